@@ -1,0 +1,66 @@
+"""Every error that TCI raises. One root, so that a caller can catch them all.
+
+Messages carry the value that was wrong, the place, and what would be valid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+
+class TciError(Exception):
+    """Root of all errors that TCI raises on purpose."""
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """One thing wrong with a file."""
+
+    line: int
+    """Line in the file, from 1; 0 when the fault belongs to no line."""
+    message: str
+    """What is wrong, and what would be valid."""
+
+    def __str__(self) -> str:
+        return f"line {self.line}: {self.message}" if self.line else self.message
+
+
+class DescriptionError(TciError):
+    """A robot description is wrong. Carries every fault of the file at once."""
+
+    def __init__(self, source: str, faults: Sequence[Fault]) -> None:
+        self.source = source
+        self.faults = tuple(faults)
+        count = f"{len(self.faults)} fault{'s' if len(self.faults) != 1 else ''}"
+        super().__init__("\n".join([f"{source}: {count}", *(f"  {fault}" for fault in self.faults)]))
+
+
+class UnknownNameError(TciError):
+    """A name that does not exist; the message lists those that do."""
+
+    def __init__(self, kind: str, name: str, valid: Iterable[str]) -> None:
+        self.kind = kind
+        self.name = name
+        self.valid = tuple(valid)
+        super().__init__(f"no {kind} named {name!r}; valid: {', '.join(self.valid) or '(none)'}")
+
+
+class CommandError(TciError):
+    """A command has the wrong shape, values or mode. Nothing was sent."""
+
+
+class FrameError(TciError):
+    """A frame of a skin or of the joints does not fit the robot. It was not used."""
+
+
+class LinkError(TciError):
+    """A link can't be opened, is closed, or was given something that no gate made."""
+
+
+class MissingExtraError(TciError):
+    """An optional package is not installed; the message says how to install it."""
+
+    def __init__(self, what: str, extra: str) -> None:
+        self.extra = extra
+        super().__init__(f"{what} needs an optional package; install it with: pip install 'tci[{extra}]'")

@@ -1,0 +1,68 @@
+"""Rotations and transforms, in the notation `R_AB`, `T_AB`, `p_AB`: frame B seen from A.
+
+Frames are right-handed; on the torso x points forward, y left, z up. Angles in radians.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def rotation_x(angle: float) -> Array:
+    """Rotation (3, 3) about x by `angle` [rad]."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+
+
+def rotation_y(angle: float) -> Array:
+    """Rotation (3, 3) about y by `angle` [rad]."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+
+
+def rotation_z(angle: float) -> Array:
+    """Rotation (3, 3) about z by `angle` [rad]."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def rotation_rpy(roll: float, pitch: float, yaw: float) -> Array:
+    """Rotation (3, 3) of URDF's `rpy` [rad]: about fixed x, then y, then z."""
+    return rotation_z(yaw) @ rotation_y(pitch) @ rotation_x(roll)
+
+
+def transform(rotation: Array, position: Array) -> Array:
+    """Homogeneous transform (4, 4) from `rotation` (3, 3) and `position` (3,) [m]."""
+    result = np.eye(4)
+    result[:3, :3] = rotation
+    result[:3, 3] = position
+    return result
+
+
+def invert(transform_AB: Array) -> Array:
+    """`T_BA` (4, 4) from `T_AB` (4, 4)."""
+    rotation = transform_AB[:3, :3].T
+    return transform(rotation, -rotation @ transform_AB[:3, 3])
+
+
+def apply(transform_AB: Array, points_B: Array) -> Array:
+    """Points (..., 3) [m] given in B, seen from A."""
+    result: Array = points_B @ transform_AB[:3, :3].T + transform_AB[:3, 3]
+    return result
+
+
+def angle_between(a: Array, b: Array) -> float:
+    """Angle [rad] between two vectors (3,), exact also when they are nearly parallel."""
+    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), np.dot(a, b)))
+
+
+def read_only(values: Any, dtype: Any = np.float64) -> NDArray[Any]:
+    """A copy of `values` that nobody can change: what crosses a layer is frozen."""
+    result = np.array(values, dtype=dtype)
+    result.setflags(write=False)
+    return result

@@ -1,0 +1,184 @@
+"""What crosses a layer: frozen, with read-only arrays, in SI units and radians.
+
+One way for the data (docs/architecture.md):
+
+    Reading(JointReading, SkinFrame...)   robot -> interface       raw, in the robot's own order
+    SkinState                             interface/skin           pressure [Pa] of every taxel
+    Contact...                            interface/contacts       eq. 7
+    Perception                            interface -> capability  generic posture and contacts
+    GenericCommand                        capability -> interface  generic joints, tagged with its mode
+    PlatformCommand                       interface/part           inverse of eqs 1-2, mapped servos only
+    SafeCommand                           interface/gate           the only thing that a link writes
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.frames import Array
+
+
+class Mode(Enum):
+    """What the numbers of a command are."""
+
+    POSITION = "position"
+    """Joint angles [rad]."""
+    VELOCITY = "velocity"
+    """Joint velocities [rad/s]."""
+    TORQUE = "torque"
+    """Joint torques [N m]."""
+    IMPEDANCE = "impedance"
+    """Equilibrium angles [rad] of a compliant joint."""
+    STIFFNESS = "stiffness"
+    """Share 0..1 of the servo's full stiffness."""
+    DAMPING = "damping"
+    """Share 0..1 of the servo's full damping."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointReading:
+    """The robot's joints at one instant, in the order of `Robot.servos`."""
+
+    stamp: float
+    """When it was measured [s], on the link's clock."""
+    sequence: int
+    """Counts up by one with each new reading of the robot."""
+    position: Array
+    """Angles (n,) [rad]."""
+    velocity: Array
+    """Velocities (n,) [rad/s]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SkinFrame:
+    """One frame of one patch, as the robot sent it."""
+
+    patch: str
+    """Name of the patch in the robot's description."""
+    stamp: float
+    """When it was measured [s], on the link's clock."""
+    sequence: int
+    """Counts up by one with each new frame of the patch."""
+    values: NDArray[np.generic]
+    """Raw values (channels,), in the sensor's own numbers and order."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reading:
+    """All that a link knows now: the latest joints and the latest frame of every patch."""
+
+    joints: JointReading
+    """Latest joint reading."""
+    skin: tuple[SkinFrame, ...]
+    """Latest frame of each patch that has sent one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PatchState:
+    """What one patch feels."""
+
+    patch: str
+    """Name of the patch."""
+    stamp: float
+    """When it was measured [s]."""
+    sequence: int
+    """Sequence of the frame it was made from."""
+    pressure: Array
+    """Pressure (taxels,) [Pa], never negative."""
+    force: Array
+    """Normal force (taxels,) [N]: pressure times the taxel's area."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SkinState:
+    """What the whole skin feels, and where its links are."""
+
+    patches: Mapping[str, PatchState]
+    """State of each patch by name."""
+    link_poses: Mapping[str, Array]
+    """`T_TL` (4, 4) of each link that carries skin, seen from the torso, by link name."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Contact:
+    """Taxels that are pressed together (eq. 7)."""
+
+    patch: str
+    """Patch it lies on."""
+    part: str
+    """Generic part that the patch belongs to."""
+    segment: str
+    """Segment of that part: `upper_arm`, `forearm`."""
+    stamp: float
+    """When it was measured [s]."""
+    sequence: int
+    """Sequence of the frame it was found in."""
+    taxels: NDArray[np.intp]
+    """Indices (k,) of its taxels in the patch."""
+    taxel_forces: Array
+    """Force (k,) [N] on each of them."""
+    force: float
+    """Their sum [N]."""
+    peak_force: float
+    """The largest of them [N]."""
+    area: float
+    """Area of its taxels [m2]."""
+    p_L: Array
+    """Centre of pressure (3,) [m] on the surface, in the patch's link."""
+    n_L: Array
+    """Outward unit normal (3,) there, in the patch's link."""
+    p_T: Array
+    """Centre of pressure (3,) [m] seen from the torso."""
+    n_T: Array
+    """Outward unit normal (3,) seen from the torso."""
+    u: float
+    """Place along the segment: 0 at its proximal, 1 at its distal joint."""
+    theta: float
+    """Angle around the segment [rad]: 0 flexor, +pi/2 lateral, pi extensor, -pi/2 medial."""
+    taxel_u: Array
+    """Place (k,) of each taxel along the segment."""
+    taxel_theta: Array
+    """Angle (k,) [rad] of each taxel around the segment."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Perception:
+    """All that a capability sees: nothing in it depends on the robot."""
+
+    stamp: float
+    """Time now [s]."""
+    posture: Mapping[str, Array]
+    """Generic joint angles (n,) [rad] of each generic part, by name (eqs 1-2)."""
+    contacts: tuple[Contact, ...]
+    """Contacts in the latest frames of the skin."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GenericCommand:
+    """What a capability wants a generic part to do."""
+
+    part: str
+    """Name of the generic part."""
+    mode: Mode
+    """What `values` are."""
+    values: Array
+    """One value per generic joint (n,)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlatformCommand:
+    """The same in the robot's own joints; no joint is named that the part does not map."""
+
+    mode: Mode
+    """What `values` are."""
+    servos: NDArray[np.intp]
+    """Indices (k,) into `Robot.servos`."""
+    values: Array
+    """One value per servo (k,), in the unit of the mode."""
+    speed: Array
+    """Speed limit (k,) [rad/s] asked for by the description; the gate's limit holds beside it."""

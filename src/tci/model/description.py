@@ -1,0 +1,288 @@
+"""What a robot is, as frozen types in SI units and radians. `tci.model.xml` reads them from a file.
+
+The names follow the paper's Listing 2: a *servo* is a joint of the robot (DS in eq. 1), a *generic
+servo* one joint of a generic part (GS), `scale` is gamma and `offset` sigma.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from tci.errors import UnknownNameError
+from tci.frames import Array, read_only, rotation_rpy, transform
+
+Vector = tuple[float, float, float]
+
+
+class Words(BaseModel):
+    """Base of all types here: frozen, no unknown fields, finite numbers only."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
+
+
+class Limits(Words):
+    """What a servo may do. None: nobody said, so the gate refuses commands that need it."""
+
+    lower: float | None = None
+    """Smallest angle [rad]."""
+    upper: float | None = None
+    """Largest angle [rad]."""
+    velocity: float | None = None
+    """Largest speed [rad/s]."""
+    acceleration: float | None = None
+    """Largest acceleration [rad/s2]."""
+    jerk: float | None = None
+    """Largest jerk [rad/s3]."""
+    torque: float | None = None
+    """Largest torque [N m]."""
+
+
+class Servo(Words):
+    """A joint of the robot, in the robot's own terms."""
+
+    index: int
+    """Place in `Robot.servos`, and in every JointReading."""
+    robot_part: str
+    """The robot's own part, a control board of YARP or a chain of NAOqi: `LArm`, `left_arm`."""
+    id: int
+    """The robot's own number of the servo in that part (`destination_servo_id`)."""
+    name: str
+    """The robot's own name of the joint."""
+    joint: str | None = None
+    """Name of the joint in the kinematic model; None when it has none there."""
+    limits: Limits = Limits()
+    """What it may do."""
+
+
+class Coupling(Words):
+    """A linear inequality between servos: lower <= sum(coefficient * angle) <= upper."""
+
+    name: str
+    servos: tuple[int, ...]
+    """Indices into `Robot.servos`."""
+    coefficients: tuple[float, ...]
+    lower: float
+    """[rad]"""
+    upper: float
+    """[rad]"""
+
+
+class GenericServo(Words):
+    """One joint of a generic part: GS = scale * DS + offset (eq. 1)."""
+
+    id: int
+    """Index in the generic part, from 0."""
+    name: str
+    """Generic name: `shoulder_pitch`, or `joint0` where the file gives none."""
+    servo: int | None
+    """Index into `Robot.servos`; None when the robot lacks this joint."""
+    scale: float = 1.0
+    """gamma, the transform factor."""
+    offset: float = 0.0
+    """sigma [rad], the transform displacement."""
+    fixed: float = 0.0
+    """Generic angle [rad] at which the robot holds a joint that it lacks."""
+    stiffness: float = 1.0
+    """Share 0..1 of full stiffness that `home` sets."""
+    damping: float = 0.0
+    """Share 0..1 of full damping that `home` sets."""
+    speed: float | None = None
+    """Speed [rad/s, generic] at which the part moves unless the gate's limit is lower."""
+    initial: float = 0.0
+    """Initial generic angle [rad]."""
+
+
+class Segment(Words):
+    """A piece of a limb, on which skin sits: its proximal point, its length."""
+
+    name: str
+    """`upper_arm` or `forearm`."""
+    link: str
+    """Link of the kinematic model that the origin is given in."""
+    origin: Vector
+    """Proximal end of the segment's axis (3,) [m] in `link`; u is measured from here."""
+    length: float
+    """Length [m]; u is 1 here."""
+
+
+class GenericPart(Words):
+    """A part that every humanoid has (eq. 2)."""
+
+    name: str
+    """`left_arm`, `head`, ..."""
+    kind: Literal["arm", "head", "torso", "leg", "hand", "other"]
+    side: Literal["left", "right"] | None = None
+    servos: tuple[GenericServo, ...]
+    """By generic id."""
+    mount: Vector = (0.0, 0.0, 0.0)
+    """Roll, pitch, yaw [rad] of the mount frame in the torso frame: `R_TM`."""
+    segments: tuple[Segment, ...] = ()
+
+    @cached_property
+    def R_TM(self) -> Array:
+        """Mount frame M seen from the torso T (3, 3)."""
+        return read_only(rotation_rpy(*self.mount))
+
+    @cached_property
+    def initial_posture(self) -> Array:
+        """Initial generic angles (n,) [rad]."""
+        return read_only([servo.initial for servo in self.servos])
+
+    def segment(self, name: str) -> Segment:
+        """The segment of that name. Raises UnknownNameError."""
+        for segment in self.segments:
+            if segment.name == name:
+                return segment
+        raise UnknownNameError(f"segment of {self.name}", name, [s.name for s in self.segments])
+
+
+class Sensor(Words):
+    """How raw values become pressure: pressure = (raw - rest) * pascal_per_count, at least 0."""
+
+    rest: float
+    """Raw value with nothing touching."""
+    pascal_per_count: float
+    """Response [Pa per count]; negative where raw falls with pressure (an iCub's skin)."""
+    lowest: float
+    """Smallest raw value that the sensor can send."""
+    highest: float
+    """Largest raw value that the sensor can send."""
+
+
+class TruncatedCone(Words):
+    """Taxels on a truncated cone, ring by ring (eqs 3-4, Fig. 4)."""
+
+    kind: Literal["truncated_cone"] = "truncated_cone"
+    origin: Vector
+    """Centre (3,) [m] of the cone's proximal end, in the patch's link."""
+    rpy: Vector
+    """Orientation [rad] of the cone's frame in the link: -z along the axis to the distal end,
+    x at theta = 0."""
+    length: float
+    """[m]"""
+    r1: float
+    """Radius [m] at the proximal end."""
+    r2: float
+    """Radius [m] at the distal end."""
+    rings: int
+    """Rings of taxels, evenly along the axis."""
+    per_ring: int
+    """Taxels in each ring; every second ring is turned by half a step."""
+
+
+class TriangularModules(Words):
+    """Triangular modules of ten taxels (and two thermal pads), each at a frame of the model."""
+
+    kind: Literal["triangular_modules"] = "triangular_modules"
+    frames: tuple[str, ...]
+    """Frame of each module in the kinematic model."""
+    ports: tuple[int, ...]
+    """Place of each module in the raw frame: its channels are 12 * port ... 12 * port + 11."""
+
+
+class Table(Words):
+    """Taxel positions from a file beside the description: rows x y z nx ny nz [m]."""
+
+    kind: Literal["table"] = "table"
+    file: str
+
+
+class Patch(Words):
+    """A piece of skin on one link."""
+
+    name: str
+    part: str
+    """Generic part it belongs to."""
+    segment: str
+    """Segment of that part."""
+    link: str
+    """Link of the kinematic model that carries it."""
+    rate: float
+    """Frames per second [Hz]."""
+    channels: int
+    """Values in a raw frame."""
+    sensor: Sensor
+    surface: Annotated[TruncatedCone | TriangularModules | Table, Field(discriminator="kind")]
+
+
+class Model(Words):
+    """Where the kinematic model is, and where the torso is in it."""
+
+    format: Literal["urdf", "mjcf"]
+    path: str
+    """File, absolute after loading."""
+    package: str | None = None
+    """Installed Python package that the file comes from (its extra has the robot's name)."""
+    torso_link: str
+    """Link that the torso frame is fixed to."""
+    torso_rpy: Vector = (0.0, 0.0, 0.0)
+    """Orientation [rad] of the torso frame (x forward, y left, z up) in that link."""
+    torso_xyz: Vector = (0.0, 0.0, 0.0)
+    """Origin [m] of the torso frame in that link."""
+
+    @cached_property
+    def T_LT(self) -> Array:
+        """Torso frame T seen from its link L (4, 4)."""
+        return read_only(transform(rotation_rpy(*self.torso_rpy), np.array(self.torso_xyz)))
+
+
+class Binding(Words):
+    """How one middleware reaches the robot."""
+
+    middleware: str
+    """Name of the link: `sim`, `yarp`, `naoqi`, ..."""
+    rate: float
+    """Commands per second [Hz]."""
+    stale_after: float
+    """Age [s] beyond which joint data no longer counts, and the gate holds."""
+
+
+class Robot(Words):
+    """A robot: data only."""
+
+    name: str
+    title: str = ""
+    source: str
+    """File it was read from."""
+    digest: str
+    """SHA-256 of that file: goes into every log."""
+    model: Model | None = None
+    servos: tuple[Servo, ...]
+    """All servos, in the order of every JointReading."""
+    couplings: tuple[Coupling, ...] = ()
+    parts: tuple[GenericPart, ...]
+    patches: tuple[Patch, ...] = ()
+    bindings: tuple[Binding, ...] = ()
+
+    def part(self, name: str) -> GenericPart:
+        """The generic part of that name. Raises UnknownNameError."""
+        for part in self.parts:
+            if part.name == name:
+                return part
+        raise UnknownNameError("generic part", name, [part.name for part in self.parts])
+
+    def patch(self, name: str) -> Patch:
+        """The skin patch of that name. Raises UnknownNameError."""
+        for patch in self.patches:
+            if patch.name == name:
+                return patch
+        raise UnknownNameError("skin patch", name, [patch.name for patch in self.patches])
+
+    def binding(self, middleware: str) -> Binding:
+        """How that middleware reaches the robot. Raises UnknownNameError."""
+        for binding in self.bindings:
+            if binding.middleware == middleware:
+                return binding
+        raise UnknownNameError("binding", middleware, [b.middleware for b in self.bindings])
+
+    def servos_of(self, robot_part: str) -> tuple[Servo, ...]:
+        """Servos of one of the robot's own parts, by id. Raises UnknownNameError."""
+        found = tuple(servo for servo in self.servos if servo.robot_part == robot_part)
+        if not found:
+            names = dict.fromkeys(servo.robot_part for servo in self.servos)
+            raise UnknownNameError("robot part", robot_part, names)
+        return found

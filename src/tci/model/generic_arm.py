@@ -1,0 +1,71 @@
+"""The generic arm: five joints that every humanoid arm is mapped to (§3.1).
+
+Generic zero is the arm hanging, elbow flexing forward, thumb side forward. Signs are the same on
+both sides: flexion, abduction, internal rotation, elbow flexion, pronation. Orientations are given
+in the arm's mount frame, which equals the torso frame but for the robot's `mount` rotation.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+
+from tci.frames import Array, rotation_x, rotation_y, rotation_z
+
+Side = Literal["left", "right"]
+
+JOINTS = ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow_pitch", "elbow_yaw")
+"""Generic joints of an arm, by index."""
+
+SEGMENTS = ("upper_arm", "forearm")
+"""Segments of an arm; receptive fields live on them."""
+
+
+def side_sign(side: Side) -> float:
+    """+1 for the left side, -1 for the right."""
+    return 1.0 if side == "left" else -1.0
+
+
+def upper_arm_rotation(posture: Array, side: Side, *, axial: bool) -> Array:
+    """`R_MU` (3, 3): the upper arm in the mount frame M, at generic angles (5,) [rad].
+
+    With `axial` false, internal rotation (joint 2) is left out: the frame in which theta of a
+    taxel is measured. -z points along the segment, x to its flexor side.
+    """
+    s = side_sign(side)
+    rotation = rotation_y(-posture[0]) @ rotation_x(s * posture[1])
+    return rotation @ rotation_z(-s * posture[2]) if axial else rotation
+
+
+def forearm_rotation(posture: Array, side: Side, *, axial: bool) -> Array:
+    """`R_MF` (3, 3): the forearm in the mount frame M, at generic angles (5,) [rad].
+
+    With `axial` false, pronation (joint 4) is left out. -z points along the segment; with `axial`
+    true, x points to the thumb side.
+    """
+    s = side_sign(side)
+    rotation = upper_arm_rotation(posture, side, axial=True) @ rotation_y(-posture[3])
+    return rotation @ rotation_z(-s * posture[4]) if axial else rotation
+
+
+def segment_rotation(segment: str, posture: Array, side: Side, *, axial: bool = False) -> Array:
+    """`R_MS` (3, 3) of `upper_arm` or `forearm`."""
+    rotation = {"upper_arm": upper_arm_rotation, "forearm": forearm_rotation}[segment]
+    return rotation(posture, side, axial=axial)
+
+
+def limb_coordinates(points_S: Array, length: float, side: Side) -> tuple[Array, Array]:
+    """(u, theta) of points (..., 3) [m] given in a segment's frame S (eq. 4 on the generic limb).
+
+    u is 0 at the proximal and 1 at the distal end of a segment `length` [m] long. theta [rad] is 0
+    on the flexor side, +pi/2 lateral, pi extensor, -pi/2 medial, alike on both sides of the body.
+    """
+    u = -points_S[..., 2] / length
+    theta = np.arctan2(side_sign(side) * points_S[..., 1], points_S[..., 0])
+    return u, theta
+
+
+def limb_direction(theta: float, side: Side) -> Array:
+    """Unit vector (3,) in a segment's frame S that points from its axis to angle `theta` [rad]."""
+    return np.array([np.cos(theta), side_sign(side) * np.sin(theta), 0.0])

@@ -1,0 +1,41 @@
+"""The generic body: both halves of the interface (Fig. 2, L3) for one robot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from tci.interface.contacts import ContactSettings, find_contacts
+from tci.interface.part import generic_posture, to_platform
+from tci.interface.skin import Skin
+from tci.messages import Contact, GenericCommand, Perception, PlatformCommand, Reading
+from tci.model.description import Robot
+
+
+class Body:
+    """What capabilities see of a robot, and how they move it."""
+
+    def __init__(self, robot: Robot, *, contacts: ContactSettings | None = None) -> None:
+        self.robot = robot
+        self.skin = Skin(robot)
+        self._settings = contacts or ContactSettings()
+        self._frames: tuple[tuple[str, int], ...] = ()
+        self._contacts: tuple[Contact, ...] = ()
+
+    def perceive(self, reading: Reading, now: float) -> Perception:
+        """Generic posture and contacts at time `now` [s] (eqs 1-4, 7).
+
+        Contacts are looked for once per skin frame. Raises FrameError when a frame does not fit the
+        robot.
+        """
+        posture = generic_posture(self.robot, reading.joints)
+        frames = tuple((frame.patch, frame.sequence) for frame in reading.skin)
+        if frames != self._frames:
+            self._contacts = find_contacts(
+                self.skin, self.skin.update(reading), posture, settings=self._settings
+            )
+            self._frames = frames
+        return Perception(stamp=now, posture=posture, contacts=self._contacts)
+
+    def to_platform(self, commands: Iterable[GenericCommand]) -> list[PlatformCommand]:
+        """The same commands in the robot's own joints (inverse of eqs 1-2). Raises CommandError."""
+        return [to_platform(self.robot, command) for command in commands]

@@ -1,0 +1,129 @@
+"""What every way to a robot has in common."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from tci.clock import Clock, ticks
+from tci.errors import CommandError, LinkError, UnknownNameError
+from tci.interface.gate import Gate, SafeCommand
+from tci.messages import JointReading, Mode, PlatformCommand, Reading
+from tci.model.description import Robot, Servo
+
+
+class Link(ABC):
+    """A connection to one robot: `read` what it senses, `write` what its gate made.
+
+    A subclass talks to the robot in `_receive`, `_send` and `_close`; it owns units and order of the
+    robot. Reading is always allowed; writing needs an armed link and a command made by `gate`.
+    """
+
+    def __init__(self, robot: Robot, *, middleware: str, clock: Clock, armed: bool) -> None:
+        """Raises UnknownNameError when the robot has no binding to `middleware`."""
+        binding = robot.binding(middleware)
+        self.robot = robot
+        self.clock = clock
+        self.armed = armed
+        self.period = 1.0 / binding.rate
+        """Time between two commands [s]."""
+        self.gate = Gate(robot, period=self.period, stale_after=binding.stale_after)
+        """The only maker of what `write` takes."""
+        self._open = True
+
+    @abstractmethod
+    def _receive(self) -> Reading:
+        """The latest reading of joints and skin, in SI units and the description's order."""
+
+    @abstractmethod
+    def _send(self, safe: SafeCommand) -> None:
+        """Put a command on the wire."""
+
+    @abstractmethod
+    def _close(self) -> None:
+        """Let go of the robot and of every resource."""
+
+    def ticks(self, *, duration: float | None = None) -> Iterator[float]:
+        """The time now [s], once per `period`, for `duration` [s] or for ever."""
+        return ticks(self.clock, self.period, duration=duration)
+
+    def read(self) -> Reading:
+        """The latest joints and skin frames. Raises LinkError when the link is closed."""
+        self._check_open()
+        return self._receive()
+
+    def write(self, safe: SafeCommand) -> SafeCommand:
+        """Send a command of this link's gate, and return what was sent.
+
+        Raises LinkError when the link is closed or not armed, or when another gate, or nobody's
+        gate, made the command.
+        """
+        self._check_open()
+        if not self.armed:
+            raise LinkError(f"the link to {self.robot.name} is read-only; connect with arm=True to move it")
+        self.gate.check_out(safe)
+        self._send(safe)
+        return safe
+
+    def native(self, robot_part: str) -> NativePart:
+        """The robot's own joints of `robot_part`, beside the generic ones and through the same gate.
+
+        Raises UnknownNameError.
+        """
+        return NativePart(robot_part, self.robot.servos_of(robot_part))
+
+    def close(self) -> None:
+        """Let go of the robot. A second call does nothing."""
+        if self._open:
+            self._open = False
+            self._close()
+
+    def _check_open(self) -> None:
+        if not self._open:
+            raise LinkError(f"the link to {self.robot.name} is closed")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+class NativePart:
+    """A part in the robot's own joints, for what is not generic: wrists, fingers, toes (§3)."""
+
+    def __init__(self, name: str, servos: tuple[Servo, ...]) -> None:
+        self.name = name
+        self.servos = servos
+        self._by_name = {servo.name: servo for servo in servos}
+
+    def positions(self, joints: JointReading) -> dict[str, float]:
+        """Angle [rad] of each servo by the robot's own name."""
+        return {servo.name: float(joints.position[servo.index]) for servo in self.servos}
+
+    def command(
+        self, values: Mapping[str, float], *, mode: Mode = Mode.POSITION, speed: float = np.inf
+    ) -> PlatformCommand:
+        """A command for the gate: `values` by the robot's own joint names, [rad] for positions.
+
+        `speed` [rad/s] is asked for beside the limits. Raises CommandError for no values at all,
+        UnknownNameError for a joint that the part lacks.
+        """
+        if not values:
+            raise CommandError(f"no values for {self.name}; valid names: {', '.join(self._by_name)}")
+        for name in values:
+            if name not in self._by_name:
+                raise UnknownNameError(f"joint of {self.name}", name, self._by_name)
+        servos = np.array([self._by_name[name].index for name in values], dtype=np.intp)
+        return PlatformCommand(
+            mode=mode,
+            servos=servos,
+            values=np.array([float(value) for value in values.values()]),
+            speed=np.full(len(servos), float(speed)),
+        )

@@ -182,6 +182,8 @@ class TriangularModules(Words):
     """Frame of each module in the kinematic model."""
     ports: tuple[int, ...]
     """Place of each module in the raw frame: its channels are 12 * port ... 12 * port + 11."""
+    turns: tuple[float, ...] = ()
+    """Angle [rad] of each module about its frame's z axis, which points outward; empty: all zero."""
 
 
 class Table(Words):

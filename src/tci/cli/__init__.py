@@ -1,0 +1,1 @@
+"""`tci` on the command line. One module per command; `main` gathers them."""

@@ -1,0 +1,1 @@
+"""The experiments whose figures `tci demo` prints: poke, measure, check, report, draw."""

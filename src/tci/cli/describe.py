@@ -1,0 +1,107 @@
+"""`tci describe`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from tci.cli.console import console, print_json
+from tci.model.catalogue import load_robot
+from tci.model.cone import cone_of
+from tci.model.description import GenericPart, Robot
+from tci.model.kinematics import Kinematics
+from tci.model.surfaces import build_surface
+
+
+def describe(name: str, *, as_json: bool) -> None:
+    """Show a robot by name or file."""
+    robot = load_robot(name)
+    skin = _skin(robot)
+    if as_json:
+        print_json({**robot.model_dump(mode="json"), "skin": skin})
+        return
+    console.print(f"[bold]{robot.name}[/]  {robot.title}")
+    console.print(f"description {robot.source}\nsha256 {robot.digest}", style="dim", highlight=False)
+    for part in robot.parts:
+        console.print(_part_table(robot, part))
+    for coupling in robot.couplings:
+        terms = " ".join(
+            f"{c:+g} {robot.servos[s].name}"
+            for c, s in zip(coupling.coefficients, coupling.servos, strict=True)
+        )
+        lower, upper = np.rad2deg([coupling.lower, coupling.upper])
+        console.print(f"coupling {coupling.name}: {lower:.1f} <= {terms} <= {upper:.1f} degrees")
+    if skin:
+        console.print(_skin_table(skin))
+    for binding in robot.bindings:
+        console.print(
+            f"link [bold]{binding.middleware}[/]: {binding.rate:g} commands/s, "
+            f"joint data older than {binding.stale_after * 1000:g} ms means hold"
+        )
+
+
+def _part_table(robot: Robot, part: GenericPart) -> Table:
+    side = f", {part.side}" if part.side else ""
+    mount = ", ".join(f"{angle:g}" for angle in np.rad2deg(part.mount))
+    table = Table(
+        "", "generic joint", "robot's joint", "gamma", "sigma", "lower", "upper", "speed", "initial",
+        title=f"{part.name} ({part.kind}{side}), mount {mount}", title_justify="left",
+        caption="degrees and degrees/s; generic = gamma * robot + sigma; lower and upper are the robot's",
+        caption_justify="left",
+    )
+    for generic in part.servos:
+        if generic.servo is None:
+            fixed = f"fixed at {np.rad2deg(generic.fixed):g}"
+            table.add_row(str(generic.id), generic.name, f"[dim]none, {fixed}[/]")
+            continue
+        servo = robot.servos[generic.servo]
+        limits = servo.limits
+        table.add_row(
+            str(generic.id), generic.name, f"{servo.robot_part}.{servo.name}",
+            f"{generic.scale:g}", _degrees(generic.offset), _degrees(limits.lower),
+            _degrees(limits.upper), _degrees(limits.velocity), _degrees(generic.initial),
+        )
+    return table
+
+
+def _degrees(angle: float | None) -> str:
+    return "unknown" if angle is None else f"{np.rad2deg(angle):.1f}"
+
+
+def _skin(robot: Robot) -> list[dict[str, Any]]:
+    if robot.model is None or not robot.patches:
+        return []
+    kinematics = Kinematics(robot)
+    rows = []
+    for patch in robot.patches:
+        surface = build_surface(robot, patch, kinematics)
+        cone = cone_of(robot, surface, kinematics)
+        rows.append({
+            "patch": patch.name, "part": patch.part, "segment": patch.segment, "link": patch.link,
+            "kind": patch.surface.kind, "taxels": len(surface.positions), "rate_hz": patch.rate,
+            "area_cm2": float(surface.areas.sum() * 1e4),
+            "cone": {"length_mm": cone.length * 1e3, "r1_mm": cone.r1 * 1e3, "r2_mm": cone.r2 * 1e3,
+                     "rms_mm": cone.rms * 1e3, "max_mm": cone.max * 1e3},
+        })
+    return rows
+
+
+def _skin_table(rows: list[dict[str, Any]]) -> Table:
+    table = Table(
+        "patch", "segment", "link", "positions from", "taxels", "Hz", "area cm2",
+        "cone: length, r1, r2 [mm]", "rms", "max",
+        title="skin", title_justify="left",
+        caption="cone: the paper's truncated cone (eq. 4) fitted to the taxels, with its error in mm",
+        caption_justify="left",
+    )
+    for row in rows:
+        cone = row["cone"]
+        table.add_row(
+            row["patch"], row["segment"], row["link"], row["kind"].replace("_", " "),
+            str(row["taxels"]), f"{row['rate_hz']:g}", f"{row['area_cm2']:.0f}",
+            f"{cone['length_mm']:.0f}, {cone['r1_mm']:.1f}, {cone['r2_mm']:.1f}",
+            f"{cone['rms_mm']:.1f}", f"{cone['max_mm']:.1f}",
+        )
+    return table

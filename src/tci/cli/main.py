@@ -1,0 +1,109 @@
+"""The `tci` command. Each command imports what it needs when it runs, so that --help is quick."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tci.errors import DescriptionError, TciError
+
+app = typer.Typer(
+    name="tci",
+    help="Tactile Capabilities Interface: write a touch behaviour once, run it on any humanoid.",
+    epilog="Start with: tci demo. This is software, not a certified safety function.",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode="rich",
+)
+
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for programs instead of a table.")]
+
+
+@app.command()
+def demo(
+    robot: Annotated[
+        list[str] | None,
+        typer.Option("--robot", "-r", help="Robot by name or description file; repeat for several. "
+                     "[default: every packaged robot that is installed]"),
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Folder for report.json and demo.png.")] = Path("out"),
+    seed: Annotated[int, typer.Option(help="Seed of the pokes' timing.")] = 0,
+    headless: Annotated[
+        bool, typer.Option("--headless", help="Never open the picture; nothing here needs a screen.")
+    ] = False,
+    skin_rate: Annotated[
+        float | None, typer.Option(help="Skin frames per second instead of the robot's own [Hz].")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Poke simulated robots and watch the same withdrawal reflex answer on each of them.
+
+    A compliant finger pokes five sites of both arms, with the reflex and without it. The table tells
+    what was measured; OUT/demo.png shows it and OUT/report.json has every figure.
+
+    Example:  tci demo --robot nao --out /path/to/folder
+    """
+    from tci.cli.demo import demo as command
+
+    command(robot or [], out=out, seed=seed, headless=headless, skin_rate=skin_rate, as_json=as_json)
+
+
+@app.command()
+def robots(as_json: AsJson = False) -> None:
+    """List the robots that TCI knows."""
+    from tci.cli.robots import robots as command
+
+    command(as_json=as_json)
+
+
+@app.command()
+def describe(
+    robot: Annotated[str, typer.Argument(help="Robot by name, or a description file.")],
+    as_json: AsJson = False,
+) -> None:
+    """Show a robot: its generic parts with their maps and limits, and its skin.
+
+    Example:  tci describe nao
+    """
+    from tci.cli.describe import describe as command
+
+    command(robot, as_json=as_json)
+
+
+@app.command()
+def check(
+    file: Annotated[Path, typer.Argument(help="Robot description (XML).")],
+    as_json: AsJson = False,
+) -> None:
+    """Check a robot description: every fault at once, each with its line and what would be valid.
+
+    Exit status 0 when the file is valid, 1 when it is not.
+
+    Example:  tci check my-robot.xml
+    """
+    from tci.cli.check import check as command
+
+    command(file, as_json=as_json)
+
+
+def main() -> None:
+    """Entry point: errors that TCI raises on purpose become one message and exit status 1."""
+    try:
+        app()
+    except TciError as error:
+        if "--json" in sys.argv and isinstance(error, DescriptionError):
+            faults = [{"line": fault.line, "message": fault.message} for fault in error.faults]
+            print(json.dumps({"error": str(error).splitlines()[0], "faults": faults}, indent=2))
+        elif "--json" in sys.argv:
+            print(json.dumps({"error": str(error)}, indent=2))
+        else:
+            print(f"tci: {error}", file=sys.stderr)
+        raise SystemExit(1) from None
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,99 @@
+"""The second pair of eyes: what was sent and what the physics did, against the description.
+
+Nothing here is shared with the gate; it reads the limits from the description by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tci.frames import Array
+from tci.interface.gate import SafeCommand
+from tci.model.description import Robot, Servo
+
+COMMAND_TOLERANCE = 1e-6
+"""Relative: rounding of the differences below."""
+STOP_TOLERANCE = float(np.deg2rad(0.1))
+"""How far [rad] a joint of the physics may press into its end stop, which is soft there."""
+
+
+def command_violations(robot: Robot, sent: Sequence[SafeCommand], period: float) -> list[str]:
+    """Limits that the commands break, one sentence per servo and limit.
+
+    `sent` is all that was written, one command per `period` [s]. Velocity, acceleration and jerk are
+    the differences of successive positions; a servo is taken to rest before its first command.
+    """
+    series: dict[int, list[float]] = {}
+    for command in sent:
+        for servo, angle in zip(command.servos, command.position, strict=True):
+            series.setdefault(int(servo), []).append(float(angle))
+    faults = []
+    for index, angles in sorted(series.items()):
+        faults += _servo_faults(robot.servos[index], np.array(angles), period)
+    for coupling in robot.couplings:
+        if any(servo in series for servo in coupling.servos):
+            faults += _coupling_faults(robot, coupling.name, sent)
+    return faults
+
+
+def _servo_faults(servo: Servo, angles: Array, period: float) -> list[str]:
+    limits = servo.limits
+    resting = np.concatenate([np.repeat(angles[:1], 3), angles])
+    derivatives = [("position", angles, limits.lower, limits.upper)]
+    for order, (name, limit) in enumerate(
+        [("velocity", limits.velocity), ("acceleration", limits.acceleration), ("jerk", limits.jerk)], start=1
+    ):
+        bound = None if limit is None else limit * (1.0 + COMMAND_TOLERANCE)
+        derivatives.append(
+            (name, np.diff(resting, order) / period**order, None if bound is None else -bound, bound)
+        )
+    faults = []
+    for name, values, lower, upper in derivatives:
+        if lower is None or upper is None:
+            faults.append(f"{servo.name}: commanded, but its limit of {name} is not known")
+        elif not np.all(np.isfinite(values) & (values >= lower) & (values <= upper)):
+            worst = values[np.argmax(np.maximum(values - upper, lower - values))]
+            faults.append(f"{servo.name}: {name} {worst:.6g} sent, allowed {lower:.6g} .. {upper:.6g}")
+    return faults
+
+
+def _coupling_faults(robot: Robot, name: str, sent: Sequence[SafeCommand]) -> list[str]:
+    coupling = next(coupling for coupling in robot.couplings if coupling.name == name)
+    latest: dict[int, float] = {}
+    for command in sent:
+        latest.update(zip(map(int, command.servos), map(float, command.position), strict=True))
+        if not all(servo in latest for servo in coupling.servos):
+            continue
+        value = sum(
+            c * latest[servo] for c, servo in zip(coupling.coefficients, coupling.servos, strict=True)
+        )
+        if not coupling.lower - COMMAND_TOLERANCE <= value <= coupling.upper + COMMAND_TOLERANCE:
+            return [f"{name}: {value:.6g} sent, allowed {coupling.lower:.6g} .. {coupling.upper:.6g}"]
+    return []
+
+
+def stray_servos(robot: Robot, part: str, sent: Sequence[SafeCommand]) -> list[str]:
+    """Servos that were sent something although the generic `part` does not map them."""
+    mapped = {servo.servo for servo in robot.part(part).servos}
+    touched = {int(servo) for command in sent for servo in command.servos}
+    return [
+        f"{robot.servos[index].name}: commanded, but {part} does not map it"
+        for index in sorted(touched - mapped)
+    ]
+
+
+def physics_violations(robot: Robot, positions: Array, velocities: Array) -> list[str]:
+    """Limits that the simulated joints break: `positions` and `velocities` (samples, servos)."""
+    faults = []
+    for servo in robot.servos:
+        limits = servo.limits
+        angles, speeds = positions[:, servo.index], np.abs(velocities[:, servo.index])
+        if limits.lower is not None and limits.upper is not None:
+            outside = np.maximum(angles - limits.upper, limits.lower - angles).max()
+            if not outside <= STOP_TOLERANCE:
+                faults.append(f"{servo.name}: {np.rad2deg(outside):.2f} degrees outside its limits")
+        if limits.velocity is not None and not speeds.max() <= limits.velocity:
+            faults.append(f"{servo.name}: {speeds.max():.3f} rad/s, allowed {limits.velocity:.3f}")
+    return faults

@@ -1,0 +1,116 @@
+"""The figures of a trial, from its trace with the reflex and its trace without."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tci.frames import Array
+from tci.model.description import Robot
+from tci.trials.checker import command_violations, physics_violations, stray_servos
+from tci.trials.poke import Trace
+
+MOTION = float(np.deg2rad(0.05))
+"""Smallest difference [rad] of a joint to the same trial without reflex that counts as motion."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One row of the report. Times count from first contact."""
+
+    robot: str
+    side: str
+    site: str
+    taxels: int
+    """Taxels of the poked patch."""
+    responded: bool
+    """The reflex commanded this arm, and no other."""
+    trigger_ms: float | None
+    """Until the reflex's first command."""
+    first_motion_ms: float | None
+    """Until a joint moved 0.05 degrees in the physics, against the same trial without reflex."""
+    contact_lost_ms: float | None
+    """Until the finger no longer touched, for the rest of the trial."""
+    contact_lost_without_reflex_ms: float | None
+    """The same without the reflex: None, for the finger stays."""
+    peak_force_n: float
+    """Largest contact force of the physics."""
+    cop_error_mm: float | None
+    """Distance along the skin between TCI's centre of pressure and the physics' contact point, in
+    the frame with the largest force."""
+    withdrawn_mm: float
+    """How far the skin at the field's centre moved along the inward normal by the end."""
+    withdrawn_without_reflex_mm: float
+    limit_violations: int
+    violations: tuple[str, ...]
+    """What the separate checker found, in words."""
+
+
+def measure(
+    robot: Robot, part: str, site: str, taxels: int, period: float, acted: Trace, held: Trace
+) -> Trial:
+    """The figures of one trial: `acted` with the reflex, `held` without it, commands every `period` [s]."""
+    contact = _first_contact(acted)
+    lost, held_lost = _contact_lost(acted, contact), _contact_lost(held, contact)
+    commanded = [stamp for stamp, _ in acted.commanded]
+    violations: list[str] = []
+    for trace in (acted, held):
+        violations += command_violations(robot, trace.sent, period)
+        violations += stray_servos(robot, part, trace.sent)
+        violations += physics_violations(robot, np.array(trace.positions), np.array(trace.velocities))
+    return Trial(
+        robot=robot.name,
+        side=robot.part(part).side or "",
+        site=site,
+        taxels=taxels,
+        responded=bool(commanded) and {name for _, name in acted.commanded} == {part},
+        trigger_ms=_milliseconds(commanded[0] - contact) if commanded and contact is not None else None,
+        first_motion_ms=_milliseconds(_first_motion(acted, held), contact),
+        contact_lost_ms=_milliseconds(lost, contact),
+        contact_lost_without_reflex_ms=_milliseconds(held_lost, contact),
+        peak_force_n=max(acted.force),
+        cop_error_mm=cop_error(acted),
+        withdrawn_mm=_withdrawn(acted),
+        withdrawn_without_reflex_mm=_withdrawn(held),
+        limit_violations=len(violations),
+        violations=tuple(violations),
+    )
+
+
+def _milliseconds(stamp: float | None, start: float | None = 0.0) -> float | None:
+    return None if stamp is None or start is None else round((stamp - start) * 1e3, 3)
+
+
+def _first_contact(trace: Trace) -> float | None:
+    touching = np.array(trace.force) > 0.0
+    return trace.time[int(touching.argmax())] if touching.any() else None
+
+
+def _contact_lost(trace: Trace, contact: float | None) -> float | None:
+    touching = np.flatnonzero(np.array(trace.force) > 0.0)
+    if contact is None or len(touching) == 0 or touching[-1] + 1 >= len(trace.time):
+        return None
+    return trace.time[int(touching[-1]) + 1]
+
+
+def _first_motion(acted: Trace, held: Trace) -> float | None:
+    difference = np.abs(np.array(acted.positions) - np.array(held.positions)).max(axis=1)
+    moved = difference >= MOTION
+    return acted.time[int(moved.argmax())] if moved.any() else None
+
+
+def _withdrawn(trace: Trace) -> float:
+    moved: Array = trace.point[-1] - trace.point[0]
+    return float(-moved @ trace.normal * 1e3)
+
+
+def cop_error(trace: Trace) -> float | None:
+    """Tangential distance [mm] between the centre of pressure and the physics' contact point."""
+    stamps = [stamp for stamp in trace.contacts if stamp in trace.center]
+    if not stamps:
+        return None
+    stamp = max(stamps, key=lambda stamp: trace.contacts[stamp].force)
+    contact = trace.contacts[stamp]
+    error = contact.p_T - trace.center[stamp]
+    return float(np.linalg.norm(error - (error @ contact.n_T) * contact.n_T) * 1e3)

@@ -1,0 +1,99 @@
+"""One poke of one site, recorded: the finger comes, the reflex answers or is switched off."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tci.capabilities.fields import ReceptiveField
+from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.frames import Array
+from tci.interface.gate import SafeCommand
+from tci.interface.places import Place, find_place
+from tci.interface.skin import Skin
+from tci.messages import Contact
+from tci.middleware.simulated import SimulatedLink
+from tci.runtime.loop import Tick, run
+from tci.simulation.world import World
+
+
+@dataclass(frozen=True, slots=True)
+class Stimulus:
+    """What the finger does. Speeds and depths are ours: a firm, quick poke."""
+
+    speed: float = 0.25
+    """Speed of the finger's base [m/s]."""
+    depth: float = 0.010
+    """How far [m] the base goes beyond the skin's place at rest; it never retreats."""
+    gap: float = 0.004
+    """Distance [m] between finger and skin at the start."""
+    duration: float = 1.0
+    """Length of the trial [s]."""
+
+
+@dataclass(slots=True)
+class Trace:
+    """What happened, sampled once per control period on the simulation's clock."""
+
+    place: Place
+    """The poked point of the skin."""
+    normal: Array
+    """Outward unit normal (3,) there at the start, seen from the torso."""
+    time: list[float] = field(default_factory=list)
+    """Time of each sample [s]."""
+    force: list[float] = field(default_factory=list)
+    """Contact force [N] of the physics."""
+    center: dict[float, Array] = field(default_factory=dict)
+    """Force-weighted contact point (3,) [m] of the physics, seen from the torso, by time [s]."""
+    point: list[Array] = field(default_factory=list)
+    """Where `place` is (3,) [m], seen from the torso."""
+    positions: list[Array] = field(default_factory=list)
+    """Joint angles of the physics (n,) [rad]."""
+    velocities: list[Array] = field(default_factory=list)
+    """Joint velocities of the physics (n,) [rad/s]."""
+    sent: list[SafeCommand] = field(default_factory=list)
+    """All that was written."""
+    commanded: list[tuple[float, str]] = field(default_factory=list)
+    """When the reflex gave a command [s], and to which part."""
+    contacts: dict[float, Contact] = field(default_factory=dict)
+    """The strongest contact that TCI found, by the time of its frame [s]."""
+
+
+def poke(
+    world: World, part: str, site: ReceptiveField, stimulus: Stimulus, *, reflex: WithdrawalReflex | None, seed: int
+) -> Trace:
+    """Poke the centre of `site` on the arm `part` and record what happens.
+
+    The world is reset first. `seed` shifts the first contact against the skin's frames, by up to
+    20 ms. Without `reflex` the arm only holds its posture.
+    """
+    world.reset()
+    link = SimulatedLink(world.robot, world=world)
+    skin = Skin(world.robot)
+    joints = link.read().joints
+    place = find_place(skin, part, site.segment, site.u, site.theta, joints)
+    start, normal = world.skin_point(place.patch, place.p_L, place.n_L)
+    shift = np.random.default_rng(seed).uniform(0.0, 0.020) * stimulus.speed
+    world.finger.poke(
+        place.patch, place.p_L, place.n_L,
+        speed=stimulus.speed, depth=stimulus.depth, gap=stimulus.gap + shift,
+    )  # fmt: skip
+    trace = Trace(place, normal)
+
+    def observe(tick: Tick) -> None:
+        truth = world.contact_truth(place.patch)
+        trace.time.append(tick.now)
+        trace.force.append(truth.force)
+        if truth.force > 0.0:
+            trace.center[tick.now] = truth.center
+        trace.point.append(world.skin_point(place.patch, place.p_L, place.n_L)[0])
+        trace.positions.append(world.joints().position)
+        trace.velocities.append(world.joints().velocity)
+        trace.sent.append(tick.sent)
+        trace.commanded += [(tick.now, command.part) for command in tick.commands]
+        for contact in sorted(tick.perception.contacts, key=lambda contact: contact.force):
+            trace.contacts[contact.stamp] = contact
+
+    run(link, reflex or WithdrawalReflex(fields=()), duration=stimulus.duration, observe=observe)
+    return trace

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from tci.frames import Array
 
 RHO = 0.3
-"""Standard radius, in lengths of the limb. Ours: an iCub's forearm has 0.24, a NAO's 0.35."""
+"""Standard radius, in lengths of the limb. Ours: an iCub's forearm has 0.27, a NAO's 0.35."""
 
 
 def generic_limb_point(u: ArrayLike, theta: ArrayLike) -> Array:

@@ -1,0 +1,175 @@
+"""The generic skin: taxels as places in space and on the limb, whatever robot they sit on (eq. 3)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+
+from tci.errors import FrameError, TciError, UnknownNameError
+from tci.frames import Array, apply, invert, transform
+from tci.interface.conditioning import Conditioner
+from tci.interface.part import generic_posture
+from tci.messages import JointReading, PatchState, Reading, SkinFrame, SkinState
+from tci.model.description import GenericPart, Patch, Robot, Segment
+from tci.model.generic_arm import SEGMENTS, limb_coordinates, segment_rotation
+from tci.model.kinematics import Kinematics
+from tci.model.surfaces import Surface, build_surface
+
+FrameName = Literal["link", "limb", "torso"]
+"""Where positions are seen from: the patch's link, its segment's frame S, or the torso."""
+
+RESTART = 1.0
+"""A frame with a lower sequence that is this much newer [s] means that its sender restarted. Ours."""
+
+
+class Skin:
+    """The whole skin of one robot."""
+
+    def __init__(self, robot: Robot) -> None:
+        """Build the surface of every patch.
+
+        Raises TciError for a patch that is not on a limb, and what Kinematics and build_surface raise.
+        """
+        for patch in robot.patches:
+            _check_limb(robot.part(patch.part), patch)
+        self.robot = robot
+        self.kinematics = Kinematics(robot)
+        self.surfaces: Mapping[str, Surface] = MappingProxyType(
+            {patch.name: build_surface(robot, patch, self.kinematics) for patch in robot.patches}
+        )
+        """Taxels of every patch, in its link, by patch name."""
+        self._conditioners = {
+            patch.name: Conditioner(patch, self.surfaces[patch.name].channels) for patch in robot.patches
+        }
+        segments = [robot.part(patch.part).segment(patch.segment) for patch in robot.patches]
+        links = [patch.link for patch in robot.patches] + [segment.link for segment in segments]
+        self._links = tuple(dict.fromkeys(links))
+        self._late = 0
+        self._joints: JointReading | None = None
+        self._state = SkinState(patches=MappingProxyType({}), link_poses=MappingProxyType({}))
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """What was not used until now: `values_dropped` and `frames_late`."""
+        dropped = sum(conditioner.dropped for conditioner in self._conditioners.values())
+        return {"values_dropped": dropped, "frames_late": self._late}
+
+    def update(self, reading: Reading) -> SkinState:
+        """What the skin feels now. A patch that has not sent yet is absent.
+
+        Of frames out of order the newest stays. When nothing is new the state is the same object.
+        Raises FrameError, and keeps the state as it was, when a frame does not fit the robot.
+        """
+        patches = self._state.patches
+        fresh = {}
+        for frame in reading.skin:
+            if self._is_new(frame, patches.get(frame.patch)):
+                fresh[frame.patch] = self._feel(frame)
+        if not fresh and reading.joints is self._joints:
+            return self._state
+        if fresh:
+            patches = MappingProxyType({**patches, **fresh})
+        poses = self._state.link_poses
+        if reading.joints is not self._joints:
+            poses = MappingProxyType(self.kinematics.poses(reading.joints.position, self._links))
+            for pose in poses.values():
+                pose.setflags(write=False)
+        self._joints = reading.joints
+        self._state = SkinState(patches=patches, link_poses=poses)
+        return self._state
+
+    def _is_new(self, frame: SkinFrame, held: PatchState | None) -> bool:
+        if held is None or frame.sequence > held.sequence or frame.stamp > held.stamp + RESTART:
+            return True
+        self._late += frame.sequence < held.sequence
+        return False
+
+    def _feel(self, frame: SkinFrame) -> PatchState:
+        if frame.patch not in self._conditioners:
+            valid = ", ".join(self._conditioners) or "(none)"
+            raise FrameError(f"{self.robot.name} has no skin patch {frame.patch!r}; valid: {valid}")
+        pressure = self._conditioners[frame.patch].pressure(frame.values)
+        force = pressure * self.surfaces[frame.patch].areas
+        pressure.setflags(write=False)
+        force.setflags(write=False)
+        return PatchState(frame.patch, frame.stamp, frame.sequence, pressure, force)
+
+    def positions(self, patch: str, joints: JointReading, *, frame: FrameName = "link") -> Array:
+        """Taxel positions (taxels, 3) [m] at the present posture (eq. 3).
+
+        Raises UnknownNameError for an unknown patch or frame.
+        """
+        return apply(self._pose(patch, joints, frame), self.surfaces[patch].positions)
+
+    def normals(self, patch: str, joints: JointReading, *, frame: FrameName = "link") -> Array:
+        """Outward unit normals (taxels, 3) of the taxels at the present posture.
+
+        Raises UnknownNameError for an unknown patch or frame.
+        """
+        rotation = self._pose(patch, joints, frame)[:3, :3]
+        normals: Array = self.surfaces[patch].normals @ rotation.T
+        return normals
+
+    def limb(self, patch: str, joints: JointReading) -> tuple[Array, Array, Array]:
+        """u, theta [rad] and r [m] (taxels,) of the taxels on their segment (eq. 3, x = u L).
+
+        Raises UnknownNameError for an unknown patch.
+        """
+        points_S = self.positions(patch, joints, frame="limb")
+        words = self.robot.patch(patch)
+        part = self.robot.part(words.part)
+        u, theta = limb_coordinates(points_S, part.segment(words.segment).length, _side(part))
+        return u, theta, np.hypot(points_S[:, 0], points_S[:, 1])
+
+    def link_pose(self, link: str, joints: JointReading) -> Array:
+        """`T_TL` (4, 4) of any link of the model. Raises UnknownNameError."""
+        return self.kinematics.poses(joints.position, (link,))[link]
+
+    def segment_pose(self, part: str, segment: str, joints: JointReading, posture: Array) -> Array:
+        """`T_TS` (4, 4) of a part's segment at the generic angles `posture` (n,) [rad].
+
+        Raises UnknownNameError for an unknown part or segment.
+        """
+        words = self.robot.part(part)
+        place = words.segment(segment)
+        return segment_pose(words, place, self.link_pose(place.link, joints), posture)
+
+    def _pose(self, patch: str, joints: JointReading, frame: FrameName) -> Array:
+        """Pose (4, 4) of the patch's link, seen from `frame`."""
+        words = self.robot.patch(patch)
+        if frame == "link":
+            return np.eye(4)
+        T_TL = self.link_pose(words.link, joints)
+        if frame == "torso":
+            return T_TL
+        if frame != "limb":
+            raise UnknownNameError("frame", frame, ("link", "limb", "torso"))
+        posture = generic_posture(self.robot, joints)[words.part]
+        T_TS = self.segment_pose(words.part, words.segment, joints, posture)
+        pose: Array = invert(T_TS) @ T_TL
+        return pose
+
+
+def segment_pose(part: GenericPart, segment: Segment, T_TL: Array, posture: Array) -> Array:
+    """`T_TS` (4, 4) of a segment, from the pose of the link that its origin is given in.
+
+    S does not turn with the segment's own axial rotation: iCub's forearm skin turns with pronation,
+    NAO's sleeve does not, and (u, theta) must mean the same place of the body on both.
+    """
+    R_MS = segment_rotation(segment.name, posture, _side(part), axial=False)
+    return transform(part.R_TM @ R_MS, apply(T_TL, np.array(segment.origin)))
+
+
+def _check_limb(part: GenericPart, patch: Patch) -> None:
+    if part.kind != "arm" or part.side is None or patch.segment not in SEGMENTS:
+        place = f"{patch.segment!r} of {part.name!r} (kind {part.kind}, side {part.side})"
+        valid = f"{' or '.join(SEGMENTS)} of an arm with a side"
+        raise TciError(f"skin patch {patch.name!r} is on {place}; valid: {valid}")
+
+
+def _side(part: GenericPart) -> Literal["left", "right"]:
+    assert part.side is not None  # _check_limb
+    return part.side

@@ -1,0 +1,33 @@
+"""What every capability has in common: frozen settings, explicit memory (Fig. 2, L4)."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Generic, TypeVar
+
+from tci.messages import GenericCommand, Perception
+
+Memory = TypeVar("Memory")
+
+
+class Capability(ABC, Generic[Memory]):
+    """A behaviour on the generic body. It knows no robot, no clock and no wire.
+
+    Settings are frozen in the object, and all that changes is in the memory that the caller hands
+    in and gets back. The same memory and perception give the same commands, bit for bit, so a
+    recording can be replayed through it.
+    """
+
+    @abstractmethod
+    def init(self) -> Memory:
+        """The memory to start with."""
+
+    @abstractmethod
+    def step(
+        self, memory: Memory, perception: Perception
+    ) -> tuple[tuple[GenericCommand, ...], Memory]:
+        """Commands for this instant, and the memory for the next one.
+
+        Commands are given when they change: the gate goes on towards the last one. Neither argument
+        is changed.
+        """

@@ -39,6 +39,8 @@ class Limits(Words):
     """Largest jerk [rad/s3]."""
     torque: float | None = None
     """Largest torque [N m]."""
+    ours: tuple[str, ...] = ()
+    """Names of the fields above whose figure no maker published: it is ours."""
 
 
 class Servo(Words):
@@ -191,6 +193,7 @@ class Table(Words):
 
     kind: Literal["table"] = "table"
     file: str
+    """Absolute after loading."""
 
 
 class Patch(Words):

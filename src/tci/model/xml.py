@@ -1,0 +1,81 @@
+"""Robot descriptions in XML: the paper's Listing 2, and what it lacks (docs/robot-description.md)."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+
+from tci.errors import MissingExtraError
+from tci.model.description import Binding, Robot
+from tci.model.xml_document import Faults, parse, read_bytes, refuse, shown
+from tci.model.xml_grammar import GENERIC_ROBOT, ROOT
+from tci.model.xml_model import read_model
+from tci.model.xml_node import Node, read_node
+from tci.model.xml_parts import initial_angles, read_parts
+from tci.model.xml_servos import once_only, read_couplings, read_servos
+from tci.model.xml_skin import read_skin
+
+
+def read_robot(path: str | os.PathLike[str]) -> Robot:
+    """The robot that the description at `path` tells of, in SI units and radians.
+
+    Raises DescriptionError with every fault of the file, each with its line and what would be
+    valid; MissingExtraError when the file is right but its kinematic model comes from a package
+    that is not installed.
+    """
+    file = Path(path)
+    data = read_bytes(file)
+    element = parse(data, str(file))
+    if element.tag != ROOT:
+        tag = shown(str(element.tag))
+        raise refuse(str(file), element.sourceline or 1, f"the root element is {tag}; valid: <{ROOT}>")
+    faults = Faults(str(file))
+    # Without a unit the file is refused; its angles are still looked at, as if in degrees.
+    unit = element.get("angle_unit")
+    root = read_node(element, GENERIC_ROBOT, "rad" if unit == "rad" else "deg", faults)
+    servos = read_servos(root, faults)
+    parts = read_parts(root, servos, faults)
+    couplings = read_couplings(root, servos, initial_angles(parts), faults)
+    model, missing = read_model(root, file, faults)
+    patches = read_skin(root, file, faults)
+    bindings = _bindings(root, faults)
+    faults.check()
+    name = root.get("name") or file.stem
+    if missing is not None:
+        node = root.first("model")
+        extra = node.get("extra") if node is not None else None
+        if extra is None:
+            line = node.line if node is not None else 0
+            raise refuse(
+                str(file),
+                line,
+                f"the package {missing!r} is not installed; install it with: pip install {missing}",
+            )
+        raise MissingExtraError(f"the kinematic model of {name}", extra)
+    return Robot(
+        name=name, title=root.get("title", ""), source=str(file.absolute()),
+        digest=hashlib.sha256(data).hexdigest(), model=model, servos=tuple(servos.all),
+        couplings=couplings, parts=parts, patches=patches, bindings=bindings,
+    )  # fmt: skip
+
+
+def schema_path() -> Path:
+    """The XSD schema of the dialect, for an editor. `read_robot` checks more than it can say."""
+    return Path(__file__).with_name("robot.xsd")
+
+
+def _bindings(root: Node, faults: Faults) -> tuple[Binding, ...]:
+    bindings = []
+    for node in once_only(root.all("binding"), "middleware", "binding with", faults):
+        if not node.ok:
+            continue
+        rate, stale_after = node.get("rate"), node.get("stale_after")
+        if stale_after * rate < 1.0:
+            faults.add(
+                node.line,
+                f"stale_after {stale_after:g} s is shorter than the {1.0 / rate:g} s between two commands: "
+                "all data would be too old",
+            )
+        bindings.append(Binding(middleware=node.get("middleware"), rate=rate, stale_after=stale_after))
+    return tuple(bindings)

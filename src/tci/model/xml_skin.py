@@ -1,0 +1,119 @@
+"""`skin`: patches, their sensors, and the three ways to say where taxels are (eqs 3-4)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tci.model.description import Patch, Sensor, Table, TriangularModules, TruncatedCone
+from tci.model.xml_document import Faults
+from tci.model.xml_model import beside
+from tci.model.xml_node import Node, listed, nearest
+from tci.model.xml_servos import once_only
+
+SURFACES = ("truncated_cone", "triangular_modules", "table")
+PER_MODULE = 12
+"""Channels of a triangular module: ten taxels and two thermal pads."""
+
+
+def read_skin(root: Node, source: Path, faults: Faults) -> tuple[Patch, ...]:
+    """The skin patches of the file `source`."""
+    skin = root.first("skin")
+    if skin is None:
+        return ()
+    segments = {
+        part.get("name", "?"): [segment.get("name", "?") for segment in part.all("segment")]
+        for part in root.all("generic_robot_part")
+    }
+    patches = []
+    for node in once_only(skin.all("patch"), "name", "patch with", faults):
+        _check_place(node, segments, faults)
+        sensor = _sensor(node, faults)
+        surface = _surface(node, source, faults)
+        if node.ok and sensor is not None and surface is not None:
+            patches.append(
+                Patch(
+                    name=node.get("name"), part=node.get("part"), segment=node.get("segment"),
+                    link=node.get("link"), rate=node.get("rate"), channels=node.get("channels"),
+                    sensor=sensor, surface=surface,
+                )
+            )  # fmt: skip
+    return tuple(patches)
+
+
+def _check_place(node: Node, segments: dict[str, list[str]], faults: Faults) -> None:
+    part, segment = node.get("part"), node.get("segment")
+    if part is not None and part not in segments:
+        faults.add(node.line, f"no generic_robot_part named {part!r}{nearest(part, segments)}")
+    elif part is not None and segment is not None and segment not in segments[part]:
+        faults.add(node.line, f"{part!r} has no segment {segment!r}{nearest(segment, segments[part])}")
+
+
+def _sensor(patch: Node, faults: Faults) -> Sensor | None:
+    node = patch.first("sensor")
+    if node is None or not node.ok:
+        return None
+    rest, slope, lowest, highest = (node.get(key) for key in ("rest", "pascal_per_count", "min", "max"))
+    if lowest >= highest:
+        faults.add(node.line, f"sensor: min {lowest:g} must be below max {highest:g}")
+    elif not lowest <= rest <= highest:
+        faults.add(node.line, f"sensor: rest {rest:g} is outside min {lowest:g} to max {highest:g}")
+    elif slope == 0.0 or (rest == lowest and slope < 0.0) or (rest == highest and slope > 0.0):
+        faults.add(
+            node.line,
+            f"sensor: with pascal_per_count {slope:g} and rest {rest:g} no raw value from {lowest:g} to "
+            f"{highest:g} is a pressure above 0",
+        )
+    return Sensor(rest=rest, pascal_per_count=slope, lowest=lowest, highest=highest)
+
+
+def _surface(patch: Node, source: Path, faults: Faults) -> TruncatedCone | TriangularModules | Table | None:
+    found = [tag for tag in SURFACES if patch.all(tag)]
+    if len(found) != 1:
+        what = " and ".join(f"<{tag}>" for tag in found) or "no surface"
+        faults.add(
+            patch.line, f"patch {patch.get('name', '?')!r} has {what}; valid: one of {listed(SURFACES)}"
+        )
+        return None
+    node = patch.all(found[0])[0]
+    channels = patch.get("channels")
+    if found[0] == "truncated_cone":
+        return _cone(node, channels, faults)
+    if found[0] == "triangular_modules":
+        return _modules(node, channels, faults)
+    path = beside(node, source, "table", faults)
+    return None if path is None else Table(file=str(path))
+
+
+def _cone(node: Node, channels: int | None, faults: Faults) -> TruncatedCone | None:
+    rings, per_ring = node.get("rings"), node.get("per_ring")
+    if None not in (rings, per_ring, channels) and rings * per_ring != channels:
+        faults.add(
+            node.line,
+            f"{rings} rings of {per_ring} are {rings * per_ring} taxels, the patch has {channels} channels",
+        )
+    if not node.ok:
+        return None
+    return TruncatedCone(
+        origin=node.get("origin", (0.0, 0.0, 0.0)), rpy=node.get("rpy", (0.0, 0.0, 0.0)),
+        length=node.get("length"), r1=node.get("r1"), r2=node.get("r2"), rings=rings, per_ring=per_ring,
+    )  # fmt: skip
+
+
+def _modules(node: Node, channels: int | None, faults: Faults) -> TriangularModules | None:
+    modules = once_only(node.all("module"), "port", "module with", faults)
+    once_only(modules, "frame", "module with", faults)
+    for module in modules:
+        port = module.get("port")
+        if port is not None and channels is not None and PER_MODULE * (port + 1) > channels:
+            valid = f"0 to {channels // PER_MODULE - 1}" if channels >= PER_MODULE else "none"
+            faults.add(
+                module.line,
+                f"port {port} takes channels {PER_MODULE * port} to {PER_MODULE * port + PER_MODULE - 1}, "
+                f"but the patch has {channels}; valid ports: {valid}",
+            )
+    if not node.ok:
+        return None
+    return TriangularModules(
+        frames=tuple(module.get("frame") for module in modules),
+        ports=tuple(module.get("port") for module in modules),
+    )

@@ -1,0 +1,91 @@
+"""Rays into a MuJoCo scene, on the processor: no screen, no graphics library."""
+
+from __future__ import annotations
+
+import copy
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.frames import Array
+from tci.simulation.camera import Camera, rays
+
+_CHUNK = 8192
+"""Rays per call: enough to keep the threads busy to the end."""
+_SHOWN, _HIDDEN = 0, 5
+"""Groups that the copied model's geoms are sorted into."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hits:
+    """What n rays meet first."""
+
+    geom: NDArray[np.int32]
+    """Geom (n,) that is hit; -1 where there is none."""
+    distance: Array
+    """Distance (n,) [m] from the camera; infinite where nothing is hit."""
+    points: Array
+    """Where (n, 3) [m] in the world; NaN where nothing is hit."""
+    normals: Array
+    """Unit normals (n, 3) that face the camera; 0 where nothing is hit."""
+
+
+class Caster:
+    """Casts a camera's rays at those geoms of a scene that are to be seen.
+
+    `visible` (ngeom,) says which they are; None takes groups 0 to 2, as MuJoCo's viewers do. Geoms
+    with alpha 0 are never seen.
+    """
+
+    def __init__(
+        self, model: mujoco.MjModel, data: mujoco.MjData, *, visible: NDArray[np.bool_] | None = None
+    ) -> None:
+        if visible is None:
+            visible = model.geom_group <= 2
+        # MuJoCo selects by group only, so the choice is written into the groups of a copy.
+        self._model = copy.copy(model)
+        self._model.geom_group[:] = np.where(visible, _SHOWN, _HIDDEN)
+        self._data = data
+        self._groups = np.zeros(mujoco.mjNGROUP, dtype=np.uint8)
+        self._groups[_SHOWN] = 1
+
+    def cast(self, camera: Camera, pixels: Array) -> Hits:
+        """What the rays through `pixels` (n, 2) meet."""
+        origin = np.ascontiguousarray(camera.T_WC[:3, 3])
+        directions = rays(camera, pixels)
+        geom = np.full(len(pixels), -1, dtype=np.int32)
+        distance = np.empty(len(pixels))
+        normals = np.empty((len(pixels), 3))
+
+        def cast_chunk(start: int) -> None:
+            part = slice(start, start + _CHUNK)
+            ids, lengths = geom[part], distance[part]  # views: the results land in place
+            mujoco.mj_multiRay(
+                self._model,
+                self._data,
+                origin,
+                directions[part].ravel(),
+                self._groups,
+                True,
+                -1,
+                ids,
+                lengths,
+                normals[part].reshape(-1),
+                len(ids),
+                mujoco.mjMAXVAL,
+            )
+
+        # The call lets go of Python's lock, so threads help.
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            list(pool.map(cast_chunk, range(0, len(pixels), _CHUNK)))
+        missed = geom < 0
+        distance[missed] = np.inf
+        normals[missed] = 0.0
+        away = np.einsum("ij,ij->i", normals, directions) > 0.0
+        normals[away] *= -1.0
+        points = origin + np.where(missed, np.nan, distance)[:, None] * directions
+        return Hits(geom=geom, distance=distance, points=points, normals=normals)

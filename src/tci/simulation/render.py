@@ -1,0 +1,116 @@
+"""A picture of a MuJoCo scene by ray casting on the processor. It needs no GL library and no screen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.frames import Array
+from tci.simulation.camera import Camera, pixel_centres
+from tci.simulation.cast import Caster, Hits
+from tci.simulation.shade import darken, light, outlines, smooth_normals
+
+_SKY = np.array([[1.0, 1.0, 1.0], [0.93, 0.945, 0.96]])
+"""Background at the top and at the bottom of a picture."""
+_SUBPIXELS = np.array([[-0.125, -0.375], [0.375, -0.125], [0.125, 0.375], [-0.375, 0.125]])
+"""Extra rays of a pixel on an outline: a rotated grid, which treats steep and flat lines alike."""
+
+
+class Painter(Protocol):
+    """Colours the surfaces of a scene, pixel by pixel."""
+
+    def __call__(self, hits: Hits, footprint: Array) -> Array:
+        """Red, green, blue and alpha (n, 4), 0 to 1, of n points that rays have hit.
+
+        `footprint` (n,) is the size [m] of a pixel there; an edge should be as soft as that.
+        """
+        ...
+
+
+def render(
+    model: mujoco.MjModel,
+    data: mujoco.MjData,
+    camera: Camera,
+    *,
+    paint: Sequence[Painter] = (),
+    visible: NDArray[np.bool_] | None = None,
+    colours: Array | None = None,
+) -> NDArray[np.uint8]:
+    """A picture (height, width, 3) of the scene at `data`, which must be up to date (`mj_forward`).
+
+    `paint` is laid over the surfaces in its order, before the light falls on them. `visible` (ngeom,)
+    chooses the geoms, None takes groups 0 to 2. `colours` (ngeom, 3), 0 to 1, replaces the model's.
+    """
+    caster = Caster(model, data, visible=visible)
+    hits = caster.cast(camera, pixel_centres(camera))
+    if colours is None:
+        colours = geom_colours(model)
+    line, border = outlines(camera, hits)
+    shape = camera.height, camera.width
+    picture = _shaded(camera, hits, colours, paint).reshape(*shape, 3)
+    picture = _resolve(caster, camera, hits, darken(picture, line), border)
+    return np.round(255.0 * np.clip(picture, 0.0, 1.0)).astype(np.uint8)
+
+
+def geom_colours(model: mujoco.MjModel) -> Array:
+    """Colours (ngeom, 3), 0 to 1, of the geoms: their material's, or their own where they have none."""
+    colours = np.array(model.geom_rgba[:, :3], dtype=float)
+    material = model.geom_matid >= 0
+    colours[material] = model.mat_rgba[model.geom_matid[material], :3]
+    return colours
+
+
+def _shaded(camera: Camera, hits: Hits, colours: Array, paint: Sequence[Painter]) -> Array:
+    """Colour (n, 3) of every pixel of a picture, still without outlines."""
+    shape = camera.height, camera.width
+    background = np.linspace(_SKY[0], _SKY[1], camera.height)
+    result = np.repeat(background, camera.width, axis=0)
+    normals = smooth_normals(hits.geom.reshape(shape), hits.normals.reshape(*shape, 3)).reshape(-1, 3)
+    hit = np.flatnonzero(hits.geom >= 0)
+    seen = Hits(
+        geom=hits.geom[hit], distance=hits.distance[hit], points=hits.points[hit], normals=normals[hit]
+    )
+    surface = colours[seen.geom]
+    footprint = seen.distance / camera.focal
+    for painter in paint:
+        painted = painter(seen, footprint)
+        surface += painted[:, 3:] * (painted[:, :3] - surface)
+    result[hit] = surface * light(camera, seen.normals)[:, None]
+    return result
+
+
+def _resolve(caster: Caster, camera: Camera, hits: Hits, picture: Array, border: NDArray[np.bool_]) -> Array:
+    """The picture (h, w, 3) with soft outlines.
+
+    Each pixel at an outline becomes the mean of a few more rays. Such a ray takes the colour of the
+    pixel around it that shows the same geom at the nearest distance, so nothing is shaded twice.
+    """
+    rows, columns = np.nonzero(border)
+    if not len(rows):
+        return picture
+    shape = camera.height, camera.width
+    geom, distance = hits.geom.reshape(shape), np.minimum(hits.distance.reshape(shape), mujoco.mjMAXVAL)
+    total = np.zeros((len(rows), 3))
+    centres = np.stack([columns, rows], axis=1) + 0.5
+    for offset in _SUBPIXELS:
+        extra = caster.cast(camera, centres + offset)
+        best = np.full(len(rows), np.inf)
+        colour = picture[rows, columns].copy()
+        for dy in (0, -1, 1):
+            for dx in (0, -1, 1):
+                y, x = np.clip(rows + dy, 0, shape[0] - 1), np.clip(columns + dx, 0, shape[1] - 1)
+                away = np.abs(distance[y, x] - np.minimum(extra.distance, mujoco.mjMAXVAL))
+                # Among pixels that fit equally well the middle one, which may carry the line, wins.
+                away += 0.5 * (dx != 0 or dy != 0) * distance[y, x] / camera.focal
+                away[geom[y, x] != extra.geom] = np.inf
+                better = away < best
+                best[better] = away[better]
+                colour[better] = picture[y, x][better]
+        total += colour
+    result = picture.copy()
+    result[rows, columns] = total / len(_SUBPIXELS)
+    return result

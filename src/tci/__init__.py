@@ -10,99 +10,66 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from tci.capabilities.capability import Capability
-    from tci.capabilities.withdrawal import WithdrawalReflex
-    from tci.clock import ManualClock, MonotonicClock, ticks
-    from tci.errors import TciError
-    from tci.interface.body import Body
-    from tci.interface.contacts import find_contacts
-    from tci.interface.gate import Gate, SafeCommand
-    from tci.interface.part import generic_posture, home, to_platform
-    from tci.interface.skin import Skin
-    from tci.messages import (
-        Contact,
-        GenericCommand,
-        JointReading,
-        Mode,
-        Perception,
-        PlatformCommand,
-        Reading,
-        SkinFrame,
-    )
-    from tci.middleware.link import Link
-    from tci.model.catalogue import load_robot, robot_names
-    from tci.model.description import Robot
-    from tci.runtime.loop import Tick, run
-    from tci.runtime.registry import connect, link_names
+    from tci.capabilities.capability import Capability as Capability
+    from tci.capabilities.withdrawal import WithdrawalReflex as WithdrawalReflex
+    from tci.clock import ManualClock as ManualClock
+    from tci.clock import MonotonicClock as MonotonicClock
+    from tci.clock import ticks as ticks
+    from tci.errors import TciError as TciError
+    from tci.interface.body import Body as Body
+    from tci.interface.contacts import find_contacts as find_contacts
+    from tci.interface.gate import Gate as Gate
+    from tci.interface.gate import SafeCommand as SafeCommand
+    from tci.interface.part import generic_posture as generic_posture
+    from tci.interface.part import home as home
+    from tci.interface.part import to_platform as to_platform
+    from tci.interface.skin import Skin as Skin
+    from tci.messages import Contact as Contact
+    from tci.messages import GenericCommand as GenericCommand
+    from tci.messages import JointReading as JointReading
+    from tci.messages import Mode as Mode
+    from tci.messages import Perception as Perception
+    from tci.messages import PlatformCommand as PlatformCommand
+    from tci.messages import Reading as Reading
+    from tci.messages import SkinFrame as SkinFrame
+    from tci.middleware.link import Link as Link
+    from tci.model.catalogue import load_robot as load_robot
+    from tci.model.catalogue import robot_names as robot_names
+    from tci.model.description import Robot as Robot
+    from tci.runtime.loop import Tick as Tick
+    from tci.runtime.loop import run as run
+    from tci.runtime.registry import connect as connect
+    from tci.runtime.registry import link_names as link_names
 
 __version__ = "0.1.0"
 
-_HOME = {
-    "Body": "tci.interface.body",
-    "Capability": "tci.capabilities.capability",
-    "Contact": "tci.messages",
-    "Gate": "tci.interface.gate",
-    "GenericCommand": "tci.messages",
-    "JointReading": "tci.messages",
-    "Link": "tci.middleware.link",
-    "ManualClock": "tci.clock",
-    "Mode": "tci.messages",
-    "MonotonicClock": "tci.clock",
-    "Perception": "tci.messages",
-    "PlatformCommand": "tci.messages",
-    "Reading": "tci.messages",
-    "Robot": "tci.model.description",
-    "SafeCommand": "tci.interface.gate",
-    "Skin": "tci.interface.skin",
-    "SkinFrame": "tci.messages",
-    "TciError": "tci.errors",
-    "Tick": "tci.runtime.loop",
-    "WithdrawalReflex": "tci.capabilities.withdrawal",
-    "connect": "tci.runtime.registry",
-    "find_contacts": "tci.interface.contacts",
-    "generic_posture": "tci.interface.part",
-    "home": "tci.interface.part",
-    "link_names": "tci.runtime.registry",
-    "load_robot": "tci.model.catalogue",
-    "robot_names": "tci.model.catalogue",
-    "run": "tci.runtime.loop",
-    "ticks": "tci.clock",
-    "to_platform": "tci.interface.part",
+_NAMES = {
+    "tci.capabilities.capability": ("Capability",),
+    "tci.capabilities.withdrawal": ("WithdrawalReflex",),
+    "tci.clock": ("ManualClock", "MonotonicClock", "ticks"),
+    "tci.errors": ("TciError",),
+    "tci.interface.body": ("Body",),
+    "tci.interface.contacts": ("find_contacts",),
+    "tci.interface.gate": ("Gate", "SafeCommand"),
+    "tci.interface.part": ("generic_posture", "home", "to_platform"),
+    "tci.interface.skin": ("Skin",),
+    "tci.messages": (
+        "Contact",
+        "GenericCommand",
+        "JointReading",
+        "Mode",
+        "Perception",
+        "PlatformCommand",
+        "Reading",
+        "SkinFrame",
+    ),
+    "tci.middleware.link": ("Link",),
+    "tci.model.catalogue": ("load_robot", "robot_names"),
+    "tci.model.description": ("Robot",),
+    "tci.runtime.loop": ("Tick", "run"),
+    "tci.runtime.registry": ("connect", "link_names"),
 }
-
-__all__ = [
-    "Body",
-    "Capability",
-    "Contact",
-    "Gate",
-    "GenericCommand",
-    "JointReading",
-    "Link",
-    "ManualClock",
-    "Mode",
-    "MonotonicClock",
-    "Perception",
-    "PlatformCommand",
-    "Reading",
-    "Robot",
-    "SafeCommand",
-    "Skin",
-    "SkinFrame",
-    "TciError",
-    "Tick",
-    "WithdrawalReflex",
-    "__version__",
-    "connect",
-    "find_contacts",
-    "generic_posture",
-    "home",
-    "link_names",
-    "load_robot",
-    "robot_names",
-    "run",
-    "ticks",
-    "to_platform",
-]
+_HOME = {name: module for module, names in _NAMES.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:
@@ -114,4 +81,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    return sorted([*_HOME, "__version__"])

@@ -46,8 +46,17 @@ def _part_table(robot: Robot, part: GenericPart) -> Table:
     side = f", {part.side}" if part.side else ""
     mount = ", ".join(f"{angle:g}" for angle in np.rad2deg(part.mount))
     table = Table(
-        "", "generic joint", "robot's joint", "gamma", "sigma", "lower", "upper", "speed", "initial",
-        title=f"{part.name} ({part.kind}{side}), mount {mount}", title_justify="left",
+        "",
+        "generic joint",
+        "robot's joint",
+        "gamma",
+        "sigma",
+        "lower",
+        "upper",
+        "speed",
+        "initial",
+        title=f"{part.name} ({part.kind}{side}), mount {mount}",
+        title_justify="left",
         caption="degrees and degrees/s; generic = gamma * robot + sigma; lower and upper are the robot's",
         caption_justify="left",
     )
@@ -59,9 +68,15 @@ def _part_table(robot: Robot, part: GenericPart) -> Table:
         servo = robot.servos[generic.servo]
         limits = servo.limits
         table.add_row(
-            str(generic.id), generic.name, f"{servo.robot_part}.{servo.name}",
-            f"{generic.scale:g}", _degrees(generic.offset), _degrees(limits.lower),
-            _degrees(limits.upper), _degrees(limits.velocity), _degrees(generic.initial),
+            str(generic.id),
+            generic.name,
+            f"{servo.robot_part}.{servo.name}",
+            f"{generic.scale:g}",
+            _degrees(generic.offset),
+            _degrees(limits.lower),
+            _degrees(limits.upper),
+            _degrees(limits.velocity),
+            _degrees(generic.initial),
         )
     return table
 
@@ -78,30 +93,57 @@ def _skin(robot: Robot) -> list[dict[str, Any]]:
     for patch in robot.patches:
         surface = build_surface(robot, patch, kinematics)
         cone = cone_of(robot, surface, kinematics)
-        rows.append({
-            "patch": patch.name, "part": patch.part, "segment": patch.segment, "link": patch.link,
-            "kind": patch.surface.kind, "taxels": len(surface.positions), "rate_hz": patch.rate,
-            "area_cm2": float(surface.areas.sum() * 1e4),
-            "cone": {"length_mm": cone.length * 1e3, "r1_mm": cone.r1 * 1e3, "r2_mm": cone.r2 * 1e3,
-                     "rms_mm": cone.rms * 1e3, "max_mm": cone.max * 1e3},
-        })
+        rows.append(
+            {
+                "patch": patch.name,
+                "part": patch.part,
+                "segment": patch.segment,
+                "link": patch.link,
+                "kind": patch.surface.kind,
+                "taxels": len(surface.positions),
+                "rate_hz": patch.rate,
+                "area_cm2": float(surface.areas.sum() * 1e4),
+                "cone": {
+                    "length_mm": cone.length * 1e3,
+                    "r1_mm": cone.r1 * 1e3,
+                    "r2_mm": cone.r2 * 1e3,
+                    "rms_mm": cone.rms * 1e3,
+                    "max_mm": cone.max * 1e3,
+                },
+            }
+        )
     return rows
 
 
 def _skin_table(rows: list[dict[str, Any]]) -> Table:
     table = Table(
-        "patch", "segment", "link", "positions from", "taxels", "Hz", "area cm2",
-        "cone: length, r1, r2 [mm]", "rms", "max",
-        title="skin", title_justify="left",
+        "patch",
+        "segment",
+        "link",
+        "positions from",
+        "taxels",
+        "Hz",
+        "area cm2",
+        "cone: length, r1, r2 [mm]",
+        "rms",
+        "max",
+        title="skin",
+        title_justify="left",
         caption="cone: the paper's truncated cone (eq. 4) fitted to the taxels, with its error in mm",
         caption_justify="left",
     )
     for row in rows:
         cone = row["cone"]
         table.add_row(
-            row["patch"], row["segment"], row["link"], row["kind"].replace("_", " "),
-            str(row["taxels"]), f"{row['rate_hz']:g}", f"{row['area_cm2']:.0f}",
+            row["patch"],
+            row["segment"],
+            row["link"],
+            row["kind"].replace("_", " "),
+            str(row["taxels"]),
+            f"{row['rate_hz']:g}",
+            f"{row['area_cm2']:.0f}",
             f"{cone['length_mm']:.0f}, {cone['r1_mm']:.1f}, {cone['r2_mm']:.1f}",
-            f"{cone['rms_mm']:.1f}", f"{cone['max_mm']:.1f}",
+            f"{cone['rms_mm']:.1f}",
+            f"{cone['max_mm']:.1f}",
         )
     return table

@@ -27,8 +27,12 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for programs in
 def demo(
     robot: Annotated[
         list[str] | None,
-        typer.Option("--robot", "-r", help="Robot by name or description file; repeat for several. "
-                     "[default: every packaged robot that is installed]"),
+        typer.Option(
+            "--robot",
+            "-r",
+            help="Robot by name or description file; repeat for several. "
+            "[default: every packaged robot that is installed]",
+        ),
     ] = None,
     out: Annotated[Path, typer.Option(help="Folder for report.json and demo.png.")] = Path("out"),
     seed: Annotated[int, typer.Option(help="Seed of the pokes' timing.")] = 0,

@@ -8,7 +8,6 @@ import numpy as np
 
 from tci.errors import TciError
 from tci.frames import Array, apply, invert, read_only
-from tci.interface.part import generic_posture
 from tci.interface.skin import Skin
 from tci.messages import JointReading
 from tci.model.generic_arm import limb_direction
@@ -27,9 +26,7 @@ class Place:
     """Outward unit normal (3,) there, in the patch's link."""
 
 
-def find_place(
-    skin: Skin, part: str, segment: str, u: float, theta: float, joints: JointReading
-) -> Place:
+def find_place(skin: Skin, part: str, segment: str, u: float, theta: float, joints: JointReading) -> Place:
     """The skin's point that `limb_coordinates` gives (u, theta) at the present posture.
 
     It lies where the ray from the segment's axis at `u`, in direction `theta` [rad], leaves the
@@ -40,8 +37,7 @@ def find_place(
     length = generic_part.segment(segment).length
     if generic_part.side is None:
         raise TciError(f"{part} has no side, so it has no generic limb")
-    posture = generic_posture(robot, joints)
-    T_TS = skin.segment_pose(part, segment, joints, posture[part])
+    T_TS = skin.segment_pose(part, segment, joints)
     origin_S = np.array([0.0, 0.0, -u * length])
     direction_S = limb_direction(theta, generic_part.side)
     best: tuple[float, Place] | None = None

@@ -61,7 +61,13 @@ class Trace:
 
 
 def poke(
-    world: World, part: str, site: ReceptiveField, stimulus: Stimulus, *, reflex: WithdrawalReflex | None, seed: int
+    world: World,
+    part: str,
+    site: ReceptiveField,
+    stimulus: Stimulus,
+    *,
+    reflex: WithdrawalReflex | None,
+    seed: int,
 ) -> Trace:
     """Poke the centre of `site` on the arm `part` and record what happens.
 

@@ -1,0 +1,48 @@
+# make demo: set up and run the main job.   make test: set up and run every check.
+PYTHON ?= python3
+VENV := .venv/bin
+export OPENBLAS_NUM_THREADS ?= 1
+OUT ?= out
+
+.PHONY: help demo test lint docs bench soak fuzz lock clean run-env dev-env
+
+help:  ## show this list
+	@grep -E '^[a-z]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 8
+
+run-env:
+	@$(PYTHON) tools/bootstrap.py requirements/demo.txt
+
+dev-env: run-env
+	@$(PYTHON) tools/bootstrap.py requirements/dev.txt
+
+demo: run-env  ## set up, then poke a simulated NAO and a simulated iCub; writes out/
+	@$(VENV)/tci demo --out $(OUT)
+
+test: dev-env lint docs  ## set up, then lint, docs and all tests
+	@$(VENV)/python -m pytest -n auto --dist loadgroup
+
+lint: dev-env  ## ruff and strict types
+	@$(VENV)/ruff check .
+	@$(VENV)/ruff format --check .
+	@$(VENV)/mypy
+
+docs: dev-env  ## build the documentation; a warning is an error
+	@$(VENV)/python -m sphinx -q -W --keep-going -b html docs docs/_build/html
+
+bench: dev-env  ## gate and contacts beside a bare peer, as ratios
+	@$(VENV)/python tools/bench.py
+
+soak: dev-env  ## hostile commands through the gate for longer (TCI_SOAK=cycles)
+	@TCI_SOAK=$${TCI_SOAK:-200000} $(VENV)/python -m pytest -q tests/interface/test_gate.py -k hostile
+
+fuzz: dev-env  ## damaged robot descriptions for longer (TCI_FUZZ=files)
+	@TCI_FUZZ=$${TCI_FUZZ:-20000} $(VENV)/python -m pytest -q tests/model/test_xml.py -k damaged
+
+lock:  ## renew requirements/*.txt (needs uv)
+	uv pip compile --universal --python-version 3.11 --generate-hashes --index-url https://pypi.org/simple --no-emit-index-url \
+	  --extra icub --no-header pyproject.toml requirements/build.in -o requirements/demo.txt
+	uv pip compile --universal --python-version 3.11 --generate-hashes --index-url https://pypi.org/simple --no-emit-index-url \
+	  --extra icub --group dev --no-header pyproject.toml -c requirements/demo.txt -o requirements/dev.txt
+
+clean:  ## remove what was built
+	rm -rf .venv out docs/_build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -1,0 +1,121 @@
+"""`tci demo`: the main job, its table, its picture and its report."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import typer
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from tci.capabilities.fields import default_fields
+from tci.cli.console import console, print_json
+from tci.errors import MissingExtraError
+from tci.model.catalogue import load_robot, robot_names
+from tci.model.description import Robot
+from tci.trials.experiment import SIDES, Report, run_experiment, with_skin_rate
+from tci.trials.measure import Trial
+from tci.trials.pictures import draw_demo
+
+
+def demo(
+    names: Sequence[str], *, out: Path, seed: int, headless: bool, skin_rate: float | None, as_json: bool
+) -> None:
+    """Run every trial on every robot, then print, draw and write what was measured."""
+    robots = _load(names)
+    if skin_rate is not None:
+        robots = [with_skin_rate(robot, skin_rate) for robot in robots]
+    fields = default_fields()
+    out.mkdir(parents=True, exist_ok=True)
+    columns = (TextColumn("{task.description:<44}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, disable=as_json) as progress:
+        task = progress.add_task("building the worlds", total=len(robots) * len(SIDES) * len(fields) + 1)
+
+        def advance(trial: Trial) -> None:
+            what = f"poked {trial.robot}, {trial.side} {trial.site.replace('_', ' ')}"
+            progress.update(task, advance=1, description=what)
+
+        report = run_experiment(robots, fields, seed=seed, progress=advance)
+        progress.update(task, description="drawing the picture")
+        picture = draw_demo(robots, out / "demo.png", seed=seed)
+        progress.update(task, advance=1, description="done")
+    path = out / "report.json"
+    path.write_text(json.dumps(report.to_json(), indent=2, allow_nan=False) + "\n")
+    if as_json:
+        print_json(report.to_json())
+        return
+    console.print(_table(report))
+    _summary(report, robots)
+    console.print(f"picture {picture}\nreport  {path}", highlight=False)
+    if not headless and sys.stdout.isatty() and (os.environ.get("DISPLAY") or sys.platform != "linux"):
+        typer.launch(str(picture))
+
+
+def _load(names: Sequence[str]) -> list[Robot]:
+    """The robots asked for, or every packaged robot that is installed."""
+    if names:
+        return [load_robot(name) for name in names]
+    robots = []
+    for name in robot_names():
+        try:
+            robots.append(load_robot(name))
+        except MissingExtraError as error:
+            console.print(f"without {name}: {error}", style="yellow", highlight=False)
+    return robots
+
+
+def _table(report: Report) -> Table:
+    table = Table(
+        title="One reflex on every robot: a finger pokes, the arm withdraws",
+        caption="Times count from first contact. Without the reflex the finger stays in contact. "
+        "CoP: where TCI feels the touch, against the physics.",
+    )
+    for name in ("robot", "side", "site"):
+        table.add_column(name)
+    for name in ("command ms", "motion ms", "contact lost ms", "peak N", "CoP mm", "withdrawn mm",
+                 "without mm", "limits broken"):  # fmt: skip
+        table.add_column(name, justify="right")
+    previous = ""
+    for trial in report.trials:
+        if previous and trial.robot != previous:
+            table.add_section()
+        previous = trial.robot
+        table.add_row(
+            trial.robot,
+            trial.side,
+            trial.site.replace("_", " "),
+            _number(trial.trigger_ms),
+            _number(trial.first_motion_ms),
+            _number(trial.contact_lost_ms),
+            f"{trial.peak_force_n:.1f}",
+            _number(trial.cop_error_mm, ".1f"),
+            f"{trial.withdrawn_mm:.0f}",
+            f"{trial.withdrawn_without_reflex_mm:.1f}",
+            f"[red]{trial.limit_violations}[/]" if trial.limit_violations else "[green]0[/]",
+        )
+    return table
+
+
+def _number(value: float | None, form: str = ".0f") -> str:
+    return "[red]never[/]" if value is None else format(value, form)
+
+
+def _summary(report: Report, robots: Sequence[Robot]) -> None:
+    trials = report.trials
+    responded = sum(trial.responded for trial in trials)
+    lost = sum(trial.contact_lost_ms is not None for trial in trials)
+    console.print(f"{responded} of {len(trials)} pokes answered, contact lost in {lost}")
+    if len(robots) > 1:
+        same = report.same_stimulus
+        console.print(
+            f"the same touch on {' and '.join(robot.name for robot in robots)}: generic motions differ by "
+            f"{same.max_generic_difference_rad:.0e} rad, hand directions by at most "
+            f"{max(same.hand_direction_deg.values()):.1f} degrees"
+        )
+    for trial in trials:
+        for violation in trial.violations:
+            console.print(f"[red]{trial.robot} {trial.side} {trial.site}: {violation}[/]")

@@ -1,0 +1,65 @@
+"""All trials of the demo: every robot, side and site; then the same stimulus on all robots."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from tci.capabilities.fields import ReceptiveField
+from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.interface.body import Body
+from tci.model.description import Robot
+from tci.simulation.world import World
+from tci.trials.measure import Trial, measure
+from tci.trials.poke import Stimulus, poke
+from tci.trials.same_stimulus import SameStimulus, same_stimulus
+
+SIDES = ("left", "right")
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What `report.json` holds."""
+
+    trials: tuple[Trial, ...]
+    same_stimulus: SameStimulus
+
+    def to_json(self) -> dict[str, Any]:
+        """As a dictionary of plain values."""
+        return asdict(self)
+
+
+def with_skin_rate(robot: Robot, rate: float) -> Robot:
+    """The same robot with skin frames at `rate` [Hz]."""
+    patches = tuple(patch.model_copy(update={"rate": rate}) for patch in robot.patches)
+    return robot.model_copy(update={"patches": patches})
+
+
+def trials_of(
+    robot: Robot, fields: Sequence[ReceptiveField], *, stimulus: Stimulus, seed: int
+) -> Iterator[Trial]:
+    """Poke every site of both arms of one robot, with the reflex and without it."""
+    world = World(robot, seed=seed)
+    for index, (side, site) in enumerate((side, site) for side in SIDES for site in fields):
+        part = f"{side}_arm"
+        held = poke(world, part, site, stimulus, reflex=None, seed=seed + index)
+        acted = poke(world, part, site, stimulus, reflex=WithdrawalReflex(), seed=seed + index)
+        yield measure(robot, part, site.name, acted, held)
+
+
+def run_experiment(
+    robots: Sequence[Robot],
+    fields: Sequence[ReceptiveField],
+    *,
+    stimulus: Stimulus | None = None,
+    seed: int = 0,
+    progress: Callable[[Trial], None] = lambda trial: None,
+) -> Report:
+    """Run every trial on every robot, telling `progress` after each, then compare the robots."""
+    trials = []
+    for robot in robots:
+        for trial in trials_of(robot, fields, stimulus=stimulus or Stimulus(), seed=seed):
+            trials.append(trial)
+            progress(trial)
+    return Report(tuple(trials), same_stimulus([Body(robot) for robot in robots], fields))

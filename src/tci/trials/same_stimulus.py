@@ -1,0 +1,129 @@
+"""The same touch on the generic limb of several robots: do they answer alike?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tci.capabilities.fields import ReceptiveField
+from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.frames import Array, angle_between, apply, invert, read_only
+from tci.interface.body import Body
+from tci.interface.part import generic_posture, to_platform
+from tci.interface.places import find_place
+from tci.messages import Contact, GenericCommand, JointReading, Mode, Perception
+from tci.model.description import Robot
+from tci.model.generic_arm import limb_coordinates
+
+FORCES = np.linspace(0.0, 1.0, 21)
+"""Force of the stimulus [N] in successive frames: the rise of a touch."""
+
+
+@dataclass(frozen=True, slots=True)
+class SameStimulus:
+    """How much the robots' answers to one stimulus differ."""
+
+    max_generic_difference_rad: float
+    """Largest difference between two robots' generic targets, over sites, sides and frames."""
+    hand_direction_deg: dict[str, float]
+    """Largest angle between the displacements of two robots' hands, each in its arm's own mount
+    frame, by site."""
+
+
+def same_stimulus(bodies: Sequence[Body], fields: Sequence[ReceptiveField]) -> SameStimulus:
+    """Give each robot's own skin the same (u, theta, force) and compare what the reflex wants.
+
+    The stimulus is put on the robot's skin in space and read back through the robot's kinematics,
+    so that model, mount and map of each robot take part.
+    """
+    difference, directions = 0.0, {}
+    for field in fields:
+        angles = [0.0]
+        for side in ("left", "right"):
+            answers = [answer(body, f"{side}_arm", field) for body in bodies]
+            hands = [
+                hand_displacement(body, f"{side}_arm", a[-1]) for body, a in zip(bodies, answers, strict=True)
+            ]
+            for other, hand in zip(answers[1:], hands[1:], strict=True):
+                difference = max(difference, float(np.abs(answers[0] - other).max()))
+                angles.append(float(np.rad2deg(angle_between(hands[0], hand))))
+        directions[field.name] = max(angles)
+    return SameStimulus(difference, directions)
+
+
+def answer(body: Body, part: str, field: ReceptiveField) -> Array:
+    """Generic targets (frames, 5) [rad] that the reflex wants while the force at `field` rises."""
+    reflex = WithdrawalReflex()
+    memory = reflex.init()
+    joints = initial_joints(body.robot)
+    posture = generic_posture(body.robot, joints)
+    target, targets = posture[part], []
+    for sequence, force in enumerate(FORCES):
+        contact = touch(body, part, field, joints, force=float(force), sequence=sequence)
+        perception = Perception(stamp=contact.stamp, posture=posture, contacts=(contact,))
+        commands, memory = reflex.step(memory, perception)
+        for command in commands:
+            target = command.values
+        targets.append(target)
+    return read_only(targets)
+
+
+def initial_joints(robot: Robot) -> JointReading:
+    """The robot at rest in its initial posture."""
+    position = np.zeros(len(robot.servos))
+    for part in robot.parts:
+        command = to_platform(robot, GenericCommand(part.name, Mode.POSITION, part.initial_posture))
+        position[command.servos] = command.values
+    return JointReading(0.0, 0, read_only(position), read_only(np.zeros(len(position))))
+
+
+def touch(
+    body: Body, part: str, field: ReceptiveField, joints: JointReading, *, force: float, sequence: int
+) -> Contact:
+    """A contact of one taxel with `force` [N] at the centre of `field`, on the robot's own skin."""
+    robot, skin = body.robot, body.skin
+    generic_part = robot.part(part)
+    assert generic_part.side is not None
+    place = find_place(skin, part, field.segment, field.u, field.theta, joints)
+    T_TL = skin.link_pose(robot.patch(place.patch).link, joints)
+    T_TS = skin.segment_pose(part, field.segment, joints)
+    p_T = apply(T_TL, place.p_L)
+    length = generic_part.segment(field.segment).length
+    u, theta = limb_coordinates(apply(invert(T_TS), p_T), length, generic_part.side)
+    return Contact(
+        patch=place.patch,
+        part=part,
+        segment=field.segment,
+        stamp=0.01 * sequence,
+        sequence=sequence,
+        taxels=read_only([0], np.intp),
+        taxel_forces=read_only([force]),
+        force=force,
+        peak_force=force,
+        area=0.0,
+        p_L=place.p_L,
+        n_L=place.n_L,
+        p_T=read_only(p_T),
+        n_T=read_only(T_TL[:3, :3] @ place.n_L),
+        u=float(u),
+        theta=float(theta),
+        taxel_u=read_only([u]),
+        taxel_theta=read_only([theta]),
+    )
+
+
+def hand_displacement(body: Body, part: str, target: Array) -> Array:
+    """Displacement (3,) [m] of the forearm's distal end from the initial posture to `target`, seen
+    from the arm's mount frame."""
+    start = initial_joints(body.robot)
+    command = to_platform(body.robot, GenericCommand(part, Mode.POSITION, target))
+    position = np.array(start.position)
+    position[command.servos] = command.values
+    end = JointReading(0.0, 1, read_only(position), start.velocity)
+    generic_part = body.robot.part(part)
+    tip_S = np.array([0.0, 0.0, -generic_part.segment("forearm").length])
+    tips = [apply(body.skin.segment_pose(part, "forearm", joints), tip_S) for joints in (start, end)]
+    displacement: Array = generic_part.R_TM.T @ (tips[1] - tips[0])
+    return displacement

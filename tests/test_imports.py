@@ -1,0 +1,35 @@
+"""What a user pays for `import tci` and `tci --help`: nothing heavier than NumPy."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+import tci
+
+HEAVY = ("pydantic", "lxml", "mujoco", "scipy", "matplotlib", "ruckig", "typer", "rich")
+
+
+def loaded(program: str) -> set[str]:
+    command = [sys.executable, "-c", f"{program}\nimport sys; print(*sys.modules)"]
+    return set(subprocess.run(command, capture_output=True, text=True, check=True).stdout.split())
+
+
+def test_import_loads_nothing_heavy() -> None:
+    assert not loaded("import tci") & set(HEAVY)
+
+
+def test_help_loads_no_simulation() -> None:
+    assert not loaded("import tci.cli.main") & {"mujoco", "scipy", "matplotlib", "ruckig", "lxml", "pydantic"}
+
+
+@pytest.mark.parametrize("name", dir(tci))
+def test_every_public_name_exists(name: str) -> None:
+    assert getattr(tci, name) is not None
+
+
+def test_unknown_name_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="no_such_name"):
+        _ = tci.no_such_name

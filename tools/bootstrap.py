@@ -1,0 +1,83 @@
+"""Make the virtual environment `.venv` on a bare machine, and install locked packages into it.
+
+    python3 tools/bootstrap.py REQUIREMENTS
+
+Only the standard library is used here. Debian's python3 comes without ensurepip and without pip; then
+pip itself is fetched from PyPI, pinned and checked by its hash. A second run installs nothing.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import re
+import subprocess
+import sys
+import tempfile
+import urllib.parse
+import urllib.request
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+VENV = ROOT / ".venv"
+PYTHON = VENV / "bin" / "python"
+PIP_INDEX = "https://pypi.org/simple/pip/"
+PIP_WHEEL = "pip-26.3-py3-none-any.whl"
+PIP_SHA256 = "f3b60b20ffaadd4415ed7957212a38ac63fa4c5fa375bd0f4a797777940fad13"
+
+
+def main() -> None:
+    if sys.version_info < (3, 11):
+        sys.exit(f"Python 3.11 or newer is needed, this is {sys.version.split()[0]}; set PYTHON=python3.11")
+    lock = ROOT / sys.argv[1]
+    stamp = VENV / f"{lock.stem}.installed"
+    state = hashlib.sha256(lock.read_bytes() + (ROOT / "pyproject.toml").read_bytes()).hexdigest()
+    if stamp.exists() and stamp.read_text() == state:
+        return
+    if not PYTHON.exists():
+        make_venv()
+    print(f"installing {lock.relative_to(ROOT)} into .venv (the first time takes a minute)", flush=True)
+    pip("install", "--require-hashes", "--requirement", str(lock))
+    pip("install", "--no-deps", "--no-build-isolation", "--editable", str(ROOT))
+    stamp.write_text(state)
+
+
+def make_venv() -> None:
+    print(f"making .venv with Python {sys.version.split()[0]}", flush=True)
+    has_pip = importlib.util.find_spec("ensurepip") is not None
+    command = [sys.executable, "-m", "venv", "--clear", *([] if has_pip else ["--without-pip"]), str(VENV)]
+    subprocess.run(command, check=True)
+    if not has_pip:
+        fetch_pip()
+
+
+def fetch_pip() -> None:
+    print("this Python has no ensurepip: fetching pip from PyPI", flush=True)
+    try:
+        page = read(PIP_INDEX).decode()
+        link = re.search(rf'href="([^"#]*{re.escape(PIP_WHEEL)})', page)
+        wheel = read(urllib.parse.urljoin(PIP_INDEX, link[1])) if link else b""
+    except OSError as error:
+        sys.exit(f"can't fetch pip ({error}); on Debian: apt-get install python3-venv ca-certificates")
+    if hashlib.sha256(wheel).hexdigest() != PIP_SHA256:
+        sys.exit(f"{PIP_INDEX} did not give the {PIP_WHEEL} that was expected; nothing was installed")
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / PIP_WHEEL
+        path.write_bytes(wheel)
+        subprocess.run([str(PYTHON), f"{path}/pip", "install", "--no-index", str(path)], check=True)
+
+
+def read(address: str) -> bytes:
+    with urllib.request.urlopen(address, timeout=60) as answer:
+        content: bytes = answer.read()
+    return content
+
+
+def pip(*arguments: str) -> None:
+    command = [str(PYTHON), "-m", "pip", "--disable-pip-version-check", *arguments]
+    if subprocess.run(command, cwd=ROOT, check=False).returncode:
+        sys.exit("pip failed; the lines above say why")
+
+
+if __name__ == "__main__":
+    main()

@@ -49,6 +49,10 @@ class Conditioner:
     def _check(self, values: NDArray[np.generic]) -> None:
         name, expected = self.patch.name, (self.patch.channels,)
         if values.shape != expected:
-            raise FrameError(f"{name}: frame of shape {values.shape}, expected {expected}, one value per channel")
+            raise FrameError(
+                f"{name}: frame of shape {values.shape}, expected {expected}, one value per channel"
+            )
         if values.dtype.kind not in "uif":
-            raise FrameError(f"{name}: frame of type {values.dtype}, expected integers or floating point numbers")
+            raise FrameError(
+                f"{name}: frame of type {values.dtype}, expected integers or floating point numbers"
+            )

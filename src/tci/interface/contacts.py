@@ -32,8 +32,8 @@ class ContactSettings:
     touch: float = 3000.0
     """A contact has at least one taxel that is pressed this much [Pa]. Ours: about 4 counts of 255."""
     floor: float = 500.0
-    """It grows over neighbours that are pressed this much [Pa], so that the weak edge of a touch, a
-    tenth of its force, is not lost. Ours: below one count of 255."""
+    """It grows over neighbours that are pressed this much [Pa], so that the weak edge of a touch is not
+    lost. Ours: below one count of 255."""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.floor <= self.touch < np.inf:
@@ -102,7 +102,10 @@ def connected(count: int, pairs: NDArray[np.intp]) -> NDArray[np.intp]:
 
 
 def centre_of_pressure(positions: Array, forces: Array) -> Array:
-    """P-bar (3,) [m] of eq. 7: mean of `positions` (k, 3) [m] weighted by `forces` (k,) [N]."""
+    """P-bar (3,) [m] of eq. 7: mean of `positions` (k, 3) [m] weighted by `forces` (k,) [N].
+
+    On a curved limb it lies below the skin; an even grip all around puts it on the axis.
+    """
     centre: Array = forces @ positions / forces.sum()
     return centre
 

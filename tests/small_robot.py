@@ -36,7 +36,9 @@ PASCAL = 700.0
 def build(folder: Path) -> Robot:
     """Write the model into `folder` and describe it."""
     path = folder / "small.xml"
-    path.write_text(f"<mujoco><worldbody><body name='torso'>{_arm('l', 1)}{_arm('r', -1)}</body></worldbody></mujoco>")
+    path.write_text(
+        f"<mujoco><worldbody><body name='torso'>{_arm('l', 1)}{_arm('r', -1)}</body></worldbody></mujoco>"
+    )
     sides = (("left", "l", 0.0), ("right", "r", MOUNT))
     return Robot(
         name="small",
@@ -44,7 +46,9 @@ def build(folder: Path) -> Robot:
         digest="0" * 64,
         model=Model(format="mjcf", path=str(path), torso_link="torso"),
         servos=tuple(
-            Servo(index=5 * k + i, robot_part=f"{letter}_arm", id=i, name=f"{letter}{i}", joint=f"{letter}{i}")
+            Servo(
+                index=5 * k + i, robot_part=f"{letter}_arm", id=i, name=f"{letter}{i}", joint=f"{letter}{i}"
+            )
             for k, (_, letter, _) in enumerate(sides)
             for i in range(5)
         ),

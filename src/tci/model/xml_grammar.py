@@ -137,7 +137,9 @@ PATCH = Element(
             },
             may={"origin": POINT, "rpy": ORIENTATION},
         ),
-        "triangular_modules": Element(some={"module": Element(needs={"frame": NAME, "port": ID})}),
+        "triangular_modules": Element(
+            some={"module": Element(needs={"frame": NAME, "port": ID}, may={"turn": Angle()})}
+        ),
         "table": Element(needs={"file": RelativePath()}),
     },
 )  # fmt: skip

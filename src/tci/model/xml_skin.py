@@ -116,4 +116,5 @@ def _modules(node: Node, channels: int | None, faults: Faults) -> TriangularModu
     return TriangularModules(
         frames=tuple(module.get("frame") for module in modules),
         ports=tuple(module.get("port") for module in modules),
+        turns=tuple(module.get("turn", 0.0) for module in modules),
     )

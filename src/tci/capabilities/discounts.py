@@ -1,0 +1,35 @@
+"""The force-distance model (eqs 5 and 6), one function per factor.
+
+Printed, eq. 5 reads phi F psi d Theta: nothing at a field's centre and most at its edge, against the
+text beside it. Read with its lost parentheses, phi(F) psi(d) Theta, it does what the text says.
+"""
+
+from __future__ import annotations
+
+import math
+
+
+def phi(force: float, threshold: float, saturation: float) -> float:
+    """Force discount 0..1 (eq. 5): (F - delta_f) / (F_sat - delta_f), clipped.
+
+    All in [N], saturation > threshold. 0 up to the threshold, 1 from the saturation on, 0 for NaN.
+    """
+    if not force > threshold:
+        return 0.0
+    return min((force - threshold) / (saturation - threshold), 1.0)
+
+
+def psi(distance: float, radius: float) -> float:
+    """Distance discount 0..1 (eqs 5-6): 1 - d / r.
+
+    Both in the same unit, radius > 0. 1 at the centre, 0 from the edge on, 0 for NaN.
+    """
+    return 1.0 - distance / radius if distance < radius else 0.0
+
+
+def psi_cosine(distance: float, radius: float) -> float:
+    """Distance discount 0..1 (eqs 5-6): cos^2(pi d / 2 r), flat at the centre and at the edge.
+
+    Both in the same unit, radius > 0. 1 at the centre, 0 from the edge on, 0 for NaN.
+    """
+    return math.cos(0.5 * math.pi * distance / radius) ** 2 if distance < radius else 0.0

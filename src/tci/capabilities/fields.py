@@ -1,0 +1,160 @@
+"""Receptive fields and their base motions (§4.1), and the file that holds them.
+
+They live on the generic limb and the generic arm, so one file serves every robot and both sides.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from collections import Counter
+from importlib.resources import as_file, files
+from math import radians
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import Field, ValidationError, model_validator
+
+from tci.errors import DescriptionError, Fault
+from tci.interface.contacts import Measure
+from tci.model.description import Words
+
+Motion = Annotated[tuple[float, float, float, float, float], Field(strict=False)]
+
+
+class Circle(Words):
+    """Where a field is, in words that file and program share."""
+
+    name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
+    """Its name, unique in a set of fields."""
+    segment: Literal["upper_arm", "forearm"]
+    """Segment of the arm that it lies on."""
+    u: Annotated[float, Field(ge=0.0, le=1.0)]
+    """Centre along the segment: 0 at its proximal, 1 at its distal joint."""
+    radius: Annotated[float, Field(gt=0.0)]
+    """r_i of eqs 5-7 [limb lengths]."""
+
+
+class ForceRange(Words):
+    """Between which forces a response grows."""
+
+    threshold_n: Annotated[float, Field(ge=0.0)]
+    """delta_f [N]: no response up to here."""
+    saturation_n: float
+    """F_sat [N]: the full response from here on."""
+
+    @model_validator(mode="after")
+    def _rises(self) -> Self:
+        if not self.saturation_n > self.threshold_n:
+            raise ValueError(f"saturation_n must be above threshold_n, which is {self.threshold_n:g}")
+        return self
+
+
+class ReceptiveField(Circle):
+    """A place on the generic limb, and the motion that a touch there provokes (eqs 5-6)."""
+
+    theta: float
+    """Centre around the segment [rad]: 0 flexor, +pi/2 lateral, pi extensor, -pi/2 medial."""
+    measure: Measure = "weighted"
+    """Which force of a contact is compared with the two below (eq. 7)."""
+    threshold: Annotated[float, Field(ge=0.0)]
+    """delta_f [N]: no response up to here."""
+    saturation: float
+    """F_sat [N]: the full response from here on."""
+    motion: Motion
+    """Theta_i (5,) [rad]: base motion of the generic arm."""
+
+    @model_validator(mode="after")
+    def _rises(self) -> Self:
+        if not self.saturation > self.threshold:
+            raise ValueError(f"saturation {self.saturation:g} must be above threshold {self.threshold:g}")
+        return self
+
+
+class _FieldTable(Circle):
+    """A `[[field]]` of the file: a person's units."""
+
+    theta_deg: float
+    motion_deg: Motion
+
+
+class _FieldsFile(Words):
+    """The whole file."""
+
+    force: dict[Measure, ForceRange]
+    field: Annotated[list[_FieldTable], Field(min_length=1)]
+
+
+def default_fields(*, measure: Measure = "weighted") -> tuple[ReceptiveField, ...]:
+    """The five fields that come with TCI. Their values are ours."""
+    with as_file(files("tci.capabilities") / "withdrawal.toml") as path:
+        return load_fields(path, measure=measure)
+
+
+def load_fields(path: str | Path, *, measure: Measure = "weighted") -> tuple[ReceptiveField, ...]:
+    """The fields of a file, with the thresholds that it states for `measure`.
+
+    Raises DescriptionError with every fault of the file at once.
+    """
+    raw = _read(path)
+    faults = [*_structure_faults(raw), *_repeated_names(raw)]
+    if isinstance(ranges := raw.get("force"), dict) and measure not in ranges:
+        stated = ", ".join(ranges) or "none"
+        faults.append(f"force: no thresholds for the measure {measure!r}; the file has: {stated}")
+    if faults:
+        raise DescriptionError(str(path), [Fault(0, fault) for fault in faults])
+    content = _FieldsFile.model_validate(raw)
+    limits = content.force[measure]
+    return tuple(
+        ReceptiveField(
+            name=table.name,
+            segment=table.segment,
+            u=table.u,
+            theta=radians(table.theta_deg),
+            radius=table.radius,
+            measure=measure,
+            threshold=limits.threshold_n,
+            saturation=limits.saturation_n,
+            motion=tuple(radians(angle) for angle in table.motion_deg),
+        )
+        for table in content.field
+    )
+
+
+def _read(path: str | Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        fault = f"can't be read: {error.strerror}"
+    except UnicodeDecodeError as error:
+        fault = f"is not UTF-8 text: {error.reason} at byte {error.start}"
+    except tomllib.TOMLDecodeError as error:
+        fault = f"is not TOML: {error}"
+    raise DescriptionError(str(path), [Fault(0, fault)])
+
+
+def _structure_faults(raw: dict[str, Any]) -> list[str]:
+    try:
+        _FieldsFile.model_validate(raw)
+    except ValidationError as error:
+        return [_sentence(raw, fault) for fault in error.errors()]
+    return []
+
+
+def _sentence(raw: dict[str, Any], fault: Any) -> str:
+    """Place, what would be valid, and the value: `field 2 (forearm_lateral), radius: ...`."""
+    keys = list(fault["loc"])
+    place = ""
+    if keys[:1] == ["field"] and len(keys) > 1:
+        table = raw["field"][keys[1]]
+        name = table.get("name", "no name") if isinstance(table, dict) else "no table"
+        place = f"field {keys[1] + 1} ({name}), "
+        keys = keys[2:]
+    value = "" if fault["type"] == "missing" else f"; got {fault['input']!r}"
+    return f"{place}{'.'.join(map(str, keys))}: {fault['msg']}{value}"
+
+
+def _repeated_names(raw: dict[str, Any]) -> list[str]:
+    tables = raw.get("field")
+    names = [t.get("name") for t in tables if isinstance(t, dict)] if isinstance(tables, list) else []
+    counts = Counter(name for name in names if isinstance(name, str))
+    return [f"{count} fields are named {name!r}; each needs its own name" for name, count in counts.items() if count > 1]

@@ -1,0 +1,161 @@
+"""The protective withdrawal reflex (§4): a touched arm moves away from what touches it (eqs 5-7).
+
+A touch that answers in a field starts a *withdrawal* of that arm. Until the arm's skin has been quiet
+for the refractory period, every touch of it counts as the same one: the gain may still grow, at most
+to 1, but no other field answers and nothing is added twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from tci.capabilities.capability import Capability
+from tci.capabilities.discounts import phi, psi, psi_cosine
+from tci.capabilities.fields import ReceptiveField, default_fields
+from tci.errors import CommandError, TciError
+from tci.frames import Array, read_only
+from tci.interface.contacts import weighted_force
+from tci.interface.generic_limb import generic_limb_distance
+from tci.messages import Contact, GenericCommand, Mode, Perception
+
+PSI = {"linear": psi, "cosine": psi_cosine}
+"""Distance discounts by name."""
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """What one contact asks for."""
+
+    field: ReceptiveField
+    """The closest of the fields that it lies in."""
+    gain: float
+    """phi(F) psi(d), above 0 and at most 1 (eq. 5)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Withdrawal:
+    """One arm that withdraws."""
+
+    field: ReceptiveField
+    """Field that started it."""
+    origin: Array
+    """Generic posture (5,) [rad] when it started."""
+    gain: float
+    """Largest gain so far."""
+    started: float
+    """When it started [s]."""
+    touched: float
+    """When a touch of this arm last answered [s]."""
+
+    @property
+    def target(self) -> Array:
+        """Where the arm goes (5,) [rad]: one gain for all joints keeps the direction of Theta_i."""
+        return read_only(self.origin + self.gain * np.array(self.field.motion))
+
+
+WithdrawalMemory = Mapping[str, Withdrawal]
+"""The withdrawal of each arm that has one, by generic part."""
+
+
+@dataclass(frozen=True)
+class WithdrawalReflex(Capability[WithdrawalMemory]):
+    """Moves every touched arm away from the touch, once per touch.
+
+    Raises TciError for settings that make no reflex.
+    """
+
+    fields: Sequence[ReceptiveField] = field(default_factory=default_fields)
+    """Receptive fields; `load_fields` reads others from a file. None: no reflex."""
+    refractory: float = 0.5
+    """How long [s] the skin of an arm must be quiet before it can withdraw again. Ours."""
+    distance_discount: Literal["linear", "cosine"] = "linear"
+    """Which psi of eq. 5: 1 - d / r, or cos^2(pi d / 2 r)."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "fields", tuple(self.fields))
+        if not 0.0 < self.refractory < np.inf:
+            raise TciError(f"refractory period {self.refractory} s; valid: above 0 and finite")
+        if self.distance_discount not in PSI:
+            raise TciError(f"distance discount {self.distance_discount!r}; valid: {', '.join(PSI)}")
+
+    def init(self) -> WithdrawalMemory:
+        return {}
+
+    def step(
+        self, memory: WithdrawalMemory, perception: Perception
+    ) -> tuple[tuple[GenericCommand, ...], WithdrawalMemory]:
+        """One command for each arm whose target changed; what goes on on each arm.
+
+        Raises CommandError when a touched part does not have the five joints of a base motion.
+        """
+        commands = []
+        withdrawals = {}
+        for part, posture in perception.posture.items():
+            touches = [contact for contact in perception.contacts if contact.part == part]
+            answers = [answer for touch in touches if (answer := self.answer(touch)) is not None]
+            before = memory.get(part)
+            after = self._next(before, answers, part, posture, perception.stamp)
+            if after is None:
+                continue
+            withdrawals[part] = after
+            if before is None or (after.started, after.gain) != (before.started, before.gain):
+                commands.append(GenericCommand(part=part, mode=Mode.POSITION, values=after.target))
+        return tuple(commands), withdrawals
+
+    def answer(self, contact: Contact) -> Answer | None:
+        """The closest field's answer to one contact (eqs 5-7); None when there is none.
+
+        The sum of overlapping fields would have no bound.
+        """
+        closest = None
+        for candidate in self.fields:
+            if candidate.segment != contact.segment:
+                continue
+            distance = float(
+                generic_limb_distance(contact.u, contact.theta, candidate.u, candidate.theta)
+            )
+            if distance < candidate.radius and (closest is None or distance < closest[0]):
+                closest = distance, candidate
+        if closest is None:
+            return None
+        distance, found = closest
+        force = weighted_force(contact, found.radius, measure=found.measure)
+        gain = phi(force, found.threshold, found.saturation)
+        gain *= PSI[self.distance_discount](distance, found.radius)
+        return Answer(found, gain) if gain > 0.0 else None
+
+    def _next(
+        self,
+        before: Withdrawal | None,
+        answers: Sequence[Answer],
+        part: str,
+        posture: Array,
+        now: float,
+    ) -> Withdrawal | None:
+        """The arm's withdrawal after this instant."""
+        if before is not None and now - before.touched >= self.refractory:
+            before = None
+        if not answers:
+            return before
+        if before is not None:
+            gains = [answer.gain for answer in answers if answer.field == before.field]
+            return replace(before, gain=max([before.gain, *gains]), touched=now)
+        if posture.shape != (len(answers[0].field.motion),):
+            raise CommandError(
+                f"{part} has {posture.size} joints; a base motion has {len(answers[0].field.motion)}"
+            )
+        if not np.isfinite(posture).all():
+            return None
+        # Names settle a draw, so that the order of contacts plays no part.
+        strongest = max(answers, key=lambda answer: (answer.gain, answer.field.name))
+        return Withdrawal(
+            field=strongest.field,
+            origin=read_only(posture),
+            gain=strongest.gain,
+            started=now,
+            touched=now,
+        )

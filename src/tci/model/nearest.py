@@ -1,0 +1,59 @@
+"""The nearest point of a triangulated surface."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.frames import Array
+
+
+def nearest_on_faces(
+    vertices: Array, faces: NDArray[np.intp], points: Array
+) -> tuple[NDArray[np.intp], Array, Array]:
+    """For each of `points` (k, 3) the nearest face's corners (k, 3), weights (k, 3) and point (k, 3).
+
+    The point is the corners' mean with these weights, which are barycentric: 0..1, sum 1. `vertices`
+    (n, 3) and `points` are in one frame, `faces` (f, 3) are indices of vertices.
+    """
+    points = np.asarray(points, dtype=np.float64)
+    a, b, c = vertices[faces].transpose(1, 0, 2)
+    weights = _inside(a, b, c, points)
+    # Where the foot of the perpendicular is outside a face, the nearest point is on one of its edges.
+    outside = weights.min(axis=2) < 0.0
+    distances = np.where(outside, np.inf, _distance2(weights, a, b, c, points))
+    for first, second, third in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        corners = (a, b, c)
+        edge = corners[second] - corners[first]
+        along = np.einsum("kfi,fi->kf", points[:, None] - corners[first], edge)
+        share = np.clip(along / np.einsum("fi,fi->f", edge, edge), 0.0, 1.0)
+        candidate = np.empty_like(weights)
+        candidate[..., first], candidate[..., second], candidate[..., third] = 1.0 - share, share, 0.0
+        distance = _distance2(candidate, a, b, c, points)
+        closer = outside & (distance < distances)
+        distances = np.where(closer, distance, distances)
+        weights = np.where(closer[..., None], candidate, weights)
+    best = distances.argmin(axis=1)
+    chosen = weights[np.arange(len(points)), best]
+    corners_of_best = faces[best]
+    return corners_of_best, chosen, np.einsum("kc,kci->ki", chosen, vertices[corners_of_best])
+
+
+def _inside(a: Array, b: Array, c: Array, points: Array) -> Array:
+    """Barycentric weights (k, f, 3) of each point's foot in the plane of each face (Ericson 2004)."""
+    u, v = b - a, c - a
+    w = points[:, None] - a
+    uu, uv, vv = (np.einsum("fi,fi->f", *pair) for pair in ((u, u), (u, v), (v, v)))
+    wu, wv = np.einsum("kfi,fi->kf", w, u), np.einsum("kfi,fi->kf", w, v)
+    determinant = uu * vv - uv * uv
+    second = (vv * wu - uv * wv) / determinant
+    third = (uu * wv - uv * wu) / determinant
+    return np.stack([1.0 - second - third, second, third], axis=2)
+
+
+def _distance2(weights: Array, a: Array, b: Array, c: Array, points: Array) -> Array:
+    """Squared distance (k, f) of each point from the point of each face with these weights."""
+    there = weights[..., :1] * a + weights[..., 1:2] * b + weights[..., 2:] * c
+    apart = points[:, None] - there
+    result: Array = np.einsum("kfi,kfi->kf", apart, apart)
+    return result

@@ -1,0 +1,232 @@
+"""The skin of a robot as a surface in space: taxels, outward normals, neighbours and the faces between.
+
+Three kinds of patch: a truncated cone (eqs 3-4), triangular modules at frames of the kinematic model,
+or a table of positions. All end as the same `Surface`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError, cKDTree
+
+from tci.errors import DescriptionError, Fault
+from tci.frames import Array, apply, invert, read_only, rotation_rpy, rotation_z, transform
+from tci.model.description import Patch, Robot, Table, TriangularModules, TruncatedCone
+from tci.model.kinematics import Kinematics
+from tci.model.nearest import nearest_on_faces
+
+NEIGHBOUR_DISTANCE = 0.015
+"""Taxels this close [m] are neighbours: the largest distance that an iCub's skinManager is set to."""
+
+MODULE_PITCH = 6.534e-3
+"""Distance [m] of neighbouring taxels on a triangular module, from pyCub's positions of iCub's skin."""
+
+CHANNELS_PER_MODULE = 12
+
+_LATTICE = {
+    0: (-1, 1), 1: (-1, 2), 2: (0, 1), 3: (0, 0), 4: (1, 0),
+    5: (2, -1), 7: (1, -1), 8: (0, -1), 9: (-1, -1), 11: (-1, 0),
+}  # fmt: skip
+"""Place of each taxel on a module, in steps along two lattice axes 60 degrees apart; 3 is the centre.
+
+Channels 6 and 10 are thermal pads. Found from pyCub's positions: every module there fits to 0.03 mm."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surface:
+    """The taxels of one patch, in the frame of its link."""
+
+    patch: str
+    """Name of the patch."""
+    link: str
+    """Link of the kinematic model that carries it."""
+    positions: Array
+    """Taxel positions (n, 3) [m] in the link."""
+    normals: Array
+    """Outward unit normals (n, 3) in the link."""
+    areas: Array
+    """Area (n,) [m2] that each taxel stands for."""
+    channels: NDArray[np.intp]
+    """Place (n,) of each taxel in the raw frame."""
+    neighbours: NDArray[np.intp]
+    """Pairs (m, 2) of taxels that touch: near, and on the same side of a thin limb. Each pair once."""
+    faces: NDArray[np.intp]
+    """Triangles (f, 3) of taxels, anticlockwise seen from outside. A convex patch's lie on its hull."""
+
+    def project(self, points: Array) -> tuple[Array, Array]:
+        """Nearest points (k, 3) [m] of the surface to `points` (k, 3) [m], and its normals (k, 3) there.
+
+        All in the link. It serves points inside the limb as well: a centre of pressure sinks in there.
+        """
+        corners, weights, nearest = nearest_on_faces(self.positions, self.faces, points)
+        normals = np.einsum("kc,kci->ki", weights, self.normals[corners])
+        return nearest, normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
+def build_surface(robot: Robot, patch: Patch, kinematics: Kinematics) -> Surface:
+    """The surface of one patch.
+
+    Raises DescriptionError when a table can't be read, a module's frame is not fixed to the patch's
+    link, or the patch has fewer channels than its taxels need; UnknownNameError for a link or frame
+    that the model lacks.
+    """
+    words = patch.surface
+    kinematics.poses(np.zeros(len(robot.servos)), [patch.link])  # raises when there is no such link
+    if isinstance(words, TruncatedCone):
+        positions, normals, areas, faces = _cone(words)
+        channels = np.arange(len(positions))
+    else:
+        if isinstance(words, TriangularModules):
+            positions, normals, areas, channels = _modules(robot, patch, words, kinematics)
+        else:
+            positions, normals, areas, channels = _table(robot, patch, words)
+        faces = _hull(robot, patch, positions, normals)
+    if channels.max() >= patch.channels:
+        message = f"patch {patch.name}: it has {patch.channels} channels; its taxels need {channels.max() + 1}"
+        raise DescriptionError(robot.source, [Fault(0, message)])
+    return Surface(
+        patch=patch.name,
+        link=patch.link,
+        positions=read_only(positions),
+        normals=read_only(normals),
+        areas=read_only(areas),
+        channels=read_only(channels, np.intp),
+        neighbours=read_only(_neighbours(positions, normals), np.intp),
+        faces=read_only(_outward(faces, positions, normals), np.intp),
+    )
+
+
+def _cone(cone: TruncatedCone) -> tuple[Array, Array, Array, NDArray[np.intp]]:
+    """Positions, normals, areas and faces of a cone's taxels: first and last ring are its two ends.
+
+    In the cone's frame a taxel at x and theta is at (r(x) cos theta, r(x) sin theta, -x) (eqs 3-4).
+    """
+    ring, place = np.divmod(np.arange(cone.rings * cone.per_ring), cone.per_ring)
+    share = ring / (cone.rings - 1) if cone.rings > 1 else np.full(len(ring), 0.5)
+    x = cone.length * share
+    theta = 2.0 * np.pi * (place + 0.5 * (ring % 2)) / cone.per_ring
+    radius = cone.r1 + (cone.r2 - cone.r1) * share
+    slope = (cone.r2 - cone.r1) / cone.length
+    cos, sin = np.cos(theta), np.sin(theta)
+    positions = np.column_stack([radius * cos, radius * sin, -x])
+    normals = np.column_stack([cos, sin, np.full(len(ring), slope)]) / np.hypot(1.0, slope)
+    area = np.pi * (cone.r1 + cone.r2) * np.hypot(cone.length, cone.r2 - cone.r1)
+    pose = transform(rotation_rpy(*cone.rpy), np.array(cone.origin))
+    areas = np.full(len(ring), area / len(ring))
+    return apply(pose, positions), normals @ pose[:3, :3].T, areas, _ring_strips(cone.rings, cone.per_ring)
+
+
+def _ring_strips(rings: int, per_ring: int) -> NDArray[np.intp]:
+    """Triangles (f, 3) between each ring of a cone and the next, which is half a step further or back."""
+    here = np.arange(per_ring)
+    following = (here + 1) % per_ring
+    strips = []
+    for ring in range(rings - 1):
+        # `ahead` is the ring whose taxels lie half a step after the other's.
+        behind, ahead = (ring, ring + 1) if ring % 2 == 0 else (ring + 1, ring)
+        a, b = behind * per_ring, ahead * per_ring
+        strips.append(np.column_stack([a + here, a + following, b + here]))
+        strips.append(np.column_stack([b + here, a + following, b + following]))
+    return np.concatenate(strips) if strips else np.zeros((0, 3), np.intp)
+
+
+def _modules(
+    robot: Robot, patch: Patch, modules: TriangularModules, kinematics: Kinematics
+) -> tuple[Array, Array, Array, NDArray[np.intp]]:
+    """Positions, normals, areas and channels of flat modules whose frames' z axes point outward."""
+    poses = _frames(robot, patch, modules, kinematics)
+    turns = modules.turns or (0.0,) * len(poses)
+    steps = np.array(list(_LATTICE.values()), dtype=np.float64)
+    template = np.column_stack(
+        [steps[:, 0] + 0.5 * steps[:, 1], np.sqrt(0.75) * steps[:, 1], np.zeros(len(steps))]
+    )
+    turned = [MODULE_PITCH * template @ rotation_z(turn).T for turn in turns]
+    positions = np.concatenate([apply(pose, taxels) for pose, taxels in zip(poses, turned, strict=True)])
+    normals = np.repeat([pose[:3, 2] for pose in poses], len(_LATTICE), axis=0)
+    # Each taxel of a triangular lattice stands for one hexagon.
+    areas = np.full(len(positions), np.sqrt(0.75) * MODULE_PITCH**2)
+    channels = CHANNELS_PER_MODULE * np.array(modules.ports)[:, None] + np.array(list(_LATTICE))
+    return positions, normals, areas, channels.ravel()
+
+
+def _frames(
+    robot: Robot, patch: Patch, modules: TriangularModules, kinematics: Kinematics
+) -> list[Array]:
+    """`T_LF` (4, 4) of each module's frame F in the patch's link."""
+    found = []
+    for bend in (0.0, 0.3):
+        poses = kinematics.poses(np.full(len(robot.servos), bend), [patch.link, *modules.frames])
+        T_LT = invert(poses[patch.link])
+        found.append([T_LT @ poses[frame] for frame in modules.frames])
+    moving = [
+        frame
+        for frame, before, after in zip(modules.frames, *found, strict=True)
+        if not np.allclose(before, after, atol=1e-9)
+    ]
+    if moving:
+        message = f"patch {patch.name}: {', '.join(moving)} moves against link {patch.link}; a joint is between"
+        raise DescriptionError(robot.source, [Fault(0, message)])
+    return found[0]
+
+
+def _table(
+    robot: Robot, patch: Patch, table: Table
+) -> tuple[Array, Array, Array, NDArray[np.intp]]:
+    """Positions, normals, areas and channels from a file: row i is channel i, all zeros: no taxel there.
+
+    A taxel stands for the hexagon that its nearest neighbour leaves it (ours).
+    """
+    path = Path(robot.source).parent / table.file
+    try:
+        rows = np.loadtxt(path.read_text().replace(",", " ").splitlines(), comments=("#", "%"), ndmin=2)
+    except (OSError, ValueError) as error:
+        raise DescriptionError(str(path), [Fault(0, f"not a table of taxels: {error}")]) from error
+    if rows.shape[1:] != (6,) or not np.isfinite(rows).all():
+        raise DescriptionError(str(path), [Fault(0, "valid: six finite numbers in each row, x y z nx ny nz [m]")])
+    channels = np.flatnonzero(rows.any(axis=1))
+    positions, normals = rows[channels, :3], rows[channels, 3:]
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    if len(channels) < 4 or not lengths.all():
+        message = f"patch {patch.name}: valid: at least four taxels, each with a normal that is not zero"
+        raise DescriptionError(str(path), [Fault(0, message)])
+    spacing = cKDTree(positions).query(positions, k=2)[0][:, 1]
+    return positions, normals / lengths, np.sqrt(0.75) * spacing**2, channels
+
+
+def _hull(robot: Robot, patch: Patch, positions: Array, normals: Array) -> NDArray[np.intp]:
+    """Triangles (f, 3) of the convex hull, without the lids that close a limb's two open ends."""
+    try:
+        faces = np.asarray(ConvexHull(positions).simplices, dtype=np.intp)
+    except QhullError as error:
+        message = f"patch {patch.name}: its taxels enclose no volume: {str(error).splitlines()[0]}"
+        raise DescriptionError(robot.source, [Fault(0, message)]) from error
+    across = _unit_normals(faces, positions)
+    mean = normals[faces].mean(axis=1)
+    skin = np.abs(np.einsum("fi,fi->f", across, mean)) > 0.5 * np.linalg.norm(mean, axis=1)
+    return faces[skin]
+
+
+def _outward(faces: NDArray[np.intp], positions: Array, normals: Array) -> NDArray[np.intp]:
+    """The same triangles, all anticlockwise seen from the side that the taxels' normals point to."""
+    inward = np.einsum("fi,fi->f", _unit_normals(faces, positions), normals[faces].mean(axis=1)) < 0.0
+    return np.where(inward[:, None], faces[:, ::-1], faces)
+
+
+def _unit_normals(faces: NDArray[np.intp], positions: Array) -> Array:
+    a, b, c = positions[faces].transpose(1, 0, 2)
+    across = np.cross(b - a, c - a)
+    result: Array = across / np.linalg.norm(across, axis=1, keepdims=True)
+    return result
+
+
+def _neighbours(positions: Array, normals: Array) -> NDArray[np.intp]:
+    """Pairs (m, 2), lower index first, of taxels that are near and face the same way."""
+    pairs = cKDTree(positions).query_pairs(NEIGHBOUR_DISTANCE, output_type="ndarray").astype(np.intp)
+    facing = np.einsum("pi,pi->p", normals[pairs[:, 0]], normals[pairs[:, 1]]) > 0.0
+    pairs = pairs[facing]
+    result: NDArray[np.intp] = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
+    return result

@@ -1,0 +1,204 @@
+"""A compliant finger that pokes the skin, and never retreats by itself."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tci.errors import CommandError
+from tci.frames import Array
+from tci.simulation.collisions import SKIN
+from tci.simulation.physics import Physics
+from tci.simulation.posed_skin import PosedSkin
+
+RADIUS = 0.005
+"""Of the tip [m]."""
+STIFFNESS = 800.0
+"""Of the spring between base and tip [N/m]: a near-rigid finger would give 19 N for 2 mm."""
+MASS = 0.02
+"""Of the tip [kg]. Ours."""
+DAMPING = 1.4 * np.sqrt(STIFFNESS * MASS)
+"""Between base and tip [N s/m], 0.7 of the critical one. Ours."""
+TRACE = 60_000
+"""Steps that the trace keeps."""
+
+_BASE, _TIP = "tci_finger_base", "tci_finger_tip"
+_PARKED = np.array([0.0, 0.0, -20.0])
+_SHAFT = 0.06
+_COLOUR = (0.85, 0.55, 0.45, 1.0)
+_NEVER = -np.inf
+
+
+def add_finger(spec: mujoco.MjSpec, *, step: float) -> None:
+    """Add the finger, far away: a base that is placed, and a tip that slides on it along its z axis."""
+    base = spec.worldbody.add_body(name=_BASE, mocap=True, pos=_PARKED)
+    tip = base.add_body(name=_TIP, gravcomp=1.0)
+    tip.add_joint(name=_TIP, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0.0, 0.0, 1.0])
+    tip.add_geom(
+        name=_TIP,
+        type=mujoco.mjtGeom.mjGEOM_SPHERE,
+        size=[RADIUS, 0.0, 0.0],
+        mass=MASS,
+        contype=SKIN,
+        conaffinity=0,
+        # Without friction a contact's force is normal to the skin, which is all that taxels feel.
+        condim=1,
+        priority=1,
+        # A light tip needs a stiff contact, or it sinks in: 0.2 mm at 8 N here.
+        solref=[max(0.002, 2.0 * step), 1.0],
+        group=2,
+        rgba=_COLOUR,
+    )
+    tip.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+        size=[RADIUS, 0.0, 0.0],
+        fromto=[0.0, 0.0, 0.0, 0.0, 0.0, -_SHAFT],
+        mass=0.0,
+        contype=0,
+        conaffinity=0,
+        group=2,
+        rgba=_COLOUR,
+    )
+    spring = spec.add_actuator(name=_TIP, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=_TIP)
+    spring.set_to_position(kp=STIFFNESS, kv=DAMPING)
+    spec.add_sensor(
+        name=_TIP,
+        type=mujoco.mjtSensor.mjSENS_CONTACT,
+        objtype=mujoco.mjtObj.mjOBJ_GEOM,
+        objname=_TIP,
+        intprm=[1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), 3, 1],
+    )
+
+
+class Finger:
+    """The finger of a world: a sphere of 10 mm at the end of a spring of 800 N/m.
+
+    A poke moves the spring's base along the skin's inward normal at a constant speed, until it is
+    `depth` beyond the place where the tip first touched. There it stays, whatever the skin does.
+    """
+
+    def __init__(self, physics: Physics, skin: PosedSkin) -> None:
+        model = physics.model
+        self._physics = physics
+        self._skin = skin
+        self._mocap = int(model.body(_BASE).mocapid[0])
+        self._qpos = int(model.joint(_TIP).qposadr[0])
+        self._dof = int(model.joint(_TIP).dofadr[0])
+        self._actuator = model.actuator(_TIP).id
+        start = int(model.sensor(_TIP).adr[0])
+        self._sensor = physics.data.sensordata[start : start + 3]
+        self.retire()
+
+    def retire(self) -> None:
+        """Take the finger away, at once, and forget the poke."""
+        data = self._physics.data
+        data.mocap_pos[self._mocap] = _PARKED
+        data.qpos[self._qpos] = data.qvel[self._dof] = data.ctrl[self._actuator] = 0.0
+        self._active = False
+        self._clear()
+        self._physics.touch()
+
+    def _clear(self) -> None:
+        self.force = 0.0
+        """Contact force [N] in the latest step."""
+        self.first_contact: float | None = None
+        """When the tip first touched in this poke [s]."""
+        self.contact_lost: float | None = None
+        """When it last ceased to touch [s]; None while it touches."""
+        self.peak_force = 0.0
+        """Largest contact force of this poke [N]."""
+        self._trace: deque[tuple[float, float, float]] = deque(maxlen=TRACE)
+
+    @property
+    def touching(self) -> bool:
+        """The tip touched the skin in the latest step."""
+        return self.force > 0.0
+
+    @property
+    def trace(self) -> Array:
+        """Time [s], contact force [N] and path of the base [m] (steps, 3), the last 60 000 steps."""
+        return np.array(self._trace).reshape(-1, 3)
+
+    def poke(
+        self,
+        patch: str,
+        place: int | ArrayLike,
+        normal: ArrayLike | None = None,
+        *,
+        speed: float = 0.25,
+        depth: float = 0.01,
+        gap: float = 0.004,
+    ) -> None:
+        """Start a poke of a place on the skin, along the inward normal there at the present posture.
+
+        `place` is a taxel or a point (3,) [m] in the patch's link, `normal` (3,) an outward normal in
+        it, if not the surface's own. `speed` [m/s] is the base's; `depth` [m] gives `depth * 800 N/m`
+        once the base rests; `gap` [m] is between tip and skin at the start. Raises UnknownNameError
+        and CommandError.
+        """
+        point, outward = self._skin.point(patch, place, normal)
+        self._start(point, outward, speed, depth, gap)
+
+    def poke_at(
+        self,
+        point: Array,
+        normal: Array,
+        *,
+        speed: float = 0.25,
+        depth: float = 0.01,
+        gap: float = 0.004,
+    ) -> None:
+        """The same at a `point` (3,) [m] against the outward `normal` (3,), both in the torso."""
+        point, outward = self._skin.from_torso(point, normal)
+        self._start(point, outward, speed, depth, gap)
+
+    def _start(self, point: Array, outward: Array, speed: float, depth: float, gap: float) -> None:
+        for name, value in (("speed", speed), ("depth", depth), ("gap", gap)):
+            if not (np.isfinite(value) and value >= 0.0 and (value > 0.0 or name != "speed")):
+                raise CommandError(f"{name} {value}; a positive number belongs here")
+        data = self._physics.data
+        data.mocap_pos[self._mocap] = point + (RADIUS + gap) * outward
+        mujoco.mju_quatZ2Vec(data.mocap_quat[self._mocap], -outward)
+        # The tip comes already moving, so that it does not swing on its spring.
+        data.qpos[self._qpos] = 0.0
+        data.qvel[self._dof] = speed
+        self._clear()
+        self._active = True
+        self._begin = self._physics.time
+        self._speed = float(speed)
+        self._depth = float(depth)
+        self._path = 0.0
+        self._end = float(gap + depth)
+        self._touch_path = _NEVER
+        self._physics.touch()
+
+    def drive(self) -> None:
+        """Move the base, before a step."""
+        if not self._active:
+            return
+        data = self._physics.data
+        wanted = self._speed * (self._physics.time - self._begin)
+        self._path = max(self._path, min(wanted, self._end))
+        # The damper lies between base and tip, so it needs the base's speed as well.
+        speed = self._speed if wanted < self._end else 0.0
+        data.ctrl[self._actuator] = self._path + DAMPING / STIFFNESS * speed
+
+    def note(self, time: float) -> None:
+        """Remember what the tip felt in a step that began at `time` [s]."""
+        if not self._active:
+            return
+        x, y, z = self._sensor
+        force = float(np.sqrt(x * x + y * y + z * z))
+        if force > 0.0:
+            if self.first_contact is None:
+                self.first_contact = time
+                self._end = self._path + self._depth
+            self.contact_lost = None
+            self.peak_force = max(self.peak_force, force)
+        elif self.force > 0.0:
+            self.contact_lost = time
+        self.force = force
+        self._trace.append((time, force, self._path))

@@ -1,0 +1,86 @@
+"""Where the skin is in the world, at the present posture."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tci.errors import CommandError, UnknownNameError
+from tci.frames import Array, apply, invert
+from tci.model.description import Model
+from tci.model.surfaces import Surface
+from tci.simulation.physics import Physics
+
+
+class PosedSkin:
+    """The patches of a world, seen from the world or from the torso."""
+
+    def __init__(self, physics: Physics, model: Model, surfaces: Mapping[str, Surface]) -> None:
+        self.surfaces = surfaces
+        self._physics = physics
+        self._torso = physics.model.body(model.torso_link).id
+        self._T_LT = model.T_LT
+        self._bodies = {name: physics.model.body(surface.link).id for name, surface in surfaces.items()}
+
+    def torso(self) -> Array:
+        """`T_WT` (4, 4): the torso in the world, now."""
+        return self._physics.pose(self._torso) @ self._T_LT
+
+    def link(self, patch: str) -> Array:
+        """`T_WL` (4, 4): the patch's link in the world, now. Raises UnknownNameError."""
+        self.surface(patch)
+        return self._physics.pose(self._bodies[patch])
+
+    def surface(self, patch: str) -> Surface:
+        """Surface of a patch. Raises UnknownNameError."""
+        if patch not in self.surfaces:
+            raise UnknownNameError("skin patch in this world", patch, self.surfaces)
+        return self.surfaces[patch]
+
+    def point(
+        self, patch: str, place: int | ArrayLike, normal: ArrayLike | None = None
+    ) -> tuple[Array, Array]:
+        """Point (3,) [m] and outward unit normal (3,) in the world of a place on the skin, now.
+
+        `place` is a taxel, or a point (3,) [m] in the patch's link; without `normal` (3,), in the
+        link too, the surface's own is taken. Raises UnknownNameError, CommandError.
+        """
+        surface = self.surface(patch)
+        if isinstance(place, int | np.integer):
+            if not 0 <= place < len(surface.positions):
+                raise CommandError(f"taxel {place} of {patch}; valid: 0 to {len(surface.positions) - 1}")
+            point, own = surface.positions[place], surface.normals[place]
+        else:
+            point = _vector("place", place)
+            own = surface.project(point[None])[1][0] if normal is None else None
+        outward = own if normal is None else unit("normal", normal)
+        T_WL = self.link(patch)
+        return apply(T_WL, point), T_WL[:3, :3] @ outward
+
+    def from_torso(self, point: Array, normal: Array) -> tuple[Array, Array]:
+        """A point (3,) [m] and a direction (3,) given in the torso, seen from the world."""
+        T_WT = self.torso()
+        return apply(T_WT, _vector("point", point)), T_WT[:3, :3] @ unit("normal", normal)
+
+    def to_torso(self, point: Array, normal: Array) -> tuple[Array, Array]:
+        """The same the other way round."""
+        T_TW = invert(self.torso())
+        return apply(T_TW, point), T_TW[:3, :3] @ normal
+
+
+def unit(name: str, values: ArrayLike) -> Array:
+    """The unit vector (3,) along `values`. Raises CommandError when it has no direction."""
+    vector = _vector(name, values)
+    length = float(np.linalg.norm(vector))
+    if not length > 0.0:
+        raise CommandError(f"{name} {vector.tolist()} has no direction")
+    return vector / length
+
+
+def _vector(name: str, values: ArrayLike) -> Array:
+    vector = np.asarray(values, dtype=float)
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        raise CommandError(f"{name} {vector.tolist()}; three finite numbers belong here")
+    return vector

@@ -1,0 +1,168 @@
+"""Position servos: stiff, critically damped, limited in speed and torque."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tci.errors import CommandError
+from tci.frames import Array
+from tci.model.description import Robot
+from tci.simulation.physics import Physics
+
+TIME_CONSTANT = 5e-3
+"""Of each servo [s], ours: both poles of its answer lie here, so a set-point is met without overshoot
+and a steady motion is followed 10 ms late."""
+_POSTURES = 32
+_LEAST_ARMATURE = 1e-4
+"""[kg m2]"""
+
+
+class Servos:
+    """The actuators of a world, in the order of `Robot.servos`.
+
+    A servo's set-point goes to each new target in a straight line, within one control period or at the
+    joint's speed limit, whichever takes longer. Steps of targets then don't show in the velocity, and a
+    target that lies far off is reached at the permitted speed.
+    """
+
+    def __init__(self, physics: Physics, robot: Robot, home: Array, *, period: float) -> None:
+        """`home` (n,) [rad] is where the servos start, `period` [s] the time between two targets."""
+        self._physics = physics
+        self._home = home
+        moving = [servo.index for servo in robot.servos if servo.joint is not None]
+        self.moving: NDArray[np.intp] = np.array(moving, dtype=np.intp)
+        """Indices of the servos that have a joint."""
+        model = physics.model
+        joints = [model.joint(robot.servos[index].joint) for index in self.moving]
+        self.addresses: NDArray[np.intp] = np.array([joint.qposadr[0] for joint in joints], dtype=np.intp)
+        """Where the moving servos' angles are in `qpos`."""
+        self._dofs = np.array([joint.dofadr[0] for joint in joints], dtype=np.intp)
+        self._actuators = np.array([model.actuator(joint.name).id for joint in joints], dtype=np.intp)
+        self._ramp_steps = max(1, round(period / physics.step))
+        limits = [robot.servos[index].limits for index in self.moving]
+        speed = [np.inf if limit.velocity is None else limit.velocity for limit in limits]
+        self._top = np.array(speed) * physics.step
+        self._kp, self._kv = self._set_up(robot)
+        self.reset()
+
+    def _set_up(self, robot: Robot) -> tuple[Array, Array]:
+        """Give each joint its motor's inertia and its actuator's gains and torque limit."""
+        model, data = self._physics.model, self._physics.data
+        inertia = _largest_inertia(model, data, self._dofs)
+        # A motor's inertia seen through its gear is matched to the load's, as is good practice. No
+        # maker publishes it: ours. It also keeps the damping near critical in every posture.
+        own = model.dof_armature[self._dofs]
+        armature = np.maximum(np.maximum(own, inertia - own), _LEAST_ARMATURE)
+        model.dof_armature[self._dofs] = armature
+        total = inertia - own + armature
+        kp, kv = total / TIME_CONSTANT**2, 2.0 * total / TIME_CONSTANT
+        for index, actuator, load in zip(self.moving, self._actuators, total, strict=True):
+            limits = robot.servos[index].limits
+            torque = limits.torque if limits.torque is not None else _enough_torque(limits.acceleration, load)
+            model.actuator_forcerange[actuator] = (-torque, torque)
+        mujoco.mj_setConst(model, data)
+        return kp, kv
+
+    def reset(self) -> None:
+        """Full stiffness, no extra damping, targets at home."""
+        self._stiffness = np.ones(len(self._home))
+        self._damping = np.zeros(len(self._home))
+        self._targets = self._home.copy()
+        self._setpoint = self._home[self.moving].copy()
+        self._stride = np.zeros(len(self.moving))
+        self._still = True
+        self._physics.data.ctrl[self._actuators] = self._setpoint
+        self._apply_gains()
+
+    def set_position_targets(self, servos: ArrayLike, angles: ArrayLike) -> None:
+        """Go to `angles` (k,) [rad]. Raises CommandError."""
+        index, values = _checked(servos, angles, len(self._home))
+        self._targets[index] = values
+        self._stride = np.minimum(np.abs(self._goal - self._setpoint) / self._ramp_steps, self._top)
+        self._still = False
+
+    def set_stiffness(self, servos: ArrayLike, share: ArrayLike) -> None:
+        """Share (k,) 0..1 of full stiffness; at 0 a servo is limp. Raises CommandError."""
+        index, values = _checked(servos, share, len(self._home), share=True)
+        self._stiffness[index] = values
+        self._apply_gains()
+
+    def set_damping(self, servos: ArrayLike, share: ArrayLike) -> None:
+        """Share (k,) 0..1 of damping on top: at 1 there is twice the critical one. Raises CommandError."""
+        index, values = _checked(servos, share, len(self._home), share=True)
+        self._damping[index] = values
+        self._apply_gains()
+
+    def drive(self) -> None:
+        """Move the set-points by one step."""
+        if self._still:
+            return
+        left = self._goal - self._setpoint
+        self._still = bool(np.all(np.abs(left) <= self._stride))
+        self._setpoint = self._setpoint + np.clip(left, -self._stride, self._stride)
+        self._physics.data.ctrl[self._actuators] = self._setpoint
+
+    def positions(self) -> Array:
+        """Angles (n,) [rad]; of a servo without a joint, its target."""
+        result = self._targets.copy()
+        result[self.moving] = self._physics.data.qpos[self.addresses]
+        return result
+
+    def velocities(self) -> Array:
+        """Velocities (n,) [rad/s]."""
+        result = np.zeros(len(self._home))
+        result[self.moving] = self._physics.data.qvel[self._dofs]
+        return result
+
+    @property
+    def _goal(self) -> Array:
+        return self._targets[self.moving]
+
+    def _apply_gains(self) -> None:
+        """Damping stays critical whatever the stiffness, so it goes with its root."""
+        model = self._physics.model
+        stiffness, damping = self._stiffness[self.moving], self._damping[self.moving]
+        kp, kv = stiffness * self._kp, (np.sqrt(stiffness) + damping) * self._kv
+        model.actuator_gainprm[self._actuators, 0] = kp
+        model.actuator_biasprm[self._actuators, 1] = -kp
+        model.actuator_biasprm[self._actuators, 2] = -kv
+
+
+def _largest_inertia(model: mujoco.MjModel, data: mujoco.MjData, dofs: NDArray[np.intp]) -> Array:
+    """Largest inertia (k,) [kg m2] that each joint sees in a number of postures within the limits."""
+    generator = np.random.default_rng(0)
+    largest = np.zeros(len(dofs))
+    full = np.zeros((model.nv, model.nv))
+    low, high = model.jnt_range.T
+    for _ in range(_POSTURES):
+        data.qpos[model.jnt_qposadr] = generator.uniform(low, high)
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_crb(model, data)
+        mujoco.mj_fullM(model, data, full)
+        largest = np.maximum(largest, np.diag(full)[dofs])
+    mujoco.mj_resetData(model, data)
+    return largest
+
+
+def _enough_torque(acceleration: float | None, inertia: float) -> float:
+    """Torque [N m] of a servo for which nobody gave one, ours: twice what its acceleration takes."""
+    return 2.0 * inertia * (100.0 if acceleration is None else acceleration)
+
+
+def _checked(
+    servos: ArrayLike, values: ArrayLike, count: int, *, share: bool = False
+) -> tuple[NDArray[np.intp], Array]:
+    index, numbers = np.atleast_1d(np.asarray(servos)), np.atleast_1d(np.asarray(values, dtype=float))
+    if index.shape != numbers.shape or index.ndim != 1:
+        raise CommandError(f"{numbers.size} values for {index.size} servos; one for each belongs here")
+    whole = np.issubdtype(index.dtype, np.integer)
+    if index.size and not (whole and index.min() >= 0 and index.max() < count):
+        raise CommandError(f"servos {index.tolist()}; valid: 0 to {count - 1}")
+    if not np.isfinite(numbers).all():
+        raise CommandError(f"values {numbers.tolist()} for servos {index.tolist()}; they must be finite")
+    if share and not ((numbers >= 0.0) & (numbers <= 1.0)).all():
+        raise CommandError(f"shares {numbers.tolist()} for servos {index.tolist()}; valid: 0 to 1")
+    return index.astype(np.intp), numbers

@@ -1,0 +1,185 @@
+"""The skin that is not there: contacts of the physics become raw values of taxels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.errors import TciError
+from tci.frames import Array, apply, invert
+from tci.messages import SkinFrame
+from tci.model.description import Patch
+from tci.model.surfaces import Surface
+from tci.simulation.collisions import SKIN
+from tci.simulation.kernel import spread, width
+from tci.simulation.physics import Physics
+
+SLOTS = 16
+"""Contacts on one patch at a time. A finger makes one."""
+_FIELDS = (
+    mujoco.mjtConDataField.mjCONDATA_FOUND,
+    mujoco.mjtConDataField.mjCONDATA_FORCE,
+    mujoco.mjtConDataField.mjCONDATA_POS,
+    mujoco.mjtConDataField.mjCONDATA_NORMAL,
+)
+_FOUND, _FORCE, _POSITION, _NORMAL = 0, 1, slice(4, 7), slice(7, 10)
+_WIDTH = 10
+"""Numbers per slot: found 1, force 3, position 3, normal 3."""
+_MOST_FORCE = 2
+"""MuJoCo's code for sorting contacts by force."""
+_COLOUR = (0.22, 0.23, 0.25, 1.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ContactTruth:
+    """What the physics knows of the contacts of one patch: the reference for all checks."""
+
+    patch: str
+    force: float
+    """Sum of the normal forces [N]; 0 when nothing touches."""
+    vector: Array
+    """Sum of the contact forces on the skin (3,) [N], seen from the torso."""
+    center: Array
+    """Force-weighted contact point (3,) [m], seen from the torso; NaN when nothing touches."""
+    normal: Array
+    """Force-weighted outward unit normal (3,) of the contacts, seen from the torso; NaN likewise."""
+
+
+def skin_geom(patch: str) -> str:
+    """Name of the geom and of the contact sensor of a patch."""
+    return f"tci_skin_{patch}"
+
+
+def add_skin(spec: mujoco.MjSpec, surface: Surface) -> None:
+    """Add a patch to the scene: a geom through its taxels, and a sensor of the contacts on it.
+
+    MuJoCo collides a mesh's convex hull. Faces serve pictures.
+    """
+    name = skin_geom(surface.patch)
+    spec.add_mesh(
+        name=name,
+        uservert=surface.positions.ravel(),
+        userface=surface.faces.ravel(),
+        inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
+    )
+    spec.body(surface.link).add_geom(
+        name=name,
+        type=mujoco.mjtGeom.mjGEOM_MESH,
+        meshname=name,
+        mass=0.0,
+        contype=0,
+        conaffinity=SKIN,
+        condim=1,
+        group=2,
+        rgba=_COLOUR,
+    )
+    spec.add_sensor(
+        name=name,
+        type=mujoco.mjtSensor.mjSENS_CONTACT,
+        objtype=mujoco.mjtObj.mjOBJ_GEOM,
+        objname=name,
+        intprm=[sum(1 << int(field) for field in _FIELDS), _MOST_FORCE, SLOTS],
+    )
+
+
+class Touch:
+    """One patch of skin in a world."""
+
+    def __init__(
+        self,
+        physics: Physics,
+        patch: Patch,
+        surface: Surface,
+        *,
+        noise: float,
+        generator: np.random.Generator,
+    ) -> None:
+        self.patch = patch
+        self.surface = surface
+        self._width = width(surface.areas)
+        self._physics = physics
+        self._noise = noise
+        self._generator = generator
+        name = skin_geom(patch.name)
+        self._geom = physics.model.geom(name).id
+        self._body = int(physics.model.geom_bodyid[self._geom])
+        start = int(physics.model.sensor(name).adr[0])
+        self._slots = slice(start, start + SLOTS * _WIDTH)
+        sensor = patch.sensor
+        self._type = np.uint8 if 0.0 <= sensor.lowest <= sensor.highest <= 255.0 else np.int32
+        self.reset()
+
+    def reset(self) -> None:
+        """The first frame is taken at time 0."""
+        self._count = -1
+        self.due = 0
+        """Step in which the next frame is taken."""
+        self.sample()
+
+    def sample(self) -> None:
+        """Take a frame now. Raises TciError when the patch has more contacts than slots."""
+        self._count += 1
+        due = (self._count + 1) / (self.patch.rate * self._physics.step)
+        self.due = max(int(np.ceil(due - 1e-6)), self._physics.steps + 1)
+        values = self._raw(self.forces() / self.surface.areas)
+        values.setflags(write=False)
+        self.frame = SkinFrame(self.patch.name, self._physics.time, self._count, values)
+
+    def forces(self) -> Array:
+        """Force (taxels,) [N] on each taxel now. Raises TciError like `sample`."""
+        self._physics.refresh()
+        slots = self._physics.data.sensordata[self._slots].reshape(SLOTS, _WIDTH)
+        total = np.zeros(len(self.surface.positions))
+        found = int(slots[0, _FOUND])
+        if found == 0:
+            return total
+        if found > SLOTS:
+            raise TciError(f"{found} contacts on {self.patch.name} at once; valid: up to {SLOTS}")
+        T_LW = invert(self._physics.pose(self._body))
+        for slot in slots[:found]:
+            point = apply(T_LW, slot[_POSITION])
+            normal = T_LW[:3, :3] @ slot[_NORMAL]
+            total += slot[_FORCE] * spread(self.surface.positions, point, normal, self._width)
+        return total
+
+    def _raw(self, pressure: Array) -> NDArray[np.generic]:
+        """Raw values (channels,) of `pressure` (taxels,) [Pa]; pads and absent taxels stay at rest."""
+        sensor = self.patch.sensor
+        values = np.full(self.patch.channels, sensor.rest)
+        values[self.surface.channels] += pressure / sensor.pascal_per_count
+        if self._noise:
+            values += self._generator.normal(0.0, self._noise, len(values))
+        counts = np.clip(np.rint(values), sensor.lowest, sensor.highest)
+        return np.asarray(counts, dtype=self._type)
+
+    def truth(self, T_TW: Array) -> ContactTruth:
+        """The physics' own contacts, now, not read from the sensor that the skin uses."""
+        self._physics.refresh()
+        model, data = self._physics.model, self._physics.data
+        force, vector, moment, direction = 0.0, np.zeros(3), np.zeros(3), np.zeros(3)
+        local = np.zeros(6)
+        for index, contact in enumerate(data.contact[: data.ncon]):
+            if self._geom not in contact.geom:
+                continue
+            mujoco.mj_contactForce(model, data, index, local)
+            # The contact's normal points from its first to its second geom.
+            outward = 1.0 if contact.geom[0] == self._geom else -1.0
+            frame = contact.frame.reshape(3, 3)
+            force += local[0]
+            vector -= outward * local[:3] @ frame
+            moment += local[0] * contact.pos
+            direction += local[0] * outward * frame[0]
+        if not force > 0.0:
+            nothing = np.full(3, np.nan)
+            return ContactTruth(self.patch.name, 0.0, np.zeros(3), nothing, nothing)
+        rotation = T_TW[:3, :3]
+        return ContactTruth(
+            patch=self.patch.name,
+            force=float(force),
+            vector=rotation @ vector,
+            center=apply(T_TW, moment / force),
+            normal=rotation @ direction / np.linalg.norm(direction),
+        )

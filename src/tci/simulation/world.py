@@ -1,0 +1,197 @@
+"""The robot that is not there: a physical world with one robot, its skin and a finger."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tci.errors import CommandError, DescriptionError, Fault
+from tci.frames import Array, invert, read_only
+from tci.messages import JointReading, SkinFrame
+from tci.model.description import Robot
+from tci.model.kinematics import Kinematics
+from tci.model.surfaces import Surface, build_surface
+from tci.simulation.finger import Finger
+from tci.simulation.physics import Physics
+from tci.simulation.posed_skin import PosedSkin
+from tci.simulation.scene import NO_MODEL, build_scene
+from tci.simulation.servos import Servos
+from tci.simulation.touch import ContactTruth, Touch
+
+MIDDLEWARE = "sim"
+_PERIOD = 0.002
+"""Time [s] between two targets for a robot without a binding to the simulation. Ours."""
+
+
+class World:
+    """One robot on a fixed base, with position servos, skin and a finger, at its own time.
+
+    The same arguments, calls and MuJoCo version give the same bits. An object serves one thread.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        *,
+        step: float = 0.001,
+        seed: int = 0,
+        skin: bool = True,
+        noise: float = 0.0,
+        posture: Mapping[str, ArrayLike] | None = None,
+    ) -> None:
+        """`step` [s] is the physics' step; `noise` [counts] the standard deviation of raw skin values.
+
+        `posture` are generic angles [rad] by generic part where the robot starts; parts that it does
+        not name start at their initial posture. Raises DescriptionError for a robot that can't be
+        simulated, CommandError for a posture that does not fit.
+        """
+        if robot.model is None:
+            raise DescriptionError(robot.source, [Fault(0, NO_MODEL)])
+        if not (np.isfinite(step) and 0.0 < step <= 0.01):
+            raise CommandError(f"step {step}; valid: above 0, up to 0.01 s")
+        self.robot = robot
+        kinematics = Kinematics(robot)
+        self.surfaces: Mapping[str, Surface] = (
+            {patch.name: build_surface(robot, patch, kinematics) for patch in robot.patches} if skin else {}
+        )
+        """Taxels of every patch, by its name."""
+        home = start_angles(robot, posture or {})
+        self._seed = seed
+        self._generator = np.random.default_rng(seed)
+        self._physics = Physics(build_scene(robot, self.surfaces, home, step=step))
+        self._home = home
+        self._servos = Servos(self._physics, robot, home, period=_period(robot))
+        self._skin = PosedSkin(self._physics, robot.model, self.surfaces)
+        self._physics.reset(self._servos.addresses, home[self._servos.moving])
+        self._touches = {
+            patch.name: Touch(
+                self._physics, patch, self.surfaces[patch.name], noise=noise, generator=self._generator
+            )
+            for patch in robot.patches
+            if skin
+        }
+        self.finger = Finger(self._physics, self._skin)
+        """The finger that pokes."""
+        self.reset()
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """MuJoCo's model, for those who know it."""
+        return self._physics.model
+
+    @property
+    def data(self) -> mujoco.MjData:
+        """MuJoCo's data. Contacts and poses belong to the joints before the latest step; see `refresh`."""
+        return self._physics.data
+
+    @property
+    def time(self) -> float:
+        """Time since the start [s]."""
+        return self._physics.time
+
+    def reset(self) -> None:
+        """Back to time 0, the initial posture, full stiffness, no finger, and the seed."""
+        self._generator.bit_generator.state = np.random.default_rng(self._seed).bit_generator.state
+        self._physics.reset(self._servos.addresses, self._home[self._servos.moving])
+        self._servos.reset()
+        self.finger.retire()
+        for touch in self._touches.values():
+            touch.reset()
+        self._next_frame = min((touch.due for touch in self._touches.values()), default=None)
+
+    def refresh(self) -> None:
+        """Make poses and contacts in `data` belong to its joints. The future stays the same."""
+        self._physics.refresh()
+
+    def advance(self, until: float) -> None:
+        """Step the physics until `time` is at least `until` [s]; skin frames are taken on the way."""
+        last = int(np.ceil(until / self._physics.step - 1e-6))
+        while self._physics.steps < last:
+            begin = self._physics.time
+            self._servos.drive()
+            self.finger.drive()
+            self._physics.advance()
+            self.finger.note(begin)
+            if self._next_frame is not None and self._physics.steps >= self._next_frame:
+                self._take_frames()
+
+    def _take_frames(self) -> None:
+        for touch in self._touches.values():
+            if self._physics.steps >= touch.due:
+                touch.sample()
+        self._next_frame = min(touch.due for touch in self._touches.values())
+
+    def set_position_targets(self, servos: ArrayLike, angles: ArrayLike) -> None:
+        """Let servos (k,), indices into `Robot.servos`, go to `angles` (k,) [rad]. Raises CommandError."""
+        self._servos.set_position_targets(servos, angles)
+
+    def set_stiffness(self, servos: ArrayLike, share: ArrayLike) -> None:
+        """Share (k,) 0..1 of full stiffness; at 0 a servo is limp. Raises CommandError."""
+        self._servos.set_stiffness(servos, share)
+
+    def set_damping(self, servos: ArrayLike, share: ArrayLike) -> None:
+        """Share (k,) 0..1 of damping on top of the critical one. Raises CommandError."""
+        self._servos.set_damping(servos, share)
+
+    def joints(self) -> JointReading:
+        """Angles and velocities of all servos now, exact. One without a joint reads its target."""
+        return JointReading(
+            stamp=self.time,
+            sequence=self._physics.steps,
+            position=read_only(self._servos.positions()),
+            velocity=read_only(self._servos.velocities()),
+        )
+
+    def frames(self) -> tuple[SkinFrame, ...]:
+        """The latest frame of every patch, in the description's order."""
+        return tuple(touch.frame for touch in self._touches.values())
+
+    def contact_truth(self, patch: str) -> ContactTruth:
+        """What the physics knows of a patch's contacts, now. Raises UnknownNameError."""
+        self._skin.surface(patch)
+        return self._touches[patch].truth(invert(self._skin.torso()))
+
+    def skin_point(
+        self, patch: str, place: int | ArrayLike, normal: ArrayLike | None = None
+    ) -> tuple[Array, Array]:
+        """Point (3,) [m] and outward normal (3,), seen from the torso, of a place on the skin, now.
+
+        `place` is a taxel or a point (3,) [m] in the patch's link, `normal` (3,) a normal in it, if
+        not the surface's own. Raises UnknownNameError, CommandError.
+        """
+        return self._skin.to_torso(*self._skin.point(patch, place, normal))
+
+
+def start_angles(robot: Robot, posture: Mapping[str, ArrayLike]) -> Array:
+    """Angles (n,) [rad] of all servos (inverse of eq. 1) at a generic `posture` by part.
+
+    Parts not named are at their initial posture, servos that no part maps at 0 or their nearest limit;
+    all are brought inside their limits. Raises UnknownNameError, CommandError.
+    """
+    angles = np.zeros(len(robot.servos))
+    given = {robot.part(name).name: np.asarray(values, dtype=float) for name, values in posture.items()}
+    for part in robot.parts:
+        values = given.get(part.name, part.initial_posture)
+        if values.shape != (len(part.servos),) or not np.isfinite(values).all():
+            raise CommandError(
+                f"posture of {part.name}: {values.tolist()}; {len(part.servos)} finite angles belong here"
+            )
+        for generic, value in zip(part.servos, values, strict=True):
+            if generic.servo is not None:
+                angles[generic.servo] = (value - generic.offset) / generic.scale
+    for servo in robot.servos:
+        lower, upper = servo.limits.lower, servo.limits.upper
+        angles[servo.index] = np.clip(
+            angles[servo.index], -np.inf if lower is None else lower, np.inf if upper is None else upper
+        )
+    return angles
+
+
+def _period(robot: Robot) -> float:
+    for binding in robot.bindings:
+        if binding.middleware == MIDDLEWARE:
+            return 1.0 / binding.rate
+    return _PERIOD

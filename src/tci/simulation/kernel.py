@@ -33,9 +33,9 @@ def spread(positions: Array, point: Array, normal: Array, sigma: float) -> Array
 
     They are at least 0, their sum is 1, and the taxels' mean, weighted by them, lies at `point` as
     seen along `normal` (3,), where taxels surround it; beside the skin's edge it lies at the edge.
-    Weights that are nearest to a Gaussian's in the sense of entropy and have these properties are the
-    local maximum-entropy ones, with width `sigma` [m]: exp(lambda . x - x^2 / 2 sigma^2), with one tilt lambda for all taxels
-    (Arroyo and Ortiz 2006, doi:10.1002/nme.1534).
+    Weights that have these properties and are nearest to a Gaussian's of width `sigma` [m], in the
+    sense of entropy, are the local maximum-entropy ones: exp(lambda . x - x^2 / 2 sigma^2), with one
+    tilt lambda for all taxels (Arroyo and Ortiz 2006, doi:10.1002/nme.1534).
     """
     offsets = (positions - point) / sigma
     squared = np.einsum("ij,ij->i", offsets, offsets)

@@ -8,6 +8,7 @@ import numpy as np
 
 from tci.errors import TciError
 from tci.frames import Array, apply, invert, read_only
+from tci.interface.part import generic_posture
 from tci.interface.skin import Skin
 from tci.messages import JointReading
 from tci.model.generic_arm import limb_direction
@@ -37,7 +38,7 @@ def find_place(skin: Skin, part: str, segment: str, u: float, theta: float, join
     length = generic_part.segment(segment).length
     if generic_part.side is None:
         raise TciError(f"{part} has no side, so it has no generic limb")
-    T_TS = skin.segment_pose(part, segment, joints)
+    T_TS = skin.segment_pose(part, segment, joints, generic_posture(robot, joints)[part])
     origin_S = np.array([0.0, 0.0, -u * length])
     direction_S = limb_direction(theta, generic_part.side)
     best: tuple[float, Place] | None = None

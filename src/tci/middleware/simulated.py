@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from tci.errors import LinkError
 from tci.interface.gate import SafeCommand
 from tci.messages import Reading
 from tci.middleware.link import Link
@@ -27,10 +28,16 @@ class WorldClock:
 class SimulatedLink(Link):
     """A link to a simulated robot. It is armed from the start, since nothing can be hurt."""
 
-    def __init__(self, robot: Robot, address: str = "", *, arm: bool = True, **options: Any) -> None:
-        """`options` go to `tci.simulation.world.World`: `step`, `seed`, `posture`, ..."""
-        del address  # there is only one simulation in a process
-        self.world = World(robot, **options)
+    def __init__(
+        self, robot: Robot, address: str = "", *, arm: bool = True, world: World | None = None, **options: Any
+    ) -> None:
+        """A link to `world`, or to a new one; `options` go to it: `step`, `seed`, `posture`, ...
+
+        Raises LinkError for an address, which a simulation does not have.
+        """
+        if address:
+            raise LinkError(f"the simulation has no address; got {address!r}, valid: sim")
+        self.world = world or World(robot, **options)
         """The simulated world: poke its `finger`, look at its physics."""
         super().__init__(robot, middleware="sim", clock=WorldClock(self.world), armed=arm)
 
@@ -38,7 +45,11 @@ class SimulatedLink(Link):
         return Reading(joints=self.world.joints(), skin=self.world.frames())
 
     def _send(self, safe: SafeCommand) -> None:
-        self.world.apply(safe)
+        self.world.set_position_targets(safe.servos, safe.position)
+        for servo, share in safe.stiffness.items():
+            self.world.set_stiffness([servo], [share])
+        for servo, share in safe.damping.items():
+            self.world.set_damping([servo], [share])
 
     def _close(self) -> None:
         pass

@@ -19,16 +19,19 @@ STOP_TOLERANCE = float(np.deg2rad(0.1))
 """How far [rad] a joint of the physics may press into its end stop, which is soft there."""
 
 
-def command_violations(robot: Robot, sent: Sequence[SafeCommand], period: float) -> list[str]:
+def command_violations(
+    robot: Robot, sent: Sequence[SafeCommand], measured: Sequence[Array], period: float
+) -> list[str]:
     """Limits that the commands break, one sentence per servo and limit.
 
-    `sent` is all that was written, one command per `period` [s]. Velocity, acceleration and jerk are
-    the differences of successive positions; a servo is taken to rest before its first command.
+    `sent` is all that was written, one command per `period` [s], `measured` the joint angles
+    (servos,) [rad] at each of them. Velocity, acceleration and jerk are differences of successive
+    positions; before its first command a servo is taken to rest where it was measured.
     """
     series: dict[int, list[float]] = {}
-    for command in sent:
+    for command, angles in zip(sent, measured, strict=True):
         for servo, angle in zip(command.servos, command.position, strict=True):
-            series.setdefault(int(servo), []).append(float(angle))
+            series.setdefault(int(servo), [float(angles[servo])] * 3).append(float(angle))
     faults = []
     for index, angles in sorted(series.items()):
         faults += _servo_faults(robot.servos[index], np.array(angles), period)
@@ -40,14 +43,13 @@ def command_violations(robot: Robot, sent: Sequence[SafeCommand], period: float)
 
 def _servo_faults(servo: Servo, angles: Array, period: float) -> list[str]:
     limits = servo.limits
-    resting = np.concatenate([np.repeat(angles[:1], 3), angles])
-    derivatives = [("position", angles, limits.lower, limits.upper)]
+    derivatives = [("position", angles[3:], limits.lower, limits.upper)]
     for order, (name, limit) in enumerate(
         [("velocity", limits.velocity), ("acceleration", limits.acceleration), ("jerk", limits.jerk)], start=1
     ):
         bound = None if limit is None else limit * (1.0 + COMMAND_TOLERANCE)
         derivatives.append(
-            (name, np.diff(resting, order) / period**order, None if bound is None else -bound, bound)
+            (name, np.diff(angles, order) / period**order, None if bound is None else -bound, bound)
         )
     faults = []
     for name, values, lower, upper in derivatives:

@@ -47,23 +47,22 @@ class Trial:
     """What the separate checker found, in words."""
 
 
-def measure(
-    robot: Robot, part: str, site: str, taxels: int, period: float, acted: Trace, held: Trace
-) -> Trial:
-    """The figures of one trial: `acted` with the reflex, `held` without it, commands every `period` [s]."""
+def measure(robot: Robot, part: str, site: str, acted: Trace, held: Trace) -> Trial:
+    """The figures of one trial: `acted` with the reflex, `held` without it."""
+    period = 1.0 / robot.binding("sim").rate
     contact = _first_contact(acted)
     lost, held_lost = _contact_lost(acted, contact), _contact_lost(held, contact)
     commanded = [stamp for stamp, _ in acted.commanded]
     violations: list[str] = []
     for trace in (acted, held):
-        violations += command_violations(robot, trace.sent, period)
+        violations += command_violations(robot, trace.sent, trace.positions, period)
         violations += stray_servos(robot, part, trace.sent)
         violations += physics_violations(robot, np.array(trace.positions), np.array(trace.velocities))
     return Trial(
         robot=robot.name,
         side=robot.part(part).side or "",
         site=site,
-        taxels=taxels,
+        taxels=acted.taxels,
         responded=bool(commanded) and {name for _, name in acted.commanded} == {part},
         trigger_ms=_milliseconds(commanded[0] - contact) if commanded and contact is not None else None,
         first_motion_ms=_milliseconds(_first_motion(acted, held), contact),

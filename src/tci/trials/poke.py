@@ -40,6 +40,8 @@ class Trace:
     """The poked point of the skin."""
     normal: Array
     """Outward unit normal (3,) there at the start, seen from the torso."""
+    taxels: int
+    """Taxels of the patch."""
     time: list[float] = field(default_factory=list)
     """Time of each sample [s]."""
     force: list[float] = field(default_factory=list)
@@ -85,7 +87,7 @@ def poke(
         place.patch, place.p_L, place.n_L,
         speed=stimulus.speed, depth=stimulus.depth, gap=stimulus.gap + shift,
     )  # fmt: skip
-    trace = Trace(place, normal)
+    trace = Trace(place, normal, len(skin.surfaces[place.patch].positions))
 
     def observe(tick: Tick) -> None:
         truth = world.contact_truth(place.patch)

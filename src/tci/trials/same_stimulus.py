@@ -88,7 +88,8 @@ def touch(
     assert generic_part.side is not None
     place = find_place(skin, part, field.segment, field.u, field.theta, joints)
     T_TL = skin.link_pose(robot.patch(place.patch).link, joints)
-    T_TS = skin.segment_pose(part, field.segment, joints)
+    posture = generic_posture(robot, joints)[part]
+    T_TS = skin.segment_pose(part, field.segment, joints, posture)
     p_T = apply(T_TL, place.p_L)
     length = generic_part.segment(field.segment).length
     u, theta = limb_coordinates(apply(invert(T_TS), p_T), length, generic_part.side)
@@ -124,6 +125,9 @@ def hand_displacement(body: Body, part: str, target: Array) -> Array:
     end = JointReading(0.0, 1, read_only(position), start.velocity)
     generic_part = body.robot.part(part)
     tip_S = np.array([0.0, 0.0, -generic_part.segment("forearm").length])
-    tips = [apply(body.skin.segment_pose(part, "forearm", joints), tip_S) for joints in (start, end)]
+    tips = []
+    for joints in (start, end):
+        posture = generic_posture(body.robot, joints)[part]
+        tips.append(apply(body.skin.segment_pose(part, "forearm", joints, posture), tip_S))
     displacement: Array = generic_part.R_TM.T @ (tips[1] - tips[0])
     return displacement

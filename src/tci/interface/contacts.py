@@ -7,7 +7,8 @@ onto the bare skin between them, or inside the limb.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -20,6 +21,7 @@ from tci.interface.skin import Skin, segment_pose
 from tci.messages import Contact, PatchState, SkinState
 from tci.model.description import Patch
 from tci.model.generic_arm import limb_coordinates
+from tci.model.surfaces import Surface
 
 Measure = Literal["weighted", "sum", "peak"]
 """One force for a contact: F-bar of eq. 7, the force of all its taxels, or that of the strongest."""
@@ -29,11 +31,11 @@ Measure = Literal["weighted", "sum", "peak"]
 class ContactSettings:
     """What counts as a touch."""
 
-    touch: float = 3000.0
-    """A contact has at least one taxel that is pressed this much [Pa]. Ours: about 4 counts of 255."""
-    floor: float = 500.0
-    """It grows over neighbours that are pressed this much [Pa], so that the weak edge of a touch is not
-    lost. Ours: below one count of 255."""
+    touch: float = 0.1
+    """A contact has at least one taxel that feels this much [N]. Ours: 4 of an iCub's 240 counts."""
+    floor: float = 0.01
+    """It grows over neighbours that feel this much [N], so that the weak edge of a touch is not lost.
+    Ours: below one of an iCub's counts; a sensor that flickers at rest needs more."""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.floor <= self.touch < np.inf:
@@ -57,11 +59,11 @@ def find_contacts(
     for patch in skin.robot.patches:
         felt = state.patches.get(patch.name)
         # NaN is neither above nor below anything, so it never seeds a contact and never joins one.
-        if felt is None or not (felt.pressure >= settings.touch).any():
+        if felt is None or not (felt.force >= settings.touch).any():
             continue
         if patch.part not in posture:
             raise UnknownNameError("generic part in this posture", patch.part, posture)
-        clusters = find_clusters(felt.pressure, skin.surfaces[patch.name].neighbours, settings)
+        clusters = find_clusters(felt.force, skin.surfaces[patch.name].neighbours, settings)
         T_TL, T_SL = _poses(skin, patch, state, posture[patch.part])
         found = [_contact(skin, patch, felt, taxels, T_TL, T_SL) for taxels in clusters]
         contacts += sorted(found, key=lambda contact: (-contact.force, contact.u, contact.theta))
@@ -69,16 +71,17 @@ def find_contacts(
 
 
 def find_clusters(
-    pressure: Array, neighbours: NDArray[np.intp], settings: ContactSettings
+    forces: Array, neighbours: NDArray[np.intp], settings: ContactSettings
 ) -> list[NDArray[np.intp]]:
     """Taxels (k,) of every contact: single-link clusters over the surface's `neighbours` (pairs, 2).
 
-    A cluster holds taxels above the floor, at least one of them above the touch threshold.
+    `forces` (taxels,) [N]. A cluster holds taxels above the floor, at least one of them above the
+    touch threshold.
     """
-    active = pressure >= settings.floor
+    active = forces >= settings.floor
     pairs = neighbours[active[neighbours[:, 0]] & active[neighbours[:, 1]]]
-    labels = connected(pressure.size, pairs)
-    seeds = np.unique(labels[pressure >= settings.touch])
+    labels = connected(forces.size, pairs)
+    seeds = np.unique(labels[forces >= settings.touch])
     return [np.flatnonzero(active & (labels == seed)) for seed in seeds]
 
 
@@ -145,11 +148,10 @@ def _contact(
     part = skin.robot.part(patch.part)
     assert part.side is not None  # Skin refuses patches elsewhere
     positions, forces = surface.positions[taxels], felt.force[taxels]
-    points, normals = surface.project(centre_of_pressure(positions, forces)[None])
+    p_L, n_L = _project(surface, centre_of_pressure(positions, forces))
     # The centre is the first row, its taxels follow.
-    u, theta = limb_coordinates(
-        apply(T_SL, np.concatenate([points, positions])), part.segment(patch.segment).length, part.side
-    )
+    points_S = apply(T_SL, np.concatenate([p_L[None], positions]))
+    u, theta = limb_coordinates(points_S, part.segment(patch.segment).length, part.side)
     return Contact(
         patch=patch.name,
         part=patch.part,
@@ -161,12 +163,31 @@ def _contact(
         force=float(forces.sum()),
         peak_force=float(forces.max()),
         area=float(surface.areas[taxels].sum()),
-        p_L=read_only(points[0]),
-        n_L=read_only(normals[0]),
-        p_T=read_only(apply(T_TL, points[0])),
-        n_T=read_only(T_TL[:3, :3] @ normals[0]),
+        p_L=read_only(p_L),
+        n_L=read_only(n_L),
+        p_T=read_only(apply(T_TL, p_L)),
+        n_T=read_only(T_TL[:3, :3] @ n_L),
         u=float(u[0]),
         theta=float(theta[0]),
         taxel_u=read_only(u[1:]),
         taxel_theta=read_only(theta[1:]),
     )
+
+
+def _project(surface: Surface, point: Array) -> tuple[Array, Array]:
+    """Nearest point (3,) [m] of the surface to `point` (3,) [m], and its normal (3,) there.
+
+    The same as `Surface.project`, which goes through all faces. Here a face counts only if each of
+    its corners is within an edge of the nearest corner's distance; the nearest face is one of these.
+    """
+    apart = surface.positions - point
+    distances = np.sqrt(np.einsum("ij,ij->i", apart, apart))[surface.faces]
+    near = distances.max(axis=1) <= distances.min() + _longest_edge(surface)
+    points, normals = replace(surface, faces=surface.faces[near]).project(point[None])
+    return points[0], normals[0]
+
+
+@lru_cache(maxsize=64)
+def _longest_edge(surface: Surface) -> float:
+    corners = surface.positions[surface.faces]
+    return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())

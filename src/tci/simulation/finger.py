@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tci.errors import CommandError
+from tci.errors import CommandError, TciError
 from tci.frames import Array
 from tci.simulation.collisions import SKIN
 from tci.simulation.physics import Physics
@@ -29,7 +29,8 @@ _BASE, _TIP = "tci_finger_base", "tci_finger_tip"
 _PARKED = np.array([0.0, 0.0, -20.0])
 _SHAFT = 0.06
 _COLOUR = (0.85, 0.55, 0.45, 1.0)
-_NEVER = -np.inf
+_OVERLAP = 5e-4
+"""Depth [m] in the skin at which a finger must not start."""
 
 
 def add_finger(spec: mujoco.MjSpec, *, step: float) -> None:
@@ -84,6 +85,7 @@ class Finger:
         model = physics.model
         self._physics = physics
         self._skin = skin
+        self._geom = model.geom(_TIP).id
         self._mocap = int(model.body(_BASE).mocapid[0])
         self._qpos = int(model.joint(_TIP).qposadr[0])
         self._dof = int(model.joint(_TIP).dofadr[0])
@@ -136,8 +138,8 @@ class Finger:
 
         `place` is a taxel or a point (3,) [m] in the patch's link, `normal` (3,) an outward normal in
         it, if not the surface's own. `speed` [m/s] is the base's; `depth` [m] gives `depth * 800 N/m`
-        once the base rests; `gap` [m] is between tip and skin at the start. Raises UnknownNameError
-        and CommandError.
+        once the base rests; `gap` [m] is between tip and skin at the start. Raises UnknownNameError,
+        CommandError, and TciError when another patch is where the finger would start.
         """
         point, outward = self._skin.point(patch, place, normal)
         self._start(point, outward, speed, depth, gap)
@@ -172,8 +174,18 @@ class Finger:
         self._depth = float(depth)
         self._path = 0.0
         self._end = float(gap + depth)
-        self._touch_path = _NEVER
         self._physics.touch()
+        self._check_room()
+
+    def _check_room(self) -> None:
+        """Refuse to start inside the skin: the contact would be violent, and not where it was meant."""
+        self._physics.refresh()
+        model, data = self._physics.model, self._physics.data
+        for contact in data.contact[: data.ncon]:
+            if self._geom in contact.geom and contact.dist < -_OVERLAP:
+                other = model.geom(int(contact.geom[contact.geom != self._geom][0])).name
+                self.retire()
+                raise TciError(f"no room for the finger: it would start {-contact.dist:.4f} m inside {other}")
 
     def drive(self) -> None:
         """Move the base, before a step."""

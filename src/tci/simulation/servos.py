@@ -24,7 +24,8 @@ class Servos:
 
     A servo's set-point goes to each new target in a straight line, within one control period or at the
     joint's speed limit, whichever takes longer. Steps of targets then don't show in the velocity, and a
-    target that lies far off is reached at the permitted speed.
+    target that lies far off is reached at the permitted speed. A servo that was blocked, and comes free,
+    does not rush after its set-point: what it sees of the difference is what it has at top speed.
     """
 
     def __init__(self, physics: Physics, robot: Robot, home: Array, *, period: float) -> None:
@@ -44,8 +45,8 @@ class Servos:
         limits = [robot.servos[index].limits for index in self.moving]
         speed = [np.inf if limit.velocity is None else limit.velocity for limit in limits]
         self._top = np.array(speed) * physics.step
+        self._lag = np.array(speed) * 2.0 * TIME_CONSTANT
         self._kp, self._kv = self._set_up(robot)
-        self.reset()
 
     def _set_up(self, robot: Robot) -> tuple[Array, Array]:
         """Give each joint its motor's inertia and its actuator's gains and torque limit."""
@@ -96,13 +97,16 @@ class Servos:
         self._apply_gains()
 
     def drive(self) -> None:
-        """Move the set-points by one step."""
+        """Move the set-points by one step, before a step."""
         if self._still:
             return
+        data, stride = self._physics.data, self._stride
         left = self._goal - self._setpoint
-        self._still = bool(np.all(np.abs(left) <= self._stride))
-        self._setpoint = self._setpoint + np.clip(left, -self._stride, self._stride)
-        self._physics.data.ctrl[self._actuators] = self._setpoint
+        self._setpoint = self._setpoint + np.clip(left, -stride, stride)
+        position = data.qpos[self.addresses]
+        error = self._setpoint - position
+        self._still = bool(np.all(np.abs(left) <= stride) and np.all(np.abs(error) <= self._lag))
+        data.ctrl[self._actuators] = position + np.clip(error, -self._lag, self._lag)
 
     def positions(self) -> Array:
         """Angles (n,) [rad]; of a servo without a joint, its target."""
@@ -124,7 +128,9 @@ class Servos:
         """Damping stays critical whatever the stiffness, so it goes with its root."""
         model = self._physics.model
         stiffness, damping = self._stiffness[self.moving], self._damping[self.moving]
-        kp, kv = stiffness * self._kp, (np.sqrt(stiffness) + damping) * self._kv
+        kp, wanted = stiffness * self._kp, (np.sqrt(stiffness) + damping) * self._kv
+        # What the model's joint damps already is not added a second time.
+        kv = np.maximum(wanted - model.dof_damping[self._dofs], 0.0)
         model.actuator_gainprm[self._actuators, 0] = kp
         model.actuator_biasprm[self._actuators, 1] = -kp
         model.actuator_biasprm[self._actuators, 2] = -kv

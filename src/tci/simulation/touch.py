@@ -110,7 +110,6 @@ class Touch:
         self._slots = slice(start, start + SLOTS * _WIDTH)
         sensor = patch.sensor
         self._type = np.uint8 if 0.0 <= sensor.lowest <= sensor.highest <= 255.0 else np.int32
-        self.reset()
 
     def reset(self) -> None:
         """The first frame is taken at time 0."""

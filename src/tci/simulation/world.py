@@ -65,7 +65,6 @@ class World:
         self._home = home
         self._servos = Servos(self._physics, robot, home, period=_period(robot))
         self._skin = PosedSkin(self._physics, robot.model, self.surfaces)
-        self._physics.reset(self._servos.addresses, home[self._servos.moving])
         self._touches = {
             patch.name: Touch(
                 self._physics, patch, self.surfaces[patch.name], noise=noise, generator=self._generator
@@ -74,7 +73,7 @@ class World:
             if skin
         }
         self.finger = Finger(self._physics, self._skin)
-        """The finger that pokes."""
+        """What pokes the skin."""
         self.reset()
 
     @property

@@ -148,7 +148,7 @@ def _contact(
     part = skin.robot.part(patch.part)
     assert part.side is not None  # Skin refuses patches elsewhere
     positions, forces = surface.positions[taxels], felt.force[taxels]
-    p_L, n_L = _project(surface, centre_of_pressure(positions, forces))
+    p_L, n_L = project(surface, centre_of_pressure(positions, forces))
     # The centre is the first row, its taxels follow.
     points_S = apply(T_SL, np.concatenate([p_L[None], positions]))
     u, theta = limb_coordinates(points_S, part.segment(patch.segment).length, part.side)
@@ -174,7 +174,7 @@ def _contact(
     )
 
 
-def _project(surface: Surface, point: Array) -> tuple[Array, Array]:
+def project(surface: Surface, point: Array) -> tuple[Array, Array]:
     """Nearest point (3,) [m] of the surface to `point` (3,) [m], and its normal (3,) there.
 
     The same as `Surface.project`, which goes through all faces. Here a face counts only if each of

@@ -23,9 +23,7 @@ class Capability(ABC, Generic[Memory]):
         """The memory to start with."""
 
     @abstractmethod
-    def step(
-        self, memory: Memory, perception: Perception
-    ) -> tuple[tuple[GenericCommand, ...], Memory]:
+    def step(self, memory: Memory, perception: Perception) -> tuple[tuple[GenericCommand, ...], Memory]:
         """Commands for this instant, and the memory for the next one.
 
         Commands are given when they change: the gate goes on towards the last one. Neither argument

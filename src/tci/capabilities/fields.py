@@ -17,8 +17,9 @@ from pydantic import Field, ValidationError, model_validator
 from tci.errors import DescriptionError, Fault
 from tci.interface.contacts import Measure
 from tci.model.description import Words
+from tci.model.generic_arm import JOINTS
 
-Motion = Annotated[tuple[float, float, float, float, float], Field(strict=False)]
+Motion = Annotated[tuple[float, ...], Field(strict=False, min_length=len(JOINTS), max_length=len(JOINTS))]
 
 
 class Circle(Words):
@@ -157,4 +158,8 @@ def _repeated_names(raw: dict[str, Any]) -> list[str]:
     tables = raw.get("field")
     names = [t.get("name") for t in tables if isinstance(t, dict)] if isinstance(tables, list) else []
     counts = Counter(name for name in names if isinstance(name, str))
-    return [f"{count} fields are named {name!r}; each needs its own name" for name, count in counts.items() if count > 1]
+    return [
+        f"{count} fields are named {name!r}; each needs its own name"
+        for name, count in counts.items()
+        if count > 1
+    ]

@@ -115,9 +115,7 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         for candidate in self.fields:
             if candidate.segment != contact.segment:
                 continue
-            distance = float(
-                generic_limb_distance(contact.u, contact.theta, candidate.u, candidate.theta)
-            )
+            distance = float(generic_limb_distance(contact.u, contact.theta, candidate.u, candidate.theta))
             if distance < candidate.radius and (closest is None or distance < closest[0]):
                 closest = distance, candidate
         if closest is None:

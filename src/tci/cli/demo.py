@@ -41,7 +41,8 @@ def demo(
 
         report = run_experiment(robots, fields, seed=seed, progress=advance)
         progress.update(task, description="drawing the picture")
-        picture = draw_demo(robots, out / "demo.png", seed=seed)
+        picture = out / "demo.png"
+        draw_demo(robots, fields, picture, seed=seed)
         progress.update(task, advance=1, description="done")
     path = out / "report.json"
     path.write_text(json.dumps(report.to_json(), indent=2, allow_nan=False) + "\n")

@@ -22,7 +22,9 @@ class Kinematics:
     def __init__(self, robot: Robot) -> None:
         """Raises DescriptionError when the robot has no model, or the model lacks a joint or the torso."""
         if robot.model is None:
-            raise DescriptionError(robot.source, [Fault(0, "no <model>: kinematics need a URDF or MJCF file")])
+            raise DescriptionError(
+                robot.source, [Fault(0, "no <model>: kinematics need a URDF or MJCF file")]
+            )
         self._model = _bare_model(robot.model)
         self._data = mujoco.MjData(self._model)
         self._qpos = self._data.qpos
@@ -46,7 +48,9 @@ class Kinematics:
         that the model lacks.
         """
         if np.shape(position) != (self._n_servos,):
-            raise CommandError(f"position of shape {np.shape(position)}; the robot has {self._n_servos} servos")
+            raise CommandError(
+                f"position of shape {np.shape(position)}; the robot has {self._n_servos} servos"
+            )
         names = list(links)
         bodies = [self._body(name) for name in names]
         self._qpos[self._addresses] = position[self._servos]
@@ -71,7 +75,9 @@ class Kinematics:
         places = {joint.name: int(joint.qposadr[0]) for joint in joints}
         moving = [servo for servo in robot.servos if servo.joint is not None]
         faults = [
-            Fault(0, f"servo {servo.name}: the model has no joint {servo.joint!r}; valid: {', '.join(places)}")
+            Fault(
+                0, f"servo {servo.name}: the model has no joint {servo.joint!r}; valid: {', '.join(places)}"
+            )
             for servo in moving
             if servo.joint not in places
         ]

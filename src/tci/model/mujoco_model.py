@@ -28,7 +28,9 @@ def load_spec(model: Model) -> mujoco.MjSpec:
         else:
             spec = mujoco.MjSpec.from_file(str(path))
     except (ValueError, etree.XMLSyntaxError) as error:
-        raise DescriptionError(model.path, [Fault(0, f"not a readable {model.format} model: {error}")]) from error
+        raise DescriptionError(
+            model.path, [Fault(0, f"not a readable {model.format} model: {error}")]
+        ) from error
     # MuJoCo discards visual geoms twice, when it parses and again when it compiles.
     spec.compiler.discardvisual = False
     spec.compiler.fusestatic = False

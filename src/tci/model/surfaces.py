@@ -86,7 +86,9 @@ def build_surface(robot: Robot, patch: Patch, kinematics: Kinematics) -> Surface
             positions, normals, areas, channels = _table(robot, patch, words)
         faces = _hull(robot, patch, positions, normals)
     if channels.max() >= patch.channels:
-        message = f"patch {patch.name}: it has {patch.channels} channels; its taxels need {channels.max() + 1}"
+        message = (
+            f"patch {patch.name}: it has {patch.channels} channels; its taxels need {channels.max() + 1}"
+        )
         raise DescriptionError(robot.source, [Fault(0, message)])
     return Surface(
         patch=patch.name,
@@ -153,9 +155,7 @@ def _modules(
     return positions, normals, areas, channels.ravel()
 
 
-def _frames(
-    robot: Robot, patch: Patch, modules: TriangularModules, kinematics: Kinematics
-) -> list[Array]:
+def _frames(robot: Robot, patch: Patch, modules: TriangularModules, kinematics: Kinematics) -> list[Array]:
     """`T_LF` (4, 4) of each module's frame F in the patch's link."""
     found = []
     for bend in (0.0, 0.3):
@@ -168,14 +168,14 @@ def _frames(
         if not np.allclose(before, after, atol=1e-9)
     ]
     if moving:
-        message = f"patch {patch.name}: {', '.join(moving)} moves against link {patch.link}; a joint is between"
+        message = (
+            f"patch {patch.name}: {', '.join(moving)} moves against link {patch.link}; a joint is between"
+        )
         raise DescriptionError(robot.source, [Fault(0, message)])
     return found[0]
 
 
-def _table(
-    robot: Robot, patch: Patch, table: Table
-) -> tuple[Array, Array, Array, NDArray[np.intp]]:
+def _table(robot: Robot, patch: Patch, table: Table) -> tuple[Array, Array, Array, NDArray[np.intp]]:
     """Positions, normals, areas and channels from a file: row i is channel i, all zeros: no taxel there.
 
     A taxel stands for the hexagon that its nearest neighbour leaves it (ours).
@@ -186,7 +186,9 @@ def _table(
     except (OSError, ValueError) as error:
         raise DescriptionError(str(path), [Fault(0, f"not a table of taxels: {error}")]) from error
     if rows.shape[1:] != (6,) or not np.isfinite(rows).all():
-        raise DescriptionError(str(path), [Fault(0, "valid: six finite numbers in each row, x y z nx ny nz [m]")])
+        raise DescriptionError(
+            str(path), [Fault(0, "valid: six finite numbers in each row, x y z nx ny nz [m]")]
+        )
     channels = np.flatnonzero(rows.any(axis=1))
     positions, normals = rows[channels, :3], rows[channels, 3:]
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)

@@ -75,9 +75,7 @@ def _add_servos(spec: mujoco.MjSpec, robot: Robot) -> None:
             joint.limited = mujoco.mjtLimited.mjLIMITED_TRUE
             joint.range = np.array([limits.lower, limits.upper]) * unit
         joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
-        actuator = spec.add_actuator(
-            name=servo.joint, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=servo.joint
-        )
+        actuator = spec.add_actuator(name=servo.joint, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=servo.joint)
         actuator.set_to_position(kp=1.0, kv=1.0)
         actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
         actuator.forcerange = np.array([-1.0, 1.0])

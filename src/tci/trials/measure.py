@@ -50,8 +50,7 @@ class Trial:
 def measure(robot: Robot, part: str, site: str, acted: Trace, held: Trace) -> Trial:
     """The figures of one trial: `acted` with the reflex, `held` without it."""
     period = 1.0 / robot.binding("sim").rate
-    contact = _first_contact(acted)
-    lost, held_lost = _contact_lost(acted, contact), _contact_lost(held, contact)
+    contact = acted.first_contact
     commanded = [stamp for stamp, _ in acted.commanded]
     violations: list[str] = []
     for trace in (acted, held):
@@ -64,11 +63,11 @@ def measure(robot: Robot, part: str, site: str, acted: Trace, held: Trace) -> Tr
         site=site,
         taxels=acted.taxels,
         responded=bool(commanded) and {name for _, name in acted.commanded} == {part},
-        trigger_ms=_milliseconds(commanded[0] - contact) if commanded and contact is not None else None,
+        trigger_ms=_milliseconds(commanded[0] if commanded else None, contact),
         first_motion_ms=_milliseconds(_first_motion(acted, held), contact),
-        contact_lost_ms=_milliseconds(lost, contact),
-        contact_lost_without_reflex_ms=_milliseconds(held_lost, contact),
-        peak_force_n=max(acted.force),
+        contact_lost_ms=_milliseconds(acted.contact_lost, contact),
+        contact_lost_without_reflex_ms=_milliseconds(held.contact_lost, contact),
+        peak_force_n=acted.peak_force,
         cop_error_mm=cop_error(acted),
         withdrawn_mm=_withdrawn(acted),
         withdrawn_without_reflex_mm=_withdrawn(held),
@@ -77,20 +76,8 @@ def measure(robot: Robot, part: str, site: str, acted: Trace, held: Trace) -> Tr
     )
 
 
-def _milliseconds(stamp: float | None, start: float | None = 0.0) -> float | None:
+def _milliseconds(stamp: float | None, start: float | None) -> float | None:
     return None if stamp is None or start is None else round((stamp - start) * 1e3, 3)
-
-
-def _first_contact(trace: Trace) -> float | None:
-    touching = np.array(trace.force) > 0.0
-    return trace.time[int(touching.argmax())] if touching.any() else None
-
-
-def _contact_lost(trace: Trace, contact: float | None) -> float | None:
-    touching = np.flatnonzero(np.array(trace.force) > 0.0)
-    if contact is None or len(touching) == 0 or touching[-1] + 1 >= len(trace.time):
-        return None
-    return trace.time[int(touching[-1]) + 1]
 
 
 def _first_motion(acted: Trace, held: Trace) -> float | None:

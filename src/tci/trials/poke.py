@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -42,6 +43,12 @@ class Trace:
     """Outward unit normal (3,) there at the start, seen from the torso."""
     taxels: int
     """Taxels of the patch."""
+    first_contact: float | None = None
+    """When the finger first touched [s], to the physics' step."""
+    contact_lost: float | None = None
+    """When it last ceased to touch [s]; None when it touched to the end."""
+    peak_force: float = 0.0
+    """Largest contact force of the physics [N]."""
     time: list[float] = field(default_factory=list)
     """Time of each sample [s]."""
     force: list[float] = field(default_factory=list)
@@ -70,11 +77,12 @@ def poke(
     *,
     reflex: WithdrawalReflex | None,
     seed: int,
+    watch: Callable[[Tick], None] | None = None,
 ) -> Trace:
     """Poke the centre of `site` on the arm `part` and record what happens.
 
     The world is reset first. `seed` shifts the first contact against the skin's frames, by up to
-    20 ms. Without `reflex` the arm only holds its posture.
+    20 ms. Without `reflex` the arm only holds its posture. `watch` is called after each tick.
     """
     world.reset()
     link = SimulatedLink(world.robot, world=world)
@@ -102,6 +110,11 @@ def poke(
         trace.commanded += [(tick.now, command.part) for command in tick.commands]
         for contact in sorted(tick.perception.contacts, key=lambda contact: contact.force):
             trace.contacts[contact.stamp] = contact
+        if watch is not None:
+            watch(tick)
 
     run(link, reflex or WithdrawalReflex(fields=()), duration=stimulus.duration, observe=observe)
+    trace.first_contact = world.finger.first_contact
+    trace.contact_lost = world.finger.contact_lost
+    trace.peak_force = world.finger.peak_force
     return trace

@@ -22,7 +22,7 @@ from tci.model.description import (
     Servo,
     TruncatedCone,
 )
-from tci.model.generic_arm import JOINTS
+from tci.model.generic_arm import JOINTS, Side
 
 RADIUS = 0.025
 UPPER, LOWER = 0.15, 0.12
@@ -39,7 +39,7 @@ def build(folder: Path) -> Robot:
     path.write_text(
         f"<mujoco><worldbody><body name='torso'>{_arm('l', 1)}{_arm('r', -1)}</body></worldbody></mujoco>"
     )
-    sides = (("left", "l", 0.0), ("right", "r", MOUNT))
+    sides: tuple[tuple[Side, str, float], ...] = (("left", "l", 0.0), ("right", "r", MOUNT))
     return Robot(
         name="small",
         source="small",

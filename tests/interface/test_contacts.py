@@ -29,6 +29,7 @@ from tci.interface.generic_limb import generic_limb_distance
 from tci.interface.part import generic_posture
 from tci.interface.skin import Skin
 from tci.messages import Contact, PatchState, SkinState
+from tci.model.catalogue import load_robot
 
 PATCH = "left_arm_forearm"
 SETTINGS = ContactSettings()
@@ -367,3 +368,15 @@ def test_distance_on_the_generic_limb(u: float, a: float, v: float, b: float, tu
     distance = generic_limb_distance(u, a, v, b)
     assert distance == pytest.approx(np.hypot(u - v, 0.6 * np.sin((a - b) / 2)), abs=1e-12)
     assert distance == pytest.approx(float(generic_limb_distance(v, b + 2 * np.pi * turns, u, a)), abs=1e-9)
+
+
+# The robots that come with TCI
+
+
+@pytest.mark.parametrize("name", ["nao", "icub"])
+def test_skin_of_each_packaged_patch_hangs_together(name: str) -> None:
+    """A finger on a gap between modules makes one contact, also on an iCub's forearm."""
+    for patch, surface in Skin(load_robot(name)).surfaces.items():
+        assert not connected(len(surface.positions), surface.neighbours).any(), patch
+        pairs = surface.neighbours
+        assert (np.einsum("ij,ij->i", *surface.normals[pairs.T]) > 0.0).all(), patch

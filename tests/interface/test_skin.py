@@ -17,7 +17,7 @@ from tci.frames import rotation_z
 from tci.interface.skin import Skin
 from tci.messages import JointReading, SkinFrame
 from tci.model.catalogue import load_robot
-from tci.model.generic_arm import forearm_rotation, side_sign, upper_arm_rotation
+from tci.model.generic_arm import Side, forearm_rotation, side_sign, upper_arm_rotation
 
 postures = hnp.arrays(np.float64, 10, elements=st.floats(-1.5, 1.5))
 
@@ -118,6 +118,11 @@ def test_wrong_frame_is_refused_and_changes_nothing(fresh: Skin, wrong: SkinFram
     assert same.patches == before.patches
 
 
+def test_joints_of_another_robot_are_refused(fresh: Skin) -> None:
+    with pytest.raises(FrameError, match=r"small.*\(9,\), expected \(10,\)"):
+        fresh.update(reading(position=np.zeros(9)))
+
+
 def test_dropped_values_are_counted(fresh: Skin) -> None:
     values = np.full(TAXELS, 240.0)
     values[3] = np.nan
@@ -200,7 +205,8 @@ def test_one_place_is_mirrored_on_the_other_arm(skin: Skin, posture: np.ndarray)
     """(u, theta, r) fixes the place beside the body: left and right differ by a mirror and the mount."""
     at = joints(np.concatenate([posture, posture]))
     beside = {}
-    for side, mount in (("left", 0.0), ("right", small_robot.MOUNT)):
+    sides: tuple[tuple[Side, float], ...] = (("left", 0.0), ("right", small_robot.MOUNT))
+    for side, mount in sides:
         patch = f"{side}_arm_forearm"
         u, theta, _ = skin.limb(patch, at)
         shoulder = np.array([0.0, 0.1 * side_sign(side), 0.0])

@@ -61,8 +61,11 @@ class Skin:
         """What the skin feels now. A patch that has not sent yet is absent.
 
         Of frames out of order the newest stays. When nothing is new the state is the same object.
-        Raises FrameError, and keeps the state as it was, when a frame does not fit the robot.
+        Raises FrameError, and keeps the state as it was, when frames or joints do not fit the robot.
         """
+        got, expected = reading.joints.position.shape, (len(self.robot.servos),)
+        if got != expected:
+            raise FrameError(f"joints of {self.robot.name}: position of shape {got}, expected {expected}")
         patches = self._state.patches
         fresh = {}
         for frame in reading.skin:

@@ -22,6 +22,9 @@ from tci.model.nearest import nearest_on_faces
 NEIGHBOUR_DISTANCE = 0.015
 """Taxels this close [m] are neighbours: the largest distance that an iCub's skinManager is set to."""
 
+GAP = 0.025
+"""Widest gap [m] in a skin over which taxels are neighbours. Ours: the widest of an iCub's is 19 mm."""
+
 MODULE_PITCH = 6.534e-3
 """Distance [m] of neighbouring taxels on a triangular module, from pyCub's positions of iCub's skin."""
 
@@ -226,9 +229,18 @@ def _unit_normals(faces: NDArray[np.intp], positions: Array) -> Array:
 
 
 def _neighbours(positions: Array, normals: Array) -> NDArray[np.intp]:
-    """Pairs (m, 2), lower index first, of taxels that are near and face the same way."""
-    pairs = cKDTree(positions).query_pairs(NEIGHBOUR_DISTANCE, output_type="ndarray").astype(np.intp)
+    """Pairs (m, 2), lower index first, of taxels that are near and face the same way.
+
+    Across a gap between modules they are near when no taxel lies in the ball between them (Gabriel
+    and Sokal 1969): one finger on the gap presses both.
+    """
+    tree = cKDTree(positions)
+    pairs = tree.query_pairs(GAP, output_type="ndarray").astype(np.intp)
     facing = np.einsum("pi,pi->p", normals[pairs[:, 0]], normals[pairs[:, 1]]) > 0.0
     pairs = pairs[facing]
+    one, other = positions[pairs[:, 0]], positions[pairs[:, 1]]
+    apart = np.linalg.norm(one - other, axis=1)
+    nothing_between = tree.query(0.5 * (one + other))[0] >= 0.5 * apart * (1.0 - 1e-9)
+    pairs = pairs[(apart <= NEIGHBOUR_DISTANCE) | nothing_between]
     result: NDArray[np.intp] = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
     return result

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import typer
+from rich import box
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
@@ -72,23 +73,23 @@ def _load(names: Sequence[str]) -> list[Robot]:
 def _table(report: Report) -> Table:
     table = Table(
         title="One reflex on every robot: a finger pokes, the arm withdraws",
-        caption="Times count from first contact. Without the reflex the finger stays in contact. "
-        "CoP: where TCI feels the touch, against the physics.",
+        caption="Times [ms] count from first contact. CoP: error of the centre of pressure. Away: how far the "
+        "skin withdrew, and without the reflex, where the finger stays.",
+        box=box.SIMPLE_HEAD,
+        padding=(0, 1),
     )
-    for name in ("robot", "side", "site"):
-        table.add_column(name)
-    for name in ("command ms", "motion ms", "contact lost ms", "peak N", "CoP mm", "withdrawn mm",
-                 "without mm", "limits broken"):  # fmt: skip
+    table.add_column("site", no_wrap=True)
+    for name in ("command\nms", "motion\nms", "contact\nlost ms", "peak\nN", "CoP\nmm", "away\nmm",
+                 "without\nmm", "limits\nbroken"):  # fmt: skip
         table.add_column(name, justify="right")
-    previous = ""
+    arm = ("", "")
     for trial in report.trials:
-        if previous and trial.robot != previous:
+        if (trial.robot, trial.side) != arm:
+            arm = (trial.robot, trial.side)
             table.add_section()
-        previous = trial.robot
+            table.add_row(f"[bold]{trial.robot}, {trial.side} arm[/]")
         table.add_row(
-            trial.robot,
-            trial.side,
-            trial.site.replace("_", " "),
+            f"  {trial.site.replace('_', ' ')}",
             _number(trial.trigger_ms),
             _number(trial.first_motion_ms),
             _number(trial.contact_lost_ms),

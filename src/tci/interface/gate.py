@@ -214,7 +214,8 @@ class Gate:
         for servo, value in zip(servos, command.values, strict=True):
             if not np.isfinite(value):
                 raise CommandError(
-                    f"{command.mode.value} of {self.robot.servos[servo].name} is {value}; valid: finite numbers"
+                    f"{command.mode.value} of {self.robot.servos[servo].name} is {value}; "
+                    "valid: finite numbers"
                 )
 
     def _aim(self, command: PlatformCommand, joints: JointReading) -> list[str]:

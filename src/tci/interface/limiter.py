@@ -136,12 +136,13 @@ class Limiter:
         """Positions (n,) [rad] one period later."""
         if self._resting:
             return np.array(self._input.current_position)
-        if self._stopping or not self._advance():
-            self._brake()
+        stopped = (self._stopping or not self._advance()) and self._brake()
         self._output.pass_to_input(self._input)
         position = np.array(self._input.current_position)
-        if self._stopping and not np.any(self._input.current_velocity):
+        if self._stopping and stopped:
             self.target = position
+            self._input.current_velocity = self._input.current_acceleration = [0.0] * len(position)
+            self._resting = True
         return position
 
     def _advance(self) -> bool:
@@ -184,9 +185,10 @@ class Limiter:
             and np.all(values <= np.maximum(bounds.coupling_upper, now))
         )
 
-    def _brake(self) -> None:
+    def _brake(self) -> bool:
+        """Compute a step of the jerk-limited stop; whether it stands still afterwards."""
         self._input.control_interface = ControlInterface.Velocity
         self._input.synchronization = Synchronization.No
         self._input.max_velocity = list(self.bounds.velocity)
         self._input.target_velocity = [0.0] * len(self.target)
-        self._otg.update(self._input, self._output)
+        return bool(self._otg.update(self._input, self._output) == Result.Finished)

@@ -46,7 +46,8 @@ def to_platform(robot: Robot, command: GenericCommand) -> PlatformCommand:
     values = np.asarray(command.values, dtype=np.float64)
     if values.shape != (len(part.servos),):
         raise CommandError(
-            f"{command.mode.value} of {part.name}: values of shape {values.shape}; valid: ({len(part.servos)},)"
+            f"{command.mode.value} of {part.name}: values of shape {values.shape}; "
+            f"valid: ({len(part.servos)},)"
         )
     bad = np.flatnonzero(~np.isfinite(values))
     if bad.size:

@@ -15,20 +15,29 @@ from tci.model.description import Robot
 LEFT, RIGHT, SKIN = 1, 2, 4
 """Bits of MuJoCo's contype and conaffinity. The skin collides with the finger only."""
 
+HIDDEN = 3
+"""Group of geoms that pictures leave out."""
+
 
 def set_self_collisions(spec: mujoco.MjSpec, robot: Robot) -> None:
     """Give each geom of the model its bits; those that did not collide in the model never do."""
+    for index, body in enumerate(spec.bodies):
+        body.name = body.name or f"tci_body_{index}"
     arms = _arms(spec, robot)
-    for geom in spec.geoms:
-        collides = bool(geom.contype or geom.conaffinity)
+    solid = [geom for geom in spec.geoms if geom.contype or geom.conaffinity]
+    shown = [geom for geom in spec.geoms if not (geom.contype or geom.conaffinity)]
+    # URDF models show a mesh by one geom and collide it by another.
+    meshes = {(geom.parent.name, geom.meshname) for geom in shown if geom.meshname}
+    for geom in solid:
+        if (geom.parent.name, geom.meshname) in meshes:
+            geom.group = HIDDEN
         arm, distance = arms.get(geom.parent.name, (0, 0))
-        geom.contype = geom.conaffinity = 0
-        if not collides:
-            continue
         if not arm:
             geom.contype, geom.conaffinity = 0, LEFT | RIGHT
         elif distance > 1:
             geom.contype, geom.conaffinity = arm, RIGHT if arm == LEFT else LEFT
+        else:
+            geom.contype, geom.conaffinity = 0, 0
 
 
 def exclude_overlaps(spec: mujoco.MjSpec, robot: Robot, posture: Array) -> mujoco.MjModel:

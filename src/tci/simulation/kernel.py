@@ -14,8 +14,8 @@ SIGMA = 3e-3
 """Width [m] of the Gaussian that the cover over the taxels makes of a point. Ours."""
 _REACH = 6.0
 """Taxels farther from a contact than the nearest taxel and this many widths get nothing."""
-_SOFTNESS = 1e-3
-"""How much a tilt of the weights costs: with it every contact has weights, also one off the skin's edge."""
+_SOFTNESS = 0.02
+"""What a tilt of the weights costs. With it a contact off the skin's edge has weights too. Ours."""
 _STEPS = 30
 _TOLERANCE = 1e-9
 
@@ -32,7 +32,7 @@ def spread(positions: Array, point: Array, normal: Array, sigma: float) -> Array
     """Shares (n,) of a force at `point` (3,) [m] that taxels at `positions` (n, 3) [m] feel.
 
     They are at least 0, their sum is 1, and the taxels' mean, weighted by them, lies at `point` as
-    seen along `normal` (3,), where taxels surround it; beside the skin's edge it lies at the edge.
+    seen along `normal` (3,), to 0.1 mm where taxels surround it; beside the skin's edge it lies there.
     Weights that have these properties and are nearest to a Gaussian's of width `sigma` [m], in the
     sense of entropy, are the local maximum-entropy ones: exp(lambda . x - x^2 / 2 sigma^2), with one
     tilt lambda for all taxels (Arroyo and Ortiz 2006, doi:10.1002/nme.1534).

@@ -28,7 +28,7 @@ from tci.trials.poke import Stimulus, Trace, poke
 
 # All looks are ours.
 PART = "left_arm"
-VIEWS = {"forearm_extensor": (0.75, -0.30), "forearm_medial": (-0.55, 0.10)}
+VIEWS = {"forearm_extensor": (1.15, -0.12), "forearm_medial": (-0.35, 0.25)}
 """Sites that are poked, as in the paper's Figure 6 (below, and inside), and from where [rad] we look."""
 COLOURS = ((0.20, 0.63, 0.88), (0.45, 0.80, 0.35), (0.98, 0.75, 0.20), (0.86, 0.47, 0.85), (0.95, 0.45, 0.30))
 FULL_SCALE = 60e3
@@ -64,8 +64,8 @@ def draw_demo(robots: Sequence[Robot], fields: Sequence[ReceptiveField], path: P
         path,
         fields=[(name.replace("_", " "), look) for name, look in looks.items()],
         full_scale=FULL_SCALE,
-        caption="The same reflex, from the same source, on each robot. Left of a pair: the largest force of the "
-        "poke. Right: withdrawn.\nReceptive fields and base motions are ours.",
+        caption="The same reflex, from the same source, on each robot. Left of a pair: the largest force "
+        "that the skin felt. Right: withdrawn.\nReceptive fields and base motions are ours.",
     )
 
 
@@ -130,10 +130,10 @@ def _camera(world: World, skin: Skin, moment: Moment, azimuth: float, elevation:
     elbow = skin.segment_pose(PART, "forearm", moment.reading.joints, posture)[:3, 3]
     reach = sum(segment.length for segment in part.segments)
     return look_at(
-        elbow + np.array([0.10, -0.30, 0.22]) * reach,
+        elbow + np.array([0.15, -0.15, 0.25]) * reach,
         azimuth=azimuth,
         elevation=elevation,
-        distance=4.4 * reach,
+        distance=3.6 * reach,
         fov=0.42,
         width=WIDTH,
         height=HEIGHT,

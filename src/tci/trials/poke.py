@@ -89,7 +89,7 @@ def poke(
     skin = Skin(world.robot)
     joints = link.read().joints
     place = find_place(skin, part, site.segment, site.u, site.theta, joints)
-    start, normal = world.skin_point(place.patch, place.p_L, place.n_L)
+    _, normal = world.skin_point(place.patch, place.p_L, place.n_L)
     shift = np.random.default_rng(seed).uniform(0.0, 0.020) * stimulus.speed
     world.finger.poke(
         place.patch, place.p_L, place.n_L,

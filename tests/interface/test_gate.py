@@ -1,0 +1,258 @@
+"""The gate: no command passes that a limit forbids, and nothing else makes what a link writes."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from interface.gate_checks import (
+    LIMITS,
+    PERIOD,
+    Driven,
+    make_robot,
+    position_command,
+    reading,
+)
+from tci.errors import LinkError, TciError
+from tci.interface.gate import Gate, GateSettings, GateState, SafeCommand
+from tci.messages import Mode, PlatformCommand
+from tci.model.description import Limits
+
+ZERO = [0.0] * 6
+WILD = st.one_of(st.floats(-4.0, 4.0), st.sampled_from([np.nan, np.inf, -np.inf, 1e300, -1e9]), st.just(0.0))
+
+
+def test_without_commands_nothing_is_sent() -> None:
+    assert Driven(make_robot(), ZERO).step().servos.size == 0
+
+
+def test_a_target_is_reached_and_other_joints_are_never_sent() -> None:
+    driven = Driven(make_robot(), ZERO)
+    safe = driven.step(position_command([2, 4], [0.5, -0.3]))
+    assert set(safe.servos) == {2, 4}
+    driven.settle()
+    np.testing.assert_allclose(driven.angles, [0, 0, 0.5, 0, -0.3, 0], atol=1e-6)
+    driven.assert_within_limits()
+
+
+def test_the_first_step_continues_where_the_robot_was_measured() -> None:
+    driven = Driven(make_robot(), [0.3, 0.2, -0.5, 1.0, 0.0, 0.0])
+    safe = driven.step(position_command([2], [1.0]))
+    assert abs(safe.position[0] - -0.5) < LIMITS.jerk * PERIOD**3
+
+
+def test_position_is_clamped_reported_and_what_is_sent_is_the_clamped_value() -> None:
+    driven = Driven(make_robot(), ZERO)
+    safe = driven.step(position_command([3], [9.0]))
+    assert "joint3" in safe.clamped[0]
+    assert "114.59" in safe.clamped[0]
+    driven.settle()
+    assert 2.0 - 1e-5 < driven.angles[3] <= 2.0
+    assert driven.gate.counts.clamps == {"joint3": 1}
+
+
+def test_couplings_are_kept_on_the_way_and_at_the_end() -> None:
+    driven = Driven(make_robot(), ZERO)
+    safe = driven.step(position_command([0, 1], [1.5, -0.5]))
+    assert safe.clamped
+    driven.settle()
+    assert driven.angles[0] - driven.angles[1] == pytest.approx(0.8, abs=1e-4)
+    driven.assert_within_limits()
+
+
+def test_a_coupled_servo_that_nobody_commands_counts_where_it_is() -> None:
+    driven = Driven(make_robot(), [0.0, 0.5, 0, 0, 0, 0])
+    driven.step(position_command([0], [2.0]))
+    driven.settle()
+    assert driven.angles[0] == pytest.approx(1.3, abs=1e-4)
+    driven.assert_within_limits()
+
+
+def test_joints_join_a_motion_without_a_jump() -> None:
+    driven = Driven(make_robot(), ZERO)
+    driven.step(position_command([2], [1.5]))
+    for _ in range(50):
+        driven.step()
+    driven.step(position_command([3], [-0.9]))
+    driven.settle()
+    np.testing.assert_allclose(driven.angles[2:4], [1.5, -0.9], atol=1e-6)
+    driven.assert_within_limits()
+
+
+def test_start_outside_the_limits_moves_inward_only_and_slowly() -> None:
+    driven = Driven(make_robot(), [0, 0, 2.3, 0, 0, 0])
+    driven.step(position_command([2], [2.2]))
+    driven.settle()
+    path = np.array(driven.path)[:, 2]
+    assert np.all(np.diff(path) <= 1e-12)
+    outside = path[1:] > 2.0
+    assert np.abs(np.diff(path) / PERIOD)[outside].max() <= 0.11 * 3.0
+    assert driven.angles[2] <= 2.0
+
+
+def test_speed_of_the_description_holds_beside_the_limit() -> None:
+    driven = Driven(make_robot(), ZERO)
+    driven.step(position_command([2], [1.5], speed=0.5))
+    driven.settle()
+    assert np.abs(np.diff(np.array(driven.path)[:, 2])).max() / PERIOD <= 0.5 + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        (position_command([2], [np.nan]), "joint2 is nan"),
+        (position_command([2], [np.inf]), "finite"),
+        (position_command([2, 2], [0.1, 0.2]), "each only once"),
+        (position_command([17], [0.1]), "0 to 5"),
+        (position_command([-1], [0.1]), "0 to 5"),
+        (position_command([], []), "at least one"),
+        (position_command([2], [0.1], speed=0.0), "above 0"),
+        (position_command([2], [0.1], speed=np.nan), "above 0"),
+        (PlatformCommand(Mode.POSITION, np.arange(3), np.zeros(2), np.ones(3)), "as many values"),
+        (PlatformCommand(Mode.POSITION, np.array([0.5]), np.zeros(1), np.ones(1)), "0 to 5"),
+        (PlatformCommand(Mode.TORQUE, np.arange(1), np.zeros(1), np.ones(1)), "torque"),
+    ],
+)
+def test_a_bad_command_is_refused_whole_with_a_message(command: PlatformCommand, words: str) -> None:
+    driven = Driven(make_robot(), ZERO)
+    driven.step(position_command([3], [0.5]))
+    safe = driven.step(command)
+    assert words in safe.refusals[0]
+    assert driven.gate.counts.refusals == 1
+    driven.settle()
+    np.testing.assert_allclose(driven.angles, [0, 0, 0, 0.5, 0, 0], atol=1e-6)
+
+
+@pytest.mark.parametrize("missing", ["lower", "upper", "velocity", "acceleration", "jerk"])
+def test_a_servo_without_a_limit_is_not_moved(missing: str) -> None:
+    driven = Driven(make_robot(limits=LIMITS.model_copy(update={missing: None})), ZERO)
+    safe = driven.step(position_command([2], [0.5]))
+    assert f"joint2 can't be moved: its description has no limit of {missing}" in safe.refusals[0]
+    assert safe.servos.size == 0
+
+
+def test_stiffness_and_damping_are_clamped_to_a_share() -> None:
+    driven = Driven(make_robot(), ZERO)
+    for mode, name in ((Mode.STIFFNESS, "stiffness"), (Mode.DAMPING, "damping")):
+        safe = driven.step(PlatformCommand(mode, np.array([0, 1]), np.array([0.4, 1.7]), np.ones(2)))
+        assert getattr(safe, name) == {0: 0.4, 1: 1.0}
+        assert name in safe.clamped[0]
+
+
+def test_old_joint_data_means_hold_and_clears_by_itself_without_replay() -> None:
+    driven = Driven(make_robot(), ZERO)
+    driven.step(position_command([2], [1.5]))
+    for _ in range(60):
+        driven.step()
+    frozen = reading(driven.angles, driven.time - 0.2)
+    for _ in range(400):
+        safe = driven.gate.step([position_command([2], [-1.0])], frozen, driven.time)
+        assert safe.state is GateState.HOLD
+        assert "old" in safe.refusals[0]
+        driven.angles[safe.servos] = safe.position
+        driven.path.append(driven.angles.copy())
+    driven.assert_within_limits()
+    stopped = driven.angles[2]
+    assert driven.path[-1][2] == driven.path[-50][2]
+    assert driven.step().state is GateState.RUN
+    driven.settle()
+    assert driven.angles[2] == stopped
+    assert driven.gate.counts.holds == 1
+    driven.step(position_command([2], [0.2]))
+    driven.settle()
+    assert driven.angles[2] == pytest.approx(0.2, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [reading([0.0] * 5), reading([0, 0, np.nan, 0, 0, 0]), reading(ZERO, np.nan), reading(ZERO, 1e6)],
+    ids=["length", "nan", "stamp", "future"],
+)
+def test_unusable_joint_data_means_hold(bad: object) -> None:
+    gate = Gate(make_robot(), period=PERIOD, stale_after=0.05)
+    assert gate.step([], bad, 0.0).state is GateState.HOLD  # type: ignore[arg-type]
+
+
+def test_only_the_gate_makes_what_its_link_writes_and_only_once() -> None:
+    gate, other = (Gate(make_robot(), period=PERIOD, stale_after=0.05) for _ in range(2))
+    safe = gate.step([position_command([2], [0.5])], reading(ZERO), 0.0)
+    with pytest.raises(LinkError):
+        other.check_out(safe)
+    with pytest.raises(LinkError):
+        gate.check_out(dataclasses.replace(safe, position=np.array([9.0])))
+    gate.check_out(safe)
+    with pytest.raises(LinkError):
+        gate.check_out(safe)
+    fields = {field.name: getattr(safe, field.name) for field in dataclasses.fields(safe)}
+    with pytest.raises(LinkError, match="only a gate"):
+        SafeCommand(**{**fields, "seal": object()})
+    with pytest.raises(ValueError, match="read-only"):
+        safe.position[0] = 9.0
+
+
+def test_a_command_that_was_overtaken_is_not_written() -> None:
+    gate = Gate(make_robot(), period=PERIOD, stale_after=0.05)
+    old = gate.step([], reading(ZERO), 0.0)
+    gate.step([], reading(ZERO), 0.0)
+    with pytest.raises(LinkError):
+        gate.check_out(old)
+
+
+@pytest.mark.parametrize("value", [0.0, -0.1, 1.1, np.nan])
+def test_settings_are_checked(value: float) -> None:
+    with pytest.raises(TciError):
+        GateSettings(speed_share=value)
+    if not 0.0 < value < 2.0:
+        with pytest.raises(TciError):
+            Gate(make_robot(), period=value, stale_after=0.05)
+
+
+def test_same_inputs_same_bits() -> None:
+    runs = []
+    for _ in range(2):
+        driven = Driven(make_robot(), ZERO)
+        driven.step(position_command([0, 1, 2], [0.5, 0.2, 1.0]))
+        driven.settle()
+        runs.append(np.array(driven.path))
+    assert np.array_equal(*runs)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.tuples(st.integers(0, 5), WILD, st.integers(1, 60)), min_size=1, max_size=12))
+def test_hostile_commands_one_joint(orders: list[tuple[int, float, int]]) -> None:
+    driven = Driven(make_robot(), ZERO)
+    for servo, value, steps in orders:
+        driven.step(position_command([servo], [value]))
+        for _ in range(steps):
+            driven.step()
+    driven.assert_within_limits()
+
+
+def test_hostile_commands_many() -> None:
+    """Random targets, often retargeted in full motion, some of them damaged (`make soak` runs more)."""
+    cycles = int(os.environ.get("TCI_SOAK", "6000"))
+    random = np.random.default_rng(7)
+    driven = Driven(make_robot(), ZERO)
+    for cycle in range(cycles):
+        commands = []
+        if random.random() < 0.05:
+            values = random.uniform(-3.0, 3.0, 6)
+            if random.random() < 0.3:
+                values[random.integers(6)] = random.choice([np.nan, np.inf, -1e12])
+            commands.append(position_command(range(6), values, speed=random.choice([0.5, 2.0, np.inf])))
+        driven.step(*commands)
+        if cycle % 5000 == 4999:
+            driven.assert_within_limits()
+            del driven.path[:-3]
+    driven.assert_within_limits()
+    assert driven.gate.counts.refusals > 0
+
+
+def test_unlimited_robot_is_refused_before_anything_moves() -> None:
+    driven = Driven(make_robot(limits=Limits()), ZERO)
+    assert driven.step(position_command([0], [0.1])).servos.size == 0

@@ -1,0 +1,120 @@
+"""Random pokes anywhere on a robot's skin, and what the frames say about them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tci.errors import TciError
+from tci.frames import Array
+from tci.messages import SkinFrame
+from tci.model.description import Patch, Robot
+from tci.model.surfaces import Surface
+from tci.simulation.world import World
+
+GAP, SPEED, SETTLE = 0.002, 0.1, 0.12
+
+
+@dataclass(frozen=True)
+class Poked:
+    """One static poke."""
+
+    patch: str
+    edge: bool
+    """The contact is nearer to the surface's border than a taxel's pitch."""
+    force: float
+    """Contact force [N] of the physics."""
+    felt: float
+    """Sum of the taxels' forces [N], from the frame."""
+    error: float
+    """Distance [m] along the skin from the taxels' centre of force to the physics' contact point."""
+    saturated: bool
+    """A taxel sent the largest pressure that it can send."""
+
+
+def straight_arms(robot: Robot) -> dict[str, Array]:
+    """The initial posture with elbows at 20 degrees, in which a finger reaches all of the skin."""
+    arms = [part for part in robot.parts if part.kind == "arm"]
+    return {part.name: np.array([*part.initial_posture[:3], np.deg2rad(20.0), 0.0]) for part in arms}
+
+
+def pressures(patch: Patch, surface: Surface, frame: SkinFrame) -> Array:
+    """Pressure (taxels,) [Pa] by the description's own formula."""
+    raw = frame.values[surface.channels].astype(float)
+    return np.maximum(0.0, (raw - patch.sensor.rest) * patch.sensor.pascal_per_count)
+
+
+def frame_of(world: World, patch: str) -> SkinFrame:
+    """The latest frame of a patch."""
+    return next(frame for frame in world.frames() if frame.patch == patch)
+
+
+def random_place(surface: Surface, pitch: float, generator: np.random.Generator) -> Array:
+    """A point (3,) [m] of the surface: a taxel's place, moved by up to half a pitch along the skin.
+
+    All taxels are alike likely, those of the border included. A point that falls off the border is
+    brought back onto it.
+    """
+    taxel = generator.integers(len(surface.positions))
+    along = np.cross(surface.normals[taxel], generator.normal(size=3))
+    along /= np.linalg.norm(along)
+    moved = surface.positions[taxel] + 0.5 * pitch * np.sqrt(generator.uniform()) * along
+    return surface.project(moved[None])[0][0]
+
+
+def pitch_of(surface: Surface) -> float:
+    """Median distance [m] of a taxel to the nearest other one."""
+    apart = np.linalg.norm(surface.positions[:, None] - surface.positions[None], axis=-1)
+    np.fill_diagonal(apart, np.inf)
+    return float(np.median(apart.min(axis=1)))
+
+
+def border(surface: Surface) -> Array:
+    """Places (k, 3) [m] of the taxels on the surface's border: on an edge of one face only."""
+    edges = np.sort(surface.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    unique, count = np.unique(edges, axis=0, return_counts=True)
+    return surface.positions[np.unique(unique[count == 1])]
+
+
+def poke_anywhere(world: World, count: int, *, seed: int) -> tuple[list[Poked], int]:
+    """`count` static pokes of 5 to 9 N, the patches in turn; and how often there was no room for one."""
+    generator = np.random.default_rng(seed)
+    patches = world.robot.patches
+    pitches = {name: pitch_of(surface) for name, surface in world.surfaces.items()}
+    borders = {name: border(surface) for name, surface in world.surfaces.items()}
+    done: list[Poked] = []
+    refused = 0
+    while len(done) < count:
+        patch = patches[len(done) % len(patches)]
+        surface = world.surfaces[patch.name]
+        place = random_place(surface, pitches[patch.name], generator)
+        depth = generator.uniform(5.0, 9.0) / 800.0
+        world.reset()
+        try:
+            world.finger.poke(patch.name, place, speed=SPEED, depth=depth, gap=GAP)
+        except TciError:
+            refused += 1
+            continue
+        world.advance((GAP + depth) / SPEED + SETTLE)
+        world.advance(np.ceil(world.time * patch.rate - 1e-6) / patch.rate)
+        truth, frame = world.contact_truth(patch.name), frame_of(world, patch.name)
+        assert frame.stamp == world.time
+        pressure = pressures(patch, surface, frame)
+        felt = pressure * surface.areas
+        centre, _ = world.skin_point(patch.name, felt @ surface.positions / felt.sum())
+        offset = centre - truth.center
+        offset -= (offset @ truth.normal) * truth.normal
+        apart = np.linalg.norm(borders[patch.name] - place, axis=1)
+        most = (patch.sensor.lowest, patch.sensor.highest)[patch.sensor.pascal_per_count > 0.0]
+        done.append(
+            Poked(
+                patch=patch.name,
+                edge=bool(len(apart) and apart.min() < pitches[patch.name]),
+                force=truth.force,
+                felt=float(felt.sum()),
+                error=float(np.linalg.norm(offset)),
+                saturated=bool((frame.values[surface.channels] == most).any()),
+            )
+        )
+    return done, refused

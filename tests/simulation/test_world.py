@@ -1,0 +1,275 @@
+"""The world: time, servos, self-collision and determinism."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+from ruckig import InputParameter, OutputParameter, Ruckig
+
+from tci.errors import CommandError, DescriptionError, UnknownNameError
+from tci.frames import Array
+from tci.model.catalogue import load_robot
+from tci.model.kinematics import Kinematics
+from tci.simulation.collisions import LEFT, RIGHT
+from tci.simulation.world import World, start_angles
+
+
+def arm_servos(world: World, part: str = "left_arm") -> list[int]:
+    """Indices of the servos of an arm that have a joint."""
+    return [servo.servo for servo in world.robot.part(part).servos if servo.servo is not None]
+
+
+def test_it_starts_at_the_initial_posture_and_stays_there(world: World) -> None:
+    home = start_angles(world.robot, {})
+    assert world.joints().position == pytest.approx(home, abs=1e-12)
+    assert world.data.ncon == 0
+    world.advance(0.5)
+    assert world.joints().position == pytest.approx(home, abs=1e-6)
+
+
+def test_time_is_at_least_what_was_asked_for_in_whole_steps(nao: World) -> None:
+    nao.advance(0.0101)
+    assert nao.time == pytest.approx(0.011)
+    nao.advance(0.005)
+    assert nao.time == pytest.approx(0.011)
+    assert nao.joints().sequence == 11
+    for tick in range(12, 400):
+        nao.advance(tick * 0.001)
+        assert nao.time == tick * 0.001
+
+
+def test_same_calls_give_the_same_bits_and_looking_changes_nothing() -> None:
+    robot = load_robot("nao")
+    results = []
+    for look in (False, True):
+        world = World(robot)
+        for _ in range(2):  # the second time after a reset
+            world.reset()
+            patch = robot.patches[0].name
+            world.finger.poke(patch, 100)
+            servos = arm_servos(world, "right_arm")
+            world.set_position_targets(servos, world.joints().position[servos] + 0.1)
+            for tick in range(1, 150):
+                world.advance(tick * 0.002)
+                if look:
+                    world.contact_truth(patch)
+                    world.skin_point(patch, 3)
+            results.append((world.data.qpos.tobytes(), [frame.values.tobytes() for frame in world.frames()]))
+    assert all(result == results[0] for result in results)
+
+
+def stream(world: World, part: str, goal: Array, duration: float) -> tuple[Array, Array]:
+    """Follow a jerk-limited way to `goal` (k,) [rad]; velocities and errors (ticks, k), 500 per second."""
+    servos = arm_servos(world, part)
+    limits = [world.robot.servos[servo].limits for servo in servos]
+    planner, wanted, planned = (
+        Ruckig(len(servos), 0.002),
+        InputParameter(len(servos)),
+        OutputParameter(len(servos)),
+    )
+    wanted.current_position = world.joints().position[servos].tolist()
+    wanted.max_velocity = [limit.velocity for limit in limits]
+    wanted.max_acceleration = [limit.acceleration for limit in limits]
+    wanted.max_jerk = [limit.jerk for limit in limits]
+    wanted.target_position = goal.tolist()
+    start = world.time
+    velocities, errors = [], []
+    for tick in range(1, round(duration / 0.002)):
+        planner.update(wanted, planned)
+        planned.pass_to_input(wanted)
+        world.set_position_targets(servos, planned.new_position)
+        world.advance(start + tick * 0.002)
+        joints = world.joints()
+        velocities.append(joints.velocity[servos])
+        errors.append(joints.position[servos] - planned.new_position)
+    return np.array(velocities), np.array(errors)
+
+
+def test_a_set_point_stream_is_followed_within_the_speed_limit(world: World) -> None:
+    generator = np.random.default_rng(5)
+    # Raised and spread arms: the way is free.
+    low, high = np.deg2rad([[20, 30, -20, 15, -40], [90, 70, 40, 60, 40]])
+    for _ in range(6):
+        part = world.robot.part("left_arm")
+        generic = generator.uniform(low, high)
+        goal = np.array(
+            [(g - servo.offset) / servo.scale for g, servo in zip(generic, part.servos, strict=True)]
+        )
+        velocities, errors = stream(world, "left_arm", goal, 1.5)
+        top = np.array([world.robot.servos[servo].limits.velocity for servo in arm_servos(world)])
+        assert np.abs(velocities).max() > 0.5
+        assert (np.abs(velocities) <= 1.01 * top).all()
+        assert (np.abs(errors) <= 0.015 * top + 0.002).all()
+        assert np.abs(errors[-1]).max() < 1e-4
+
+
+def test_a_far_target_is_reached_at_the_speed_limit_not_above(world: World) -> None:
+    servo = arm_servos(world)[3]
+    limits = world.robot.servos[servo].limits
+    start = world.joints().position[servo]
+    target = start + 0.8 * max((limits.lower - start, limits.upper - start), key=abs)
+    world.set_position_targets([servo], [target])
+    top = 0.0
+    for tick in range(1, 1000):
+        world.advance(tick * 0.002)
+        top = max(top, abs(world.joints().velocity[servo]))
+    assert 0.8 * limits.velocity < top <= 1.01 * limits.velocity
+    assert world.joints().position[servo] == pytest.approx(target, abs=1e-4)
+
+
+def test_joints_stay_inside_their_limits(world: World) -> None:
+    for servo in arm_servos(world)[3:]:
+        for end in ("lower", "upper"):
+            world.reset()
+            bound = getattr(world.robot.servos[servo].limits, end)
+            world.set_position_targets([servo], [bound + (0.5 if end == "upper" else -0.5)])
+            world.advance(1.5)
+            assert abs(world.joints().position[servo] - bound) < np.deg2rad(1.0)
+
+
+def test_torques_stay_inside_their_limits(nao: World) -> None:
+    servos = arm_servos(nao)
+    nao.set_position_targets(servos, nao.joints().position[servos] + [0.6, 0.5, 0.5, 0.3, 0.5])
+    for tick in range(1, 200):
+        nao.advance(tick * 0.001)
+        for servo in servos:
+            description = nao.robot.servos[servo]
+            torque = nao.data.actuator(description.joint).force[0]
+            assert abs(torque) <= description.limits.torque * (1.0 + 1e-9)
+
+
+def test_a_limp_arm_gives_way_and_a_damped_one_slowly(nao: World) -> None:
+    moved = []
+    servos = arm_servos(nao)
+    for stiffness, damping in ((1.0, 0.0), (0.1, 0.0), (0.1, 1.0), (0.0, 0.0)):
+        nao.reset()
+        nao.set_stiffness(servos, [stiffness] * len(servos))
+        nao.set_damping(servos, [damping] * len(servos))
+        before = nao.joints().position
+        nao.finger.poke("left_forearm", 100, speed=0.5, gap=0.001)
+        nao.advance(0.06)
+        moved.append(np.abs(nao.joints().position - before).max())
+    stiff, soft, damped, limp = moved
+    assert limp > 1.2 * soft
+    assert soft > 3.0 * stiff
+    assert damped < soft
+
+
+def test_a_servo_without_a_joint_reads_its_target(nao: World) -> None:
+    hand = next(servo for servo in nao.robot.servos if servo.joint is None)
+    nao.set_position_targets([hand.index], [0.4])
+    nao.advance(0.05)
+    assert nao.joints().position[hand.index] == 0.4
+    assert nao.joints().velocity[hand.index] == 0.0
+
+
+def test_joints_that_no_servo_drives_are_held(world: World) -> None:
+    driven = {servo.joint for servo in world.robot.servos if servo.joint is not None}
+    joints = {world.model.joint(index).name for index in range(world.model.njnt)}
+    assert joints == driven | {"tci_finger_tip"}
+
+
+def test_links_are_where_kinematics_say(world: World) -> None:
+    world.advance(0.01)
+    kinematics = Kinematics(world.robot)
+    for patch in world.robot.patches:
+        pose = kinematics.poses(world.joints().position, [patch.link])[patch.link]
+        surface = world.surfaces[patch.name]
+        for taxel in (0, len(surface.positions) - 1):
+            point, normal = world.skin_point(patch.name, taxel)
+            assert point == pytest.approx(pose[:3, :3] @ surface.positions[taxel] + pose[:3, 3], abs=1e-9)
+            assert normal == pytest.approx(pose[:3, :3] @ surface.normals[taxel], abs=1e-9)
+
+
+def test_the_present_pose_is_told_not_that_of_the_step_before(nao: World) -> None:
+    servo = arm_servos(nao)[0]
+    nao.set_position_targets([servo], [nao.joints().position[servo] + 0.5])
+    nao.advance(0.1)
+    told, _ = nao.skin_point("left_forearm", 0)
+    fresh = mujoco.MjData(nao.model)
+    fresh.qpos[:] = nao.data.qpos
+    mujoco.mj_kinematics(nao.model, fresh)
+    pose = fresh.body(nao.surfaces["left_forearm"].link)
+    point = pose.xmat.reshape(3, 3) @ nao.surfaces["left_forearm"].positions[0] + pose.xpos
+    torso = fresh.body(nao.robot.model.torso_link).xpos
+    assert abs(nao.joints().velocity[servo]) > 1.0
+    assert told == pytest.approx(point - torso, abs=1e-12)
+
+
+def test_an_arm_that_is_driven_into_the_body_is_stopped_by_it(world: World) -> None:
+    # Arm down, turned inward, elbow bent: the hand would go through the belly.
+    through = {"nao": [0.0, -15.0, 80.0, 80.0, 0.0], "icub": [0.0, 5.0, 75.0, 80.0, 0.0]}[world.robot.name]
+    part = world.robot.part("left_arm")
+    servos = arm_servos(world)
+    goal = [(np.deg2rad(g) - s.offset) / s.scale for g, s in zip(through, part.servos, strict=True)]
+    world.set_position_targets(servos, goal)
+    touched = set()
+    speeds = []
+    for tick in range(1, 1500):
+        world.advance(tick * 0.002)
+        touched |= {tuple(sorted(pair)) for pair in world.model.geom_bodyid[world.data.contact.geom].tolist()}
+        speeds.append(np.abs(world.joints().velocity[servos]))
+    assert touched
+    assert np.abs(world.joints().position[servos] - goal).max() > np.deg2rad(2.0)
+    # Set free again, it does not rush.
+    world.set_position_targets(servos, start_angles(world.robot, {})[servos])
+    for tick in range(1500, 2200):
+        world.advance(tick * 0.002)
+        speeds.append(np.abs(world.joints().velocity[servos]))
+    top = np.array([world.robot.servos[servo].limits.velocity for servo in servos])
+    assert (np.array(speeds) <= 1.05 * top).all()
+    assert world.joints().position == pytest.approx(start_angles(world.robot, {}), abs=1e-3)
+
+
+def test_links_of_one_arm_never_collide_with_one_another(world: World) -> None:
+    first, second = world.model.geom_contype, world.model.geom_conaffinity
+    for bit, other in ((LEFT, RIGHT), (RIGHT, LEFT)):
+        assert (first == bit).any()
+        assert not (second[first == bit] & bit).any()
+        assert (second[first == bit] & other).all()
+
+
+def test_a_posture_by_part_is_where_it_starts() -> None:
+    robot = load_robot("nao")
+    posture = np.deg2rad([60.0, 20.0, 0.0, 40.0, 0.0])
+    world = World(robot, posture={"left_arm": posture})
+    part = robot.part("left_arm")
+    angles = world.joints().position
+    assert [s.scale * angles[s.servo] + s.offset for s in part.servos] == pytest.approx(posture)
+    world.advance(0.1)
+    world.reset()
+    assert world.joints().position == pytest.approx(angles, abs=1e-12)
+
+
+def test_without_skin_there_are_no_frames() -> None:
+    world = World(load_robot("nao"), skin=False)
+    world.advance(0.05)
+    assert world.frames() == ()
+    with pytest.raises(UnknownNameError, match="left_forearm"):
+        world.contact_truth("left_forearm")
+
+
+def test_bad_input_says_what_is_valid(nao: World) -> None:
+    robot = nao.robot
+    with pytest.raises(DescriptionError, match="no <model>"):
+        World(robot.model_copy(update={"model": None}))
+    for step in (0.0, -0.001, np.nan, 0.1):
+        with pytest.raises(CommandError, match="valid: above 0"):
+            World(robot, step=step)
+    with pytest.raises(UnknownNameError, match="left_arm"):
+        World(robot, posture={"third_arm": np.zeros(5)})
+    with pytest.raises(CommandError, match="5 finite angles"):
+        World(robot, posture={"left_arm": [0.0, np.nan, 0.0, 0.0, 0.0]})
+    with pytest.raises(CommandError, match="2 values for 1 servos"):
+        nao.set_position_targets([0], [0.0, 0.0])
+    for servo in (-1, len(robot.servos), 0.5):
+        with pytest.raises(CommandError, match=f"valid: 0 to {len(robot.servos) - 1}"):
+            nao.set_position_targets([servo], [0.0])
+    with pytest.raises(CommandError, match="must be finite"):
+        nao.set_position_targets([0], [np.nan])
+    for share in (-0.1, 1.1):
+        with pytest.raises(CommandError, match="valid: 0 to 1"):
+            nao.set_stiffness([0], [share])
+        with pytest.raises(CommandError, match="valid: 0 to 1"):
+            nao.set_damping([0], [share])

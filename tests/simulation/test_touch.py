@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from simulation.pokes import frame_of, poke_anywhere, pressures, straight_arms
 
+from simulation.pokes import frame_of, poke_anywhere, pressures, straight_arms
 from tci.errors import TciError
 from tci.model.catalogue import load_robot
 from tci.simulation.kernel import spread, width

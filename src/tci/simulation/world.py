@@ -22,6 +22,8 @@ from tci.simulation.servos import Servos
 from tci.simulation.touch import ContactTruth, Touch
 
 MIDDLEWARE = "sim"
+MAX_STEP = 0.005
+"""Longest step [s]: the servos' own time constant. Contacts are softer from 0.002 s on."""
 _PERIOD = 0.002
 """Time [s] between two targets for a robot without a binding to the simulation. Ours."""
 
@@ -50,8 +52,8 @@ class World:
         """
         if robot.model is None:
             raise DescriptionError(robot.source, [Fault(0, NO_MODEL)])
-        if not (np.isfinite(step) and 0.0 < step <= 0.01):
-            raise CommandError(f"step {step}; valid: above 0, up to 0.01 s")
+        if not (np.isfinite(step) and 0.0 < step <= MAX_STEP):
+            raise CommandError(f"step {step}; valid: above 0, up to {MAX_STEP} s")
         self.robot = robot
         kinematics = Kinematics(robot)
         self.surfaces: Mapping[str, Surface] = (

@@ -80,6 +80,8 @@ class Driven:
         path = np.array(self.path)
         for servo in self.robot.servos:
             limits, angles = servo.limits, path[:, servo.index]
+            if np.ptp(angles) == 0.0:
+                continue
             assert limits.lower is not None
             assert limits.upper is not None
             start = angles[0]

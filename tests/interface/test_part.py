@@ -57,8 +57,9 @@ def test_only_mapped_servos_are_named() -> None:
 
 def test_a_joint_that_the_robot_lacks_reads_as_fixed_and_is_dropped() -> None:
     robot = with_servos(
-        GenericServo(id=0, name="shoulder_pitch", servo=3), GenericServo(id=1, name="elbow_yaw", servo=None, fixed=0.4)
-    )  # fmt: skip
+        GenericServo(id=0, name="shoulder_pitch", servo=3),
+        GenericServo(id=1, name="elbow_yaw", servo=None, fixed=0.4),
+    )
     posture = generic_posture(robot, reading([0, 0, 0, 0.7, 0, 0]))
     np.testing.assert_array_equal(posture["left_arm"], [0.7, 0.4])
     command = to_platform(robot, GenericCommand("left_arm", Mode.POSITION, np.array([0.1, 9.0])))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from itertools import product
 
@@ -11,14 +10,18 @@ import pytest
 
 from tci.capabilities.fields import default_fields
 from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.errors import TciError
 from tci.frames import Array, apply
 from tci.interface.body import Body
+from tci.interface.gate import Gate
+from tci.interface.generic_limb import generic_limb_distance
 from tci.interface.part import generic_posture, to_platform
 from tci.interface.places import find_place
 from tci.messages import GenericCommand, JointReading, Mode
 from tci.middleware.simulated import SimulatedLink
 from tci.model.catalogue import load_robot
 from tci.runtime.loop import Tick, run
+from tci.simulation.finger import STIFFNESS
 from tci.simulation.world import World
 from tci.trials.experiment import Report, run_experiment, with_skin_rate
 from tci.trials.measure import cop_error
@@ -66,8 +69,9 @@ def test_random_pokes_anywhere_on_the_skin(name: str) -> None:
     robot = load_robot(name)
     world, body = World(robot, seed=1), Body(robot)
     random = np.random.default_rng(11)
-    errors, ratios = [], []
-    for _ in range(200):
+    errors, ratios, covered = [], [], 0
+    link = SimulatedLink(robot, world=world)
+    while len(errors) < 200:
         patch = random.choice(list(body.skin.surfaces))
         surface = body.skin.surfaces[patch]
         taxel = int(random.integers(len(surface.positions)))
@@ -75,21 +79,26 @@ def test_random_pokes_anywhere_on_the_skin(name: str) -> None:
         offset -= (offset @ surface.normals[taxel]) * surface.normals[taxel]
         offset *= random.uniform(0.0, 0.0033) / np.linalg.norm(offset)
         points, normals = surface.project((surface.positions[taxel] + offset)[None])
-        world.reset()
-        world.finger.poke(
-            patch, points[0], normals[0], speed=0.2, depth=random.uniform(5.0, 9.0) / 800, gap=0.001
-        )
-        world.advance(0.24)
+        world.finger.retire()
+        world.advance(world.time + 0.1)
+        depth = random.uniform(5.0, 9.0) / STIFFNESS
+        try:
+            world.finger.poke(patch, points[0], normals[0], speed=0.2, depth=depth, gap=0.001)
+        except TciError:  # another link lies over this taxel, so no finger gets there
+            covered += 1
+            continue
+        world.advance(world.time + 0.24)
         truth = world.contact_truth(patch)
-        link = SimulatedLink(robot, world=world)
         contacts = [c for c in body.perceive(link.read(), world.time).contacts if c.patch == patch]
         assert contacts, (patch, taxel)
         contact = max(contacts, key=lambda contact: contact.force)
         error = contact.p_T - truth.center
         errors.append(1e3 * np.linalg.norm(error - (error @ contact.n_T) * contact.n_T))
         ratios.append(sum(c.force for c in contacts) / truth.force)
+    assert covered < 40
     print(
-        f"{name}: centre of pressure, median {np.median(errors):.2f} mm, p95 {np.percentile(errors, 95):.2f} mm; "
+        f"{name}: centre of pressure, median {np.median(errors):.2f} mm, "
+        f"p95 {np.percentile(errors, 95):.2f} mm; "
         f"force {min(ratios):.4f} to {max(ratios):.4f} of the physics'"
     )
     assert np.median(errors) <= 1.0
@@ -98,27 +107,38 @@ def test_random_pokes_anywhere_on_the_skin(name: str) -> None:
     assert max(ratios) <= 1.02
 
 
-def still(robot_name: str, *, theta: float, u: float, depth: float) -> tuple[list[Tick], World]:
-    """Poke the left forearm beside its fields, or softly, and return what passed through the loop."""
-    robot = load_robot(robot_name)
-    world = World(robot)
-    link = SimulatedLink(robot, world=world)
-    body = Body(robot)
-    place = find_place(body.skin, "left_arm", "forearm", u, theta, link.read().joints)
-    world.finger.poke(place.patch, place.p_L, place.n_L, speed=0.2, depth=depth, gap=0.001)
-    seen: list[Tick] = []
-    run(link, WithdrawalReflex(), duration=0.5, observe=seen.append)
-    return seen, world
+def bare_place(body: Body, joints: JointReading) -> tuple[float, float]:
+    """(u, theta) of a taxel of the left forearm that lies outside every field, far from the ends."""
+    u, theta, _ = body.skin.limb("left_forearm", joints)
+    inside = [
+        generic_limb_distance(u, theta, field.u, field.theta) < field.radius + 0.03
+        for field in FIELDS
+        if field.segment == "forearm"
+    ]
+    outside = np.flatnonzero(~np.any(inside, axis=0))
+    best = outside[np.argmin(np.abs(u[outside] - 0.5))]
+    return float(u[best]), float(theta[best])
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-@pytest.mark.parametrize(
-    ("theta", "u", "depth"), [(np.deg2rad(140), 0.32, 0.008), (np.pi, 0.6, 0.0002)], ids=["outside", "soft"]
-)
-def test_no_response_moves_nothing(name: str, theta: float, u: float, depth: float) -> None:
-    seen, world = still(name, theta=theta, u=u, depth=depth)
+@pytest.mark.parametrize("where", ["outside", "soft"])
+def test_no_response_moves_nothing(name: str, where: str) -> None:
+    """A firm poke outside every field, and one in a field's centre below the threshold."""
+    robot = load_robot(name)
+    world = World(robot)
+    link, body = SimulatedLink(robot, world=world), Body(robot)
+    joints = link.read().joints
+    extensor = next(field for field in FIELDS if field.name == "forearm_extensor")
+    u, theta = bare_place(body, joints) if where == "outside" else (extensor.u, extensor.theta)
+    depth = 0.008 if where == "outside" else 0.0002
+    place = find_place(body.skin, "left_arm", "forearm", u, theta, joints)
+    world.finger.poke(
+        place.patch, place.p_L, place.n_L, speed=0.2 if depth > 0.001 else 0.01, depth=depth, gap=0.001
+    )
+    seen: list[Tick] = []
+    run(link, WithdrawalReflex(), duration=0.5, observe=seen.append)
     assert world.finger.touching
-    if depth > 0.001:
+    if where == "outside":
         assert any(tick.perception.contacts for tick in seen)
     assert not any(tick.commands for tick in seen)
     assert all(tick.sent.servos.size == 0 for tick in seen)
@@ -126,22 +146,28 @@ def test_no_response_moves_nothing(name: str, theta: float, u: float, depth: flo
 
 def test_a_field_that_is_there_makes_the_difference() -> None:
     """The poke outside every field above is answered once a field lies there."""
-    field = FIELDS[0].model_copy(update={"name": "there", "u": 0.32, "theta": np.deg2rad(140)})
     world = World(load_robot("nao"))
+    u, theta = bare_place(Body(world.robot), initial_joints(world.robot))
+    field = FIELDS[0].model_copy(update={"name": "there", "u": u, "theta": theta})
     trace = poke(world, "left_arm", field, Stimulus(), reflex=WithdrawalReflex(fields=(field,)), seed=0)
     assert trace.commanded
     assert cop_error(trace) is not None
 
 
+LEVELS = (5, 5, 5, 5, 2)
+"""Angles of each generic joint in the grid, its limits among them."""
 POSTURES = [
-    np.array(posture) for posture in product(*(np.linspace(low, high, 3) for low, high in COMMON_RANGE))
+    np.array(posture)
+    for posture in product(
+        *(np.linspace(low, high, n) for (low, high), n in zip(COMMON_RANGE, LEVELS, strict=True))
+    )
 ]
 
 
 @pytest.mark.parametrize("name", ROBOTS)
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_the_skin_moves_away_from_the_stimulus_in_every_posture(name: str, side: str) -> None:
-    """5 fields x 243 postures: at most 5 % are excused, each by the limit that binds."""
+    """5 fields x 1250 postures: at most 5 % are excused, each by the limit that binds."""
     body = Body(load_robot(name))
     part = f"{side}_arm"
     excused: dict[str, int] = {}
@@ -157,9 +183,7 @@ def test_the_skin_moves_away_from_the_stimulus_in_every_posture(name: str, side:
             cases += 1
             if moved @ -(before[:3, :3] @ place.n_L) > 1e-4:
                 continue
-            assert bound, (
-                f"{field.name} at {np.rad2deg(posture)} goes towards the stimulus, and no limit binds"
-            )
+            assert bound, f"{field.name} at {np.rad2deg(posture)} goes wrong, and no limit binds"
             reason = f"{field.name}: {', '.join(bound)}"
             excused[reason] = excused.get(reason, 0) + 1
     print(name, side, f"{sum(excused.values())} of {cases} excused:", excused)
@@ -176,20 +200,13 @@ def joints_at(body: Body, part: str, posture: Array) -> JointReading:
 
 def limited(body: Body, part: str, target: Array, start: JointReading) -> tuple[JointReading, list[str]]:
     """Where the gate lets `target` end, and the servos whose limits bind."""
-    link = load_gate(body)
+    gate = Gate(body.robot, period=0.002, stale_after=0.05)
     command = to_platform(body.robot, GenericCommand(part, Mode.POSITION, target))
-    safe = link.step([command], start, 0.0)
+    safe = gate.step([command], start, 0.0)
     assert not safe.refusals
-    nearest = link._chains[body.robot.servos[command.servos[0]].robot_part].limiter.target
     position = np.array(start.position)
-    position[safe.servos] = nearest
+    position[safe.servos] = gate.targets
     return replace(start, position=position), [message.split(":")[0] for message in safe.clamped]
-
-
-def load_gate(body: Body):  # type: ignore[no-untyped-def]
-    from tci.interface.gate import Gate
-
-    return Gate(body.robot, period=0.002, stale_after=0.05)
 
 
 def test_generic_to_platform_to_generic_on_both_robots() -> None:
@@ -207,4 +224,3 @@ def test_trials_are_deterministic() -> None:
         world = World(load_robot("nao"))
         traces.append(poke(world, "left_arm", FIELDS[0], Stimulus(), reflex=WithdrawalReflex(), seed=4))
     assert np.array_equal(traces[0].positions, traces[1].positions)
-    assert os.linesep  # the comparison above is exact, bit for bit

@@ -124,6 +124,11 @@ class Gate:
         clamps = MappingProxyType(dict(self._clamps))
         return GateCounts(self._steps, self._holds, self._refusals, clamps)
 
+    @property
+    def targets(self) -> Array:
+        """Where the servos under command are going [rad], in the order of `SafeCommand.servos`."""
+        return np.concatenate([chain.limiter.target for chain in self._chains.values()] or [np.zeros(0)])
+
     def step(self, commands: Sequence[PlatformCommand], joints: JointReading, now: float) -> SafeCommand:
         """What may be written at time `now` [s], given new `commands` and the latest `joints`.
 

@@ -70,6 +70,7 @@ def leave_surface(surface: Surface, origin: Array, direction: Array) -> float | 
         v = np.einsum("ij,ij->i", offset, p) / determinant
         w = q @ direction / determinant
         reach = np.einsum("ij,ij->i", edge2, q) / determinant
+    v, w, reach = np.nan_to_num([v, w, reach], nan=-1.0, posinf=-1.0, neginf=-1.0)  # along a face
     margin = 1e-9  # a ray through an edge must not slip between two faces
-    hit = (v >= -margin) & (w >= -margin) & (v + w <= 1.0 + margin) & (reach > 0.0) & np.isfinite(reach)
+    hit = (v >= -margin) & (w >= -margin) & (v + w <= 1.0 + margin) & (reach > 0.0)
     return float(reach[hit].max()) if hit.any() else None

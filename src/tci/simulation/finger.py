@@ -53,7 +53,8 @@ def add_finger(spec: mujoco.MjSpec, *, step: float) -> None:
         group=2,
         rgba=_COLOUR,
     )
-    tip.add_geom(
+    # The shaft is a body of its own: MuJoCo's rays miss most of it when it shares the tip's.
+    tip.add_body(gravcomp=1.0).add_geom(
         type=mujoco.mjtGeom.mjGEOM_CAPSULE,
         size=[RADIUS, 0.0, 0.0],
         fromto=[0.0, 0.0, 0.0, 0.0, 0.0, -_SHAFT],

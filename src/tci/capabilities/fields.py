@@ -12,14 +12,21 @@ from math import radians
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from tci.errors import DescriptionError, Fault
 from tci.interface.contacts import Measure
 from tci.model.description import Words
 from tci.model.generic_arm import JOINTS
 
-Motion = Annotated[tuple[float, ...], Field(strict=False, min_length=len(JOINTS), max_length=len(JOINTS))]
+
+def _one_angle_per_joint(motion: tuple[float, ...]) -> tuple[float, ...]:
+    if len(motion) != len(JOINTS):
+        raise ValueError(f"needs {len(JOINTS)} angles ({', '.join(JOINTS)})")
+    return motion
+
+
+Motion = Annotated[tuple[float, ...], Field(strict=False), AfterValidator(_one_angle_per_joint)]
 
 
 class Circle(Words):
@@ -143,15 +150,19 @@ def _structure_faults(raw: dict[str, Any]) -> list[str]:
 
 def _sentence(raw: dict[str, Any], fault: Any) -> str:
     """Place, what would be valid, and the value: `field 2 (forearm_lateral), radius: ...`."""
-    keys = list(fault["loc"])
+    keys = [key for key in fault["loc"] if key != "[key]"]
     place = ""
-    if keys[:1] == ["field"] and len(keys) > 1:
+    table_type: type[Words] = ForceRange if keys[0] == "force" else _FieldsFile
+    if keys[0] == "field" and len(keys) > 1:
         table = raw["field"][keys[1]]
         name = table.get("name", "no name") if isinstance(table, dict) else "no table"
-        place = f"field {keys[1] + 1} ({name}), "
+        place, table_type = f"field {keys[1] + 1} ({name})", _FieldTable
         keys = keys[2:]
+    where = ", ".join(filter(None, [place, ".".join(map(str, keys))]))
+    if fault["type"] == "extra_forbidden":
+        return f"{where}: unknown key; valid: {', '.join(table_type.model_fields)}"
     value = "" if fault["type"] == "missing" else f"; got {fault['input']!r}"
-    return f"{place}{'.'.join(map(str, keys))}: {fault['msg']}{value}"
+    return f"{where}: {fault['msg'].removeprefix('Value error, ')}{value}"
 
 
 def _repeated_names(raw: dict[str, Any]) -> list[str]:

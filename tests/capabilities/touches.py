@@ -1,0 +1,75 @@
+"""Touches and postures without a robot: what a capability sees."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from tci.capabilities.fields import ReceptiveField
+from tci.frames import Array, read_only
+from tci.messages import Contact, Perception
+
+POSTURE = read_only(np.deg2rad([25.0, 25.0, 0.0, 60.0, 0.0]))
+BOTH_ARMS = {"left_arm": POSTURE, "right_arm": POSTURE}
+
+
+def touch(
+    u: float,
+    theta: float,
+    forces: Sequence[float],
+    *,
+    part: str = "left_arm",
+    segment: str = "forearm",
+    offsets: Sequence[float] | None = None,
+    sequence: int = 0,
+) -> Contact:
+    """A contact centred at (u, theta) whose taxels carry `forces` [N], at `offsets` of u from it."""
+    taxel_forces = read_only(forces)
+    taxel_u = u + (np.zeros(len(forces)) if offsets is None else np.array(offsets))
+    return Contact(
+        patch=f"{part}_{segment}",
+        part=part,
+        segment=segment,
+        stamp=0.01 * sequence,
+        sequence=sequence,
+        taxels=read_only(range(len(forces)), np.intp),
+        taxel_forces=taxel_forces,
+        force=float(taxel_forces.sum()),
+        peak_force=float(taxel_forces.max(initial=0.0)),
+        area=1e-4,
+        p_L=read_only([0.0, 0.0, 0.0]),
+        n_L=read_only([1.0, 0.0, 0.0]),
+        p_T=read_only([0.0, 0.0, 0.0]),
+        n_T=read_only([1.0, 0.0, 0.0]),
+        u=u,
+        theta=theta,
+        taxel_u=read_only(taxel_u),
+        taxel_theta=read_only(np.full(len(forces), theta)),
+    )
+
+
+def poke(field: ReceptiveField, force: float, *, part: str = "left_arm", sequence: int = 0) -> Contact:
+    """A contact of one taxel with `force` [N] at the centre of `field`."""
+    return touch(field.u, field.theta, [force], part=part, segment=field.segment, sequence=sequence)
+
+
+def see(*contacts: Contact, stamp: float = 0.0, posture: Mapping[str, Array] = BOTH_ARMS) -> Perception:
+    """What a capability sees at `stamp` [s]."""
+    return Perception(stamp=stamp, posture=posture, contacts=contacts)
+
+
+def one_field(**changes: Any) -> ReceptiveField:
+    """A field on the forearm's flexor side, with round numbers."""
+    words: dict[str, Any] = {
+        "name": "field",
+        "segment": "forearm",
+        "u": 0.5,
+        "theta": 0.0,
+        "radius": 0.3,
+        "threshold": 1.0,
+        "saturation": 3.0,
+        "motion": (0.3, -0.2, 0.0, 0.4, 0.1),
+    }
+    return ReceptiveField(**{**words, **changes})

@@ -5,7 +5,7 @@ import tci
 robot = tci.load_robot("nao")
 reflex = tci.WithdrawalReflex()
 with tci.connect(robot, "sim") as link:
-    link.world.finger.poke("left_forearm", taxel=100, speed=0.2, depth=0.008)
+    link.world.finger.poke("left_forearm", 100, speed=0.2, depth=0.008)
     skin, memory = tci.Skin(robot), reflex.init()
     for now in link.ticks(duration=1.0):
         reading = link.read()

@@ -73,15 +73,16 @@ def _load(names: Sequence[str]) -> list[Robot]:
 def _table(report: Report) -> Table:
     table = Table(
         title="One reflex on every robot: a finger pokes, the arm withdraws",
-        caption="Times [ms] count from first contact. CoP: error of the centre of pressure. Away: how far the "
-        "skin withdrew, and without the reflex, where the finger stays.",
+        caption="Times count from first contact; lost: the finger no longer touches. CoP: error of the "
+        "centre of pressure. Away: how far the skin withdrew; without: with the reflex switched off.",
         box=box.SIMPLE_HEAD,
-        padding=(0, 1),
+        pad_edge=False,
+        collapse_padding=True,
     )
     table.add_column("site", no_wrap=True)
-    for name in ("command\nms", "motion\nms", "contact\nlost ms", "peak\nN", "CoP\nmm", "away\nmm",
-                 "without\nmm", "limits\nbroken"):  # fmt: skip
-        table.add_column(name, justify="right")
+    for name in ("command\nms", "motion\nms", "lost\nms", "peak\nN", "CoP\nmm", "away\nmm", "without\nmm",
+                 "limits\nbroken"):  # fmt: skip
+        table.add_column(name, justify="right", no_wrap=True)
     arm = ("", "")
     for trial in report.trials:
         if (trial.robot, trial.side) != arm:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from rich import box
 from rich.table import Table
 
 from tci.cli.console import console, print_json
@@ -42,42 +43,35 @@ def describe(name: str, *, as_json: bool) -> None:
         )
 
 
+def _table(title: str, caption: str, *columns: str) -> Table:
+    table = Table(
+        title=title, title_justify="left", caption=caption, caption_justify="left",
+        box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True,
+    )  # fmt: skip
+    for index, column in enumerate(columns):
+        table.add_column(column, justify="left" if index < 2 else "right", no_wrap=True)
+    return table
+
+
 def _part_table(robot: Robot, part: GenericPart) -> Table:
     side = f", {part.side}" if part.side else ""
     mount = ", ".join(f"{angle:g}" for angle in np.rad2deg(part.mount))
-    table = Table(
-        "",
-        "generic joint",
-        "robot's joint",
-        "gamma",
-        "sigma",
-        "lower",
-        "upper",
-        "speed",
-        "initial",
-        title=f"{part.name} ({part.kind}{side}), mount {mount}",
-        title_justify="left",
-        caption="degrees and degrees/s; generic = gamma * robot + sigma; lower and upper are the robot's",
-        caption_justify="left",
-    )
+    table = _table(
+        f"{part.name} ({part.kind}{side}), mount {mount}",
+        "degrees; generic = gamma * robot + sigma; lower, upper and speed are the robot's",
+        "generic joint", "robot's joint", "gamma", "sigma", "lower", "upper", "speed", "initial",
+    )  # fmt: skip
     for generic in part.servos:
         if generic.servo is None:
-            fixed = f"fixed at {np.rad2deg(generic.fixed):g}"
-            table.add_row(str(generic.id), generic.name, f"[dim]none, {fixed}[/]")
+            table.add_row(f"{generic.id} {generic.name}", f"[dim]none: {np.rad2deg(generic.fixed):g}[/]")
             continue
         servo = robot.servos[generic.servo]
         limits = servo.limits
         table.add_row(
-            str(generic.id),
-            generic.name,
-            f"{servo.robot_part}.{servo.name}",
-            f"{generic.scale:g}",
-            _degrees(generic.offset),
-            _degrees(limits.lower),
-            _degrees(limits.upper),
-            _degrees(limits.velocity),
+            f"{generic.id} {generic.name}", servo.name, f"{generic.scale:g}", _degrees(generic.offset),
+            _degrees(limits.lower), _degrees(limits.upper), _degrees(limits.velocity),
             _degrees(generic.initial),
-        )
+        )  # fmt: skip
     return table
 
 
@@ -108,7 +102,7 @@ def _skin(robot: Robot) -> list[dict[str, Any]]:
                     "r1_mm": cone.r1 * 1e3,
                     "r2_mm": cone.r2 * 1e3,
                     "rms_mm": cone.rms * 1e3,
-                    "max_mm": cone.max * 1e3,
+                    "max_mm": cone.largest * 1e3,
                 },
             }
         )
@@ -116,34 +110,16 @@ def _skin(robot: Robot) -> list[dict[str, Any]]:
 
 
 def _skin_table(rows: list[dict[str, Any]]) -> Table:
-    table = Table(
-        "patch",
-        "segment",
-        "link",
-        "positions from",
-        "taxels",
-        "Hz",
-        "area cm2",
-        "cone: length, r1, r2 [mm]",
-        "rms",
-        "max",
-        title="skin",
-        title_justify="left",
-        caption="cone: the paper's truncated cone (eq. 4) fitted to the taxels, with its error in mm",
-        caption_justify="left",
-    )
+    table = _table(
+        "skin",
+        "length, r1, r2, rms and max: the paper's truncated cone (eq. 4) fitted to the taxels, and its error",
+        "patch", "from", "taxels", "Hz", "cm2", "length", "r1", "r2", "rms", "max mm",
+    )  # fmt: skip
     for row in rows:
         cone = row["cone"]
         table.add_row(
-            row["patch"],
-            row["segment"],
-            row["link"],
-            row["kind"].replace("_", " "),
-            str(row["taxels"]),
-            f"{row['rate_hz']:g}",
-            f"{row['area_cm2']:.0f}",
-            f"{cone['length_mm']:.0f}, {cone['r1_mm']:.1f}, {cone['r2_mm']:.1f}",
-            f"{cone['rms_mm']:.1f}",
-            f"{cone['max_mm']:.1f}",
-        )
+            row["patch"], row["kind"].split("_")[-1], str(row["taxels"]),
+            f"{row['rate_hz']:g}", f"{row['area_cm2']:.0f}", f"{cone['length_mm']:.0f}",
+            f"{cone['r1_mm']:.1f}", f"{cone['r2_mm']:.1f}", f"{cone['rms_mm']:.1f}", f"{cone['max_mm']:.1f}",
+        )  # fmt: skip
     return table

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from rich import box
 from rich.table import Table
 
 from tci.cli.console import console, print_json
@@ -17,7 +18,9 @@ def robots(*, as_json: bool) -> None:
     if as_json:
         print_json({"robots": rows})
         return
-    table = Table("robot", "what", "generic parts", "servos", "taxels", "links", title="Robots")
+    table = Table(
+        "robot", "what", "generic parts", "servos", "skin", "links", title="Robots", box=box.SIMPLE_HEAD
+    )
     for row in rows:
         if "missing" in row:
             table.add_row(f"[bold]{row['name']}[/]", f"[yellow]{row['missing']}[/]")
@@ -27,7 +30,7 @@ def robots(*, as_json: bool) -> None:
                 row["title"],
                 ", ".join(row["parts"]),
                 str(row["servos"]),
-                str(row["taxels"]),
+                f"{len(row['skin'])} patches, {sum(row['skin'].values())} channels",
                 ", ".join(row["links"]),
             )
     console.print(table)
@@ -44,6 +47,6 @@ def _row(name: str) -> dict[str, Any]:
         "title": robot.title,
         "parts": [part.name for part in robot.parts],
         "servos": len(robot.servos),
-        "taxels": sum(patch.surface.taxels for patch in robot.patches),
+        "skin": {patch.name: patch.channels for patch in robot.patches},
         "links": [binding.middleware for binding in robot.bindings],
     }

@@ -114,7 +114,7 @@ def centre_of_pressure(positions: Array, forces: Array) -> Array:
 
 
 def weighted_force(contact: Contact, radius: float, *, measure: Measure = "weighted") -> float:
-    """F-bar [N] of eq. 7: mean taxel force, weighted by 2 r - |P_t - P| on the generic limb.
+    """F-bar [N] of eq. 7: mean taxel force, weighted by 2 r minus the distance of P_t and P.
 
     `radius` r [limb lengths] is that of the receptive field. Weights below zero, which eq. 7 gives to
     taxels farther than 2 r from the centre, are left out; without any weight the result is 0. The

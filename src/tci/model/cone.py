@@ -13,7 +13,11 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from tci.errors import TciError
-from tci.frames import Array, read_only
+from tci.frames import Array, apply, invert, read_only
+from tci.model.description import Robot
+from tci.model.generic_arm import segment_rotation
+from tci.model.kinematics import Kinematics
+from tci.model.surfaces import Surface
 
 Freedom = Literal["none", "centre", "axis"]
 """What the fit may move besides length and radii: nothing, the axis sideways, or its direction too."""
@@ -87,6 +91,24 @@ def fit_cone(positions: Array, *, origin: Array, axis: Array, free: Freedom = "n
         rms=float(np.sqrt(np.mean(errors**2))),
         largest=float(np.abs(errors).max()),
     )
+
+
+def cone_of(robot: Robot, surface: Surface, kinematics: Kinematics) -> ConeFit:
+    """The paper's approximation (eq. 4) of one patch, in its link: an axis along the segment, free to
+    move sideways, since few skins sit centred on their joints.
+
+    Raises TciError for a patch that is on no limb.
+    """
+    patch = robot.patch(surface.patch)
+    part = robot.part(patch.part)
+    segment = part.segment(patch.segment)
+    if part.side is None:
+        raise TciError(f"{part.name} has no side, so its skin is on no generic limb")
+    poses = kinematics.poses(robot.initial_position, [patch.link, segment.link])
+    R_TS = part.R_TM @ segment_rotation(segment.name, part.initial_posture, part.side)
+    T_LT = invert(poses[patch.link])
+    origin = apply(T_LT, apply(poses[segment.link], np.array(segment.origin)))
+    return fit_cone(surface.positions, origin=origin, axis=-T_LT[:3, :3] @ R_TS[:, 2], free="centre")
 
 
 def _along_and_distance(positions: Array, point: Array, axis: Array) -> tuple[Array, Array]:

@@ -263,6 +263,17 @@ class Robot(Words):
     patches: tuple[Patch, ...] = ()
     bindings: tuple[Binding, ...] = ()
 
+    @cached_property
+    def initial_position(self) -> Array:
+        """Angle (n_servos,) [rad] of every servo in the initial posture (inverse of eq. 1); 0 where no
+        generic part says."""
+        position = np.zeros(len(self.servos))
+        for part in self.parts:
+            for generic in part.servos:
+                if generic.servo is not None:
+                    position[generic.servo] = (generic.initial - generic.offset) / generic.scale
+        return read_only(position)
+
     def part(self, name: str) -> GenericPart:
         """The generic part of that name. Raises UnknownNameError."""
         for part in self.parts:

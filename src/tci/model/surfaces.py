@@ -212,7 +212,8 @@ def _hull(robot: Robot, patch: Patch, positions: Array, normals: Array) -> NDArr
     across = _unit_normals(faces, positions)
     mean = normals[faces].mean(axis=1)
     skin = np.abs(np.einsum("fi,fi->f", across, mean)) > 0.5 * np.linalg.norm(mean, axis=1)
-    return faces[skin]
+    result: NDArray[np.intp] = faces[skin]
+    return result
 
 
 def _outward(faces: NDArray[np.intp], positions: Array, normals: Array) -> NDArray[np.intp]:

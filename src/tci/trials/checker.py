@@ -29,9 +29,9 @@ def command_violations(
     positions; before its first command a servo is taken to rest where it was measured.
     """
     series: dict[int, list[float]] = {}
-    for command, angles in zip(sent, measured, strict=True):
+    for command, here in zip(sent, measured, strict=True):
         for servo, angle in zip(command.servos, command.position, strict=True):
-            series.setdefault(int(servo), [float(angles[servo])] * 3).append(float(angle))
+            series.setdefault(int(servo), [float(here[servo])] * 3).append(float(angle))
     faults = []
     for index, angles in sorted(series.items()):
         faults += _servo_faults(robot.servos[index], np.array(angles), period)

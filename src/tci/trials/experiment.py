@@ -8,6 +8,7 @@ from typing import Any
 
 from tci.capabilities.fields import ReceptiveField
 from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.errors import CommandError
 from tci.interface.body import Body
 from tci.model.description import Robot
 from tci.simulation.world import World
@@ -31,7 +32,9 @@ class Report:
 
 
 def with_skin_rate(robot: Robot, rate: float) -> Robot:
-    """The same robot with skin frames at `rate` [Hz]."""
+    """The same robot with skin frames at `rate` [Hz]. Raises CommandError."""
+    if not 1.0 <= rate <= 1000.0:
+        raise CommandError(f"skin rate {rate:g} Hz; valid: 1 to 1000")
     patches = tuple(patch.model_copy(update={"rate": rate}) for patch in robot.patches)
     return robot.model_copy(update={"patches": patches})
 

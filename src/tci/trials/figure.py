@@ -112,7 +112,7 @@ def _draw_legend(axes: Axes, fields: Sequence[tuple[str, FieldLook]], caption: s
     axes.set(xlim=(0, width), ylim=(height, 0))
     text: dict[str, Any] = {"va": "center", "color": _INK}
     axes.text(10, 24, "receptive fields", size=8, **text)
-    left = 150.0
+    left = 175.0
     for name, look in fields:
         axes.add_patch(
             Circle((left, 24), 9, facecolor=(*look.colour, 0.45), edgecolor=look.colour, linewidth=1.2)

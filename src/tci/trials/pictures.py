@@ -28,7 +28,7 @@ from tci.trials.poke import Stimulus, Trace, poke
 
 # All looks are ours.
 PART = "left_arm"
-VIEWS = {"forearm_extensor": (1.15, -0.12), "forearm_medial": (-0.35, 0.25)}
+VIEWS = {"forearm_extensor": (0.95, -0.10), "forearm_medial": (-0.30, 0.42)}
 """Sites that are poked, as in the paper's Figure 6 (below, and inside), and from where [rad] we look."""
 COLOURS = ((0.20, 0.63, 0.88), (0.45, 0.80, 0.35), (0.98, 0.75, 0.20), (0.86, 0.47, 0.85), (0.95, 0.45, 0.30))
 FULL_SCALE = 60e3
@@ -98,7 +98,8 @@ def _row(
 
 def _moments(world: World, site: ReceptiveField, seed: int) -> tuple[Moment, Moment, Trace]:
     """The moment of the largest force that the skin reported, the last one, and the whole poke."""
-    strongest, moments = 0.0, []
+    strongest = 0.0
+    moments: list[Moment] = []
 
     def watch(tick: Tick) -> None:
         nonlocal strongest
@@ -133,7 +134,7 @@ def _camera(world: World, skin: Skin, moment: Moment, azimuth: float, elevation:
         elbow + np.array([0.15, -0.15, 0.25]) * reach,
         azimuth=azimuth,
         elevation=elevation,
-        distance=3.6 * reach,
+        distance=4.2 * reach,
         fov=0.42,
         width=WIDTH,
         height=HEIGHT,

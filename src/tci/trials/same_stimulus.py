@@ -72,11 +72,8 @@ def answer(body: Body, part: str, field: ReceptiveField) -> Array:
 
 def initial_joints(robot: Robot) -> JointReading:
     """The robot at rest in its initial posture."""
-    position = np.zeros(len(robot.servos))
-    for part in robot.parts:
-        command = to_platform(robot, GenericCommand(part.name, Mode.POSITION, part.initial_posture))
-        position[command.servos] = command.values
-    return JointReading(0.0, 0, read_only(position), read_only(np.zeros(len(position))))
+    still = read_only(np.zeros(len(robot.servos)))
+    return JointReading(0.0, 0, robot.initial_position, still)
 
 
 def touch(

@@ -1,0 +1,17 @@
+"""Beside the generic joints: iCub's wrist by its own names, through the same gate."""
+
+import numpy as np
+
+import tci
+
+robot = tci.load_robot("icub")
+with tci.connect(robot, "sim") as link:
+    arm = link.native("left_arm")
+    commands = [arm.command({"l_wrist_pitch": np.deg2rad(-30), "l_wrist_yaw": np.deg2rad(90)})]
+    for now in link.ticks(duration=1.0):
+        sent = link.write(link.gate.step(commands, link.read().joints, now))
+        commands = []
+        for message in sent.clamped:
+            print(message)
+    wrist = arm.positions(link.read().joints)
+    print(f"wrist pitch is at {np.rad2deg(wrist['l_wrist_pitch']):.1f} degrees")

@@ -1,0 +1,92 @@
+"""The base motions of the file withdraw, on arms of both robots' sizes, offsets and limits.
+
+The trials check the same on the robots' own models; here it takes no model and no extra package.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+
+from capabilities.ideal_arm import COMMON_RANGE, ICUB, INITIAL, NAO, IdealArm
+from tci.capabilities.fields import ReceptiveField, default_fields
+from tci.frames import Array, angle_between
+from tci.model.generic_arm import JOINTS, Side
+
+FIELDS = default_fields()
+SIDES: tuple[Side, ...] = ("left", "right")
+GRID = [np.array(posture) for posture in product(*(np.linspace(*limits, 4) for limits in COMMON_RANGE[:4]))]
+GAINS = (0.1, 0.5, 1.0)
+ROBOTS = pytest.mark.parametrize("arm", [NAO, ICUB], ids=["nao", "icub"])
+EACH = pytest.mark.parametrize("field", FIELDS, ids=[field.name for field in FIELDS])
+
+
+def postures() -> list[Array]:
+    """The grid, its pronation alternating between both ends of the range."""
+    return [np.append(posture, COMMON_RANGE[4, index % 2]) for index, posture in enumerate(GRID)]
+
+
+@ROBOTS
+@pytest.mark.parametrize("side", SIDES)
+def test_the_skin_moves_away_from_the_stimulus(arm: IdealArm, side: Side) -> None:
+    """At most 5 % of the cases are excused, each by limits that bind; printed with -s."""
+    excused: dict[str, int] = {}
+    for field, posture, gain in product(FIELDS, postures(), GAINS):
+        wanted = posture + gain * np.array(field.motion)
+        target = arm.clip(wanted)
+        if arm.withdrawal(field, posture, target, side) > 1e-5:
+            continue
+        bound = [name for name, a, b in zip(JOINTS, wanted, target, strict=True) if abs(a - b) > 1e-9]
+        assert bound, f"{field.name} at {np.rad2deg(posture)} goes towards the stimulus; no limit binds"
+        reason = f"{field.name}: {', '.join(bound)}"
+        excused[reason] = excused.get(reason, 0) + 1
+    cases = len(FIELDS) * len(GRID) * len(GAINS)
+    print(f"{sum(excused.values())} of {cases} excused:", excused)
+    assert sum(excused.values()) <= 0.05 * cases
+
+
+@ROBOTS
+@EACH
+def test_the_full_motion_goes_far_enough(arm: IdealArm, field: ReceptiveField) -> None:
+    """From the initial posture: 30 mm, beyond the reach of a fingertip that keeps on coming."""
+    target = INITIAL + np.array(field.motion)
+    np.testing.assert_array_equal(arm.clip(target), target)
+    for side in SIDES:
+        assert arm.withdrawal(field, INITIAL, target, side) >= 0.030
+
+
+@EACH
+@pytest.mark.parametrize("gain", GAINS)
+def test_both_hands_go_the_same_way(field: ReceptiveField, gain: float) -> None:
+    target = INITIAL + gain * np.array(field.motion)
+    for side in SIDES:
+        one, other = (arm.hand(target, side) - arm.hand(INITIAL, side) for arm in (NAO, ICUB))
+        assert np.rad2deg(angle_between(one, other)) <= 10.0
+
+
+@ROBOTS
+def test_the_opposite_motion_goes_towards_the_stimulus(arm: IdealArm) -> None:
+    """So that the first test can fail: the sign of a withdrawal is that of the motion."""
+    for field, side in product(FIELDS, SIDES):
+        target = INITIAL - 0.5 * np.array(field.motion)
+        assert arm.withdrawal(field, INITIAL, target, side) < -0.005
+
+
+@EACH
+def test_both_sides_are_mirrored(field: ReceptiveField) -> None:
+    for arm, posture in product((NAO, ICUB), postures()[::16]):
+        target = arm.clip(posture + np.array(field.motion))
+        left, right = (arm.withdrawal(field, posture, target, side) for side in SIDES)
+        assert left == pytest.approx(right, abs=1e-12)
+
+
+@EACH
+def test_motions_are_few_joints_and_whole_degrees(field: ReceptiveField) -> None:
+    """Pronation would turn the skin away from under the finger on iCub, and do nothing on NAO."""
+    degrees = np.rad2deg(field.motion)
+    np.testing.assert_allclose(degrees, np.round(degrees), atol=1e-9)
+    assert np.count_nonzero(degrees) <= 3
+    assert np.abs(degrees).max() <= 40.0
+    assert degrees[4] == 0.0

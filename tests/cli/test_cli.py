@@ -1,0 +1,88 @@
+"""The command line as a user meets it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from matplotlib.image import imread
+
+ROOT = Path(__file__).parent.parent.parent
+LISTING = """<generic_robot angle_unit="deg">
+  <generic_robot_part name="icub_head">
+    <generic_servo id="0"><destination_servo_id>0</destination_servo_id></generic_servo>
+  </generic_robot_part>
+</generic_robot>
+"""
+
+
+def tci(*arguments: str, status: int = 0) -> str:
+    command = [sys.executable, "-m", "tci.cli.main", *arguments]
+    run = subprocess.run(command, capture_output=True, text=True, check=False, env={"COLUMNS": "100"})
+    assert run.returncode == status, run.stdout + run.stderr
+    return run.stdout if status == 0 or run.stdout else run.stderr
+
+
+def test_help_teaches() -> None:
+    text = tci("--help")
+    assert all(name in text for name in ("demo", "robots", "describe", "check", "certified"))
+
+
+def test_robots() -> None:
+    assert "iCub V2.5" in tci("robots")
+    names = {row["name"] for row in json.loads(tci("robots", "--json"))["robots"]}
+    assert {"nao", "icub"} <= names
+
+
+@pytest.mark.parametrize("robot", ["nao", "icub"])
+def test_describe(robot: str) -> None:
+    text = tci("describe", robot)
+    assert "shoulder_pitch" in text
+    assert "rms" in text
+    data = json.loads(tci("describe", robot, "--json"))
+    assert len(data["skin"]) == 4
+    assert all(0.0 <= patch["cone"]["rms_mm"] < 6.0 for patch in data["skin"])
+
+
+def test_unknown_robot_lists_the_valid_ones() -> None:
+    text = tci("describe", "naoo", status=1)
+    assert "naoo" in text
+    assert "icub" in text
+    assert "Traceback" not in text
+
+
+def test_check_says_what_is_valid_and_what_is_not(tmp_path: Path) -> None:
+    good, bad = tmp_path / "good.xml", tmp_path / "bad.xml"
+    good.write_text(LISTING)
+    assert "valid" in tci("check", str(good))
+    bad.write_text(LISTING.replace('angle_unit="deg"', "").replace(">0<", ">none<"))
+    text = tci("check", str(bad), status=1)
+    assert "line 1" in text
+    assert "line 3" in text
+    faults = json.loads(tci("check", str(bad), "--json", status=1))["faults"]
+    assert {fault["line"] for fault in faults} >= {1, 3}
+    assert "can't be opened" in tci("check", str(tmp_path / "none.xml"), status=1)
+
+
+def test_demo_writes_table_picture_and_report(tmp_path: Path) -> None:
+    text = tci("demo", "--robot", "nao", "--headless", "--out", str(tmp_path), "--seed", "2")
+    assert "10 of 10 pokes answered, contact lost in 10" in text
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report.keys() == {"trials", "same_stimulus"}
+    assert {
+        "robot", "side", "site", "taxels", "responded", "trigger_ms", "first_motion_ms", "contact_lost_ms",
+        "peak_force_n", "cop_error_mm", "withdrawn_mm", "withdrawn_without_reflex_mm", "limit_violations",
+    } <= report["trials"][0].keys()  # fmt: skip
+    assert report["same_stimulus"].keys() == {"max_generic_difference_rad", "hand_direction_deg"}
+    picture = imread(tmp_path / "demo.png")
+    assert picture.shape[0] > 400
+    assert picture.std() > 0.1
+
+
+def test_demo_refuses_a_bad_skin_rate(tmp_path: Path) -> None:
+    text = tci("demo", "--robot", "nao", "--skin-rate", "-5", "--out", str(tmp_path), status=1)
+    assert "-5" in text
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,191 @@
+"""Every packaged robot, and what the two of the paper share."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import mujoco
+import numpy as np
+import pytest
+from lxml import etree
+
+from tci.frames import Array, angle_between
+from tci.interface.part import to_platform
+from tci.messages import GenericCommand, Mode
+from tci.model.catalogue import load_robot, robot_names
+from tci.model.cone import cone_of
+from tci.model.description import Robot
+from tci.model.generic_arm import JOINTS, forearm_rotation, upper_arm_rotation
+from tci.model.kinematics import Kinematics
+from tci.model.mujoco_model import load_spec
+from tci.model.surfaces import build_surface
+from tci.model.xml import schema_path
+
+COMMON_RANGE = np.deg2rad([[-10, 95.5], [0, 76], [-29.5, 65], [15, 88.5], [-60, 60]])
+SIDES = ("left", "right")
+
+
+@pytest.fixture(scope="module", params=robot_names())
+def robot(request: pytest.FixtureRequest) -> Robot:
+    return load_robot(request.param)
+
+
+class JointAxes:
+    """Axes of an arm's joints, read from the MuJoCo model itself."""
+
+    def __init__(self, robot: Robot, side: str) -> None:
+        assert robot.model is not None
+        self.robot, self.part = robot, robot.part(f"{side}_arm")
+        self.model = load_spec(robot.model).compile()
+        self.data = mujoco.MjData(self.model)
+        self.torso = self.model.body(robot.model.torso_link).id
+
+    def at(self, posture: Array) -> dict[str, Array]:
+        """Axis (3,) of each generic joint in the mount frame, as the joint turns positively."""
+        command = to_platform(self.robot, GenericCommand(self.part.name, Mode.POSITION, posture))
+        for index, angle in zip(command.servos, command.values, strict=True):
+            self.data.qpos[self.model.joint(self.robot.servos[index].joint).qposadr] = angle
+        mujoco.mj_kinematics(self.model, self.data)
+        assert self.robot.model is not None
+        R_WT = self.data.xmat[self.torso].reshape(3, 3) @ self.robot.model.T_LT[:3, :3]
+        R_MW = self.part.R_TM.T @ R_WT.T
+        return {
+            generic.name: R_MW
+            @ self.data.xaxis[self.model.joint(self.robot.servos[generic.servo].joint).id]
+            * np.sign(generic.scale)
+            for generic in self.part.servos
+            if generic.servo is not None
+        }
+
+
+def thumb_side(robot: Robot, side: str, posture: Array, R_HM: Array | None) -> tuple[Array, Array]:
+    """Thumb direction in the mount frame, carried by the link behind the pronation joint.
+
+    `R_HM` is that link's turn at generic zero, where the thumb side is forward.
+    """
+    arm = JointAxes(robot, side)
+    arm.at(posture)
+    servo = arm.part.servos[4].servo
+    assert servo is not None
+    body = arm.model.jnt_bodyid[arm.model.joint(robot.servos[servo].joint).id]
+    assert robot.model is not None
+    R_WT = arm.data.xmat[arm.torso].reshape(3, 3) @ robot.model.T_LT[:3, :3]
+    R_MH = arm.part.R_TM.T @ R_WT.T @ arm.data.xmat[body].reshape(3, 3)
+    here = R_MH.T if R_HM is None else R_HM
+    return R_MH @ here[:, 0], here
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_axes_of_nao_and_icub_agree_in_their_mount_frames(side: str) -> None:
+    """1000 postures: the axes of upper arm and forearm and the thumb side, to 0.01 degrees."""
+    sign = 1.0 if side == "left" else -1.0
+    arms = [JointAxes(load_robot(name), side) for name in ("nao", "icub")]
+    zeros = [thumb_side(arm.robot, side, np.zeros(5), None)[1] for arm in arms]
+    worst = 0.0
+    for posture in np.random.default_rng(2).uniform(*COMMON_RANGE.T, size=(1000, 5)):
+        axes = [arm.at(posture) for arm in arms]
+        # Internal rotation turns about the upper arm and pronation about the forearm, downwards on the left.
+        ideal = {
+            "shoulder_yaw": -sign * upper_arm_rotation(posture, side, axial=False)[:, 2],
+            "elbow_yaw": -sign * forearm_rotation(posture, side, axial=False)[:, 2],
+        }
+        thumbs = []
+        for arm, R_HM in zip(arms, zeros, strict=True):
+            servo = arm.part.servos[4].servo
+            assert servo is not None
+            body = arm.model.jnt_bodyid[arm.model.joint(arm.robot.servos[servo].joint).id]
+            assert arm.robot.model is not None
+            R_WT = arm.data.xmat[arm.torso].reshape(3, 3) @ arm.robot.model.T_LT[:3, :3]
+            thumbs.append(arm.part.R_TM.T @ R_WT.T @ arm.data.xmat[body].reshape(3, 3) @ R_HM[:, 0])
+        ideal_thumb = forearm_rotation(posture, side, axial=True)[:, 0]
+        pairs = [(axes[0][name], axes[1][name]) for name in JOINTS]
+        pairs += [(axes[k][name], ideal[name]) for k in (0, 1) for name in ideal]
+        pairs += [(thumbs[0], thumbs[1]), (thumbs[0], ideal_thumb), (thumbs[1], ideal_thumb)]
+        worst = max(worst, *(np.rad2deg(angle_between(a, b)) for a, b in pairs))
+    assert worst <= 0.01
+
+
+def test_initial_posture_is_inside_and_away_from_limits(robot: Robot) -> None:
+    for part in robot.parts:
+        if part.kind != "arm":
+            continue
+        assert [servo.name for servo in part.servos] == list(JOINTS)
+        for generic in part.servos:
+            assert generic.servo is not None
+            limits = robot.servos[generic.servo].limits
+            assert limits.lower is not None
+            assert limits.upper is not None
+            angle = robot.initial_position[generic.servo]
+            assert limits.lower + 0.05 < angle < limits.upper - 0.05
+
+
+def test_couplings_hold_in_the_initial_posture(robot: Robot) -> None:
+    for coupling in robot.couplings:
+        value = robot.initial_position[list(coupling.servos)] @ np.array(coupling.coefficients)
+        assert coupling.lower < value < coupling.upper
+
+
+def test_mapped_servos_can_be_moved(robot: Robot) -> None:
+    for part, generic in ((part, generic) for part in robot.parts for generic in part.servos):
+        if generic.servo is None:
+            continue
+        limits = robot.servos[generic.servo].limits
+        figures = (
+            limits.lower,
+            limits.upper,
+            limits.velocity,
+            limits.acceleration,
+            limits.jerk,
+            limits.torque,
+        )
+        assert None not in figures, (part.name, generic.name)
+        assert {"acceleration", "jerk"} <= set(limits.ours), "nobody publishes these"
+
+
+def test_left_and_right_mirror_each_other(robot: Robot) -> None:
+    left, right = (robot.part(f"{side}_arm") for side in SIDES)
+    for a, b in zip(left.servos, right.servos, strict=True):
+        assert a.servo is not None
+        assert b.servo is not None
+        ranges = []
+        for generic in (a, b):
+            limits = robot.servos[generic.servo].limits
+            assert limits.lower is not None
+            assert limits.upper is not None
+            ends = generic.scale * np.array([limits.lower, limits.upper]) + generic.offset
+            ranges.append(sorted(ends))
+        np.testing.assert_allclose(*ranges, atol=1e-9)
+
+
+def test_skin_lies_on_its_segment(robot: Robot) -> None:
+    kinematics = Kinematics(robot)
+    assert {(patch.part, patch.segment) for patch in robot.patches} == set(
+        product(("left_arm", "right_arm"), ("upper_arm", "forearm"))
+    )
+    for patch in robot.patches:
+        surface = build_surface(robot, patch, kinematics)
+        assert len(set(surface.channels.tolist())) == len(surface.positions)
+        fit = cone_of(robot, surface, kinematics)
+        assert 0.02 < fit.r1 < 0.06
+        assert fit.rms < 0.006
+        assert fit.largest < 0.015
+
+
+def test_the_schema_accepts_the_description(robot: Robot) -> None:
+    schema = etree.XMLSchema(etree.parse(str(schema_path())))
+    schema.assertValid(etree.parse(robot.source))
+
+
+def test_head_and_torso_turn_as_their_convention_says(robot: Robot) -> None:
+    """Pitch is positive about y, roll about x, yaw about z of the torso, whatever the robot's signs."""
+    assert robot.model is not None
+    model = load_spec(robot.model).compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    R_WT = data.xmat[model.body(robot.model.torso_link).id].reshape(3, 3) @ robot.model.T_LT[:3, :3]
+    for name in ("head", "torso"):
+        for generic, wanted in zip(robot.part(name).servos, np.eye(3)[[1, 0, 2]], strict=True):
+            if generic.servo is not None:
+                joint = robot.servos[generic.servo].joint
+                axis = R_WT.T @ data.xaxis[model.joint(joint).id] * np.sign(generic.scale)
+                assert axis @ wanted > 0.99, (name, generic.name)

@@ -132,6 +132,12 @@ def test_5_nor_does_the_order_of_contacts(touches: list[Contact]) -> None:
             assert np.array_equal(motion(reflex, *order, part=part), expected)
 
 
+def test_5_not_even_where_two_contacts_ask_for_the_same_gain() -> None:
+    twins = [poke(FIELD, 5.0), poke(one_field(theta=np.pi), 5.0)]
+    reflex = WithdrawalReflex(fields=(FIELD, one_field(name="twin", theta=np.pi, motion=(-0.3, 0, 0, 0, 0))))
+    assert np.array_equal(motion(reflex, *twins), motion(reflex, *reversed(twins)))
+
+
 overlapping = st.lists(
     st.builds(
         lambda u, theta, angle: {"u": u, "theta": theta, "motion": (angle, 0.0, 0.0, 0.1, 0.0)},
@@ -157,6 +163,13 @@ def test_6_of_overlapping_fields_the_closest_wins_alone(
     else:
         assert answer.field is closest
         assert answer == WithdrawalReflex(fields=(closest,)).answer(touch(*place, [force]))
+
+
+def test_6_a_field_that_ends_before_the_touch_does_not_shadow_one_that_reaches_it() -> None:
+    narrow, wide = one_field(name="narrow", radius=0.1), one_field(name="wide", u=0.8)
+    answer = WithdrawalReflex(fields=(narrow, wide)).answer(touch(0.604, 0.0, [5.0]))
+    assert answer is not None
+    assert answer.field is wide
 
 
 def test_6_many_contacts_do_not_add_up() -> None:

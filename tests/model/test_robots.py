@@ -15,7 +15,7 @@ from tci.messages import GenericCommand, Mode
 from tci.model.catalogue import load_robot, robot_names
 from tci.model.cone import cone_of
 from tci.model.description import Robot
-from tci.model.generic_arm import JOINTS, forearm_rotation, upper_arm_rotation
+from tci.model.generic_arm import JOINTS, Side, forearm_rotation, side_sign, upper_arm_rotation
 from tci.model.kinematics import Kinematics
 from tci.model.mujoco_model import load_spec
 from tci.model.surfaces import build_surface
@@ -30,78 +30,78 @@ def robot(request: pytest.FixtureRequest) -> Robot:
     return load_robot(request.param)
 
 
-class JointAxes:
-    """Axes of an arm's joints, read from the MuJoCo model itself."""
+class ModelArm:
+    """One arm of a robot, read from the MuJoCo model itself."""
 
-    def __init__(self, robot: Robot, side: str) -> None:
+    def __init__(self, robot: Robot, side: Side) -> None:
         assert robot.model is not None
         self.robot, self.part = robot, robot.part(f"{side}_arm")
         self.model = load_spec(robot.model).compile()
         self.data = mujoco.MjData(self.model)
         self.torso = self.model.body(robot.model.torso_link).id
 
-    def at(self, posture: Array) -> dict[str, Array]:
-        """Axis (3,) of each generic joint in the mount frame, as the joint turns positively."""
+    def at(self, posture: Array) -> None:
+        """Go to generic angles (5,) [rad]."""
         command = to_platform(self.robot, GenericCommand(self.part.name, Mode.POSITION, posture))
         for index, angle in zip(command.servos, command.values, strict=True):
             self.data.qpos[self.model.joint(self.robot.servos[index].joint).qposadr] = angle
         mujoco.mj_kinematics(self.model, self.data)
+
+    @property
+    def R_MW(self) -> Array:
+        """The world, seen from the arm's mount frame."""
         assert self.robot.model is not None
         R_WT = self.data.xmat[self.torso].reshape(3, 3) @ self.robot.model.T_LT[:3, :3]
-        R_MW = self.part.R_TM.T @ R_WT.T
-        return {
-            generic.name: R_MW
-            @ self.data.xaxis[self.model.joint(self.robot.servos[generic.servo].joint).id]
-            * np.sign(generic.scale)
-            for generic in self.part.servos
-            if generic.servo is not None
-        }
+        result: Array = self.part.R_TM.T @ R_WT.T
+        return result
 
+    def joint(self, generic: int) -> int:
+        """MuJoCo's number of the joint behind a generic one."""
+        servo = self.part.servos[generic].servo
+        assert servo is not None
+        return int(self.model.joint(self.robot.servos[servo].joint).id)
 
-def thumb_side(robot: Robot, side: str, posture: Array, R_HM: Array | None) -> tuple[Array, Array]:
-    """Thumb direction in the mount frame, carried by the link behind the pronation joint.
+    def axis(self, generic: int) -> Array:
+        """Axis (3,) of a generic joint in the mount frame, as it turns positively."""
+        sign = np.sign(self.part.servos[generic].scale)
+        result: Array = self.R_MW @ self.data.xaxis[self.joint(generic)] * sign
+        return result
 
-    `R_HM` is that link's turn at generic zero, where the thumb side is forward.
-    """
-    arm = JointAxes(robot, side)
-    arm.at(posture)
-    servo = arm.part.servos[4].servo
-    assert servo is not None
-    body = arm.model.jnt_bodyid[arm.model.joint(robot.servos[servo].joint).id]
-    assert robot.model is not None
-    R_WT = arm.data.xmat[arm.torso].reshape(3, 3) @ robot.model.T_LT[:3, :3]
-    R_MH = arm.part.R_TM.T @ R_WT.T @ arm.data.xmat[body].reshape(3, 3)
-    here = R_MH.T if R_HM is None else R_HM
-    return R_MH @ here[:, 0], here
+    def hand(self) -> Array:
+        """Orientation (3, 3) in the mount frame of the link behind the pronation joint."""
+        body = self.model.jnt_bodyid[self.joint(4)]
+        result: Array = self.R_MW @ self.data.xmat[body].reshape(3, 3)
+        return result
 
 
 @pytest.mark.parametrize("side", SIDES)
-def test_axes_of_nao_and_icub_agree_in_their_mount_frames(side: str) -> None:
+def test_axes_of_nao_and_icub_agree_in_their_mount_frames(side: Side) -> None:
     """1000 postures: the axes of upper arm and forearm and the thumb side, to 0.01 degrees."""
-    sign = 1.0 if side == "left" else -1.0
-    arms = [JointAxes(load_robot(name), side) for name in ("nao", "icub")]
-    zeros = [thumb_side(arm.robot, side, np.zeros(5), None)[1] for arm in arms]
+    sign = side_sign(side)
+    arms = [ModelArm(load_robot(name), side) for name in ("nao", "icub")]
+    thumbs_H = []
+    for arm in arms:
+        arm.at(np.zeros(5))
+        thumbs_H.append(arm.hand().T[:, 0])  # the thumb side is forward at generic zero
     worst = 0.0
     for posture in np.random.default_rng(2).uniform(*COMMON_RANGE.T, size=(1000, 5)):
-        axes = [arm.at(posture) for arm in arms]
-        # Internal rotation turns about the upper arm and pronation about the forearm, downwards on the left.
-        ideal = {
-            "shoulder_yaw": -sign * upper_arm_rotation(posture, side, axial=False)[:, 2],
-            "elbow_yaw": -sign * forearm_rotation(posture, side, axial=False)[:, 2],
-        }
-        thumbs = []
-        for arm, R_HM in zip(arms, zeros, strict=True):
-            servo = arm.part.servos[4].servo
-            assert servo is not None
-            body = arm.model.jnt_bodyid[arm.model.joint(arm.robot.servos[servo].joint).id]
-            assert arm.robot.model is not None
-            R_WT = arm.data.xmat[arm.torso].reshape(3, 3) @ arm.robot.model.T_LT[:3, :3]
-            thumbs.append(arm.part.R_TM.T @ R_WT.T @ arm.data.xmat[body].reshape(3, 3) @ R_HM[:, 0])
-        ideal_thumb = forearm_rotation(posture, side, axial=True)[:, 0]
-        pairs = [(axes[0][name], axes[1][name]) for name in JOINTS]
-        pairs += [(axes[k][name], ideal[name]) for k in (0, 1) for name in ideal]
-        pairs += [(thumbs[0], thumbs[1]), (thumbs[0], ideal_thumb), (thumbs[1], ideal_thumb)]
-        worst = max(worst, *(np.rad2deg(angle_between(a, b)) for a, b in pairs))
+        # Internal rotation turns about the upper arm and pronation about the forearm.
+        ideal = [
+            -sign * upper_arm_rotation(posture, side, axial=False)[:, 2],
+            -sign * forearm_rotation(posture, side, axial=False)[:, 2],
+            forearm_rotation(posture, side, axial=True)[:, 0],
+        ]
+        seen = []
+        for arm, thumb_H in zip(arms, thumbs_H, strict=True):
+            arm.at(posture)
+            seen.append([arm.axis(2), arm.axis(4), arm.hand() @ thumb_H])
+        pairs = [
+            *zip(*seen, strict=True),
+            *zip(seen[0], ideal, strict=True),
+            *zip(seen[1], ideal, strict=True),
+        ]
+        worst = max(worst, *(float(np.rad2deg(angle_between(a, b))) for a, b in pairs))
+    print(f"{side}: NAO, iCub and the generic arm differ by at most {worst:.1e} degrees")
     assert worst <= 0.01
 
 
@@ -126,20 +126,12 @@ def test_couplings_hold_in_the_initial_posture(robot: Robot) -> None:
 
 
 def test_mapped_servos_can_be_moved(robot: Robot) -> None:
-    for part, generic in ((part, generic) for part in robot.parts for generic in part.servos):
-        if generic.servo is None:
-            continue
-        limits = robot.servos[generic.servo].limits
-        figures = (
-            limits.lower,
-            limits.upper,
-            limits.velocity,
-            limits.acceleration,
-            limits.jerk,
-            limits.torque,
-        )
-        assert None not in figures, (part.name, generic.name)
-        assert {"acceleration", "jerk"} <= set(limits.ours), "nobody publishes these"
+    mapped = {generic.servo for part in robot.parts for generic in part.servos if generic.servo is not None}
+    for index in mapped:
+        servo = robot.servos[index]
+        figures = servo.limits.model_dump(exclude={"ours"})
+        assert None not in figures.values(), servo.name
+        assert {"acceleration", "jerk"} <= set(servo.limits.ours), "nobody publishes these"
 
 
 def test_left_and_right_mirror_each_other(robot: Robot) -> None:

@@ -72,7 +72,7 @@ def beside(node: Node, source: Path, what: str, faults: Faults) -> Path | None:
         return None
     folder = source.absolute().parent
     try:
-        path = (folder / file).resolve()
+        path: Path = (folder / file).resolve()
         # Some installers link each file of a package to a store of their own.
         homes = folder.resolve(), source.resolve().parent
         if not path.is_file():

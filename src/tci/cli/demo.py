@@ -66,7 +66,7 @@ def _load(names: Sequence[str]) -> list[Robot]:
         try:
             robots.append(load_robot(name))
         except MissingExtraError as error:
-            console.print(f"without {name}: {error}", style="yellow", highlight=False)
+            console.print(f"without {name}: {error}", style="yellow", highlight=False, markup=False)
     return robots
 
 

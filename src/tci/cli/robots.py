@@ -6,6 +6,7 @@ from typing import Any
 
 from rich import box
 from rich.table import Table
+from rich.text import Text
 
 from tci.cli.console import console, print_json
 from tci.errors import MissingExtraError
@@ -23,7 +24,7 @@ def robots(*, as_json: bool) -> None:
     )
     for row in rows:
         if "missing" in row:
-            table.add_row(f"[bold]{row['name']}[/]", f"[yellow]{row['missing']}[/]")
+            table.add_row(f"[bold]{row['name']}[/]", Text(row["missing"], "yellow"))
         else:
             table.add_row(
                 f"[bold]{row['name']}[/]",

@@ -168,6 +168,30 @@ def test_old_joint_data_means_hold_and_clears_by_itself_without_replay() -> None
     assert driven.angles[2] == pytest.approx(0.2, abs=1e-6)
 
 
+def test_after_a_short_hold_a_command_to_one_joint_does_not_send_others_on() -> None:
+    """The old targets are forgotten when the hold begins, not when it has come to rest."""
+    for partner in (2, 3):  # a joint that is under command already, and one that joins
+        driven = Driven(make_robot(), ZERO)
+        driven.step(position_command([2, 4], [1.5, 1.5]))
+        for _ in range(60):
+            driven.step()
+        driven.gate.step([], reading(driven.angles, driven.time - 0.2), driven.time)
+        driven.step(position_command([partner], [0.1]))
+        driven.settle()
+        assert 0.0 < driven.angles[4] < 1.0
+        assert driven.angles[partner] == pytest.approx(0.1, abs=1e-6)
+
+
+def test_a_coupled_servo_that_is_moved_by_hand_counts_where_it_is_now() -> None:
+    driven = Driven(make_robot(), ZERO)
+    driven.step(position_command([0], [0.75]))
+    driven.settle()
+    driven.angles[1] = 0.6
+    driven.step(position_command([0], [2.0]))
+    driven.settle()
+    assert driven.angles[0] == pytest.approx(1.4, abs=1e-4)
+
+
 @pytest.mark.parametrize(
     "bad",
     [reading([0.0] * 5), reading([0, 0, np.nan, 0, 0, 0]), reading(ZERO, np.nan), reading(ZERO, 1e6)],

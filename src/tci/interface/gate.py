@@ -140,6 +140,9 @@ class Gate:
         if reason and self.state is GateState.RUN:
             self._holds += 1
         self.state = GateState.HOLD if reason else GateState.RUN
+        for chain in self._chains.values():
+            if chain.loose and not reason:
+                chain.limiter.bounds = self._bounds(chain.servos, joints)
         refusals, clamped = [], []
         shares: dict[Mode, dict[int, float]] = {Mode.STIFFNESS: {}, Mode.DAMPING: {}}
         for command in commands:
@@ -275,7 +278,8 @@ class Gate:
         if old is not None:
             places = [union.index(servo) for servo in old.servos]
             limiter.take_over(places, old.limiter.state, old.limiter.target, old.limiter.speed)
-        self._chains[robot_part] = _Chain(union, limiter)
+        loose = any({*union} & {*c.servos} and not {*c.servos} <= {*union} for c in self.robot.couplings)
+        self._chains[robot_part] = _Chain(union, limiter, loose)
         return self._chains[robot_part]
 
     def _bounds(self, servos: Sequence[int], joints: JointReading) -> Bounds:
@@ -285,7 +289,7 @@ class Gate:
             terms = dict(zip(coupling.servos, coupling.coefficients, strict=True))
             if not terms.keys() & set(servos):
                 continue
-            # A coupled servo that nobody commands stays where it was measured.
+            # A coupled servo that is not commanded with these counts where it is measured now.
             still = sum(c * joints.position[s] for s, c in terms.items() if s not in servos)
             rows.append([terms.get(servo, 0.0) for servo in servos])
             lower.append(coupling.lower - still)
@@ -310,3 +314,5 @@ class _Chain:
     """Indices into `Robot.servos`."""
     limiter: Limiter
     """Moves them."""
+    loose: bool
+    """A coupling ties them to a servo outside, whose angle has to be looked at in every step."""

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 from ruckig import (
     ControlInterface,
     InputParameter,
@@ -128,7 +129,10 @@ class Limiter:
         self._resting = False
 
     def halt(self) -> None:
-        """Stop as fast as the bounds allow and stay there; the target is forgotten."""
+        """Stop as fast as the bounds allow and stay there: the old target is forgotten at once."""
+        if not self._stopping:
+            self._plan_stop(*self.state)
+            self.target = np.array(self._path.at_time(self._path.duration)[0])
         self._stopping = True
         self._resting = False
 
@@ -164,10 +168,8 @@ class Limiter:
 
     def _can_stop(self, here: Array) -> bool:
         """Whether the stop from the state in `_output` stays in bounds, or at least moves inward."""
-        self._stop.current_position = self._output.new_position
-        self._stop.current_velocity = self._output.new_velocity
-        self._stop.current_acceleration = self._output.new_acceleration
-        if self._stopper.calculate(self._stop, self._path) not in (Result.Working, Result.Finished):
+        output = self._output
+        if not self._plan_stop(output.new_position, output.new_velocity, output.new_acceleration):
             return False
         duration = self._path.duration
         points = np.array(
@@ -184,6 +186,13 @@ class Limiter:
             np.all(values >= np.minimum(bounds.coupling_lower, now))
             and np.all(values <= np.maximum(bounds.coupling_upper, now))
         )
+
+    def _plan_stop(self, position: ArrayLike, velocity: ArrayLike, acceleration: ArrayLike) -> bool:
+        """Compute the jerk-limited stop from a state into `_path`; whether there is one."""
+        self._stop.current_position = list(np.asarray(position))
+        self._stop.current_velocity = list(np.asarray(velocity))
+        self._stop.current_acceleration = list(np.asarray(acceleration))
+        return self._stopper.calculate(self._stop, self._path) in (Result.Working, Result.Finished)
 
     def _brake(self) -> bool:
         """Compute a step of the jerk-limited stop; whether it stands still afterwards."""

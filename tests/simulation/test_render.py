@@ -14,17 +14,20 @@ from tci.errors import TciError
 from tci.simulation.camera import Camera, look_at, pixel_centres, project, rays
 from tci.simulation.cast import Caster
 from tci.simulation.paint import FieldLook, FieldPaint, TaxelPaint, pressure_colours
-from tci.simulation.render import render
+from tci.simulation.render import model_colours, render
 
 SPHERE = """<mujoco><worldbody>
   <geom name="ball" type="sphere" size="0.1" rgba="0.2 0.6 0.3 1"/>
   <geom name="hidden" type="sphere" size="0.15" group="3"/>
   <geom name="clear" type="sphere" size="0.15" rgba="1 1 1 0"/>
 </worldbody></mujoco>"""
+BALL = np.array([True, False, False])
 TWO = """<mujoco><worldbody>
   <geom name="near" type="sphere" size="0.1" pos="0.3 0 0"/>
   <geom name="far" type="box" size="0.01 1 1" pos="-0.5 0 0"/>
 </worldbody></mujoco>"""
+
+GREY = np.array([[0.5, 0.5, 0.5, 1.0]] * 2)
 
 angles = st.floats(-3.0, 3.0)
 
@@ -43,12 +46,12 @@ def camera(size: int = 200) -> Camera:
 def test_sphere_has_its_size_distance_and_normal() -> None:
     model, data = scene(SPHERE)
     view = camera()
-    hits = Caster(model, data).cast(view, pixel_centres(view))
+    hits = Caster(model, data, BALL).cast(view, pixel_centres(view))
     # A sphere of radius r at distance d covers a cone of half angle asin(r / d).
     radius = view.focal * np.tan(np.arcsin(0.1))
     assert set(hits.geom) == {-1, 0}
     assert np.count_nonzero(hits.geom == 0) == pytest.approx(np.pi * radius**2, rel=0.005)
-    middle = Caster(model, data).cast(view, np.array([[100.0, 100.0]]))
+    middle = Caster(model, data, BALL).cast(view, np.array([[100.0, 100.0]]))
     towards = view.T_WC[:3, 3]
     assert middle.distance[0] == pytest.approx(0.9, abs=1e-9)
     assert middle.normals[0] == pytest.approx(towards, abs=1e-6)
@@ -72,10 +75,7 @@ def test_colours_come_from_the_model_and_the_light() -> None:
 def test_the_picture_is_deterministic_and_leaves_the_model_alone() -> None:
     model, data = scene(TWO)
     groups = model.geom_group.copy()
-    visible = np.array([True, False])
-    assert np.array_equal(
-        render(model, data, camera(), visible=visible), render(model, data, camera(), visible=visible)
-    )
+    assert np.array_equal(render(model, data, camera()), render(model, data, camera()))
     assert np.array_equal(model.geom_group, groups)
 
 
@@ -87,11 +87,32 @@ def test_outlines_are_soft() -> None:
     assert row.min() < inside  # the line around the ball is darker than the ball
 
 
-def test_chosen_geoms_only() -> None:
+def test_colours_choose_what_is_drawn() -> None:
     model, data = scene(SPHERE)
-    view = camera(50)
-    hits = Caster(model, data, visible=np.array([False, True, True])).cast(view, pixel_centres(view))
-    assert set(hits.geom) == {-1, 1}  # alpha 0 stays unseen even when asked for
+    assert list(model_colours(model)[:, 3]) == [1.0, 0.0, 0.0]
+    colours = np.array([[0.2, 0.6, 0.3, 1.0], [0.5, 0.5, 0.5, 0.0], [0.8, 0.1, 0.1, 1.0]])
+    drawn = render(model, data, camera(50), colours=colours)[25, 25].astype(int)
+    assert drawn[0] > 3 * drawn[1]  # the shell, although the model makes it invisible
+
+
+def test_glass_shows_what_is_behind_it() -> None:
+    model, data = scene(SPHERE)
+    colours = np.array([[0.2, 0.6, 0.3, 1.0], [0.5, 0.5, 0.5, 0.0], [0.8, 0.1, 0.1, 0.0]])
+    levels = []
+    for alpha in (0.0, 0.25, 0.5, 0.75, 1.0):
+        colours[2, 3] = alpha
+        levels.append(render(model, data, camera(50), colours=colours)[25, 25].astype(float))
+    for alpha, level in zip((0.25, 0.5, 0.75), levels[1:4], strict=True):
+        assert level == pytest.approx((1 - alpha) * levels[0] + alpha * levels[4], abs=2.0)
+    colours[2, 3] = 0.5
+    through = render(model, data, camera(), colours=colours)
+    assert through[100, 145, 0] > through[100, 145, 1]  # beside the ball, inside the shell
+    # Glass behind an opaque ball is not seen.
+    model, data = scene(TWO)
+    colours = np.array([[0.2, 0.6, 0.3, 1.0], [0.8, 0.1, 0.1, 0.5]])
+    front = look_at((0.3, 0, 0), azimuth=0.0, elevation=0.0, distance=1.0, width=50, height=50)
+    red, green, _ = render(model, data, front, colours=colours)[25, 25].astype(int)
+    assert green > 2 * red
 
 
 @given(azimuth=angles, elevation=st.floats(-1.5, 1.5), distance=st.floats(0.1, 10.0), seed=st.integers(0, 99))
@@ -158,7 +179,7 @@ def test_taxels_are_drawn_where_they_are_seen() -> None:
     pressure = np.full(1, 5e4)
     for taxel, shown in zip(taxels, (True, True, False), strict=True):
         paint = TaxelPaint(taxel[None], front, pressure, full_scale=6e4, radius=0.02)
-        marked = coloured(render(model, data, view, paint=[paint], colours=np.full((2, 3), 0.5)))
+        marked = coloured(render(model, data, view, paint=[paint], colours=GREY))
         assert marked.any() == shown
         if shown:
             rows, columns = np.nonzero(marked)
@@ -167,7 +188,7 @@ def test_taxels_are_drawn_where_they_are_seen() -> None:
             radius = 0.02 * (1.0 + 0.5 * 5 / 6) * view.focal / depth
             assert marked.sum() == pytest.approx(np.pi * radius**2, rel=0.2)
     turned = TaxelPaint(taxels[:1], -front, pressure, full_scale=6e4, radius=0.02)
-    assert not coloured(render(model, data, view, paint=[turned], colours=np.full((2, 3), 0.5))).any()
+    assert not coloured(render(model, data, view, paint=[turned], colours=GREY)).any()
 
 
 def test_pressure_has_its_colours() -> None:

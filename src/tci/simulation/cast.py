@@ -15,7 +15,7 @@ from tci.frames import Array
 from tci.simulation.camera import Camera, rays
 
 _CHUNK = 8192
-"""Rays per call: enough to keep the threads busy to the end."""
+"""Rays per call: few enough that all threads are busy to the end."""
 _SHOWN, _HIDDEN = 0, 5
 """Groups that the copied model's geoms are sorted into."""
 
@@ -34,21 +34,26 @@ class Hits:
     """Unit normals (n, 3) that face the camera; 0 where nothing is hit."""
 
 
+def nearer(first: Hits, second: Hits) -> Hits:
+    """Of two sets of hits (n,) by the same rays, each ray's nearer one."""
+    closer = second.distance < first.distance
+    return Hits(
+        geom=np.where(closer, second.geom, first.geom),
+        distance=np.where(closer, second.distance, first.distance),
+        points=np.where(closer[:, None], second.points, first.points),
+        normals=np.where(closer[:, None], second.normals, first.normals),
+    )
+
+
 class Caster:
-    """Casts a camera's rays at those geoms of a scene that are to be seen.
+    """Casts a camera's rays at the geoms of a scene that are to be seen: `visible` (ngeom,)."""
 
-    `visible` (ngeom,) says which they are; None takes groups 0 to 2, as MuJoCo's viewers do. Geoms
-    with alpha 0 are never seen.
-    """
-
-    def __init__(
-        self, model: mujoco.MjModel, data: mujoco.MjData, *, visible: NDArray[np.bool_] | None = None
-    ) -> None:
-        if visible is None:
-            visible = model.geom_group <= 2
-        # MuJoCo selects by group only, so the choice is written into the groups of a copy.
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, visible: NDArray[np.bool_]) -> None:
+        # MuJoCo selects by group and by the model's own alpha, so the choice is written into a copy.
         self._model = copy.copy(model)
         self._model.geom_group[:] = np.where(visible, _SHOWN, _HIDDEN)
+        self._model.geom_matid[:] = -1
+        self._model.geom_rgba[:, 3] = 1.0
         self._data = data
         self._groups = np.zeros(mujoco.mjNGROUP, dtype=np.uint8)
         self._groups[_SHOWN] = 1

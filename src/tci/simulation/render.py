@@ -8,10 +8,11 @@ from typing import Protocol
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
 
 from tci.frames import Array
 from tci.simulation.camera import Camera, pixel_centres
-from tci.simulation.cast import Caster, Hits
+from tci.simulation.cast import Caster, Hits, nearer
 from tci.simulation.shade import darken, light, outlines, smooth_normals
 
 _SKY = np.array([[1.0, 1.0, 1.0], [0.93, 0.945, 0.96]])
@@ -37,35 +38,49 @@ def render(
     camera: Camera,
     *,
     paint: Sequence[Painter] = (),
-    visible: NDArray[np.bool_] | None = None,
     colours: Array | None = None,
 ) -> NDArray[np.uint8]:
     """A picture (height, width, 3) of the scene at `data`, which must be up to date (`mj_forward`).
 
-    `paint` is laid over the surfaces in its order, before the light falls on them. `visible` (ngeom,)
-    chooses the geoms, None takes groups 0 to 2. `colours` (ngeom, 3), 0 to 1, replaces the model's.
+    `paint` is laid over opaque surfaces in its order, before the light falls on them. `colours`
+    (ngeom, 4), 0 to 1, are those of the geoms; None takes `model_colours`. A geom with alpha 0 is not
+    drawn; one with an alpha below 1 is glass, of which only the nearest layer shows.
     """
-    caster = Caster(model, data, visible=visible)
-    hits = caster.cast(camera, pixel_centres(camera))
     if colours is None:
-        colours = geom_colours(model)
+        colours = model_colours(model)
+    alpha = colours[:, 3]
+    caster = Caster(model, data, alpha >= 1.0)
+    hits = caster.cast(camera, pixel_centres(camera))
+    picture = _shaded(camera, hits, colours, paint)
     line, border = outlines(camera, hits)
-    shape = camera.height, camera.width
-    picture = _shaded(camera, hits, colours, paint).reshape(*shape, 3)
     picture = _resolve(caster, camera, hits, darken(picture, line), border)
+    glass = (alpha > 0.0) & (alpha < 1.0)
+    if glass.any():
+        behind, hits = hits, nearer(hits, Caster(model, data, glass).cast(camera, pixel_centres(camera)))
+        front = (hits.geom != behind.geom).reshape(camera.height, camera.width)
+        through = np.where(front, alpha[hits.geom].reshape(front.shape), 0.0)[..., None]
+        picture = picture + through * (_shaded(camera, hits, colours, ()) - picture)
+        line, border = outlines(camera, hits)
+        border &= binary_dilation(front, structure=np.ones((3, 3)))
+        caster = Caster(model, data, alpha > 0.0)
+        picture = _resolve(caster, camera, hits, darken(picture, line & front), border)
     return np.round(255.0 * np.clip(picture, 0.0, 1.0)).astype(np.uint8)
 
 
-def geom_colours(model: mujoco.MjModel) -> Array:
-    """Colours (ngeom, 3), 0 to 1, of the geoms: their material's, or their own where they have none."""
-    colours = np.array(model.geom_rgba[:, :3], dtype=float)
+def model_colours(model: mujoco.MjModel) -> Array:
+    """Colours (ngeom, 4), 0 to 1, that the model gives its geoms, or their materials.
+
+    Geoms in group 3 and above get alpha 0: by custom they are for collisions only.
+    """
+    colours = np.array(model.geom_rgba, dtype=float)
     material = model.geom_matid >= 0
-    colours[material] = model.mat_rgba[model.geom_matid[material], :3]
+    colours[material] = model.mat_rgba[model.geom_matid[material]]
+    colours[model.geom_group >= 3, 3] = 0.0
     return colours
 
 
 def _shaded(camera: Camera, hits: Hits, colours: Array, paint: Sequence[Painter]) -> Array:
-    """Colour (n, 3) of every pixel of a picture, still without outlines."""
+    """Colours (h, w, 3) of a whole picture, still without outlines."""
     shape = camera.height, camera.width
     background = np.linspace(_SKY[0], _SKY[1], camera.height)
     result = np.repeat(background, camera.width, axis=0)
@@ -74,13 +89,13 @@ def _shaded(camera: Camera, hits: Hits, colours: Array, paint: Sequence[Painter]
     seen = Hits(
         geom=hits.geom[hit], distance=hits.distance[hit], points=hits.points[hit], normals=normals[hit]
     )
-    surface = colours[seen.geom]
+    surface = colours[seen.geom, :3]
     footprint = seen.distance / camera.focal
     for painter in paint:
         painted = painter(seen, footprint)
         surface += painted[:, 3:] * (painted[:, :3] - surface)
     result[hit] = surface * light(camera, seen.normals)[:, None]
-    return result
+    return result.reshape(*shape, 3)
 
 
 def _resolve(caster: Caster, camera: Camera, hits: Hits, picture: Array, border: NDArray[np.bool_]) -> Array:

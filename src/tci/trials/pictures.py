@@ -174,12 +174,4 @@ def _picture(
             full_scale=FULL_SCALE,
         )
     )
-    return render(world.model, moment.data, camera, paint=paint, visible=_visible(world.model))
-
-
-def _visible(model: mujoco.MjModel) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-    """Geoms to draw: a body's collision shapes are hidden when it has shapes for the eye (group 1)."""
-    looks = set(model.geom_bodyid[model.geom_group == 1].tolist())
-    hidden = (model.geom_group == 0) & np.isin(model.geom_bodyid, list(looks))
-    visible: np.ndarray[tuple[int, ...], np.dtype[np.bool_]] = (model.geom_group <= 2) & ~hidden
-    return visible
+    return render(world.model, moment.data, camera, paint=paint)

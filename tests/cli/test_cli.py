@@ -82,6 +82,13 @@ def test_demo_writes_table_picture_and_report(tmp_path: Path) -> None:
     assert picture.std() > 0.1
 
 
+def test_demo_says_where_it_cannot_write(tmp_path: Path) -> None:
+    (tmp_path / "taken").write_text("a file, no folder")
+    text = tci("demo", "--robot", "nao", "--out", str(tmp_path / "taken"), status=1)
+    assert "taken" in text
+    assert "Traceback" not in text
+
+
 def test_demo_refuses_a_bad_skin_rate(tmp_path: Path) -> None:
     text = tci("demo", "--robot", "nao", "--skin-rate", "-5", "--out", str(tmp_path), status=1)
     assert "-5" in text

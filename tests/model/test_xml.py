@@ -207,6 +207,12 @@ def test_huge_and_deep_files_are_refused(tmp_path: Path) -> None:
     assert any("64 deep" in fault for fault in faults(tmp_path, GOOD.replace("<binding", f"{deep}<binding")))
 
 
+def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
+    for path, words in ((tmp_path, "regular file"), (tmp_path / "none.xml", "opened")):
+        with pytest.raises(DescriptionError, match=words):
+            read_robot(path)
+
+
 def test_a_model_file_stays_beside_its_description(tmp_path: Path) -> None:
     model = '<model format="mjcf" file="../../secret.xml" torso_link="Torso"/>'
     found = faults(tmp_path, changed('<robot_part name="LArm">', model + '<robot_part name="LArm">'))

@@ -21,7 +21,7 @@ SPHERE = """<mujoco><worldbody>
   <geom name="hidden" type="sphere" size="0.15" group="3"/>
   <geom name="clear" type="sphere" size="0.15" rgba="1 1 1 0"/>
 </worldbody></mujoco>"""
-BALL = np.array([True, False, False])
+BALL = np.array([[1.0, 1.0, 1.0, 1.0], [1.0, 1.0, 1.0, 0.0], [1.0, 1.0, 1.0, 0.0]])
 TWO = """<mujoco><worldbody>
   <geom name="near" type="sphere" size="0.1" pos="0.3 0 0"/>
   <geom name="far" type="box" size="0.01 1 1" pos="-0.5 0 0"/>

@@ -95,10 +95,10 @@ def check(
 
 
 def main() -> None:
-    """Entry point: errors that TCI raises on purpose become one message and exit status 1."""
+    """Entry point: errors of TCI and of files become one message and exit status 1."""
     try:
         app()
-    except TciError as error:
+    except (TciError, OSError) as error:
         if "--json" in sys.argv and isinstance(error, DescriptionError):
             faults = [{"line": fault.line, "message": fault.message} for fault in error.faults]
             print(json.dumps({"error": str(error).splitlines()[0], "faults": faults}, indent=2))

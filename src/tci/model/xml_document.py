@@ -67,9 +67,10 @@ def read_bytes(path: Path, *, limit: int = MAX_BYTES) -> bytes:
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise refuse(str(path), 0, f"can't be opened: {reason}; give the path of an .xml file") from error
+    if not stat.S_ISREG(os.fstat(handle).st_mode):
+        os.close(handle)
+        raise refuse(str(path), 0, "is not a regular file; give the path of an .xml file")
     with os.fdopen(handle, "rb") as file:
-        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-            raise refuse(str(path), 0, "is not a regular file; give the path of an .xml file")
         try:
             data = file.read(limit + 1)
         except OSError as error:

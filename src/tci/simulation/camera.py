@@ -10,6 +10,9 @@ from numpy.typing import ArrayLike
 from tci.errors import TciError
 from tci.frames import Array, apply, invert, read_only, transform
 
+_FIT_STEPS = 30
+"""Each step brings the picture closer to its fit by about as much as the scene is deep: few are enough."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Camera:
@@ -67,6 +70,41 @@ def look_at(
     T_FC = transform(rotation, np.asarray(point, dtype=float) + distance * outward)
     T_WC = T_FC if frame is None else frame @ T_FC
     return Camera(T_WC=read_only(T_WC), fov=fov, width=width, height=height)
+
+
+def fit(
+    points: Array,
+    *,
+    azimuth: float,
+    elevation: float,
+    margin: float = 0.04,
+    fov: float = 0.4,
+    width: int = 600,
+    height: int = 600,
+    frame: Array | None = None,
+) -> Camera:
+    """The camera of `look_at` that shows all `points` (n, 3) [m] of the world as large as can be.
+
+    It leaves `margin`, a share of the picture, free on each side. Raises TciError as `look_at` does.
+    """
+    T_WF = np.eye(4) if frame is None else frame
+    points_F = apply(invert(T_WF), points)
+    target = (points_F.min(axis=0) + points_F.max(axis=0)) / 2.0
+    distance = 10.0 * float(np.linalg.norm(np.ptp(points_F, axis=0))) + 1e-3
+    size = np.array([width, height])
+    for _ in range(_FIT_STEPS):
+        camera = look_at(
+            target, azimuth=azimuth, elevation=elevation, distance=distance,
+            fov=fov, width=width, height=height, frame=frame,
+        )  # fmt: skip
+        pixels, depth = project(camera, points)
+        low, high = pixels.min(axis=0), pixels.max(axis=0)
+        # Move sideways to the middle of what is seen, then towards it or away until it fills the picture.
+        offset_C = np.append((low + high - size) / 2.0, 0.0) * np.median(depth) / camera.focal
+        target = target + T_WF[:3, :3].T @ camera.T_WC[:3, :3] @ offset_C
+        filled = float(np.max((high - low) / (size * (1.0 - 2.0 * margin))))
+        distance = max(distance * filled, distance - 0.8 * float(depth.min()))
+    return camera
 
 
 def pixel_centres(camera: Camera) -> Array:

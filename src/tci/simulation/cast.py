@@ -16,7 +16,7 @@ from tci.simulation.camera import Camera, rays
 
 _CHUNK = 8192
 """Rays per call: few enough that all threads are busy to the end."""
-_SHOWN, _HIDDEN = 0, 5
+_OPAQUE, _GLASS, _HIDDEN = 0, 1, 5
 """Groups that the copied model's geoms are sorted into."""
 
 
@@ -26,6 +26,8 @@ class Hits:
 
     geom: NDArray[np.int32]
     """Geom (n,) that is hit; -1 where there is none."""
+    surface: NDArray[np.int32]
+    """Surface (n,) that the geom is a piece of; -1 where there is none."""
     distance: Array
     """Distance (n,) [m] from the camera; infinite where nothing is hit."""
     points: Array
@@ -39,6 +41,7 @@ def nearer(first: Hits, second: Hits) -> Hits:
     closer = second.distance < first.distance
     return Hits(
         geom=np.where(closer, second.geom, first.geom),
+        surface=np.where(closer, second.surface, first.surface),
         distance=np.where(closer, second.distance, first.distance),
         points=np.where(closer[:, None], second.points, first.points),
         normals=np.where(closer[:, None], second.normals, first.normals),
@@ -46,20 +49,28 @@ def nearer(first: Hits, second: Hits) -> Hits:
 
 
 class Caster:
-    """Casts a camera's rays at the geoms of a scene that are to be seen: `visible` (ngeom,)."""
+    """Casts a camera's rays at the geoms of a scene, as opaque, as glass or not at all.
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, visible: NDArray[np.bool_]) -> None:
+    Geoms of one body and one colour are one surface.
+    """
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, colours: Array) -> None:
+        """`colours` (ngeom, 4) of the geoms. Alpha 1 is opaque, 0 is not there, between them is glass."""
         # MuJoCo selects by group and by the model's own alpha, so the choice is written into a copy.
         self._model = copy.copy(model)
-        self._model.geom_group[:] = np.where(visible, _SHOWN, _HIDDEN)
+        alpha = colours[:, 3]
+        self._model.geom_group[:] = np.select([alpha >= 1.0, alpha > 0.0], [_OPAQUE, _GLASS], _HIDDEN)
         self._model.geom_matid[:] = -1
         self._model.geom_rgba[:, 3] = 1.0
         self._data = data
-        self._groups = np.zeros(mujoco.mjNGROUP, dtype=np.uint8)
-        self._groups[_SHOWN] = 1
+        looks = np.column_stack([model.geom_bodyid, colours])
+        surfaces = np.unique(looks, axis=0, return_inverse=True)[1].ravel()
+        self._surfaces = np.append(surfaces, -1).astype(np.int32)  # the last one is that of geom -1
 
-    def cast(self, camera: Camera, pixels: Array) -> Hits:
-        """What the rays through `pixels` (n, 2) meet."""
+    def cast(self, camera: Camera, pixels: Array, *, opaque: bool = True, glass: bool = False) -> Hits:
+        """What the rays through `pixels` (n, 2) meet first of the kinds asked for."""
+        groups = np.zeros(mujoco.mjNGROUP, dtype=np.uint8)
+        groups[_OPAQUE], groups[_GLASS] = opaque, glass
         origin = np.ascontiguousarray(camera.T_WC[:3, 3])
         directions = rays(camera, pixels)
         geom = np.full(len(pixels), -1, dtype=np.int32)
@@ -74,7 +85,7 @@ class Caster:
                 self._data,
                 origin,
                 directions[part].ravel(),
-                self._groups,
+                groups,
                 True,
                 -1,
                 ids,
@@ -93,4 +104,6 @@ class Caster:
         away = np.einsum("ij,ij->i", normals, directions) > 0.0
         normals[away] *= -1.0
         points = origin + np.where(missed, np.nan, distance)[:, None] * directions
-        return Hits(geom=geom, distance=distance, points=points, normals=normals)
+        return Hits(
+            geom=geom, surface=self._surfaces[geom], distance=distance, points=points, normals=normals
+        )

@@ -27,7 +27,7 @@ PRESSURE_COLOURS = (
 """From no pressure to full scale, evenly spaced: ever lighter and warmer on the dark sleeve."""
 _SWELL = 0.5
 """A taxel's dot grows by this share up to full scale, so that a small contact is seen."""
-_LEVEL = 0.006
+_LEVEL = 0.010
 """A taxel colours surfaces that lie at most this far [m] above or below it."""
 
 

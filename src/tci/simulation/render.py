@@ -48,22 +48,13 @@ def render(
     """
     if colours is None:
         colours = model_colours(model)
-    alpha = colours[:, 3]
-    caster = Caster(model, data, alpha >= 1.0)
+    caster = Caster(model, data, colours)
     hits = caster.cast(camera, pixel_centres(camera))
-    picture = _shaded(camera, hits, colours, paint)
     line, border = outlines(camera, hits)
-    picture = _resolve(caster, camera, hits, darken(picture, line), border)
-    glass = (alpha > 0.0) & (alpha < 1.0)
-    if glass.any():
-        behind, hits = hits, nearer(hits, Caster(model, data, glass).cast(camera, pixel_centres(camera)))
-        front = (hits.geom != behind.geom).reshape(camera.height, camera.width)
-        through = np.where(front, alpha[hits.geom].reshape(front.shape), 0.0)[..., None]
-        picture = picture + through * (_shaded(camera, hits, colours, ()) - picture)
-        line, border = outlines(camera, hits)
-        border &= binary_dilation(front, structure=np.ones((3, 3)))
-        caster = Caster(model, data, alpha > 0.0)
-        picture = _resolve(caster, camera, hits, darken(picture, line & front), border)
+    picture = darken(_shaded(camera, hits, colours, paint), line)
+    picture = _resolve(caster, camera, hits, picture, border)
+    if np.any((colours[:, 3] > 0.0) & (colours[:, 3] < 1.0)):
+        picture = _glazed(caster, camera, hits, picture, colours)
     return np.round(255.0 * np.clip(picture, 0.0, 1.0)).astype(np.uint8)
 
 
@@ -84,10 +75,14 @@ def _shaded(camera: Camera, hits: Hits, colours: Array, paint: Sequence[Painter]
     shape = camera.height, camera.width
     background = np.linspace(_SKY[0], _SKY[1], camera.height)
     result = np.repeat(background, camera.width, axis=0)
-    normals = smooth_normals(hits.geom.reshape(shape), hits.normals.reshape(*shape, 3)).reshape(-1, 3)
+    normals = smooth_normals(hits.surface.reshape(shape), hits.normals.reshape(*shape, 3)).reshape(-1, 3)
     hit = np.flatnonzero(hits.geom >= 0)
     seen = Hits(
-        geom=hits.geom[hit], distance=hits.distance[hit], points=hits.points[hit], normals=normals[hit]
+        geom=hits.geom[hit],
+        surface=hits.surface[hit],
+        distance=hits.distance[hit],
+        points=hits.points[hit],
+        normals=normals[hit],
     )
     surface = colours[seen.geom, :3]
     footprint = seen.distance / camera.focal
@@ -98,21 +93,41 @@ def _shaded(camera: Camera, hits: Hits, colours: Array, paint: Sequence[Painter]
     return result.reshape(*shape, 3)
 
 
-def _resolve(caster: Caster, camera: Camera, hits: Hits, picture: Array, border: NDArray[np.bool_]) -> Array:
+def _glazed(caster: Caster, camera: Camera, behind: Hits, picture: Array, colours: Array) -> Array:
+    """The picture (h, w, 3) with the nearest layer of glass in front of what it shows."""
+    shape = camera.height, camera.width
+    hits = nearer(behind, caster.cast(camera, pixel_centres(camera), opaque=False, glass=True))
+    front = (hits.geom != behind.geom).reshape(shape)
+    alpha = np.where(front, colours[hits.geom, 3].reshape(shape), 0.0)[..., None]
+    line, border = outlines(camera, hits)
+    over = darken(picture + alpha * (_shaded(camera, hits, colours, ()) - picture), line & front)
+    return _resolve(caster, camera, hits, over, border & binary_dilation(front, np.ones((3, 3))), glass=True)
+
+
+def _resolve(
+    caster: Caster,
+    camera: Camera,
+    hits: Hits,
+    picture: Array,
+    border: NDArray[np.bool_],
+    *,
+    glass: bool = False,
+) -> Array:
     """The picture (h, w, 3) with soft outlines.
 
     Each pixel at an outline becomes the mean of a few more rays. Such a ray takes the colour of the
-    pixel around it that shows the same geom at the nearest distance, so nothing is shaded twice.
+    pixel around it that shows the same surface at the nearest distance, so nothing is shaded twice.
     """
     rows, columns = np.nonzero(border)
     if not len(rows):
         return picture
     shape = camera.height, camera.width
-    geom, distance = hits.geom.reshape(shape), np.minimum(hits.distance.reshape(shape), mujoco.mjMAXVAL)
+    surface = hits.surface.reshape(shape)
+    distance = np.minimum(hits.distance.reshape(shape), mujoco.mjMAXVAL)
     total = np.zeros((len(rows), 3))
     centres = np.stack([columns, rows], axis=1) + 0.5
     for offset in _SUBPIXELS:
-        extra = caster.cast(camera, centres + offset)
+        extra = caster.cast(camera, centres + offset, glass=glass)
         best = np.full(len(rows), np.inf)
         colour = picture[rows, columns].copy()
         for dy in (0, -1, 1):
@@ -121,7 +136,7 @@ def _resolve(caster: Caster, camera: Camera, hits: Hits, picture: Array, border:
                 away = np.abs(distance[y, x] - np.minimum(extra.distance, mujoco.mjMAXVAL))
                 # Among pixels that fit equally well the middle one, which may carry the line, wins.
                 away += 0.5 * (dx != 0 or dy != 0) * distance[y, x] / camera.focal
-                away[geom[y, x] != extra.geom] = np.inf
+                away[surface[y, x] != extra.surface] = np.inf
                 better = away < best
                 best[better] = away[better]
                 colour[better] = picture[y, x][better]

@@ -34,8 +34,8 @@ def _neighbours(step: int) -> list[tuple[Offset, Offset]]:
     ]
 
 
-def smooth_normals(geom: NDArray[np.int32], normals: Array, *, passes: int = 2) -> Array:
-    """Normals (h, w, 3) without the facets of a mesh, averaged within a geom (h, w) and its creases.
+def smooth_normals(surface: NDArray[np.int32], normals: Array, *, passes: int = 2) -> Array:
+    """Normals (h, w, 3) without a mesh's facets, averaged within a surface (h, w) and its creases.
 
     Dammertz et al. 2010, edge-avoiding a-trous wavelet: each pass reaches twice as far.
     """
@@ -43,7 +43,7 @@ def smooth_normals(geom: NDArray[np.int32], normals: Array, *, passes: int = 2) 
     for level in range(passes):
         total = result.copy()
         for a, b in _neighbours(2**level):
-            same = (geom[a] == geom[b]) & (np.einsum("hwi,hwi->hw", result[a], result[b]) > _CREASE)
+            same = (surface[a] == surface[b]) & (np.einsum("hwi,hwi->hw", result[a], result[b]) > _CREASE)
             total[a] += same[..., None] * result[b]
             total[b] += same[..., None] * result[a]
         length = np.linalg.norm(total, axis=2, keepdims=True)
@@ -64,11 +64,11 @@ def light(camera: Camera, normals: Array) -> Array:
 def outlines(camera: Camera, hits: Hits) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Which pixels of a whole picture carry an outline, and which lie at one: two masks (h, w).
 
-    An outline lies where neighbouring pixels show different geoms or a step in depth; the pixel that
+    An outline lies where neighbouring pixels show different surfaces or a step in depth; the pixel that
     is nearer to the camera carries it.
     """
     shape = camera.height, camera.width
-    geom, distance = hits.geom.reshape(shape), hits.distance.reshape(shape)
+    surface, distance = hits.surface.reshape(shape), hits.distance.reshape(shape)
     points, normals = hits.points.reshape(*shape, 3), hits.normals.reshape(*shape, 3)
     line = np.zeros(shape, dtype=bool)
     border = np.zeros(shape, dtype=bool)
@@ -78,7 +78,7 @@ def outlines(camera: Camera, hits: Hits) -> tuple[NDArray[np.bool_], NDArray[np.
             np.abs(np.einsum("hwi,hwi->hw", gap, normals[a])),
             np.abs(np.einsum("hwi,hwi->hw", gap, normals[b])),
         )
-        apart = (geom[a] != geom[b]) | (step > _JUMP * distance[a] / camera.focal)
+        apart = (surface[a] != surface[b]) | (step > _JUMP * distance[a] / camera.focal)
         line[a] |= apart & (distance[a] <= distance[b])
         line[b] |= apart & (distance[b] < distance[a])
         border[a] |= apart

@@ -185,7 +185,7 @@ def test_taxels_are_drawn_where_they_are_seen() -> None:
             rows, columns = np.nonzero(marked)
             (pixel,), (depth,) = project(view, taxel[None])
             assert [columns.mean() + 0.5, rows.mean() + 0.5] == pytest.approx(pixel, abs=1.0)
-            radius = 0.02 * (1.0 + 0.5 * 5 / 6) * view.focal / depth
+            radius = 0.02 * (1.0 + 5 / 6) * view.focal / depth
             assert marked.sum() == pytest.approx(np.pi * radius**2, rel=0.2)
     turned = TaxelPaint(taxels[:1], -front, pressure, full_scale=6e4, radius=0.02)
     assert not coloured(render(model, data, view, paint=[turned], colours=GREY)).any()
@@ -209,8 +209,8 @@ def test_fields_are_painted_on_the_side_where_they_are() -> None:
     height = np.linspace(0.0, -0.2, 21)
     ring = np.stack([0.04 * np.cos(angle), 0.04 * np.sin(angle)], axis=1)
     skin = np.array([[x, y, z] for z in height for x, y in ring])
-    flexor = FieldLook(u=0.5, theta=0.0, radius=0.25, colour=(0.9, 0.1, 0.1), strength=0.8)
-    lateral = FieldLook(u=0.5, theta=np.pi / 2, radius=0.1, colour=(0.1, 0.1, 0.9), strength=0.8)
+    flexor = FieldLook("forearm", u=0.5, theta=0.0, radius=0.25, colour=(0.9, 0.1, 0.1), strength=0.8)
+    lateral = FieldLook("forearm", u=0.5, theta=np.pi / 2, radius=0.1, colour=(0.1, 0.1, 0.9), strength=0.8)
     paint = FieldPaint(skin, np.eye(4), 0.2, "left", [flexor, lateral])
     shares = {}
     for name, azimuth in {"flexor": 0.0, "lateral": np.pi / 2, "extensor": np.pi}.items():

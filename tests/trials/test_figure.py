@@ -18,7 +18,7 @@ def panel(colour: tuple[int, int, int], *, size: int = 200) -> Panel:
 def test_panels_come_out_row_by_row(tmp_path: Path) -> None:
     colours = [(250, 0, 0), (0, 250, 0), (0, 0, 250), (250, 250, 0)]
     path = tmp_path / "figure.png"
-    fields = [("flexor", FieldLook(0.5, 0.0, 0.2, (0.1, 0.6, 0.9)))]
+    fields = [("flexor", FieldLook("forearm", 0.5, 0.0, 0.2, (0.1, 0.6, 0.9)))]
     draw_figure([panel(c) for c in colours], path, columns=2, fields=fields, full_scale=6e4, caption="Ours.")
     picture = np.round(255 * imread(path)[..., :3]).astype(int)
     assert path.read_bytes().startswith(b"\x89PNG")

@@ -25,7 +25,9 @@ DAMPING = 1.4 * np.sqrt(STIFFNESS * MASS)
 TRACE = 60_000
 """Steps that the trace keeps."""
 
-_BASE, _TIP = "tci_finger_base", "tci_finger_tip"
+FINGER = "tci_finger_base"
+"""Body that carries the whole finger."""
+_TIP = "tci_finger_tip"
 _PARKED = np.array([0.0, 0.0, -20.0])
 _SHAFT = 0.06
 _COLOUR = (0.85, 0.55, 0.45, 1.0)
@@ -35,7 +37,7 @@ _OVERLAP = 5e-4
 
 def add_finger(spec: mujoco.MjSpec, *, step: float) -> None:
     """Add the finger, far away: a base that is placed, and a tip that slides on it along its z axis."""
-    base = spec.worldbody.add_body(name=_BASE, mocap=True, pos=_PARKED)
+    base = spec.worldbody.add_body(name=FINGER, mocap=True, pos=_PARKED)
     tip = base.add_body(name=_TIP, gravcomp=1.0)
     tip.add_joint(name=_TIP, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0.0, 0.0, 1.0])
     tip.add_geom(
@@ -87,7 +89,7 @@ class Finger:
         self._physics = physics
         self._skin = skin
         self._geom = model.geom(_TIP).id
-        self._mocap = int(model.body(_BASE).mocapid[0])
+        self._mocap = int(model.body(FINGER).mocapid[0])
         self._qpos = int(model.joint(_TIP).qposadr[0])
         self._dof = int(model.joint(_TIP).dofadr[0])
         self._actuator = model.actuator(_TIP).id

@@ -15,17 +15,9 @@ from tci.model.generic_arm import Side, limb_coordinates
 from tci.simulation.cast import Hits
 
 # All looks are ours.
-REST_COLOUR = (0.50, 0.58, 0.67)
-"""Colour of a taxel that feels nothing."""
-PRESSURE_COLOURS = (
-    (0.50, 0.58, 0.67),
-    (0.58, 0.33, 0.60),
-    (0.88, 0.32, 0.37),
-    (0.98, 0.60, 0.20),
-    (0.99, 0.95, 0.55),
-)
-"""From no pressure to full scale, evenly spaced: ever lighter and warmer on the dark sleeve."""
-_SWELL = 0.5
+PRESSURE_COLOURS = ((0.50, 0.58, 0.67), (0.87, 0.34, 0.29), (0.97, 0.58, 0.16), (1.00, 0.94, 0.50))
+"""From no pressure to full scale, evenly spaced: ever warmer and lighter on the dark skin."""
+_SWELL = 1.0
 """A taxel's dot grows by this share up to full scale, so that a small contact is seen."""
 _LEVEL = 0.010
 """A taxel colours surfaces that lie at most this far [m] above or below it."""
@@ -57,7 +49,7 @@ class TaxelPaint:
 
     def __call__(self, hits: Hits, footprint: Array) -> Array:
         result = np.zeros((len(hits.points), 4))
-        reach = np.hypot(2.0 * self._radius.max(), _LEVEL)
+        reach = np.hypot(1.2 * self._radius.max(), _LEVEL)
         distance, nearest = self._tree.query(hits.points, distance_upper_bound=reach)
         close = np.flatnonzero(np.isfinite(distance))
         taxel = nearest[close]
@@ -75,6 +67,8 @@ class TaxelPaint:
 class FieldLook:
     """A receptive field to be drawn: a disc on the generic limb (eq. 6)."""
 
+    segment: str
+    """Segment of the arm: `upper_arm`, `forearm`."""
     u: float
     """Centre along the segment: 0 proximal, 1 distal."""
     theta: float
@@ -83,7 +77,7 @@ class FieldLook:
     """Radius [limb lengths] on the generic limb."""
     colour: tuple[float, float, float]
     """Red, green, blue, 0 to 1."""
-    strength: float = 0.35
+    strength: float = 0.45
     """How strongly the field tints the skin, 0 to 1."""
 
 

@@ -15,7 +15,8 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colorbar import Colorbar
 from matplotlib.colors import LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle
+from matplotlib.patches import Circle, FancyArrowPatch
+from matplotlib.patheffects import Normal, Stroke
 from numpy.typing import NDArray
 
 from tci.errors import TciError
@@ -26,7 +27,7 @@ _DPI = 150
 _GAP = 8
 _TITLE = 54
 _FOOT = 104
-_INK, _PALE = "#1d2733", "#5b6878"
+_INK, _PALE, _EDGE = "#1d2733", "#5b6878", "#c9d0d8"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,6 +40,12 @@ class Panel:
     """What it shows: `NAO: forearm, flexor side`."""
     detail: str = ""
     """Second line: `180 ms: withdrawn 34 mm`."""
+    close_up: NDArray[np.uint8] | None = None
+    """A smaller picture (h, w, 3), laid over the emptiest corner."""
+    spot: tuple[float, float] | None = None
+    """Pixel to circle: what the close-up shows."""
+    arrow: tuple[tuple[float, float], tuple[float, float]] | None = None
+    """Pixels between which an arrow shows how something moved."""
 
 
 def draw_figure(
@@ -78,14 +85,48 @@ def draw_figure(
         left, top = _GAP + column * (width + _GAP), row * (height + _TITLE)
         _draw_title(area(left, top, width, _TITLE), ascii_uppercase[index % 26], panel)
         image = area(left, top + _TITLE, width, height)
-        image.imshow(panel.image, interpolation="nearest", aspect="auto")
-        image.set(xticks=[], yticks=[])
-        for spine in image.spines.values():
-            spine.set(color="#c9d0d8", linewidth=0.6)
+        _draw_image(image, panel.image, _EDGE)
+        _draw_marks(image, panel)
+        if panel.close_up is not None:
+            inset_height, inset_width, _ = panel.close_up.shape
+            x, y = _emptiest_corner(panel.image, inset_width, inset_height)
+            _draw_image(area(left + x, top + _TITLE + y, inset_width, inset_height), panel.close_up, _INK)
     foot = rows * (height + _TITLE) + _GAP
     _draw_pressure_bar(area(_GAP + 4, foot + 42, 0.22 * total_width, 14), full_scale)
     _draw_legend(area(0.26 * total_width, foot, 0.74 * total_width - _GAP, _FOOT), fields, caption)
     figure.savefig(path, dpi=_DPI, format="png")
+
+
+def _draw_image(axes: Axes, image: NDArray[np.uint8], edge: str) -> None:
+    height, width, _ = image.shape
+    axes.imshow(image, interpolation="nearest", aspect="auto", extent=(0, width, height, 0))
+    axes.set(xticks=[], yticks=[])
+    for spine in axes.spines.values():
+        spine.set(color=edge, linewidth=0.6)
+
+
+def _draw_marks(axes: Axes, panel: Panel) -> None:
+    halo = [Stroke(linewidth=3.0, foreground="white"), Normal()]
+    if panel.spot is not None:
+        axes.add_patch(Circle(panel.spot, 22, fill=False, edgecolor=_INK, linewidth=1.0, path_effects=halo))
+    if panel.arrow is not None:
+        start, end = panel.arrow
+        axes.add_patch(
+            FancyArrowPatch(
+                start, end, arrowstyle="-|>", mutation_scale=9, shrinkA=0, shrinkB=0,
+                color=_INK, linewidth=1.2, path_effects=halo,
+            )
+        )  # fmt: skip
+
+
+def _emptiest_corner(image: NDArray[np.uint8], width: int, height: int) -> tuple[int, int]:
+    """Where (x, y) [pixels] a smaller picture hides least of `image` (h, w, 3)."""
+    total_height, total_width, _ = image.shape
+    detail = np.abs(image.astype(float) - 245.0).sum(axis=2)
+    corners = [
+        (x, y) for y in (_GAP, total_height - height - _GAP) for x in (_GAP, total_width - width - _GAP)
+    ]
+    return min(corners, key=lambda corner: detail[corner[1] :, corner[0] :][:height, :width].sum())
 
 
 def _draw_title(axes: Axes, letter: str, panel: Panel) -> None:

@@ -1,0 +1,55 @@
+"""The loop, the clock and the registry of links."""
+
+from __future__ import annotations
+
+import pytest
+
+import tci
+from tci.clock import ManualClock, ticks
+from tci.errors import LinkError, UnknownNameError
+from tci.messages import GenericCommand, Mode, Perception
+from tci.runtime.loop import Tick
+
+
+class Nod(tci.Capability[int]):
+    """Nods once, then counts."""
+
+    def init(self) -> int:
+        return 0
+
+    def step(self, memory: int, perception: Perception) -> tuple[tuple[GenericCommand, ...], int]:
+        posture = perception.posture["head"].copy()
+        posture[0] += 0.2
+        commands = () if memory else (GenericCommand("head", Mode.POSITION, posture),)
+        return commands, memory + 1
+
+
+def test_the_loop_runs_a_capability_of_ones_own() -> None:
+    with tci.connect(tci.load_robot("nao"), "sim") as link:
+        seen: list[Tick] = []
+        assert tci.run(link, Nod(), duration=0.5, observe=seen.append) == 250
+        start, end = seen[0].perception.posture["head"], seen[-1].perception.posture["head"]
+        assert end[0] - start[0] == pytest.approx(0.2, abs=0.002)
+        assert set(seen[-1].sent.servos) == {1, 0}  # NAO's HeadPitch and HeadYaw; it has no roll
+
+
+def test_ticks_are_skipped_never_caught_up() -> None:
+    clock = ManualClock()
+    stamps = []
+    for now in ticks(clock, 0.1, duration=1.0):
+        stamps.append(round(now, 6))
+        if now == pytest.approx(0.2):
+            clock.advance(0.35)
+    assert stamps == [0.0, 0.1, 0.2, 0.55, 0.6, 0.7, 0.8, 0.9]
+
+
+def test_connect_lists_what_there_is() -> None:
+    robot = tci.load_robot("nao")
+    assert "sim" in tci.link_names()
+    with pytest.raises(UnknownNameError, match="sim"):
+        tci.connect(robot, "telepathy://nao")
+    with pytest.raises(LinkError, match="no address"):
+        tci.connect(robot, "sim:10.0.0.5")
+    unbound = robot.model_copy(update={"bindings": ()})
+    with pytest.raises(UnknownNameError, match="binding"):
+        tci.connect(unbound, "sim")

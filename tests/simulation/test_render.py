@@ -211,7 +211,7 @@ def test_fields_are_painted_on_the_side_where_they_are() -> None:
     skin = np.array([[x, y, z] for z in height for x, y in ring])
     flexor = FieldLook("forearm", u=0.5, theta=0.0, radius=0.25, colour=(0.9, 0.1, 0.1), strength=0.8)
     lateral = FieldLook("forearm", u=0.5, theta=np.pi / 2, radius=0.1, colour=(0.1, 0.1, 0.9), strength=0.8)
-    paint = FieldPaint(skin, np.eye(4), 0.2, "left", [flexor, lateral])
+    paint = FieldPaint(skin, skin * [25.0, 25.0, 0.0], np.eye(4), 0.2, "left", [flexor, lateral])
     shares = {}
     for name, azimuth in {"flexor": 0.0, "lateral": np.pi / 2, "extensor": np.pi}.items():
         view = look_at(

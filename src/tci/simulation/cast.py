@@ -51,7 +51,7 @@ def nearer(first: Hits, second: Hits) -> Hits:
 class Caster:
     """Casts a camera's rays at the geoms of a scene, as opaque, as glass or not at all.
 
-    Geoms of one body and one colour are one surface.
+    Geoms of one body and one colour are one surface, and so is all glass of one colour.
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, colours: Array) -> None:
@@ -63,7 +63,7 @@ class Caster:
         self._model.geom_matid[:] = -1
         self._model.geom_rgba[:, 3] = 1.0
         self._data = data
-        looks = np.column_stack([model.geom_bodyid, colours])
+        looks = np.column_stack([np.where(alpha >= 1.0, model.geom_bodyid, -1), colours])
         surfaces = np.unique(looks, axis=0, return_inverse=True)[1].ravel()
         self._surfaces = np.append(surfaces, -1).astype(np.int32)  # the last one is that of geom -1
 

@@ -86,7 +86,8 @@ class FieldPaint:
 
     def __init__(
         self,
-        skin: Array,
+        positions: Array,
+        normals: Array,
         T_SW: Array,
         length: float,
         side: Side,
@@ -96,9 +97,11 @@ class FieldPaint:
     ) -> None:
         """Fields of the segment whose frame is `T_SW` (4, 4) and whose length is `length` [m].
 
-        Only surfaces within `reach` [m] of a taxel of `skin` (n, 3) [m, world] are painted.
+        Only surfaces within `reach` [m] of a taxel are painted, and only their outside. Taxels are at
+        `positions` (n, 3) [m] with outward `normals` (n, 3), both in the world.
         """
-        self._tree = KDTree(skin)
+        self._tree = KDTree(positions)
+        self._normals = normals
         self._T_SW = T_SW
         self._length = length
         self._side: Side = side
@@ -107,8 +110,9 @@ class FieldPaint:
 
     def __call__(self, hits: Hits, footprint: Array) -> Array:
         result = np.zeros((len(hits.points), 4))
-        gap, _ = self._tree.query(hits.points, distance_upper_bound=self._reach)
+        gap, taxel = self._tree.query(hits.points, distance_upper_bound=self._reach)
         near = np.flatnonzero(np.isfinite(gap))
+        near = near[np.einsum("ij,ij->i", hits.normals[near], self._normals[taxel[near]]) > 0.0]
         u, theta = limb_coordinates(apply(self._T_SW, hits.points[near]), self._length, self._side)
         pixel = footprint[near] / self._length
         for field in self._fields:

@@ -100,7 +100,7 @@ class Portrait:
         T_WT = self.torso(moment)
         names = [patch.name for patch in robot.patches]
         positions = {name: apply(T_WT, skin.positions(name, joints, frame="torso")) for name in names}
-        normals = [skin.normals(name, joints, frame="torso") @ T_WT[:3, :3].T for name in names]
+        normals = {name: skin.normals(name, joints, frame="torso") @ T_WT[:3, :3].T for name in names}
         posture = generic_posture(robot, joints)
         paint: list[Painter] = []
         for part in robot.parts:
@@ -109,16 +109,27 @@ class Portrait:
                 if not on or part.side is None:
                     continue
                 T_WS = T_WT @ skin.segment_pose(part.name, segment, joints, posture[part.name])
-                taxels = np.concatenate([positions[name] for name in on])
-                fields = [field for field in self._fields if field.segment == segment]
                 paint.append(
-                    FieldPaint(taxels, invert(T_WS), part.segment(segment).length, part.side, fields)
+                    FieldPaint(
+                        np.concatenate([positions[name] for name in on]),
+                        np.concatenate([normals[name] for name in on]),
+                        invert(T_WS),
+                        part.segment(segment).length,
+                        part.side,
+                        [field for field in self._fields if field.segment == segment],
+                    )
                 )
         # A skin of its own: pressures are made from this reading alone.
         state = Skin(robot).update(moment.reading)
         pressure = np.concatenate([state.patches[name].pressure for name in names])
-        taxels = np.concatenate(list(positions.values()))
-        paint.append(TaxelPaint(taxels, np.concatenate(normals), pressure, full_scale=self._full_scale))
+        paint.append(
+            TaxelPaint(
+                np.concatenate(list(positions.values())),
+                np.concatenate(list(normals.values())),
+                pressure,
+                full_scale=self._full_scale,
+            )
+        )
         return paint
 
 

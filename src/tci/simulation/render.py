@@ -58,6 +58,11 @@ def render(
     return np.round(255.0 * np.clip(picture, 0.0, 1.0)).astype(np.uint8)
 
 
+def background(height: int) -> Array:
+    """Colours (height, 3), 0 to 1, of the rows of a picture where it shows nothing."""
+    return np.linspace(_SKY[0], _SKY[1], height)
+
+
 def model_colours(model: mujoco.MjModel) -> Array:
     """Colours (ngeom, 4), 0 to 1, that the model gives its geoms, or their materials.
 
@@ -73,8 +78,7 @@ def model_colours(model: mujoco.MjModel) -> Array:
 def _shaded(camera: Camera, hits: Hits, colours: Array, paint: Sequence[Painter]) -> Array:
     """Colours (h, w, 3) of a whole picture, still without outlines."""
     shape = camera.height, camera.width
-    background = np.linspace(_SKY[0], _SKY[1], camera.height)
-    result = np.repeat(background, camera.width, axis=0)
+    result = np.repeat(background(camera.height), camera.width, axis=0)
     normals = smooth_normals(hits.surface.reshape(shape), hits.normals.reshape(*shape, 3)).reshape(-1, 3)
     hit = np.flatnonzero(hits.geom >= 0)
     seen = Hits(

@@ -11,7 +11,7 @@ import numpy as np
 
 from tci.frames import Array
 from tci.interface.gate import SafeCommand
-from tci.model.description import Robot, Servo
+from tci.model.description import Coupling, Robot, Servo
 
 COMMAND_TOLERANCE = 1e-6
 """Relative: rounding of the differences below."""
@@ -37,7 +37,7 @@ def command_violations(
         faults += _servo_faults(robot.servos[index], np.array(angles), period)
     for coupling in robot.couplings:
         if any(servo in series for servo in coupling.servos):
-            faults += _coupling_faults(robot, coupling.name, sent)
+            faults += _coupling_faults(coupling, sent, measured)
     return faults
 
 
@@ -61,18 +61,15 @@ def _servo_faults(servo: Servo, angles: Array, period: float) -> list[str]:
     return faults
 
 
-def _coupling_faults(robot: Robot, name: str, sent: Sequence[SafeCommand]) -> list[str]:
-    coupling = next(coupling for coupling in robot.couplings if coupling.name == name)
-    latest: dict[int, float] = {}
-    for command in sent:
-        latest.update(zip(map(int, command.servos), map(float, command.position), strict=True))
-        if not all(servo in latest for servo in coupling.servos):
-            continue
-        value = sum(
-            c * latest[servo] for c, servo in zip(coupling.coefficients, coupling.servos, strict=True)
-        )
+def _coupling_faults(coupling: Coupling, sent: Sequence[SafeCommand], measured: Sequence[Array]) -> list[str]:
+    """The first time that the commands leave a coupling; a servo without command is where it is measured."""
+    for command, here in zip(sent, measured, strict=True):
+        angles = here.copy()
+        angles[command.servos] = command.position
+        value = float(angles[list(coupling.servos)] @ np.array(coupling.coefficients))
         if not coupling.lower - COMMAND_TOLERANCE <= value <= coupling.upper + COMMAND_TOLERANCE:
-            return [f"{name}: {value:.6g} sent, allowed {coupling.lower:.6g} .. {coupling.upper:.6g}"]
+            bounds = f"{coupling.lower:.6g} .. {coupling.upper:.6g}"
+            return [f"{coupling.name}: {value:.6g} sent, allowed {bounds}"]
     return []
 
 

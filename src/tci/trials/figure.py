@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from tci.errors import TciError
 from tci.simulation.paint import PRESSURE_COLOURS, FieldLook
+from tci.simulation.render import background
 
 # All looks are ours. Lengths are pixels of the picture.
 _DPI = 150
@@ -122,11 +123,11 @@ def _draw_marks(axes: Axes, panel: Panel) -> None:
 def _emptiest_corner(image: NDArray[np.uint8], width: int, height: int) -> tuple[int, int]:
     """Where (x, y) [pixels] a smaller picture hides least of `image` (h, w, 3)."""
     total_height, total_width, _ = image.shape
-    detail = np.abs(image.astype(float) - 245.0).sum(axis=2)
+    drawn = np.abs(image / 255.0 - background(total_height)[:, None]).max(axis=2) > 0.01
     corners = [
         (x, y) for y in (_GAP, total_height - height - _GAP) for x in (_GAP, total_width - width - _GAP)
     ]
-    return min(corners, key=lambda corner: detail[corner[1] :, corner[0] :][:height, :width].sum())
+    return min(corners, key=lambda corner: drawn[corner[1] :, corner[0] :][:height, :width].sum())
 
 
 def _draw_title(axes: Axes, letter: str, panel: Panel) -> None:

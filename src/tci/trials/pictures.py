@@ -29,7 +29,7 @@ COLOURS = ((0.25, 0.60, 0.95), (0.45, 0.80, 0.30), (0.10, 0.80, 0.76), (0.74, 0.
 FULL_SCALE = 40e3
 """Pressure [Pa] at the end of the colour bar."""
 WIDTH, HEIGHT = 440, 480
-CLOSE_UP = 190
+CLOSE_UP = 170
 """Size of a close-up [pixels]."""
 TILT = np.deg2rad(55.0)
 """A close-up is taken this far off the skin's normal, past the finger."""
@@ -130,7 +130,7 @@ def _close_up(portrait: Portrait, moment: Moment, trace: Trace, camera: Camera) 
         trace.point[trace.time.index(moment.time)],
         azimuth=float(np.arctan2(outward[1], outward[0])),
         elevation=float(np.arcsin(outward[2])),
-        distance=0.22,
+        distance=0.2,
         fov=0.32,
         width=CLOSE_UP,
         height=CLOSE_UP,

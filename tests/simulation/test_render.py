@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tci.errors import TciError
-from tci.simulation.camera import Camera, look_at, pixel_centres, project, rays
+from tci.simulation.camera import Camera, fit, look_at, pixel_centres, project, rays
 from tci.simulation.cast import Caster
 from tci.simulation.paint import FieldLook, FieldPaint, TaxelPaint, pressure_colours
 from tci.simulation.render import model_colours, render
@@ -87,6 +87,18 @@ def test_outlines_are_soft() -> None:
     assert row.min() < inside  # the line around the ball is darker than the ball
 
 
+def test_pieces_of_one_body_and_colour_have_no_line_between_them() -> None:
+    xml = """<mujoco><worldbody>
+      <geom type="box" size="0.1 0.1 0.1" pos="0 0.1 0"/><geom type="box" size="0.1 0.1 0.1" pos="0 -0.1 0"/>
+    </worldbody></mujoco>"""
+    model, data = scene(xml)
+    front = look_at((0, 0, 0), azimuth=0.0, elevation=0.0, distance=2.0, width=100, height=100)
+    colours = np.full((2, 4), 1.0)
+    assert np.ptp(render(model, data, front, colours=colours)[50, 45:55].astype(int)) == 0
+    colours[1, :3] = 0.9
+    assert np.ptp(render(model, data, front, colours=colours)[50, 45:55].astype(int)) > 50
+
+
 def test_colours_choose_what_is_drawn() -> None:
     model, data = scene(SPHERE)
     assert list(model_colours(model)[:, 3]) == [1.0, 0.0, 0.0]
@@ -139,6 +151,19 @@ def test_projection_undoes_the_rays(azimuth: float, elevation: float, distance: 
     (centre, above), _ = project(view, np.array([[0.3, -0.2, 1.0], [0.3, -0.2, 1.01]]))
     assert centre == pytest.approx([160, 100], abs=1e-6)
     assert above[1] < centre[1]
+
+
+@given(azimuth=angles, elevation=st.floats(-1.5, 1.5), seed=st.integers(0, 99))
+def test_a_fit_shows_all_and_fills_the_picture(azimuth: float, elevation: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    points = rng.normal(size=3) + rng.uniform(-1.0, 1.0, (30, 3)) * rng.uniform(0.05, 0.5, 3)
+    view = fit(points, azimuth=azimuth, elevation=elevation, margin=0.05, width=300, height=400)
+    pixels, depth = project(view, points)
+    assert depth.min() > 0.0
+    room = np.stack([pixels.min(axis=0), [300, 400] - pixels.max(axis=0)])
+    assert (room > np.array([300, 400]) * 0.045).all()
+    assert np.min(room.sum(axis=0) / [300, 400]) == pytest.approx(0.1, abs=0.01)
+    assert room[0] == pytest.approx(room[1], abs=3.0)
 
 
 def test_right_is_right() -> None:

@@ -8,6 +8,7 @@ from matplotlib.image import imread
 
 from tci.errors import TciError
 from tci.simulation.paint import FieldLook
+from tci.simulation.render import background
 from tci.trials.figure import Panel, draw_figure
 
 
@@ -30,6 +31,25 @@ def test_panels_come_out_row_by_row(tmp_path: Path) -> None:
         centres[colour] = rows.mean(), columns.mean()
     order = sorted(colours, key=lambda c: (round(centres[c][0]), centres[c][1]))
     assert order == colours
+
+
+def test_a_close_up_lies_where_it_hides_least(tmp_path: Path) -> None:
+    image = np.round(255 * np.repeat(background(200)[:, None], 200, axis=1)).astype(np.uint8)
+    image[:150, :60] = image[:60, 140:] = 40  # both upper corners and the lower left one
+    image[190:, :60] = 40
+    close_up = np.full((50, 50, 3), (250, 0, 0), dtype=np.uint8)
+    path = tmp_path / "figure.png"
+    draw_figure(
+        [Panel(image, "a", close_up=close_up, spot=(100, 100), arrow=((20, 20), (60, 90)))],
+        path,
+        columns=1,
+        full_scale=6e4,
+    )
+    picture = np.round(255 * imread(path)[..., :3]).astype(int)
+    rows, columns = np.nonzero((picture == (250, 0, 0)).all(axis=2))
+    assert len(rows) > 0.85 * 50 * 50
+    assert columns.mean() > 8 + 140
+    assert rows.mean() > 54 + 140
 
 
 def test_panels_must_fit_together(tmp_path: Path) -> None:

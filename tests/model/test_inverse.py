@@ -73,6 +73,22 @@ def test_a_small_motion_of_the_target_is_a_small_motion_of_the_arm(name: str, li
     assert np.abs(answer.position - robot.initial_position).max() < 0.2
 
 
+@pytest.mark.parametrize("kind", ["position", "pose"])
+@pytest.mark.parametrize(("name", "link"), HANDS)
+def test_answers_are_near_the_present_posture(name: str, link: str, kind: str) -> None:
+    """Hardly ever farther from it than the posture that made the target."""
+    robot, kinematics = robot_and_kinematics(name)
+    inverse = InverseKinematics(robot, kinematics, link)
+    chosen = list(inverse.servos)
+    farther = 0
+    for posture, present in random_postures(robot, 2 * COUNT, seed=4).reshape(COUNT, 2, -1):
+        T_TL = kinematics.poses(posture, [link])[link]
+        answer = inverse.solve(T_TL if kind == "pose" else T_TL[:3, 3], present)
+        way = np.linalg.norm((answer.position - present)[chosen])
+        farther += way > np.linalg.norm((posture - present)[chosen]) + 1e-3
+    assert farther <= 0.06 * COUNT
+
+
 def test_out_of_reach_is_an_answer_at_the_nearest_place() -> None:
     robot, kinematics = robot_and_kinematics("nao")
     inverse = InverseKinematics(robot, kinematics, "LHand")

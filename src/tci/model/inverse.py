@@ -31,6 +31,8 @@ class InverseSettings:
     """Most steps from one start."""
     starts: int = 20
     """Most starts; the first is the present posture."""
+    slides: int = 4
+    """Most attempts to bring a solution nearer to the present posture."""
     damping: float = 1e-8
     """Damping [m2/rad2] that is left when the error is zero."""
     length: float = 0.1
@@ -103,7 +105,8 @@ class InverseKinematics:
 
         `target` is a position (3,) [m] or a pose (4, 4), seen from the torso. The search descends from
         the present posture; only when it gets stuck there, further starts are tried, the nearest to
-        the present posture first. Raises CommandError for another shape or values that are not finite.
+        the present posture first. A redundant limb's solution is then slid towards the present posture: it
+        is near, not proven the nearest. Raises CommandError for another shape or values that are not finite.
         """
         target, present = np.asarray(target, np.float64), np.asarray(present, np.float64)
         if target.shape not in ((3,), (4, 4)) or not np.isfinite(target).all():
@@ -124,7 +127,33 @@ class InverseKinematics:
                     best = answer
                 if best.reached:
                     break
+        if best.reached:
+            best, more = self._come_nearer(target, present, first, best)
+            steps += more
         return InverseAnswer(best.position, best.reached, best.error, best.angle_error, steps)
+
+    def _come_nearer(
+        self, target: Array, present: Array, first: Array, answer: InverseAnswer
+    ) -> tuple[InverseAnswer, int]:
+        """Slide along the solutions towards the posture `first` (k,) [rad], while that brings it nearer."""
+        steps = 0
+        for _ in range(self._settings.slides):
+            angles = answer.position[self._chosen]
+            away = first - angles
+            _, jacobian = self._error(target, answer.position)
+            slide = away - np.linalg.lstsq(jacobian, jacobian @ away, rcond=1e-6)[0]
+            if np.linalg.norm(slide) < 1e-2:
+                break
+            start = np.clip(angles + slide, self._lower, self._upper)
+            nearer = self._descend(target, present, start)
+            steps += nearer.iterations
+            gain = np.linalg.norm(away) - np.linalg.norm(first - nearer.position[self._chosen])
+            if not nearer.reached or gain <= 0:
+                break
+            answer = nearer
+            if gain < 1e-3:
+                break
+        return answer, steps
 
     def _starts(self, first: Array) -> Array:
         """Further postures (starts - 1, k) [rad] within limits, nearest first, the same every time."""

@@ -1,4 +1,4 @@
-"""Forward kinematics: where the links of a robot are, seen from its torso."""
+"""Forward kinematics and Jacobians: where the links of a robot are, and how its servos move them."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from tci.errors import CommandError, DescriptionError, Fault, UnknownNameError
 from tci.frames import Array
 from tci.model.description import Model, Robot
 from tci.model.mujoco_model import load_spec
+
+_ORIGIN = np.zeros(3)
 
 
 class Kinematics:
@@ -25,7 +27,7 @@ class Kinematics:
             raise DescriptionError(
                 robot.source, [Fault(0, "no <model>: kinematics need a URDF or MJCF file")]
             )
-        self._model = _bare_model(robot.model)
+        self._model = bare_model(robot.model)
         self._data = mujoco.MjData(self._model)
         self._qpos = self._data.qpos
         self._positions = self._data.xpos
@@ -37,8 +39,11 @@ class Kinematics:
         self._torso = self._body(robot.model.torso_link)
         self._R_LT = robot.model.T_LT[:3, :3]
         self._p_LT = robot.model.T_LT[:3, 3]
-        self._n_servos = len(robot.servos)
-        self._servos, self._addresses = self._joints(robot)
+        self.n_servos = len(robot.servos)
+        """How many servos the robot has: the length of every `position`."""
+        self._servos, self._addresses, self._columns = joints_of(robot, self._model)
+        self._jacobian = np.zeros((6, self._model.nv))
+        self._carried = np.zeros((6, self._model.nv))
 
     def poses(self, position: Array, links: Iterable[str]) -> dict[str, Array]:
         """`T_TL` (4, 4) of each of `links`, seen from the torso.
@@ -47,21 +52,82 @@ class Kinematics:
         the model do not count. Raises CommandError for another shape, UnknownNameError for a link
         that the model lacks.
         """
-        if np.shape(position) != (self._n_servos,):
-            raise CommandError(
-                f"position of shape {np.shape(position)}; the robot has {self._n_servos} servos"
-            )
         names = list(links)
         bodies = [self._body(name) for name in names]
-        self._qpos[self._addresses] = position[self._servos]
-        mujoco.mj_kinematics(self._model, self._data)
-        R_WT = self._rotations[self._torso] @ self._R_LT
-        p_WT = self._positions[self._torso] + self._rotations[self._torso] @ self._p_LT
+        self._move(position)
+        R_WT, p_WT = self._torso_pose()
         T_TL = np.zeros((len(names), 4, 4))
         T_TL[:, :3, :3] = R_WT.T @ self._rotations[bodies]
         T_TL[:, :3, 3] = (self._positions[bodies] - p_WT) @ R_WT
         T_TL[:, 3, 3] = 1.0
         return dict(zip(names, T_TL, strict=True))
+
+    def jacobian(self, position: Array, link: str, *, point: Array = _ORIGIN) -> Array:
+        """Jacobian (6, n_servos) of a point of `link`, seen from the torso.
+
+        Rows 0-2 are the velocity of the point [m/rad], rows 3-5 the angular velocity of the link, per
+        rad/s of each servo, both relative to the torso and along its axes. `point` (3,) [m] is given
+        in `link`: a taxel's position is one. Raises what `poses` raises, and CommandError for a point
+        of another shape.
+        """
+        return self.pose_and_jacobian(position, link, point=point)[1]
+
+    def pose_and_jacobian(self, position: Array, link: str, *, point: Array = _ORIGIN) -> tuple[Array, Array]:
+        """`T_TP` (4, 4), the link's orientation at `point`, and what `jacobian` returns, in one go."""
+        if np.shape(point) != (3,):
+            raise CommandError(f"point of shape {np.shape(point)}; valid: (3,)")
+        body = self._body(link)
+        self._move(position)
+        mujoco.mj_comPos(self._model, self._data)
+        R_WL = self._rotations[body]
+        p_WP = self._positions[body] + R_WL @ point
+        # The torso itself may hang on servos (an iCub's chest): take off how it would carry the point.
+        mujoco.mj_jac(self._model, self._data, self._jacobian[:3], self._jacobian[3:], p_WP, body)
+        mujoco.mj_jac(self._model, self._data, self._carried[:3], self._carried[3:], p_WP, self._torso)
+        R_WT, p_WT = self._torso_pose()
+        T_TP = np.eye(4)
+        T_TP[:3, :3] = R_WT.T @ R_WL
+        T_TP[:3, 3] = (p_WP - p_WT) @ R_WT
+        moving = (self._jacobian - self._carried)[:, self._columns]
+        result = np.zeros((6, self.n_servos))
+        result[:3, self._servos] = R_WT.T @ moving[:3]
+        result[3:, self._servos] = R_WT.T @ moving[3:]
+        return T_TP, result
+
+    def chain(self, link: str) -> tuple[int, ...]:
+        """Servos that move `link` relative to the torso, in order from the torso. UnknownNameError."""
+        up, down = self._ancestors(self._torso), self._ancestors(self._body(link))
+        shared = set(up) & set(down)
+        path = [body for body in up if body not in shared]
+        path += [body for body in reversed(down) if body not in shared]
+        servo_of = {column: servo for servo, column in zip(self._servos, self._columns, strict=True)}
+        columns: list[int] = []
+        for body in path:
+            first, count = int(self._model.body_dofadr[body]), int(self._model.body_dofnum[body])
+            own = list(range(first, first + count))
+            columns += own[::-1] if body in up else own
+        return tuple(servo_of[column] for column in columns if column in servo_of)
+
+    def _ancestors(self, body: int) -> list[int]:
+        """The body and those that carry it, up to but without the world."""
+        result = []
+        while body > 0:
+            result.append(body)
+            body = int(self._model.body_parentid[body])
+        return result
+
+    def _move(self, position: Array) -> None:
+        if np.shape(position) != (self.n_servos,):
+            raise CommandError(
+                f"position of shape {np.shape(position)}; the robot has {self.n_servos} servos"
+            )
+        self._qpos[self._addresses] = position[self._servos]
+        mujoco.mj_kinematics(self._model, self._data)
+
+    def _torso_pose(self) -> tuple[Array, Array]:
+        """`R_WT` (3, 3) and `p_WT` (3,) [m] of the torso in MuJoCo's world."""
+        R_WL = self._rotations[self._torso]
+        return R_WL @ self._R_LT, self._positions[self._torso] + R_WL @ self._p_LT
 
     def _body(self, link: str) -> int:
         try:
@@ -69,24 +135,27 @@ class Kinematics:
         except KeyError:
             raise UnknownNameError("link of the kinematic model", link, self.links) from None
 
-    def _joints(self, robot: Robot) -> tuple[list[int], list[int]]:
-        """Servos with a joint in the model, and the place of each in MuJoCo's coordinates."""
-        joints = [self._model.joint(index) for index in range(self._model.njnt)]
-        places = {joint.name: int(joint.qposadr[0]) for joint in joints}
-        moving = [servo for servo in robot.servos if servo.joint is not None]
-        faults = [
-            Fault(
-                0, f"servo {servo.name}: the model has no joint {servo.joint!r}; valid: {', '.join(places)}"
-            )
-            for servo in moving
-            if servo.joint not in places
-        ]
-        if faults:
-            raise DescriptionError(robot.source, faults)
-        return [servo.index for servo in moving], [places[str(servo.joint)] for servo in moving]
+
+def joints_of(robot: Robot, model: mujoco.MjModel) -> tuple[list[int], list[int], list[int]]:
+    """Servos with a joint in the model, the place of each in MuJoCo's coordinates, and in its Jacobians.
+
+    Raises DescriptionError for every joint that the model lacks.
+    """
+    joints = {joint.name: joint for joint in map(model.joint, range(model.njnt))}
+    moving = [servo for servo in robot.servos if servo.joint is not None]
+    faults = [
+        Fault(0, f"servo {servo.name}: the model has no joint {servo.joint!r}; valid: {', '.join(joints)}")
+        for servo in moving
+        if servo.joint not in joints
+    ]
+    if faults:
+        raise DescriptionError(robot.source, faults)
+    own = [joints[str(servo.joint)] for servo in moving]
+    places = [int(joint.qposadr[0]) for joint in own]
+    return [servo.index for servo in moving], places, [int(joint.dofadr[0]) for joint in own]
 
 
-def _bare_model(model: Model) -> mujoco.MjModel:
+def bare_model(model: Model) -> mujoco.MjModel:
     """Bodies and joints only: it compiles without reading a mesh."""
     spec = load_spec(model)
     useless = (spec.sensors, spec.actuators, spec.equalities, spec.tendons, spec.pairs, spec.excludes)

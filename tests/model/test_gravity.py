@@ -1,0 +1,74 @@
+"""Gravity torques: the derivative of the weight's work, and a case done by hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import small_robot
+from model.moving import random_postures, robot_and_kinematics
+from tci.errors import CommandError, DescriptionError
+from tci.model.description import Robot
+from tci.model.gravity import STANDARD_GRAVITY, Gravity
+from tci.model.mujoco_model import load_spec
+
+
+def weights(robot: Robot) -> list[tuple[str, float, np.ndarray]]:
+    """Link, mass [kg] and centre of mass [m] of each body that the model gives a mass."""
+    assert robot.model is not None
+    bodies = load_spec(robot.model).bodies
+    return [(body.name, body.mass, body.ipos.copy()) for body in bodies if body.explicitinertial]
+
+
+@pytest.mark.parametrize("name", ["nao", "icub"])
+def test_torques_are_the_transposed_jacobians_times_the_weights(name: str) -> None:
+    robot, kinematics = robot_and_kinematics(name)
+    gravity = Gravity(robot)
+    down = np.array([0.3, -0.2, -0.9])
+    pull = down / np.linalg.norm(down) * STANDARD_GRAVITY
+    assert robot.model is not None
+    parts = [part for part in robot.parts if part.kind in ("arm", "head")]
+    arms = [g.servo for part in parts for g in part.servos if g.servo is not None]
+    for posture in random_postures(robot, 10):
+        expected = np.zeros(len(robot.servos))
+        for link, mass, centre in weights(robot):
+            expected -= kinematics.jacobian(posture, link, point=centre)[:3].T @ (mass * pull)
+        assert np.allclose(gravity.torques(posture, down=down)[arms], expected[arms], rtol=0, atol=1e-9)
+
+
+def test_a_stretched_nao_arm_weighs_what_its_masses_say() -> None:
+    """Arms forward: mass times forward distance of everything beyond the shoulder."""
+    robot, kinematics = robot_and_kinematics("nao")
+    held = Gravity(robot).torques(np.zeros(len(robot.servos)))
+    moment = 0.0
+    for link, mass, centre in weights(robot):
+        if link.startswith("L"):
+            T_TL = kinematics.poses(np.zeros(len(robot.servos)), [link])[link]
+            moment += mass * (T_TL[:3, :3] @ centre + T_TL[:3, 3])[0]
+    pitch = next(s.index for s in robot.servos if s.joint == "LShoulderPitch")
+    # ShoulderPitch turns the arm down: it must push the other way.
+    assert held[pitch] == pytest.approx(-moment * STANDARD_GRAVITY, abs=1e-9)
+    assert 0.1 < -held[pitch] < 1.0
+
+
+def test_only_the_direction_of_down_counts() -> None:
+    robot, _ = robot_and_kinematics("icub")
+    gravity = Gravity(robot)
+    standing = gravity.torques(robot.initial_position)
+    assert np.allclose(standing, gravity.torques(robot.initial_position, down=np.array([0, 0, -7.0])))
+    lying = gravity.torques(robot.initial_position, down=np.array([-1.0, 0, 0]))
+    assert np.abs(standing - lying).max() > 0.1
+
+
+def test_what_is_wrong_is_named(tmp_path: Path) -> None:
+    robot, _ = robot_and_kinematics("nao")
+    gravity = Gravity(robot)
+    with pytest.raises(CommandError, match="the robot has 14 servos"):
+        gravity.torques(np.zeros(3))
+    for down in (np.zeros(3), np.zeros(2), np.array([np.nan, 0, 0])):
+        with pytest.raises(CommandError, match="direction of gravity"):
+            gravity.torques(robot.initial_position, down=down)
+    with pytest.raises(DescriptionError, match="l_0 moves and has no <inertial>"):
+        Gravity(small_robot.build(tmp_path))

@@ -20,6 +20,8 @@ from tci.model.skin_normals import estimate_normals
 from tci.model.skin_text import PER_MODULE, check_count, parse_lines, read_lines
 from tci.model.xml_document import Faults
 
+MODULE_PITCH = 6.534e-3
+"""Distance [m] of neighbouring taxels on a triangular module, from pyCub's positions of iCub's skin."""
 PADS_OF_MODULE = (6, 10)
 """Places on a module that are thermal pads, not taxels."""
 PLACEHOLDER = (1.0, 0.0, 0.0)

@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from tci.cli.skin import app as skin_app
 from tci.errors import DescriptionError, TciError
 
 app = typer.Typer(
@@ -19,6 +20,8 @@ app = typer.Typer(
     add_completion=False,
     rich_markup_mode="rich",
 )
+
+app.add_typer(skin_app, name="skin")
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for programs instead of a table.")]
 

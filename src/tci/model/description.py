@@ -194,6 +194,8 @@ class Table(Words):
     kind: Literal["table"] = "table"
     file: str
     """Absolute after loading."""
+    format: Literal["rows", "icub"] = "rows"
+    """Nothing but rows, or a skin calibration file as iCub's are."""
 
 
 class Patch(Words):

@@ -7,7 +7,6 @@ or a table of positions. All end as the same `Surface`.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,18 +14,17 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from tci.errors import DescriptionError, Fault
 from tci.frames import Array, apply, invert, read_only, rotation_rpy, rotation_z, transform
-from tci.model.description import Patch, Robot, Table, TriangularModules, TruncatedCone
+from tci.model.description import Patch, Robot, TriangularModules, TruncatedCone
 from tci.model.kinematics import Kinematics
 from tci.model.nearest import nearest_on_faces
+from tci.model.skin_file import MODULE_PITCH
+from tci.model.skin_table import read_table
 
 NEIGHBOUR_DISTANCE = 0.015
 """Taxels this close [m] are neighbours: the largest distance that an iCub's skinManager is set to."""
 
 GAP = 0.025
 """Widest gap [m] in a skin over which taxels are neighbours. Ours: the widest of an iCub's is 19 mm."""
-
-MODULE_PITCH = 6.534e-3
-"""Distance [m] of neighbouring taxels on a triangular module, from pyCub's positions of iCub's skin."""
 
 CHANNELS_PER_MODULE = 12
 
@@ -86,7 +84,7 @@ def build_surface(robot: Robot, patch: Patch, kinematics: Kinematics) -> Surface
         if isinstance(words, TriangularModules):
             positions, normals, areas, channels = _modules(robot, patch, words, kinematics)
         else:
-            positions, normals, areas, channels = _table(robot, patch, words)
+            positions, normals, areas, channels = read_table(robot, patch, words)
         faces = _hull(robot, patch, positions, normals)
     if channels.max() >= patch.channels:
         message = (
@@ -176,30 +174,6 @@ def _frames(robot: Robot, patch: Patch, modules: TriangularModules, kinematics: 
         )
         raise DescriptionError(robot.source, [Fault(0, message)])
     return found[0]
-
-
-def _table(robot: Robot, patch: Patch, table: Table) -> tuple[Array, Array, Array, NDArray[np.intp]]:
-    """Positions, normals, areas and channels from a file: row i is channel i, all zeros: no taxel there.
-
-    A taxel stands for the hexagon that its nearest neighbour leaves it (ours).
-    """
-    path = Path(robot.source).parent / table.file
-    try:
-        rows = np.loadtxt(path.read_text().replace(",", " ").splitlines(), comments=("#", "%"), ndmin=2)
-    except (OSError, ValueError) as error:
-        raise DescriptionError(str(path), [Fault(0, f"not a table of taxels: {error}")]) from error
-    if rows.shape[1:] != (6,) or not np.isfinite(rows).all():
-        raise DescriptionError(
-            str(path), [Fault(0, "valid: six finite numbers in each row, x y z nx ny nz [m]")]
-        )
-    channels = np.flatnonzero(rows.any(axis=1))
-    positions, normals = rows[channels, :3], rows[channels, 3:]
-    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    if len(channels) < 4 or not lengths.all():
-        message = f"patch {patch.name}: valid: at least four taxels, each with a normal that is not zero"
-        raise DescriptionError(str(path), [Fault(0, message)])
-    spacing = cKDTree(positions).query(positions, k=2)[0][:, 1]
-    return positions, normals / lengths, np.sqrt(0.75) * spacing**2, channels
 
 
 def _hull(robot: Robot, patch: Patch, positions: Array, normals: Array) -> NDArray[np.intp]:

@@ -140,7 +140,7 @@ PATCH = Element(
         "triangular_modules": Element(
             some={"module": Element(needs={"frame": NAME, "port": ID}, may={"turn": Angle()})}
         ),
-        "table": Element(needs={"file": RelativePath()}),
+        "table": Element(needs={"file": RelativePath()}, may={"format": Choice(("rows", "icub"))}),
     },
 )  # fmt: skip
 

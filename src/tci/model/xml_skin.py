@@ -81,7 +81,7 @@ def _surface(patch: Node, source: Path, faults: Faults) -> TruncatedCone | Trian
     if found[0] == "triangular_modules":
         return _modules(node, channels, faults)
     path = beside(node, source, "table", faults)
-    return None if path is None else Table(file=str(path))
+    return None if path is None or not node.ok else Table(file=str(path), format=node.get("format", "rows"))
 
 
 def _cone(node: Node, channels: int | None, faults: Faults) -> TruncatedCone | None:

@@ -1,0 +1,104 @@
+"""`tci skin`: real skins, from their calibration files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+app = typer.Typer(help="Look at skins: cones through them, and pictures.", no_args_is_help=True)
+
+
+@app.command()
+def fit(
+    file: Annotated[Path, typer.Argument(help="Skin calibration file (iCub's text format).")],
+    axis: Annotated[
+        tuple[float, float, float], typer.Option(help="The kinematic axis, distally, in the file's frame.")
+    ] = (0.0, 0.0, 1.0),
+    origin: Annotated[
+        tuple[float, float, float], typer.Option(help="A point on that axis [m], in the file's frame.")
+    ] = (0.0, 0.0, 0.0),
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+) -> None:
+    """Fit the paper's truncated cone to a skin, and say how far the taxels are from it.
+
+    The axis is kept, then may move sideways, then tilt as well.
+
+    Example:  tci skin fit left_forearm.txt --axis 0.9659 0 0.2588
+    """
+    import numpy as np
+
+    from tci.cli.console import console, print_json
+    from tci.errors import TciError
+    from tci.model.cone import Freedom
+    from tci.model.skin_file import read_skin_file
+    from tci.model.skin_map import skin_cone
+
+    skin = read_skin_file(file)
+    taxels = skin.positions[skin.taxels]
+    kinds: dict[str, Freedom] = {"kinematic": "none", "free centre": "centre", "free axis": "axis"}
+    rows: list[dict[str, Any]] = []
+    for kind, free in kinds.items():
+        try:
+            cone = skin_cone(taxels, origin=np.array(origin), axis=np.array(axis), free=free)
+        except TciError as error:
+            rows.append({"axis": kind, "error": str(error)})
+            continue
+        cosine = float(np.clip(cone.axis @ np.array(axis) / np.linalg.norm(axis), -1.0, 1.0))
+        rows.append(
+            {
+                "axis": kind,
+                "length_mm": cone.length * 1e3,
+                "r1_mm": cone.r1 * 1e3,
+                "r2_mm": cone.r2 * 1e3,
+                "rms_mm": cone.rms * 1e3,
+                "max_mm": cone.largest * 1e3,
+                "tilt_deg": float(np.degrees(np.arccos(cosine))),
+                "origin_m": cone.origin.tolist(),
+                "direction": cone.axis.tolist(),
+            }
+        )
+    if as_json:
+        print_json({"file": str(file), "name": skin.name, "taxels": len(taxels), "cones": rows})
+        return
+    console.print(f"[bold]{file.name}[/]  {skin.name}, {len(taxels)} taxels, {skin.channels} channels")
+    console.print(_table(rows))
+    for row in rows:
+        if "error" in row:
+            console.print(f"  {row['axis']}: {row['error']}", style="yellow", highlight=False)
+
+
+def _table(rows: list[dict[str, Any]]) -> Any:
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, caption="mm; tilt in degrees against the axis that was given")
+    for column in ("axis", "length", "r1", "r2", "rms", "max", "tilt"):
+        table.add_column(column, justify="left" if column == "axis" else "right")
+    for row in rows:
+        if "error" in row:
+            table.add_row(row["axis"], *["none"] * 6)
+            continue
+        keys = ("length_mm", "r1_mm", "r2_mm", "rms_mm", "max_mm", "tilt_deg")
+        table.add_row(row["axis"], *(f"{row[key]:.1f}" for key in keys))
+    return table
+
+
+@app.command()
+def show(
+    skin: Annotated[str, typer.Argument(help="Skin calibration file, robot by name, or robot description.")],
+    out: Annotated[Path, typer.Option(help="The picture to write (.png).")] = Path("skin.png"),
+) -> None:
+    """Draw a skin unrolled, x along the limb and theta around it, each taxel with its channel's number.
+
+    Example:  tci skin show left_forearm.txt --out forearm.png
+    """
+    from tci.cli.console import console
+    from tci.cli.skin_picture import draw, maps
+
+    found = maps(skin)
+    draw(found, out)
+    for one in found:
+        console.print(f"{one.title}: {len(one.channels)} taxels", highlight=False)
+    console.print(f"picture {out}", highlight=False)

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from enum import Enum
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
@@ -17,21 +16,14 @@ from numpy.typing import NDArray
 
 from tci.errors import CommandError, LinkError, TciError
 from tci.frames import Array, read_only
-from tci.interface.limiter import Bounds, Limiter
+from tci.interface.acceptance import check_command, check_limits, fault_of_reading
+from tci.interface.bounds import MARGIN, Bounds, bounds_of
+from tci.interface.limiter import Limiter
+from tci.interface.safe_command import GateState as GateState
+from tci.interface.safe_command import SafeCommand as SafeCommand
+from tci.interface.safe_command import Seal
 from tci.messages import JointReading, Mode, PlatformCommand
-from tci.model.description import Robot, Servo
-
-NEEDED = ("lower", "upper", "velocity", "acceleration", "jerk")
-"""Limits without which no servo is moved."""
-
-
-class GateState(Enum):
-    """What the gate is doing."""
-
-    RUN = "run"
-    """Commands pass, within the limits."""
-    HOLD = "hold"
-    """Joint data is too old or not usable: stop, keep the position. Clears by itself."""
+from tci.model.description import Robot
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,51 +52,20 @@ class GateCounts:
     """Times that a servo's target was clamped, by servo name."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Seal:
-    """What only a gate has; without it no SafeCommand can be made."""
-
-    robot: str
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SafeCommand:
-    """What may be written now. Only a gate makes it, for its own link, once."""
-
-    seal: object = field(repr=False)
-    stamp: float
-    """When it was made [s]."""
-    state: GateState
-    """What the gate was doing."""
-    servos: NDArray[np.intp]
-    """Indices (k,) of servos that are under command; no other joint is ever sent anything."""
-    position: Array
-    """Where each of them should be at the end of this period (k,) [rad]."""
-    stiffness: Mapping[int, float]
-    """New share 0..1 of full stiffness, by servo index, where commanded."""
-    damping: Mapping[int, float]
-    """New share 0..1 of full damping, by servo index, where commanded."""
-    clamped: tuple[str, ...]
-    """Targets that were clamped, in words."""
-    refusals: tuple[str, ...]
-    """Commands that were refused, and why."""
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.seal, _Seal):
-            raise LinkError("only a gate makes a SafeCommand: use link.gate.step(...)")
-
-
 class Gate:
     """Turns commands into what may be written, one step per control period.
 
     A servo is under command from its first accepted command on, starting where it was measured. The
-    commanded servos of one robot part move in the same time.
+    commanded servos of one robot part, and of parts that couplings tie to it, move in the same time.
     """
 
     def __init__(
         self, robot: Robot, *, period: float, stale_after: float, settings: GateSettings | None = None
     ) -> None:
-        """`period` of the control loop [s]; joint data older than `stale_after` [s] means hold."""
+        """`period` of the control loop [s]; joint data older than `stale_after` [s] means hold.
+
+        Raises TciError for times that are not above 0 and finite.
+        """
         if not 0.0 < period < np.inf or not 0.0 < stale_after < np.inf:
             raise TciError(f"period {period} s, stale_after {stale_after} s; valid: above 0 and finite")
         self.robot = robot
@@ -112,9 +73,10 @@ class Gate:
         self.stale_after = stale_after
         self.settings = settings or GateSettings()
         self.state = GateState.RUN
-        self._seal = _Seal(robot.name)
+        self._seal = Seal(robot.name)
         self._issued: SafeCommand | None = None
-        self._chains: dict[str, _Chain] = {}
+        self._groups = _groups(robot)
+        self._chains: dict[int, _Chain] = {}
         self._steps = self._holds = self._refusals = 0
         self._clamps: Counter[str] = Counter()
 
@@ -133,25 +95,31 @@ class Gate:
         """What may be written at time `now` [s], given new `commands` and the latest `joints`.
 
         Call it once per period, also without commands: motions go on. A command that can't be
-        accepted is refused whole, counted, and named in `refusals`; what was running goes on.
+        accepted does not raise, since the robot needs a next position all the same: it is refused
+        whole, counted, and named in `refusals`; what was running goes on. An argument of another
+        type is a mistake in the program and raises what Python raises.
         """
         self._steps += 1
-        reason = self._unusable(joints, now)
+        # A check of the following error, handed out against measured, would give its reason here too.
+        reason = fault_of_reading(self.robot, joints, now, self.stale_after)
         if reason and self.state is GateState.RUN:
             self._holds += 1
         self.state = GateState.HOLD if reason else GateState.RUN
         for chain in self._chains.values():
-            if chain.loose and not reason:
-                chain.limiter.bounds = self._bounds(chain.servos, joints)
-        refusals, clamped = [], []
+            if reason:
+                chain.limiter.halt()
+            else:
+                chain.look_outside(joints.position)
+        refusals: list[str] = []
+        clamped: list[str] = []
         shares: dict[Mode, dict[int, float]] = {Mode.STIFFNESS: {}, Mode.DAMPING: {}}
         for command in commands:
             try:
                 if reason:
                     raise CommandError(f"holding: {reason}")
-                self._check(command)
+                check_command(self.robot, command)
                 if command.mode is Mode.POSITION:
-                    clamped += self._aim(command, joints)
+                    clamped += self._aim(command, joints.position)
                 else:
                     clamped += self._set_share(command, shares[command.mode])
             except CommandError as error:
@@ -160,8 +128,6 @@ class Gate:
         servos: list[int] = []
         positions: list[Array] = []
         for chain in self._chains.values():
-            if reason:
-                chain.limiter.halt()
             servos += chain.servos
             positions.append(chain.limiter.step())
         self._issued = SafeCommand(
@@ -174,88 +140,44 @@ class Gate:
             damping=MappingProxyType(shares[Mode.DAMPING]),
             clamped=tuple(clamped),
             refusals=tuple(refusals),
+            reason=reason,
         )
         return self._issued
 
     def check_out(self, safe: SafeCommand) -> None:
         """For links: raises LinkError unless `safe` is the latest this gate made, and not yet written."""
-        if safe is not self._issued:
+        if self._issued is None or safe is not self._issued:
             raise LinkError(
                 "not the latest command of this link's gate, or written before; "
                 "valid: write(gate.step(...)), once per step"
             )
         self._issued = None
 
-    def _unusable(self, joints: JointReading, now: float) -> str:
-        """Why the joint data can't be used; empty when it can."""
-        expected = (len(self.robot.servos),)
-        if joints.position.shape != expected:
-            return f"joint reading of shape {joints.position.shape}; valid: {expected}"
-        if not np.isfinite(joints.position).all():
-            bad = self.robot.servos[int(np.argmin(np.isfinite(joints.position)))].name
-            return f"the angle of {bad} is not finite"
-        age = now - joints.stamp
-        if not -self.stale_after <= age <= self.stale_after:  # also refuses NaN
-            return f"joint data is {age * 1e3:.0f} ms old; valid: at most {self.stale_after * 1e3:.0f} ms"
-        return ""
-
-    def _check(self, command: PlatformCommand) -> None:
-        """Raises CommandError for a mode, shape or value that can't be accepted."""
-        if command.mode not in (Mode.POSITION, Mode.STIFFNESS, Mode.DAMPING):
-            raise CommandError(
-                f"mode {command.mode.value} has no gate yet; valid: position, stiffness, damping"
-            )
-        servos, count = command.servos, len(self.robot.servos)
-        if servos.ndim != 1 or not servos.size or command.values.shape != servos.shape:
-            raise CommandError(
-                f"{command.mode.value}: {servos.shape} servos and {command.values.shape} values; "
-                "valid: as many values as servos, at least one"
-            )
-        if command.speed.shape != servos.shape or not np.all(command.speed > 0.0):
-            raise CommandError(
-                f"speed {command.speed} rad/s; valid: one above 0 for each of {servos.size} servos"
-            )
-        if not np.issubdtype(servos.dtype, np.integer) or servos.min() < 0 or servos.max() >= count:
-            raise CommandError(f"servos {servos.tolist()}; valid: 0 to {count - 1}")
-        if len(set(servos.tolist())) != servos.size:
-            raise CommandError(f"servos {servos.tolist()}; valid: each only once")
-        for servo, value in zip(servos, command.values, strict=True):
-            if not np.isfinite(value):
-                raise CommandError(
-                    f"{command.mode.value} of {self.robot.servos[servo].name} is {value}; "
-                    "valid: finite numbers"
-                )
-
-    def _aim(self, command: PlatformCommand, joints: JointReading) -> list[str]:
-        """Give the servos new targets; says which were clamped."""
+    def _aim(self, command: PlatformCommand, measured: Array) -> list[str]:
+        """Give the servos new targets; says which were clamped. Raises CommandError, then none has one."""
         wanted = dict(zip(command.servos.tolist(), command.values.tolist(), strict=True))
         speeds = dict(zip(command.servos.tolist(), command.speed.tolist(), strict=True))
         for servo in wanted:
-            self._check_limits(self.robot.servos[servo])
+            check_limits(self.robot.servos[servo])
+        chains = {
+            group: self._chain(group, [servo for servo in wanted if self._group(servo) == group], measured)
+            for group in dict.fromkeys(self._group(servo) for servo in wanted)
+        }
+        self._chains.update(chains)
         clamped = []
-        for name in dict.fromkeys(self.robot.servos[servo].robot_part for servo in wanted):
-            chain = self._chain(name, [s for s in wanted if self.robot.servos[s].robot_part == name], joints)
+        for chain in chains.values():
             limiter = chain.limiter
+            free = np.array([servo in wanted for servo in chain.servos])
             target = np.array([wanted.get(s, t) for s, t in zip(chain.servos, limiter.target, strict=True)])
             speed = np.array([speeds.get(s, v) for s, v in zip(chain.servos, limiter.speed, strict=True)])
-            nearest = limiter.bounds.nearest(target)
+            nearest = limiter.bounds.nearest(target, free)
             limiter.aim(nearest, speed)
-            for servo, asked, allowed in zip(chain.servos, target, nearest, strict=True):
-                if servo in wanted and abs(asked - allowed) > 2e-6:
-                    clamped.append(self._clamp_message(self.robot.servos[servo], asked, allowed))
+            for place in np.flatnonzero(np.abs(target - nearest) > 2 * MARGIN):
+                name = self.robot.servos[chain.servos[place]].name
+                self._clamps[name] += 1
+                asked, allowed = np.rad2deg([target[place], nearest[place]])
+                clamped.append(f"{name}: {asked:.2f} degrees asked, clamped to {allowed:.2f}")
         return clamped
-
-    def _clamp_message(self, servo: Servo, asked: float, allowed: float) -> str:
-        self._clamps[servo.name] += 1
-        asked, allowed = np.rad2deg([asked, allowed])
-        return f"{servo.name}: {asked:.2f} degrees asked, clamped to {allowed:.2f}"
-
-    def _check_limits(self, servo: Servo) -> None:
-        missing = [name for name in NEEDED if getattr(servo.limits, name) is None]
-        if missing:
-            raise CommandError(
-                f"{servo.name} can't be moved: its description has no limit of {', '.join(missing)}"
-            )
 
     def _set_share(self, command: PlatformCommand, shares: dict[int, float]) -> list[str]:
         """Stiffness or damping: shares 0..1, clamped and reported."""
@@ -268,51 +190,52 @@ class Gate:
                 clamped.append(f"{name}: {command.mode.value} {value:g} asked, clamped to {shares[servo]:g}")
         return clamped
 
-    def _chain(self, robot_part: str, servos: Sequence[int], joints: JointReading) -> _Chain:
-        """The servos of a robot part under command, with `servos` among them."""
-        old = self._chains.get(robot_part)
+    def _group(self, servo: int) -> int:
+        return self._groups[self.robot.servos[servo].robot_part]
+
+    def _chain(self, group: int, servos: Sequence[int], measured: Array) -> _Chain:
+        """The servos of a group under command, with `servos` among them. Raises CommandError."""
+        old = self._chains.get(group)
         if old is not None and set(servos) <= set(old.servos):
             return old
         union = sorted({*servos, *(old.servos if old else ())})
-        limiter = Limiter(self._bounds(union, joints), joints.position[union], self.period)
+        bounds, outside = bounds_of(self.robot, union, speed_share=self.settings.speed_share)
+        limiter = Limiter(bounds, measured[union], self.period)
         if old is not None:
-            places = [union.index(servo) for servo in old.servos]
-            limiter.take_over(places, old.limiter.state, old.limiter.target, old.limiter.speed)
-        loose = any({*union} & {*c.servos} and not {*c.servos} <= {*union} for c in self.robot.couplings)
-        self._chains[robot_part] = _Chain(union, limiter, loose)
-        return self._chains[robot_part]
-
-    def _bounds(self, servos: Sequence[int], joints: JointReading) -> Bounds:
-        limits = [self.robot.servos[servo].limits for servo in servos]
-        rows, lower, upper = [], [], []
-        for coupling in self.robot.couplings:
-            terms = dict(zip(coupling.servos, coupling.coefficients, strict=True))
-            if not terms.keys() & set(servos):
-                continue
-            # A coupled servo that is not commanded with these counts where it is measured now.
-            still = sum(c * joints.position[s] for s, c in terms.items() if s not in servos)
-            rows.append([terms.get(servo, 0.0) for servo in servos])
-            lower.append(coupling.lower - still)
-            upper.append(coupling.upper - still)
-        return Bounds(
-            lower=np.array([limit.lower for limit in limits], dtype=float),
-            upper=np.array([limit.upper for limit in limits], dtype=float),
-            velocity=self.settings.speed_share * np.array([limit.velocity for limit in limits], dtype=float),
-            acceleration=np.array([limit.acceleration for limit in limits], dtype=float),
-            jerk=np.array([limit.jerk for limit in limits], dtype=float),
-            coupling=np.array(rows, dtype=float).reshape(-1, len(servos)),
-            coupling_lower=np.array(lower, dtype=float),
-            coupling_upper=np.array(upper, dtype=float),
-        )
+            limiter.take_over([union.index(servo) for servo in old.servos], old.limiter)
+        chain = _Chain(union, limiter, bounds, outside)
+        chain.look_outside(measured)
+        return chain
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class _Chain:
-    """Servos of one robot part that move together."""
+    """Servos that move together."""
 
     servos: list[int]
-    """Indices into `Robot.servos`."""
+    """Indices (n,) into `Robot.servos`."""
     limiter: Limiter
     """Moves them."""
-    loose: bool
-    """A coupling ties them to a servo outside, whose angle has to be looked at in every step."""
+    bounds: Bounds
+    """What they may do while every servo outside is at zero."""
+    outside: NDArray[np.float64]
+    """Coefficients (m, n_servos) of servos outside, in the couplings that name one of these."""
+
+    def look_outside(self, measured: Array) -> None:
+        """A coupled servo that is not commanded with these counts where it is `measured` (n_servos,) now."""
+        if self.outside.any():
+            shift = self.outside @ measured
+            self.limiter.bounds = replace(
+                self.bounds,
+                coupling_lower=self.bounds.coupling_lower - shift,
+                coupling_upper=self.bounds.coupling_upper - shift,
+            )
+
+
+def _groups(robot: Robot) -> dict[str, int]:
+    """A number for each robot part; parts that couplings tie together have the same one."""
+    groups = {part: i for i, part in enumerate(dict.fromkeys(servo.robot_part for servo in robot.servos))}
+    for coupling in robot.couplings:
+        tied = {groups[robot.servos[servo].robot_part] for servo in coupling.servos}
+        groups = {part: min(tied) if group in tied else group for part, group in groups.items()}
+    return groups

@@ -3,73 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 from ruckig import (
     ControlInterface,
     InputParameter,
     OutputParameter,
     Result,
     Ruckig,
+    RuckigError,
     Synchronization,
     Trajectory,
 )
 
+from tci.errors import CommandError
 from tci.frames import Array
+from tci.interface.bounds import Bounds
 
-MARGIN = 1e-6
-"""Targets stay this far [rad] inside position limits and couplings, for ruckig's own rounding."""
 CREEP = 0.1
 """Share of the speed limit at which a servo that starts outside its limits moves inward. Ours."""
-_SAMPLES = np.linspace(0.125, 1.0, 8)
-"""Where along a stop its path is checked."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Bounds:
-    """What n servos may do together."""
-
-    lower: Array
-    """Smallest angles (n,) [rad]."""
-    upper: Array
-    """Largest angles (n,) [rad]."""
-    velocity: Array
-    """(n,) [rad/s]"""
-    acceleration: Array
-    """(n,) [rad/s2]"""
-    jerk: Array
-    """(n,) [rad/s3]"""
-    coupling: Array
-    """Coefficients (m, n) of linear inequalities coupling_lower <= coupling @ q <= coupling_upper."""
-    coupling_lower: Array
-    """(m,) [rad]"""
-    coupling_upper: Array
-    """(m,) [rad]"""
-
-    def nearest(self, target: Array) -> Array:
-        """A point inside limits and couplings: `target` (n,) [rad] itself, or one close to it.
-
-        Projects onto each violated half-space in turn (Bregman 1965), last onto the limits.
-        """
-        lower, upper = self.lower + MARGIN, self.upper - MARGIN
-        point = np.clip(target, lower, upper)
-        for _ in range(100):
-            moved = False
-            for row, low, high in zip(self.coupling, self.coupling_lower, self.coupling_upper, strict=True):
-                value = row @ point
-                wanted = min(max(value, low + MARGIN), high - MARGIN)
-                if wanted != value:
-                    point = np.clip(point + row * (wanted - value) / (row @ row), lower, upper)
-                    moved = abs(wanted - row @ point) > 1e-9 or moved
-            if not moved:
-                break
-        return point
+LONGEST_STOP = 512
+"""Periods of a stop beside a coupling that are looked at one by one; a longer stop is not risked there."""
 
 
 class Limiter:
-    """Moves n servos towards a target within their bounds; the state it hands out can always stop."""
+    """Moves n servos towards a target within their bounds.
+
+    The state it hands out always has a stop, already planned and checked against limits and couplings.
+    When the next state towards the target has none, or ruckig finds no way, it takes a step of that
+    stop instead, and tries again in the next period.
+    """
 
     def __init__(self, bounds: Bounds, position: Array, period: float) -> None:
         """Starts at rest at the measured `position` (n,) [rad]; one step lasts `period` [s]."""
@@ -77,23 +40,27 @@ class Limiter:
         self.bounds = bounds
         self.target = np.array(position)
         """Where it is going (n,) [rad]."""
+        self._speed = np.array(bounds.velocity)
+        self._period = period
         self._stopping = False
+        self._resting = True
         self._otg = Ruckig(count, period)
+        self._input, self._output = InputParameter(count), OutputParameter(count)
+        self._input.synchronization = Synchronization.Time
         self._stopper = Ruckig(count)
-        self._input, self._stop = InputParameter(count), InputParameter(count)
-        self._output, self._path = OutputParameter(count), Trajectory(count)
-        for parameter in (self._input, self._stop):
-            parameter.current_position = list(position)
-            parameter.max_acceleration = list(bounds.acceleration)
-            parameter.max_jerk = list(bounds.jerk)
-            parameter.max_velocity = list(bounds.velocity)
-            parameter.synchronization = Synchronization.Time
+        self._stop = InputParameter(count)
         # Velocity control to zero is the jerk-limited stop; each servo stops as soon as it can.
         self._stop.control_interface = ControlInterface.Velocity
         self._stop.synchronization = Synchronization.No
-        self._stop.target_velocity = [0.0] * count
-        self._speed = np.array(bounds.velocity)
-        self._resting = True
+        for parameter in (self._input, self._stop):
+            parameter.current_position = list(position)
+            parameter.target_velocity = [0.0] * count
+            parameter.max_velocity = list(bounds.velocity)
+            parameter.max_acceleration = list(bounds.acceleration)
+            parameter.max_jerk = list(bounds.jerk)
+        self._escape, self._candidate = Trajectory(count), Trajectory(count)
+        self._since = 0.0
+        self._stopper.calculate(self._stop, self._escape)
 
     @property
     def state(self) -> tuple[Array, Array, Array]:
@@ -101,29 +68,33 @@ class Limiter:
         i = self._input
         return np.array(i.current_position), np.array(i.current_velocity), np.array(i.current_acceleration)
 
-    def take_over(
-        self, servos: Sequence[int], state: tuple[Array, Array, Array], target: Array, speed: Array
-    ) -> None:
-        """Continue the motion of `servos` (indices here) from another limiter's state."""
-        for name, values in zip(
-            ("current_position", "current_velocity", "current_acceleration"), state, strict=True
-        ):
-            merged = list(getattr(self._input, name))
-            for index, value in zip(servos, values, strict=True):
-                merged[index] = float(value)
-            setattr(self._input, name, merged)
-        self.target[list(servos)] = target
-        self._speed[list(servos)] = speed
-        self._resting = False
-
     @property
     def speed(self) -> Array:
         """Speed limit (n,) [rad/s] of the present motion."""
         return self._speed
 
+    def take_over(self, servos: Sequence[int], other: Limiter) -> None:
+        """Continue the motion of all servos of another limiter, which are `servos` (indices) here.
+
+        Raises CommandError when no stop is found from there; then go on with the other one.
+        """
+        places = list(servos)
+        state = self.state
+        for values, others in zip(state, other.state, strict=True):
+            values[places] = others
+        self._set_state(*(list(values) for values in state))
+        try:
+            self._plan_stop(*(list(values) for values in state))
+        except RuckigError as error:
+            raise CommandError("these servos can't join the motion now; valid: ask again later") from error
+        self._accept_stop()
+        self.target[places] = other.target
+        self._speed[places] = other.speed
+        self._resting = False
+
     def aim(self, target: Array, speed: Array) -> None:
         """Go to `target` (n,) [rad], which must be inside the bounds, at most at `speed` (n,) [rad/s]."""
-        self.target = target
+        self.target = np.array(target)
         self._speed = np.minimum(speed, self.bounds.velocity)
         self._stopping = False
         self._resting = False
@@ -131,73 +102,105 @@ class Limiter:
     def halt(self) -> None:
         """Stop as fast as the bounds allow and stay there: the old target is forgotten at once."""
         if not self._stopping:
-            self._plan_stop(*self.state)
-            self.target = np.array(self._path.at_time(self._path.duration)[0])
+            self.target = np.array(self._escape.at_time(self._escape.duration)[0])
         self._stopping = True
-        self._resting = False
 
     def step(self) -> Array:
         """Positions (n,) [rad] one period later."""
-        if self._resting:
-            return np.array(self._input.current_position)
-        stopped = (self._stopping or not self._advance()) and self._brake()
-        self._output.pass_to_input(self._input)
-        position = np.array(self._input.current_position)
-        if self._stopping and stopped:
-            self.target = position
-            self._input.current_velocity = self._input.current_acceleration = [0.0] * len(position)
-            self._resting = True
-        return position
+        if not self._resting and (self._stopping or not self._advance()):
+            self._brake()
+        return np.array(self._input.current_position)
 
     def _advance(self) -> bool:
-        """Compute a step to the target; false when a stop from there would leave the bounds."""
+        """Take a step to the target; false, and no step, when a stop from there would leave the bounds."""
         here = np.array(self._input.current_position)
         outside = (here < self.bounds.lower) | (here > self.bounds.upper)
-        self._input.control_interface = ControlInterface.Position
-        self._input.synchronization = Synchronization.Time
         self._input.max_velocity = list(self._speed * (CREEP if outside.any() else 1.0))
         self._input.target_position = list(self.target)
-        self._input.target_velocity = [0.0] * len(here)
-        result = self._otg.update(self._input, self._output)
-        if result not in (Result.Working, Result.Finished):
+        output = self._output
+        try:
+            result = self._otg.update(self._input, output)
+            self._plan_stop(output.new_position, output.new_velocity, output.new_acceleration)
+        except RuckigError:  # rare states have no synchronised way, mostly where a speed limit falls
             return False
-        if not self._can_stop(here):
+        if not self._stays_inside(here):
             return False
+        output.pass_to_input(self._input)
+        self._accept_stop()
         self._resting = result == Result.Finished
         return True
 
-    def _can_stop(self, here: Array) -> bool:
-        """Whether the stop from the state in `_output` stays in bounds, or at least moves inward."""
-        output = self._output
-        if not self._plan_stop(output.new_position, output.new_velocity, output.new_acceleration):
-            return False
-        duration = self._path.duration
-        points = np.array(
-            [self._output.new_position, *(self._path.at_time(t)[0] for t in _SAMPLES * duration)]
-        )
+    def _brake(self) -> None:
+        """Take a step of the stop that was checked when the present state was handed out."""
+        self._since += self._period
+        position, velocity, acceleration = self._escape.at_time(self._since)
+        if self._since >= self._escape.duration:
+            velocity = acceleration = [0.0] * len(position)
+            self._resting = self._stopping
+        self._set_state(position, velocity, acceleration)
+
+    def _stays_inside(self, here: Array) -> bool:
+        """Whether the planned stop stays in bounds, or outside them no farther than `here` (n,) [rad]."""
         bounds = self.bounds
-        inside = np.all(points >= np.minimum(bounds.lower, here)) and np.all(
-            points <= np.maximum(bounds.upper, here)
+        start, velocity, acceleration = (
+            np.array(values)
+            for values in (
+                self._stop.current_position,
+                self._stop.current_velocity,
+                self._stop.current_acceleration,
+            )
         )
-        if not inside or not len(bounds.coupling):
-            return bool(inside)
-        values, now = points @ bounds.coupling.T, bounds.coupling @ here
-        return bool(
-            np.all(values >= np.minimum(bounds.coupling_lower, now))
-            and np.all(values <= np.maximum(bounds.coupling_upper, now))
-        )
+        turn = turning_point(start, velocity, acceleration, bounds.jerk)
+        end = np.array(self._candidate.at_time(self._candidate.duration)[0])
+        lowest = np.minimum(np.minimum(start, turn), end)
+        highest = np.maximum(np.maximum(start, turn), end)
+        if not np.all(
+            (lowest >= np.minimum(bounds.lower, here)) & (highest <= np.maximum(bounds.upper, here))
+        ):
+            return False
+        if not len(bounds.coupling):
+            return True
+        now = bounds.coupling @ here
+        lower, upper = np.minimum(bounds.coupling_lower, now), np.maximum(bounds.coupling_upper, now)
+        # The box around the stop is quick to check, and enough while no coupling is near.
+        pull, push = np.maximum(bounds.coupling, 0.0), np.minimum(bounds.coupling, 0.0)
+        if np.all((pull @ lowest + push @ highest >= lower) & (pull @ highest + push @ lowest <= upper)):
+            return True
+        duration = self._candidate.duration
+        if duration > LONGEST_STOP * self._period:
+            return False
+        times = np.arange(0.0, duration + self._period, self._period)
+        points = np.array([self._candidate.at_time(time)[0] for time in times])
+        values = points @ bounds.coupling.T
+        return bool(np.all((values >= lower) & (values <= upper)))
 
-    def _plan_stop(self, position: ArrayLike, velocity: ArrayLike, acceleration: ArrayLike) -> bool:
-        """Compute the jerk-limited stop from a state into `_path`; whether there is one."""
-        self._stop.current_position = list(np.asarray(position))
-        self._stop.current_velocity = list(np.asarray(velocity))
-        self._stop.current_acceleration = list(np.asarray(acceleration))
-        return self._stopper.calculate(self._stop, self._path) in (Result.Working, Result.Finished)
+    def _plan_stop(self, position: list[float], velocity: list[float], acceleration: list[float]) -> None:
+        """Plan the jerk-limited stop from a state. Raises RuckigError when there is none."""
+        self._stop.current_position = position
+        self._stop.current_velocity = velocity
+        self._stop.current_acceleration = acceleration
+        self._stopper.calculate(self._stop, self._candidate)
 
-    def _brake(self) -> bool:
-        """Compute a step of the jerk-limited stop; whether it stands still afterwards."""
-        self._input.control_interface = ControlInterface.Velocity
-        self._input.synchronization = Synchronization.No
-        self._input.max_velocity = list(self.bounds.velocity)
-        self._input.target_velocity = [0.0] * len(self.target)
-        return bool(self._otg.update(self._input, self._output) == Result.Finished)
+    def _accept_stop(self) -> None:
+        """The planned stop is the one to take from the present state."""
+        self._escape, self._candidate = self._candidate, self._escape
+        self._since = 0.0
+
+    def _set_state(self, position: list[float], velocity: list[float], acceleration: list[float]) -> None:
+        self._input.current_position = position
+        self._input.current_velocity = velocity
+        self._input.current_acceleration = acceleration
+
+
+def turning_point(position: Array, velocity: Array, acceleration: Array, jerk: Array) -> Array:
+    """Where (n,) [rad] servos turn back while they stop, or their `position` where they do not.
+
+    A servo turns back when its acceleration alone takes it through zero velocity, even while `jerk`
+    (n,) [rad/s3] takes the acceleration away as fast as it may. With start and end this gives all
+    that a stop passes through. (`Trajectory.position_extrema` is wrong for a stop: it counts 0 in.)
+    """
+    square = acceleration**2 - 2.0 * jerk * np.abs(velocity)
+    turns = (velocity * acceleration < 0.0) & (square > 0.0)
+    time = np.where(turns, (np.abs(acceleration) - np.sqrt(np.maximum(square, 0.0))) / jerk, 0.0)
+    away = -np.sign(acceleration) * jerk
+    return position + time * (velocity + time * (acceleration / 2.0 + time * away / 6.0))

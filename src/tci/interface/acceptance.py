@@ -1,0 +1,104 @@
+"""What the gate accepts: joint data, the form of a command, servos whose limits are known.
+
+A number counts only where `isfinite(x) and lower <= x <= upper` says so: every other order of
+comparisons lets NaN pass.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.errors import CommandError
+from tci.messages import JointReading, Mode, PlatformCommand
+from tci.model.description import Robot, Servo
+
+ACCEPTED = (Mode.POSITION, Mode.STIFFNESS, Mode.DAMPING)
+"""Modes that have limits here. Velocity, torque and impedance have none yet: no robot here takes them."""
+NEEDED = ("lower", "upper", "velocity", "acceleration", "jerk")
+"""Limits without which no servo is moved."""
+SLOWEST = 1e-6
+"""Smallest speed [rad/s] that may be asked for; below it ruckig finds no way. Ours."""
+
+
+def fault_of_reading(robot: Robot, joints: JointReading, now: float, stale_after: float) -> str:
+    """Why joint data can't be used at time `now` [s]; empty when it can.
+
+    Data may be as much too new as too old, since a reading is taken after its tick began. Velocities
+    are not looked at: the gate needs none, and not every robot sends them.
+    """
+    expected = (len(robot.servos),)
+    if joints.position.shape != expected:
+        return f"joint reading of shape {joints.position.shape}; valid: {expected}"
+    finite = np.isfinite(joints.position)
+    if not finite.all():
+        return f"the angle of {robot.servos[int(np.argmin(finite))].name} is not finite"
+    age = now - joints.stamp
+    if not -stale_after <= age <= stale_after:  # also refuses NaN
+        return f"joint data is {age * 1e3:.0f} ms old; valid: at most {stale_after * 1e3:.0f} ms"
+    return ""
+
+
+def check_command(robot: Robot, command: PlatformCommand) -> None:
+    """Raises CommandError for a mode, shape or value that can't be accepted."""
+    mode, servos, values = command.mode.value, command.servos, command.values
+    if command.mode not in ACCEPTED:
+        valid = ", ".join(accepted.value for accepted in ACCEPTED)
+        raise CommandError(f"mode {mode}: no robot here takes it yet; valid: {valid}")
+    if servos.ndim != 1 or not servos.size or values.shape != servos.shape:
+        raise CommandError(
+            f"{mode}: {servos.shape} servos and {values.shape} values; "
+            "valid: as many values as servos, at least one"
+        )
+    if command.speed.shape != servos.shape:
+        raise CommandError(
+            f"{mode}: {command.speed.shape} speeds; valid: one for each of {servos.size} servos"
+        )
+    count = len(robot.servos)
+    if not np.issubdtype(servos.dtype, np.integer) or servos.min() < 0 or servos.max() >= count:
+        raise CommandError(f"{mode}: servos {servos.tolist()}; valid: 0 to {count - 1}")
+    if len(set(servos.tolist())) != servos.size:
+        raise CommandError(f"{mode}: servos {servos.tolist()}; valid: each only once")
+    for name, numbers in (("values", values), ("speeds", command.speed)):
+        if numbers.dtype.kind not in "fiu":
+            raise CommandError(f"{mode}: {name} of type {numbers.dtype}; valid: real numbers")
+    _check_each(robot, command, np.isfinite(values), f"{mode} of", values, "finite numbers")
+    fast = command.speed >= SLOWEST  # false for NaN
+    _check_each(robot, command, fast, "speed of", command.speed, f"at least {SLOWEST:g} rad/s")
+
+
+def _check_each(
+    robot: Robot,
+    command: PlatformCommand,
+    good: NDArray[np.bool_],
+    what: str,
+    numbers: NDArray[np.generic],
+    valid: str,
+) -> None:
+    """Raises CommandError that names each servo whose number is not `good` (k,)."""
+    if not good.all():
+        bad = [f"{robot.servos[command.servos[i]].name} is {numbers[i]}" for i in np.flatnonzero(~good)]
+        raise CommandError(f"{what} {', '.join(bad)}; valid: {valid}")
+
+
+def check_limits(servo: Servo) -> None:
+    """Raises CommandError for a servo without the limits that moving it needs."""
+    limits = servo.limits
+    missing = [name for name in NEEDED if getattr(limits, name) is None]
+    if missing:
+        raise CommandError(
+            f"{servo.name} can't be moved: its description has no limit of {', '.join(missing)}"
+        )
+    for name in NEEDED[2:]:
+        value = getattr(limits, name)
+        if not value > 0.0:
+            raise CommandError(
+                f"{servo.name} can't be moved: its limit of {name} is {value:g}; valid: above 0"
+            )
+    assert limits.lower is not None
+    assert limits.upper is not None
+    if limits.lower > limits.upper:
+        raise CommandError(
+            f"{servo.name} can't be moved: its limits are {limits.lower:g} .. {limits.upper:g} rad; "
+            "valid: lower first"
+        )

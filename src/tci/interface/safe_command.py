@@ -1,0 +1,60 @@
+"""The only thing that a link writes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.errors import LinkError
+from tci.frames import Array
+
+
+class GateState(Enum):
+    """What the gate is doing."""
+
+    RUN = "run"
+    """Commands pass, within the limits."""
+    HOLD = "hold"
+    """Joint data is too old or not usable: stop, keep the position. Clears by itself."""
+
+
+@dataclass(frozen=True, slots=True)
+class Seal:
+    """What only a gate has; without it no SafeCommand can be made."""
+
+    robot: str
+    """Name of the robot that the gate is for."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SafeCommand:
+    """What may be written now. Only a gate makes it, for its own link, once."""
+
+    seal: object = field(repr=False)
+    """The gate's own; anything else raises LinkError."""
+    stamp: float
+    """When it was made [s]."""
+    state: GateState
+    """What the gate was doing."""
+    servos: NDArray[np.intp]
+    """Indices (k,) of servos that are under command; no other joint is ever sent anything."""
+    position: Array
+    """Where each of them should be at the end of this period (k,) [rad]."""
+    stiffness: Mapping[int, float]
+    """New share 0..1 of full stiffness, by servo index, where commanded."""
+    damping: Mapping[int, float]
+    """New share 0..1 of full damping, by servo index, where commanded."""
+    clamped: tuple[str, ...]
+    """Targets that were clamped, in words."""
+    refusals: tuple[str, ...]
+    """Commands that were refused, and why."""
+    reason: str = ""
+    """Why the gate holds; empty while it runs."""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.seal, Seal):
+            raise LinkError("only a gate makes a SafeCommand: use link.gate.step(...)")

@@ -183,6 +183,29 @@ def test_after_a_short_hold_a_command_to_one_joint_does_not_send_others_on() -> 
         assert driven.angles[partner] == pytest.approx(0.1, abs=1e-6)
 
 
+def test_a_slower_speed_in_full_motion_never_stops_the_loop() -> None:
+    """ruckig finds no synchronised way from some states; then the checked stop is taken."""
+    random = np.random.default_rng(1)
+    driven = Driven(make_robot(), random.uniform(-0.5, 0.5, 6).tolist())
+    for _ in range(300):
+        servos = random.permutation(6)[: random.integers(1, 7)]
+        speed = float(random.choice([0.01, 0.1, 1.0, np.inf]))
+        driven.step(position_command(servos.tolist(), random.uniform(-1.5, 2.5, servos.size).tolist(), speed))
+        for _ in range(random.integers(1, 40)):
+            driven.step()
+    driven.assert_within_limits()
+
+
+def test_a_clamped_coupling_moves_no_servo_that_was_not_named() -> None:
+    driven = Driven(make_robot(), ZERO)
+    driven.step(position_command([0, 1], [0.2, 0.1]))
+    driven.settle()
+    driven.step(position_command([0], [2.0]))
+    driven.settle()
+    assert driven.angles[1] == pytest.approx(0.1, abs=1e-6)
+    assert driven.angles[0] == pytest.approx(0.9, abs=1e-4)
+
+
 def test_a_coupled_servo_that_is_moved_by_hand_counts_where_it_is_now() -> None:
     driven = Driven(make_robot(), ZERO)
     driven.step(position_command([0], [0.75]))

@@ -10,8 +10,8 @@ from ruckig import InputParameter, OutputParameter, Ruckig
 from tci.errors import CommandError, DescriptionError, UnknownNameError
 from tci.frames import Array
 from tci.model.catalogue import load_robot
+from tci.model.collisions import LEFT, RIGHT
 from tci.model.kinematics import Kinematics
-from tci.simulation.collisions import LEFT, RIGHT
 from tci.simulation.world import World, start_angles
 
 

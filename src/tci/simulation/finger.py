@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from tci.errors import CommandError, TciError
 from tci.frames import Array
-from tci.simulation.collisions import SKIN
+from tci.model.collisions import SKIN
 from tci.simulation.physics import Physics
 from tci.simulation.posed_skin import PosedSkin
 

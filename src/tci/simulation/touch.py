@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from tci.errors import TciError
 from tci.frames import Array, apply, invert
 from tci.messages import SkinFrame
+from tci.model.collisions import SKIN
 from tci.model.description import Patch
 from tci.model.surfaces import Surface
-from tci.simulation.collisions import SKIN
 from tci.simulation.kernel import spread, width
 from tci.simulation.physics import Physics
 

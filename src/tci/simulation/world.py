@@ -11,13 +11,14 @@ from numpy.typing import ArrayLike
 from tci.errors import CommandError, DescriptionError, Fault
 from tci.frames import Array, invert, read_only
 from tci.messages import JointReading, SkinFrame
+from tci.model.collisions import NO_MODEL
 from tci.model.description import Robot
 from tci.model.kinematics import Kinematics
 from tci.model.surfaces import Surface, build_surface
 from tci.simulation.finger import Finger
 from tci.simulation.physics import Physics
 from tci.simulation.posed_skin import PosedSkin
-from tci.simulation.scene import NO_MODEL, build_scene
+from tci.simulation.scene import build_scene
 from tci.simulation.servos import Servos
 from tci.simulation.touch import ContactTruth, Touch
 

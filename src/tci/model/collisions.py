@@ -9,8 +9,10 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 
+from tci.errors import DescriptionError, Fault
 from tci.frames import Array
 from tci.model.description import Robot
+from tci.model.mujoco_model import load_spec
 
 LEFT, RIGHT, SKIN = 1, 2, 4
 """Bits of MuJoCo's contype and conaffinity. The skin collides with the finger only."""
@@ -18,8 +20,35 @@ LEFT, RIGHT, SKIN = 1, 2, 4
 HIDDEN = 3
 """Group of geoms that pictures leave out."""
 
+NO_MODEL = "no <model>: simulation and self-collision need a URDF or MJCF file"
 
-def set_self_collisions(spec: mujoco.MjSpec, robot: Robot) -> None:
+HULL_VERTICES = 64
+"""Vertices of a mesh's convex hull that collisions use. Ours: more cost time and show nowhere."""
+
+
+def solid_spec(robot: Robot) -> mujoco.MjSpec:
+    """The robot's model with its servos' joints only, and with the geoms that collide marked.
+
+    Joints that are no servo's are held at 0, and nothing acts on any. Raises DescriptionError when the
+    robot has no model, and what `load_spec` raises.
+    """
+    if robot.model is None:
+        raise DescriptionError(robot.source, [Fault(0, NO_MODEL)])
+    spec = load_spec(robot.model)
+    groups = (spec.actuators, spec.sensors, spec.keys, spec.tendons, spec.equalities, spec.pairs)
+    for element in [element for group in groups for element in group]:
+        spec.delete(element)
+    driven = {servo.joint for servo in robot.servos}
+    for joint in list(spec.joints):
+        if joint.name not in driven:
+            spec.delete(joint)
+    for mesh in spec.meshes:
+        mesh.maxhullvert = HULL_VERTICES
+    _set_self_collisions(spec, robot)
+    return spec
+
+
+def _set_self_collisions(spec: mujoco.MjSpec, robot: Robot) -> None:
     """Give each geom of the model its bits; those that did not collide in the model never do."""
     for index, body in enumerate(spec.bodies):
         body.name = body.name or f"tci_body_{index}"

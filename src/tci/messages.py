@@ -52,6 +52,12 @@ class JointReading:
     """Angles (n,) [rad]."""
     velocity: Array
     """Velocities (n,) [rad/s]."""
+    torque: Array | None = None
+    """Torques (n,) [N m] of the joints; None where the robot does not say."""
+    modes: tuple[Mode | None, ...] | None = None
+    """Control mode (n,) that each servo reports; None where the robot does not say."""
+    powered: NDArray[np.bool_] | None = None
+    """Whether each servo (n,) is on; None where the robot does not say."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,8 +6,8 @@ One way for the data (docs/architecture.md):
     SkinState                             interface/skin           pressure [Pa] of every taxel
     Contact...                            interface/contacts       eq. 7
     Perception                            interface -> capability  generic posture and contacts
-    GenericCommand                        capability -> interface  generic joints, tagged with its mode
-    PlatformCommand                       interface/part           inverse of eqs 1-2, mapped servos only
+    GenericCommand, SwitchMode            capability -> interface  generic joints, tagged with its mode
+    PlatformCommand, PlatformSwitch       interface/part           inverse of eqs 1-2, mapped servos only
     SafeCommand                           interface/gate           the only thing that a link writes
 """
 
@@ -38,6 +38,10 @@ class Mode(Enum):
     """Share 0..1 of the servo's full stiffness."""
     DAMPING = "damping"
     """Share 0..1 of the servo's full damping."""
+
+
+CONTROL_MODES = (Mode.POSITION, Mode.VELOCITY, Mode.TORQUE, Mode.IMPEDANCE)
+"""Modes that a servo can be in, one at a time. Stiffness and damping are settings in any of them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -177,6 +181,26 @@ class GenericCommand:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class SwitchMode:
+    """A capability's request to control a generic part in another mode. Nothing else changes a mode."""
+
+    part: str
+    """Name of the generic part."""
+    mode: Mode
+    """One of CONTROL_MODES."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlatformSwitch:
+    """The same for the robot's own joints."""
+
+    servos: NDArray[np.intp]
+    """Indices (k,) into `Robot.servos`."""
+    mode: Mode
+    """One of CONTROL_MODES."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class PlatformCommand:
     """The same in the robot's own joints; no joint is named that the part does not map."""
 
@@ -188,3 +212,9 @@ class PlatformCommand:
     """One value per servo (k,), in the unit of the mode."""
     speed: Array
     """Speed limit (k,) [rad/s] asked for by the description; the gate's limit holds beside it."""
+
+
+Command = GenericCommand | SwitchMode
+"""What a capability may want."""
+PlatformOrder = PlatformCommand | PlatformSwitch
+"""What the gate takes."""

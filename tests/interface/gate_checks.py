@@ -36,7 +36,8 @@ def make_robot(*, count: int = 6, limits: Limits = LIMITS, coupled: bool = True)
 
 def reading(position: Sequence[float] | Array, stamp: float = 0.0) -> JointReading:
     position = read_only(position)
-    return JointReading(stamp, 0, position, read_only(np.zeros(len(position))))
+    sequence = round(stamp / PERIOD) if np.isfinite(stamp) else 0
+    return JointReading(stamp, sequence, position, read_only(np.zeros(len(position))))
 
 
 def position_command(

@@ -152,6 +152,7 @@ def test_old_joint_data_means_hold_and_clears_by_itself_without_replay() -> None
         driven.step()
     frozen = reading(driven.angles, driven.time - 0.2)
     for _ in range(400):
+        driven.time += PERIOD
         safe = driven.gate.step([position_command([2], [-1.0])], frozen, driven.time)
         assert safe.state is GateState.HOLD
         assert "old" in safe.refusals[0]
@@ -210,7 +211,9 @@ def test_a_coupled_servo_that_is_moved_by_hand_counts_where_it_is_now() -> None:
     driven = Driven(make_robot(), ZERO)
     driven.step(position_command([0], [0.75]))
     driven.settle()
-    driven.angles[1] = 0.6
+    for _ in range(100):
+        driven.angles[1] += 0.006
+        driven.step()
     driven.step(position_command([0], [2.0]))
     driven.settle()
     assert driven.angles[0] == pytest.approx(1.4, abs=1e-4)

@@ -13,7 +13,7 @@ from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.errors import TciError
 from tci.frames import Array, apply
 from tci.interface.body import Body
-from tci.interface.gate import Gate
+from tci.interface.gate import Gate, GateSettings
 from tci.interface.generic_limb import generic_limb_distance
 from tci.interface.part import generic_posture, to_platform
 from tci.interface.places import find_place
@@ -199,8 +199,9 @@ def joints_at(body: Body, part: str, posture: Array) -> JointReading:
 
 
 def limited(body: Body, part: str, target: Array, start: JointReading) -> tuple[JointReading, list[str]]:
-    """Where the gate lets `target` end, and the servos whose limits bind."""
-    gate = Gate(body.robot, period=0.002, stale_after=0.05)
+    """Where the gate's joint limits let `target` end, and the servos whose limits bind."""
+    # Some postures of the grid are inside the robot's own body; what that stops is no matter of limits.
+    gate = Gate(body.robot, period=0.002, stale_after=0.05, settings=GateSettings(self_collision=None))
     command = to_platform(body.robot, GenericCommand(part, Mode.POSITION, target))
     safe = gate.step([command], start, 0.0)
     assert not safe.refusals

@@ -10,11 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import CommandError
-from tci.messages import JointReading, Mode, PlatformCommand
+from tci.messages import CONTROL_MODES, JointReading, Mode, PlatformCommand, PlatformSwitch
 from tci.model.description import Robot, Servo
 
-ACCEPTED = (Mode.POSITION, Mode.STIFFNESS, Mode.DAMPING)
-"""Modes that have limits here. Velocity, torque and impedance have none yet: no robot here takes them."""
 NEEDED = ("lower", "upper", "velocity", "acceleration", "jerk")
 """Limits without which no servo is moved."""
 SLOWEST = 1e-6
@@ -42,9 +40,6 @@ def fault_of_reading(robot: Robot, joints: JointReading, now: float, stale_after
 def check_command(robot: Robot, command: PlatformCommand) -> None:
     """Raises CommandError for a mode, shape or value that can't be accepted."""
     mode, servos, values = command.mode.value, command.servos, command.values
-    if command.mode not in ACCEPTED:
-        valid = ", ".join(accepted.value for accepted in ACCEPTED)
-        raise CommandError(f"mode {mode}: no robot here takes it yet; valid: {valid}")
     if servos.ndim != 1 or not servos.size or values.shape != servos.shape:
         raise CommandError(
             f"{mode}: {servos.shape} servos and {values.shape} values; "
@@ -54,17 +49,39 @@ def check_command(robot: Robot, command: PlatformCommand) -> None:
         raise CommandError(
             f"{mode}: {command.speed.shape} speeds; valid: one for each of {servos.size} servos"
         )
-    count = len(robot.servos)
-    if not np.issubdtype(servos.dtype, np.integer) or servos.min() < 0 or servos.max() >= count:
-        raise CommandError(f"{mode}: servos {servos.tolist()}; valid: 0 to {count - 1}")
-    if len(set(servos.tolist())) != servos.size:
-        raise CommandError(f"{mode}: servos {servos.tolist()}; valid: each only once")
+    _check_servos(robot, mode, servos)
     for name, numbers in (("values", values), ("speeds", command.speed)):
         if numbers.dtype.kind not in "fiu":
             raise CommandError(f"{mode}: {name} of type {numbers.dtype}; valid: real numbers")
     _check_each(robot, command, np.isfinite(values), f"{mode} of", values, "finite numbers")
     fast = command.speed >= SLOWEST  # false for NaN
     _check_each(robot, command, fast, "speed of", command.speed, f"at least {SLOWEST:g} rad/s")
+
+
+def check_switch(robot: Robot, switch: PlatformSwitch) -> None:
+    """Raises CommandError for a mode that is no control mode, or that one of the servos lacks."""
+    if switch.mode not in CONTROL_MODES:
+        valid = ", ".join(mode.value for mode in CONTROL_MODES)
+        raise CommandError(f"switch to {switch.mode.value}; valid: {valid}")
+    if switch.servos.ndim != 1 or not switch.servos.size:
+        raise CommandError(f"switch of {switch.servos.shape} servos; valid: at least one")
+    _check_servos(robot, "switch", switch.servos)
+    for servo in (robot.servos[index] for index in switch.servos):
+        if switch.mode not in servo.modes:
+            valid = ", ".join(mode.value for mode in servo.modes)
+            raise CommandError(f"{robot.name}: {servo.name} has no {switch.mode.value} mode; valid: {valid}")
+        check_limits(servo)
+        if switch.mode is Mode.TORQUE and servo.limits.torque is None:
+            raise CommandError(f"{servo.name} has no torque mode: its description has no limit of torque")
+
+
+def _check_servos(robot: Robot, what: str, servos: NDArray[np.intp]) -> None:
+    """Raises CommandError for indices that are none, or come twice."""
+    count = len(robot.servos)
+    if not np.issubdtype(servos.dtype, np.integer) or servos.min() < 0 or servos.max() >= count:
+        raise CommandError(f"{what}: servos {servos.tolist()}; valid: 0 to {count - 1}")
+    if len(set(servos.tolist())) != servos.size:
+        raise CommandError(f"{what}: servos {servos.tolist()}; valid: each only once")
 
 
 def _check_each(

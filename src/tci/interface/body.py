@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from tci.interface.contacts import ContactSettings, find_contacts
-from tci.interface.part import generic_posture, to_platform
+from tci.interface.part import generic_posture, switch, to_platform
 from tci.interface.skin import Skin
-from tci.messages import Contact, GenericCommand, Perception, PlatformCommand, Reading
+from tci.messages import Command, Contact, Perception, PlatformOrder, Reading, SwitchMode
 from tci.model.description import Robot
 
 
@@ -36,6 +36,11 @@ class Body:
             self._frames = frames
         return Perception(stamp=now, posture=posture, contacts=self._contacts)
 
-    def to_platform(self, commands: Iterable[GenericCommand]) -> list[PlatformCommand]:
+    def to_platform(self, commands: Iterable[Command]) -> list[PlatformOrder]:
         """The same commands in the robot's own joints (inverse of eqs 1-2). Raises CommandError."""
-        return [to_platform(self.robot, command) for command in commands]
+        return [
+            switch(self.robot, command)
+            if isinstance(command, SwitchMode)
+            else to_platform(self.robot, command)
+            for command in commands
+        ]

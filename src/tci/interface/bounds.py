@@ -13,6 +13,9 @@ from tci.model.description import Robot
 
 MARGIN = 1e-6
 """Targets stay this far [rad] inside position limits and couplings, for ruckig's own rounding."""
+APPROACH = 0.6
+"""Share of acceleration and jerk with which driven servos slow down before a limit. Ours: the rest is for
+the time that a change of velocity takes."""
 SWEEPS = 50
 """Sweeps over the couplings in the search for a nearest point: bounds the time of a control step."""
 
@@ -64,6 +67,38 @@ class Bounds:
                     point = point + moves * (np.clip(value, low, high) - value) / share
                     point = np.where(free, np.clip(point, lower, upper), target)
         return point
+
+    def allowed_velocity(self, position: Array, velocity: Array) -> Array:
+        """`velocity` (n,) [rad/s], slower where servos at `position` (n,) [rad] could not stop in time.
+
+        Only makes for a smooth approach: whether a stop stays inside is checked for every step anyway.
+        Servos that would leave a coupling all slow down by the same share.
+        """
+        margin = np.minimum(MARGIN, (self.upper - self.lower) / 2)
+        room = np.where(velocity > 0.0, self.upper - margin - position, position - self.lower - margin)
+        most = _stopping_speed(np.maximum(room, 0.0), self.acceleration, self.jerk)
+        velocity = np.clip(velocity, -most, most)
+        if not len(self.coupling):
+            return velocity
+        rate, now = self.coupling @ velocity, self.coupling @ position
+        room = np.where(rate > 0.0, self.coupling_upper - MARGIN - now, now - self.coupling_lower - MARGIN)
+        size = np.abs(self.coupling)
+        most = _stopping_speed(np.maximum(room, 0.0), size @ self.acceleration, size @ self.jerk)
+        fast = np.abs(rate) > most
+        share = np.min(most[fast] / np.abs(rate[fast]), initial=1.0)
+        slow = (size[fast] > 0.0).any(axis=0)
+        return np.where(slow, share * velocity, velocity)
+
+
+def _stopping_speed(room: Array, acceleration: Array, jerk: Array) -> Array:
+    """Speed (n,) from which a jerk-limited stop needs no more than `room` (n,), with some to spare.
+
+    A stop that ramps the acceleration up and down needs v2 / 2a + v a / 2j.
+    """
+    a, j = APPROACH * acceleration, APPROACH * jerk
+    lost = a * a / (2.0 * j)
+    speed: Array = np.sqrt(lost * lost + 2.0 * a * room) - lost
+    return speed
 
 
 def bounds_of(robot: Robot, servos: Sequence[int], *, speed_share: float) -> tuple[Bounds, Array]:

@@ -1,62 +1,45 @@
 """The gate: the last step before the wire. No command passes that a limit forbids.
 
-Order of checks: freshness of the joint data, mode, shape, finite values, known limits, position and
-couplings (clamped and reported), then velocity, acceleration and jerk over time (ruckig).
+Order of checks: usable joint data; whether the robot does what it is told (`watch`); for each command
+its shape, finite values, known limits and the servo's mode (`acceptance`, `motion`); position and couplings,
+clamped and reported (`bounds`); over time velocity, acceleration and jerk (`limiter`) or torque (`torque`);
+and the robot's own body (`self_collision`).
 """
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tci.errors import CommandError, LinkError, TciError
 from tci.frames import Array, read_only
-from tci.interface.acceptance import check_command, check_limits, fault_of_reading
-from tci.interface.bounds import MARGIN, Bounds, bounds_of
-from tci.interface.limiter import Limiter
+from tci.interface.acceptance import check_command, fault_of_reading
+from tci.interface.gate_settings import GateCounts as GateCounts
+from tci.interface.gate_settings import GateSettings as GateSettings
+from tci.interface.gate_settings import Tally
+from tci.interface.motion import Motion
 from tci.interface.safe_command import GateState as GateState
 from tci.interface.safe_command import SafeCommand as SafeCommand
 from tci.interface.safe_command import Seal
-from tci.messages import JointReading, Mode, PlatformCommand
+from tci.interface.watch import Watch
+from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder
 from tci.model.description import Robot
 
-
-@dataclass(frozen=True, slots=True)
-class GateSettings:
-    """What the description does not say."""
-
-    speed_share: float = 0.9
-    """Share of a servo's speed limit that is commanded, since a real servo overshoots. Ours."""
-
-    def __post_init__(self) -> None:
-        if not 0.0 < self.speed_share <= 1.0:
-            raise TciError(f"speed_share {self.speed_share}; valid: above 0, at most 1")
-
-
-@dataclass(frozen=True, slots=True)
-class GateCounts:
-    """What the gate did since it was made."""
-
-    steps: int
-    """Control periods."""
-    holds: int
-    """Times that it began to hold."""
-    refusals: int
-    """Commands that it refused whole."""
-    clamps: Mapping[str, int]
-    """Times that a servo's target was clamped, by servo name."""
+EARLY = 0.05
+"""Share of a period by which a step may come early and still move. Ours."""
+CATCH_UP = 0.5
+"""Share of a period that a late call may make up for in the next. Ours: timers jitter, bursts don't pass."""
+SHARES = (Mode.STIFFNESS, Mode.DAMPING)
 
 
 class Gate:
     """Turns commands into what may be written, one step per control period.
 
-    A servo is under command from its first accepted command on, starting where it was measured. The
-    commanded servos of one robot part, and of parts that couplings tie to it, move in the same time.
+    A servo is under command from its first accepted command or switch on, starting where it was
+    measured. The commanded servos of one robot part, and of parts that couplings tie to it, move in the
+    same time. Each servo is in one control mode; only a PlatformSwitch changes it.
     """
 
     def __init__(
@@ -64,7 +47,8 @@ class Gate:
     ) -> None:
         """`period` of the control loop [s]; joint data older than `stale_after` [s] means hold.
 
-        Raises TciError for times that are not above 0 and finite.
+        Raises TciError for times that are not above 0 and finite, DescriptionError for a model that
+        can't be read.
         """
         if not 0.0 < period < np.inf or not 0.0 < stale_after < np.inf:
             raise TciError(f"period {period} s, stale_after {stale_after} s; valid: above 0 and finite")
@@ -75,67 +59,79 @@ class Gate:
         self.state = GateState.RUN
         self._seal = Seal(robot.name)
         self._issued: SafeCommand | None = None
-        self._groups = _groups(robot)
-        self._chains: dict[int, _Chain] = {}
-        self._steps = self._holds = self._refusals = 0
-        self._clamps: Counter[str] = Counter()
+        self._tally = Tally()
+        self._motion = Motion(robot, period=period, settings=self.settings, tally=self._tally)
+        self._watch = Watch(robot, self.settings.watch)
+        self._stopped = ""
+        self._credit, self._before = 1.0, -np.inf
 
     @property
     def counts(self) -> GateCounts:
         """What happened since the gate was made."""
-        clamps = MappingProxyType(dict(self._clamps))
-        return GateCounts(self._steps, self._holds, self._refusals, clamps)
+        return self._tally.counts
 
     @property
     def targets(self) -> Array:
         """Where the servos under command are going [rad], in the order of `SafeCommand.servos`."""
-        return np.concatenate([chain.limiter.target for chain in self._chains.values()] or [np.zeros(0)])
+        return self._motion.targets
 
-    def step(self, commands: Sequence[PlatformCommand], joints: JointReading, now: float) -> SafeCommand:
+    @property
+    def modes(self) -> tuple[Mode, ...]:
+        """The control mode of every servo."""
+        return tuple(self._motion.modes)
+
+    def stop(self, reason: str) -> None:
+        """Stop the robot within its limits and accept nothing until `reset`. The first reason stays."""
+        if not self._stopped:
+            self._stopped = reason or "stopped without a reason"
+            self._tally.stops += 1
+
+    def reset(self) -> None:
+        """For an operator: leave STOP. Nothing moves: each servo waits for a command, where it is then.
+
+        Control modes stay; what servos were asked for before is forgotten.
+        """
+        self._stopped = ""
+        self._watch.reset()
+        self._motion.drop()
+
+    def step(self, commands: Sequence[PlatformOrder], joints: JointReading, now: float) -> SafeCommand:
         """What may be written at time `now` [s], given new `commands` and the latest `joints`.
 
-        Call it once per period, also without commands: motions go on. A command that can't be
-        accepted does not raise, since the robot needs a next position all the same: it is refused
-        whole, counted, and named in `refusals`; what was running goes on. An argument of another
+        Call it once per period, also without commands: motions go on. A late call takes one step, and a
+        call before its time none, so that what is written is never faster than the limits. A command
+        that can't be accepted does not raise, since the robot needs a next position all the same: it is
+        refused whole, counted, and named in `refusals`; what was running goes on. An argument of another
         type is a mistake in the program and raises what Python raises.
         """
-        self._steps += 1
-        # A check of the following error, handed out against measured, would give its reason here too.
-        reason = fault_of_reading(self.robot, joints, now, self.stale_after)
-        if reason and self.state is GateState.RUN:
-            self._holds += 1
-        self.state = GateState.HOLD if reason else GateState.RUN
-        for chain in self._chains.values():
-            if reason:
-                chain.limiter.halt()
-            else:
-                chain.look_outside(joints.position)
+        self._tally.steps += 1
+        reason = self._judge(joints, now)
         refusals: list[str] = []
         clamped: list[str] = []
-        shares: dict[Mode, dict[int, float]] = {Mode.STIFFNESS: {}, Mode.DAMPING: {}}
+        shares: dict[Mode, dict[int, float]] = {mode: {} for mode in SHARES}
         for command in commands:
             try:
                 if reason:
-                    raise CommandError(f"holding: {reason}")
-                check_command(self.robot, command)
-                if command.mode is Mode.POSITION:
-                    clamped += self._aim(command, joints.position)
-                else:
+                    raise CommandError(f"{self.state.value}: {reason}")
+                if isinstance(command, PlatformCommand) and command.mode in SHARES:
                     clamped += self._set_share(command, shares[command.mode])
+                else:
+                    clamped += self._motion.accept(command, now)
             except CommandError as error:
                 refusals.append(str(error))
-        self._refusals += len(refusals)
-        servos: list[int] = []
-        positions: list[Array] = []
-        for chain in self._chains.values():
-            servos += chain.servos
-            positions.append(chain.limiter.step())
+        self._tally.refusals += len(refusals)
+        if self._is_due(now):
+            clamped += self._motion.step(now)
+        told = self._motion.reference
         self._issued = SafeCommand(
             seal=self._seal,
             stamp=now,
             state=self.state,
-            servos=read_only(servos, np.intp),
-            position=read_only(np.concatenate(positions) if positions else []),
+            servos=read_only(told.servos, np.intp),
+            modes=told.modes,
+            position=read_only(told.position),
+            velocity=read_only(told.velocity),
+            torque=read_only(self._motion.torques()),
             stiffness=MappingProxyType(shares[Mode.STIFFNESS]),
             damping=MappingProxyType(shares[Mode.DAMPING]),
             clamped=tuple(clamped),
@@ -153,89 +149,37 @@ class Gate:
             )
         self._issued = None
 
-    def _aim(self, command: PlatformCommand, measured: Array) -> list[str]:
-        """Give the servos new targets; says which were clamped. Raises CommandError, then none has one."""
-        wanted = dict(zip(command.servos.tolist(), command.values.tolist(), strict=True))
-        speeds = dict(zip(command.servos.tolist(), command.speed.tolist(), strict=True))
-        for servo in wanted:
-            check_limits(self.robot.servos[servo])
-        chains = {
-            group: self._chain(group, [servo for servo in wanted if self._group(servo) == group], measured)
-            for group in dict.fromkeys(self._group(servo) for servo in wanted)
-        }
-        self._chains.update(chains)
-        clamped = []
-        for chain in chains.values():
-            limiter = chain.limiter
-            free = np.array([servo in wanted for servo in chain.servos])
-            target = np.array([wanted.get(s, t) for s, t in zip(chain.servos, limiter.target, strict=True)])
-            speed = np.array([speeds.get(s, v) for s, v in zip(chain.servos, limiter.speed, strict=True)])
-            nearest = limiter.bounds.nearest(target, free)
-            limiter.aim(nearest, speed)
-            for place in np.flatnonzero(np.abs(target - nearest) > 2 * MARGIN):
-                name = self.robot.servos[chain.servos[place]].name
-                self._clamps[name] += 1
-                asked, allowed = np.rad2deg([target[place], nearest[place]])
-                clamped.append(f"{name}: {asked:.2f} degrees asked, clamped to {allowed:.2f}")
-        return clamped
+    def _judge(self, joints: JointReading, now: float) -> str:
+        """Why nothing may move now; empty when all is well. Sets the state."""
+        reason = fault_of_reading(self.robot, joints, now, self.stale_after)
+        if not reason:
+            self._motion.see(joints.position, joints.velocity)
+            if not self._stopped and (fault := self._watch.step(joints, self._motion.reference)):
+                self.stop(fault)
+        if self._stopped:
+            self.state, reason = GateState.STOP, self._stopped
+        elif reason:
+            self._tally.holds += self.state is not GateState.HOLD
+            self.state = GateState.HOLD
+        else:
+            self.state = GateState.RUN
+        if reason:
+            self._motion.halt()
+        return reason
+
+    def _is_due(self, now: float) -> bool:
+        """Whether a step is due at `now` [s]: there are no more of them than periods, and no burst."""
+        if self._before > -np.inf:
+            self._credit = min(self._credit + (now - self._before) / self.period, 1.0 + CATCH_UP)
+        self._before = max(self._before, now)
+        if self._credit < 1.0 - EARLY:
+            return False
+        self._credit -= 1.0
+        return True
 
     def _set_share(self, command: PlatformCommand, shares: dict[int, float]) -> list[str]:
-        """Stiffness or damping: shares 0..1, clamped and reported."""
-        clamped = []
-        for servo, value in zip(command.servos.tolist(), command.values.tolist(), strict=True):
-            shares[servo] = min(max(value, 0.0), 1.0)
-            if shares[servo] != value:
-                name = self.robot.servos[servo].name
-                self._clamps[name] += 1
-                clamped.append(f"{name}: {command.mode.value} {value:g} asked, clamped to {shares[servo]:g}")
-        return clamped
-
-    def _group(self, servo: int) -> int:
-        return self._groups[self.robot.servos[servo].robot_part]
-
-    def _chain(self, group: int, servos: Sequence[int], measured: Array) -> _Chain:
-        """The servos of a group under command, with `servos` among them. Raises CommandError."""
-        old = self._chains.get(group)
-        if old is not None and set(servos) <= set(old.servos):
-            return old
-        union = sorted({*servos, *(old.servos if old else ())})
-        bounds, outside = bounds_of(self.robot, union, speed_share=self.settings.speed_share)
-        limiter = Limiter(bounds, measured[union], self.period)
-        if old is not None:
-            limiter.take_over([union.index(servo) for servo in old.servos], old.limiter)
-        chain = _Chain(union, limiter, bounds, outside)
-        chain.look_outside(measured)
-        return chain
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Chain:
-    """Servos that move together."""
-
-    servos: list[int]
-    """Indices (n,) into `Robot.servos`."""
-    limiter: Limiter
-    """Moves them."""
-    bounds: Bounds
-    """What they may do while every servo outside is at zero."""
-    outside: NDArray[np.float64]
-    """Coefficients (m, n_servos) of servos outside, in the couplings that name one of these."""
-
-    def look_outside(self, measured: Array) -> None:
-        """A coupled servo that is not commanded with these counts where it is `measured` (n_servos,) now."""
-        if self.outside.any():
-            shift = self.outside @ measured
-            self.limiter.bounds = replace(
-                self.bounds,
-                coupling_lower=self.bounds.coupling_lower - shift,
-                coupling_upper=self.bounds.coupling_upper - shift,
-            )
-
-
-def _groups(robot: Robot) -> dict[str, int]:
-    """A number for each robot part; parts that couplings tie together have the same one."""
-    groups = {part: i for i, part in enumerate(dict.fromkeys(servo.robot_part for servo in robot.servos))}
-    for coupling in robot.couplings:
-        tied = {groups[robot.servos[servo].robot_part] for servo in coupling.servos}
-        groups = {part: min(tied) if group in tied else group for part, group in groups.items()}
-    return groups
+        """Stiffness or damping: shares 0..1, clamped and reported. Raises CommandError."""
+        check_command(self.robot, command)
+        sent = np.clip(command.values, 0.0, 1.0)
+        shares.update(zip(command.servos.tolist(), sent.tolist(), strict=True))
+        return self._motion.clamps(command, sent, command.mode.value, 1.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Protocol
 
 import numpy as np
 from ruckig import (
@@ -26,27 +27,39 @@ LONGEST_STOP = 512
 """Periods of a stop beside a coupling that are looked at one by one; a longer stop is not risked there."""
 
 
+class Guard(Protocol):
+    """Looks at a stop before the state from which it would be taken is handed out."""
+
+    def __call__(self, lowest: Array, highest: Array, stop: Trajectory) -> bool:
+        """Whether a stop may be taken that stays between `lowest` and `highest` (n,) [rad]."""
+        ...
+
+
 class Limiter:
-    """Moves n servos towards a target within their bounds.
+    """Moves n servos within their bounds: each towards a target, or at a velocity.
 
     The state it hands out always has a stop, already planned and checked against limits and couplings.
     When the next state towards the target has none, or ruckig finds no way, it takes a step of that
     stop instead, and tries again in the next period.
     """
 
-    def __init__(self, bounds: Bounds, position: Array, period: float) -> None:
-        """Starts at rest at the measured `position` (n,) [rad]; one step lasts `period` [s]."""
+    def __init__(self, bounds: Bounds, position: Array, period: float, *, guard: Guard | None = None) -> None:
+        """Starts at rest at the measured `position` (n,) [rad]; one step lasts `period` [s].
+
+        A stop that `guard` does not let pass ends the motion as `halt` does.
+        """
         count = len(position)
         self.bounds = bounds
+        self._guard = guard
         self.target = np.array(position)
         """Where it is going (n,) [rad]."""
         self._speed = np.array(bounds.velocity)
+        self._drive = np.full(count, np.nan)
         self._period = period
         self._stopping = False
         self._resting = True
         self._otg = Ruckig(count, period)
         self._input, self._output = InputParameter(count), OutputParameter(count)
-        self._input.synchronization = Synchronization.Time
         self._stopper = Ruckig(count)
         self._stop = InputParameter(count)
         # Velocity control to zero is the jerk-limited stop; each servo stops as soon as it can.
@@ -61,6 +74,7 @@ class Limiter:
         self._escape, self._candidate = Trajectory(count), Trajectory(count)
         self._since = 0.0
         self._stopper.calculate(self._stop, self._escape)
+        self._set_interfaces()
 
     @property
     def state(self) -> tuple[Array, Array, Array]:
@@ -73,37 +87,64 @@ class Limiter:
         """Speed limit (n,) [rad/s] of the present motion."""
         return self._speed
 
-    def take_over(self, servos: Sequence[int], other: Limiter) -> None:
-        """Continue the motion of all servos of another limiter, which are `servos` (indices) here.
+    @property
+    def drive(self) -> Array:
+        """Velocity (n,) [rad/s] at which each servo is driven; NaN for one that goes to a target."""
+        return self._drive
+
+    def take_over(self, here: Sequence[int], other: Limiter, there: Sequence[int]) -> None:
+        """Continue the motion of some servos, places `there` of another limiter and places `here` of this.
 
         Raises CommandError when no stop is found from there; then go on with the other one.
         """
-        places = list(servos)
+        places, others = list(here), list(there)
         state = self.state
-        for values, others in zip(state, other.state, strict=True):
-            values[places] = others
+        for values, theirs in zip(state, other.state, strict=True):
+            values[places] = theirs[others]
         self._set_state(*(list(values) for values in state))
         try:
             self._plan_stop(*(list(values) for values in state))
         except RuckigError as error:
             raise CommandError("these servos can't join the motion now; valid: ask again later") from error
         self._accept_stop()
-        self.target[places] = other.target
-        self._speed[places] = other.speed
+        self.target[places] = other.target[others]
+        self._speed[places] = other.speed[others]
+        self._drive[places] = other.drive[others]
+        self._set_interfaces()
         self._resting = False
 
     def aim(self, target: Array, speed: Array) -> None:
-        """Go to `target` (n,) [rad], which must be inside the bounds, at most at `speed` (n,) [rad/s]."""
+        """Go to `target` (n,) [rad], which must be inside the bounds, at most at `speed` (n,) [rad/s].
+
+        Servos that are driven at a velocity go on so.
+        """
         self.target = np.array(target)
         self._speed = np.minimum(speed, self.bounds.velocity)
         self._stopping = False
         self._resting = False
 
+    def drive_at(self, places: Sequence[int], velocity: Array) -> None:
+        """Drive servos at `velocity` (k,) [rad/s] until told otherwise, within the speed limit.
+
+        NaN ends that: such a servo, which must be at rest, then stays.
+        """
+        self._drive[places] = np.clip(velocity, -self.bounds.velocity[places], self.bounds.velocity[places])
+        self.target[places] = np.array(self._input.current_position)[places]
+        if not np.array_equal(self._driven, np.isfinite(self._drive)):
+            self._set_interfaces()
+        self._stopping = False
+        self._resting = False
+
     def halt(self) -> None:
-        """Stop as fast as the bounds allow and stay there: the old target is forgotten at once."""
+        """Stop as fast as the bounds allow and stay there: targets and velocities are forgotten at once."""
         if not self._stopping:
             self.target = np.array(self._escape.at_time(self._escape.duration)[0])
+            self._drive[self._driven] = 0.0
         self._stopping = True
+
+    def stop_at(self, time: float) -> Array:
+        """Where the servos would be (n,) [rad] `time` [s] from now if they stopped now."""
+        return np.array(self._escape.at_time(self._since + time)[0])
 
     def step(self) -> Array:
         """Positions (n,) [rad] one period later."""
@@ -117,6 +158,10 @@ class Limiter:
         outside = (here < self.bounds.lower) | (here > self.bounds.upper)
         self._input.max_velocity = list(self._speed * (CREEP if outside.any() else 1.0))
         self._input.target_position = list(self.target)
+        if self._driven.any():
+            allowed = self.bounds.allowed_velocity(here, np.nan_to_num(self._drive))
+            self._driving = bool(allowed.any())
+            self._input.target_velocity = list(np.where(outside, CREEP, 1.0) * allowed)
         output = self._output
         try:
             result = self._otg.update(self._input, output)
@@ -127,7 +172,7 @@ class Limiter:
             return False
         output.pass_to_input(self._input)
         self._accept_stop()
-        self._resting = result == Result.Finished
+        self._resting = result == Result.Finished and not self._driving
         return True
 
     def _brake(self) -> None:
@@ -158,6 +203,16 @@ class Limiter:
             (lowest >= np.minimum(bounds.lower, here)) & (highest <= np.maximum(bounds.upper, here))
         ):
             return False
+        if not self._keeps_couplings(here, lowest, highest):
+            return False
+        if self._guard is not None and not self._guard(lowest, highest, self._candidate):
+            self.halt()
+            return False
+        return True
+
+    def _keeps_couplings(self, here: Array, lowest: Array, highest: Array) -> bool:
+        """Whether the planned stop, between `lowest` and `highest` (n,) [rad], keeps the couplings."""
+        bounds = self.bounds
         if not len(bounds.coupling):
             return True
         now = bounds.coupling @ here
@@ -185,6 +240,18 @@ class Limiter:
         """The planned stop is the one to take from the present state."""
         self._escape, self._candidate = self._candidate, self._escape
         self._since = 0.0
+
+    def _set_interfaces(self) -> None:
+        """Tell ruckig which servos go to a target, all in the same time, and which keep a velocity."""
+        self._driven = np.isfinite(self._drive)
+        self._driving = False
+        self._input.target_velocity = [0.0] * len(self._drive)
+        self._input.per_dof_control_interface = [
+            ControlInterface.Velocity if driven else ControlInterface.Position for driven in self._driven
+        ]
+        self._input.per_dof_synchronization = [
+            Synchronization.No if driven else Synchronization.Time for driven in self._driven
+        ]
 
     def _set_state(self, position: list[float], velocity: list[float], acceleration: list[float]) -> None:
         self._input.current_position = position

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from tci.errors import CommandError, FrameError
 from tci.frames import Array, read_only
-from tci.messages import GenericCommand, JointReading, Mode, PlatformCommand
+from tci.messages import GenericCommand, JointReading, Mode, PlatformCommand, PlatformSwitch, SwitchMode
 from tci.model.description import GenericPart, Robot
 
 
@@ -63,6 +63,11 @@ def to_platform(robot: Robot, command: GenericCommand) -> PlatformCommand:
         values = values * scale
     speed = np.array([np.inf if s.speed is None else s.speed for s in part.servos])[mapped] / np.abs(scale)
     return PlatformCommand(command.mode, _frozen(servos), read_only(values), read_only(speed))
+
+
+def switch(robot: Robot, request: SwitchMode) -> PlatformSwitch:
+    """The request for the part's mapped servos. Raises UnknownNameError for an unknown part."""
+    return PlatformSwitch(_frozen(_map(robot.part(request.part))[1]), request.mode)
 
 
 def home(part: GenericPart) -> tuple[GenericCommand, ...]:

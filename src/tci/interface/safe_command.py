@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from tci.errors import LinkError
 from tci.frames import Array
+from tci.messages import Mode
 
 
 class GateState(Enum):
@@ -20,6 +21,8 @@ class GateState(Enum):
     """Commands pass, within the limits."""
     HOLD = "hold"
     """Joint data is too old or not usable: stop, keep the position. Clears by itself."""
+    STOP = "stop"
+    """Something is wrong with the robot or the program: as hold, but until an operator resets it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,18 +45,25 @@ class SafeCommand:
     """What the gate was doing."""
     servos: NDArray[np.intp]
     """Indices (k,) of servos that are under command; no other joint is ever sent anything."""
+    modes: tuple[Mode, ...]
+    """Control mode of each of them (k,). A link switches a servo to it before it sends the rest."""
     position: Array
-    """Where each of them should be at the end of this period (k,) [rad]."""
+    """Where each of them should be at the end of this period (k,) [rad]: the set-point, or in impedance
+    mode the equilibrium; in torque mode where it was measured."""
+    velocity: Array
+    """How fast each of them should move then (k,) [rad/s]; 0 in torque mode."""
+    torque: Array
+    """Torque of each of them (k,) [N m] in torque mode; 0 in the others."""
     stiffness: Mapping[int, float]
     """New share 0..1 of full stiffness, by servo index, where commanded."""
     damping: Mapping[int, float]
     """New share 0..1 of full damping, by servo index, where commanded."""
     clamped: tuple[str, ...]
-    """Targets that were clamped, in words."""
+    """What was clamped or cut short, in words."""
     refusals: tuple[str, ...]
     """Commands that were refused, and why."""
     reason: str = ""
-    """Why the gate holds; empty while it runs."""
+    """Why the gate holds or has stopped; empty while it runs."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.seal, Seal):

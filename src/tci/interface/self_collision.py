@@ -36,6 +36,11 @@ class SelfCollision:
         self._posture = np.zeros(len(robot.servos))
         self._distance = -np.inf
 
+    def covers(self, lower: Array, upper: Array) -> bool:
+        """Whether every posture between `lower` and `upper` (n_servos,) is known to keep the margin."""
+        farthest = np.maximum(np.abs(lower - self._posture), np.abs(upper - self._posture))
+        return bool(self._distance - farthest @ self._clearance.levers > self.margin)
+
     def fault(self, path: Array) -> str:
         """Why a motion along `path` (k, n_servos) [rad] must not be made; empty when it may.
 

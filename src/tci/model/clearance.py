@@ -7,6 +7,7 @@ convex hulls of meshes.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import combinations
 
 import mujoco
@@ -40,7 +41,7 @@ class Clearance:
 
         Links that overlap in the initial posture are taken to be built so, and never count.
         """
-        self._model = exclude_overlaps(solid_spec(robot), robot, robot.initial_position)
+        self._model = _solid_model(robot)
         self._data = mujoco.MjData(self._model)
         self._count = len(robot.servos)
         self._servos, self._addresses, columns = joints_of(robot, self._model)
@@ -98,6 +99,12 @@ class Clearance:
     def _distance(self, pair: int, cutoff: float) -> float:
         one, other = self._pairs[pair]
         return float(mujoco.mj_geomDistance(self._model, self._data, int(one), int(other), cutoff, None))
+
+
+@lru_cache(maxsize=8)
+def _solid_model(robot: Robot) -> mujoco.MjModel:
+    """Nobody writes to it, and reading an iCub's meshes takes a second."""
+    return exclude_overlaps(solid_spec(robot), robot, robot.initial_position)
 
 
 def _pairs(model: mujoco.MjModel) -> NDArray[np.intp]:

@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from tci.errors import UnknownNameError
 from tci.frames import Array, read_only, rotation_rpy, transform
+from tci.messages import Mode
 
 Vector = tuple[float, float, float]
 
@@ -22,6 +23,16 @@ class Words(BaseModel):
     """Base of all types here: frozen, no unknown fields, finite numbers only."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
+
+    # Only fields count: cached arrays lie beside them, and an array has no single truth value.
+    def __eq__(self, other: object) -> bool:
+        return type(self) is type(other) and self._values() == other._values()
+
+    def __hash__(self) -> int:
+        return hash(self._values())
+
+    def _values(self) -> tuple[object, ...]:
+        return tuple(getattr(self, name) for name in type(self).model_fields)
 
 
 class Limits(Words):
@@ -58,6 +69,8 @@ class Servo(Words):
     """Name of the joint in the kinematic model; None when it has none there."""
     limits: Limits = Limits()
     """What it may do."""
+    modes: tuple[Mode, ...] = (Mode.POSITION,)
+    """Control modes that it can be switched to; the first is the one it starts in."""
 
 
 class Coupling(Words):

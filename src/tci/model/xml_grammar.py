@@ -9,7 +9,19 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from tci.model.xml_values import Angle, Choice, Factor, Integer, Name, Number, RelativePath, Three, Value
+from tci.messages import CONTROL_MODES
+from tci.model.xml_values import (
+    Angle,
+    Choice,
+    Factor,
+    Integer,
+    Name,
+    Number,
+    RelativePath,
+    Three,
+    Value,
+    Words,
+)
 
 
 @dataclass(frozen=True)
@@ -73,6 +85,7 @@ LIMITS: dict[str, Element] = {
 
 ROBOT_PART = Element(
     needs={"name": NAME},
+    may={"modes": Words(tuple(mode.value for mode in CONTROL_MODES))},
     some={"servo": Element(needs={"id": ID, "name": NAME}, may={"joint": NAME}, once=LIMITS)},
 )
 

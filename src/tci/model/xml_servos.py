@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from tci.messages import Mode
 from tci.model.description import Coupling, Limits, Servo
 from tci.model.xml_document import Faults
 from tci.model.xml_node import Node, listed, nearest
@@ -74,8 +75,10 @@ def read_servos(root: Node, faults: Faults) -> Servos:
         _mentioned(root, servos)
         return servos
     nodes: list[tuple[str, Node]] = []
+    modes = {}
     for part in once_only(root.all("robot_part"), "name", "robot_part with", faults):
         name = part.get("name", "?")
+        modes[name] = tuple(Mode(word) for word in part.get("modes", (Mode.POSITION.value,)))
         what = f"servo of robot_part {name!r} with"
         of_part = once_only(part.all("servo"), "id", what, faults)
         once_only(of_part, "name", what, faults)
@@ -86,6 +89,7 @@ def read_servos(root: Node, faults: Faults) -> Servos:
             servos.add(
                 node.line, name, node.get("id"),
                 name=node.get("name", "?"), joint=node.get("joint"), limits=_limits(node, faults),
+                modes=modes[name],
             )  # fmt: skip
     _check_unit(root, servos, faults)
     return servos

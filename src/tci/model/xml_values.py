@@ -77,6 +77,19 @@ class Choice(Value):
 
 
 @dataclass(frozen=True)
+class Words(Value):
+    """One or more of some words, each once, with spaces between them."""
+
+    valid: tuple[str, ...]
+
+    def read(self, text: str, unit: Unit) -> tuple[str, ...]:
+        words = tuple(word for word in text.split(" ") if word)
+        if not words or len(set(words)) != len(words) or not set(words) <= set(self.valid):
+            raise InvalidValueError(f"one or more of {', '.join(self.valid)}, each once, with spaces between")
+        return words
+
+
+@dataclass(frozen=True)
 class Integer(Value):
     """A whole number, not negative."""
 

@@ -1,0 +1,258 @@
+"""All servos under command: the mode of each, where it goes, and what is sent for it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from ruckig import Trajectory
+
+from tci.errors import CommandError
+from tci.frames import Array
+from tci.interface.acceptance import check_command, check_limits, check_switch
+from tci.interface.bounds import MARGIN
+from tci.interface.chain import Chain, groups_of, make_chain
+from tci.interface.gate_settings import GateSettings, Tally
+from tci.interface.limiter import Guard
+from tci.interface.self_collision import SelfCollision
+from tci.interface.torque import TorqueLimiter
+from tci.interface.watch import Reference
+from tci.messages import Mode, PlatformCommand, PlatformOrder, PlatformSwitch
+from tci.model.description import Robot
+
+REST = float(np.deg2rad(3.0))
+"""Measured speed [rad/s] below which a servo is at rest. Ours."""
+LOOKS = 16
+"""Points of a stop, beside its ends, at which the robot's body is looked at. Ours: others lie between."""
+
+
+class Motion:
+    """Moves the servos under command, each in its own control mode, one step per control period."""
+
+    def __init__(self, robot: Robot, *, period: float, settings: GateSettings, tally: Tally) -> None:
+        """`period` [s] of the control loop. Raises what SelfCollision raises."""
+        self.robot = robot
+        self._period = period
+        self._settings = settings
+        self._tally = tally
+        self._groups = groups_of(robot)
+        self._chains: dict[int, Chain] = {}
+        self._torque = TorqueLimiter(robot, period, speed_share=settings.speed_share)
+        self._fed = np.full(len(robot.servos), -np.inf)
+        self._measured = self._speed = np.zeros(len(robot.servos))
+        margin = settings.self_collision
+        solid = robot.model is not None and margin is not None
+        self._body = SelfCollision(robot, margin=margin) if solid and margin is not None else None
+        self._near: list[str] = []
+        self.modes = [servo.modes[0] for servo in robot.servos]
+        """Control mode of every servo."""
+
+    @property
+    def reference(self) -> Reference:
+        """What is told to the servos now; those in torque mode come last, where they were measured."""
+        chains = list(self._chains.values())
+        states = [chain.limiter.state for chain in chains]
+        loose = self._torque.servos
+        servos = np.array([servo for chain in chains for servo in chain.servos] + loose.tolist(), np.intp)
+        return Reference(
+            servos=servos,
+            modes=tuple(self.modes[servo] for servo in servos.tolist()),
+            position=np.concatenate([*(state[0] for state in states), self._measured[loose]]),
+            velocity=np.concatenate([*(state[1] for state in states), np.zeros(loose.size)]),
+        )
+
+    @property
+    def targets(self) -> Array:
+        """Where the servos under command are going [rad], in the order of `reference`."""
+        targets = [chain.limiter.target for chain in self._chains.values()]
+        return np.concatenate([*targets, self._measured[self._torque.servos]])
+
+    def see(self, position: Array, velocity: Array) -> None:
+        """Where all servos were measured (n_servos,) [rad], and how fast [rad/s] they were."""
+        self._measured, self._speed = position, velocity
+        for chain in self._chains.values():
+            chain.look_outside(position)
+
+    def halt(self) -> None:
+        """Stop all servos within their limits; targets, velocities and torques are forgotten."""
+        for chain in self._chains.values():
+            chain.limiter.halt()
+        self._torque.relax()
+
+    def drop(self) -> None:
+        """No servo is under command any more but those in torque mode, which get none; modes stay."""
+        self._chains.clear()
+        self._torque.relax()
+
+    def accept(self, command: PlatformOrder, now: float) -> list[str]:
+        """Take an order over; says what was clamped. Raises CommandError, then it had no effect."""
+        if isinstance(command, PlatformSwitch):
+            self._switch(command)
+            return []
+        check_command(self.robot, command)
+        for servo in command.servos.tolist():
+            check_limits(self.robot.servos[servo])
+            if self.modes[servo] is not command.mode:
+                raise CommandError(
+                    f"{self.robot.servos[servo].name} is in {self.modes[servo].value} mode, the command is "
+                    f"a {command.mode.value}; valid: switch the mode first"
+                )
+        take = {Mode.TORQUE: self._push, Mode.VELOCITY: self._drive}.get(command.mode, self._aim)
+        clamped = take(command)
+        self._fed[command.servos] = now
+        return clamped
+
+    def step(self, now: float) -> list[str]:
+        """Move by one period; says which motions were ended so that the robot does not hit itself."""
+        old = now - self._fed > self._settings.command_timeout
+        for chain in self._chains.values():
+            late = [place for place in chain.driven if old[chain.servos[place]]]
+            if late:
+                chain.limiter.drive_at(late, np.zeros(len(late)))
+            chain.limiter.step()
+        self._torque.relax(np.flatnonzero(old))
+        near, self._near = self._near, []
+        self._tally.near_misses += len(near)
+        return near
+
+    def torques(self) -> Array:
+        """Torque (k,) [N m] of each servo of `reference`; 0 for those in another mode."""
+        torque = self._torque.step(self._measured, self._speed)
+        others = sum(len(chain.servos) for chain in self._chains.values())
+        return np.concatenate([np.zeros(others), torque])
+
+    def _push(self, command: PlatformCommand) -> list[str]:
+        """Torques for servos in torque mode."""
+        sent = self._torque.ask(command.servos, command.values)
+        return self.clamps(command, sent, "N m", 1.0)
+
+    def _aim(self, command: PlatformCommand) -> list[str]:
+        """Give servos in position or impedance mode new targets."""
+        servos = command.servos.tolist()
+        wanted = dict(zip(servos, command.values.tolist(), strict=True))
+        speeds = dict(zip(servos, command.speed.tolist(), strict=True))
+        reached: dict[int, float] = {}
+        for chain in self._chains_with(servos):
+            limiter = chain.limiter
+            free = np.array([servo in wanted for servo in chain.servos])
+            target = np.array([wanted.get(s, t) for s, t in zip(chain.servos, limiter.target, strict=True)])
+            speed = np.array([speeds.get(s, v) for s, v in zip(chain.servos, limiter.speed, strict=True)])
+            nearest = limiter.bounds.nearest(target, free)
+            limiter.aim(nearest, speed)
+            reached.update(zip(chain.servos, nearest.tolist(), strict=True))
+        return self.clamps(command, np.array([reached[servo] for servo in servos]), "degrees", np.rad2deg(1))
+
+    def _drive(self, command: PlatformCommand) -> list[str]:
+        """Drive servos in velocity mode."""
+        servos = command.servos.tolist()
+        velocity = np.clip(command.values, -command.speed, command.speed)
+        allowed = dict(zip(servos, velocity.tolist(), strict=True))
+        for chain in self._chains_with(servos):
+            mine = [servo for servo in chain.servos if servo in allowed]
+            places = chain.places(mine)
+            chain.limiter.drive_at(places, np.array([allowed[servo] for servo in mine]))
+            allowed.update(zip(mine, chain.limiter.drive[places].tolist(), strict=True))
+        sent = np.array([allowed[servo] for servo in servos])
+        return self.clamps(command, sent, "degrees/s", np.rad2deg(1))
+
+    def clamps(self, command: PlatformCommand, sent: Array, unit: str, factor: float) -> list[str]:
+        """Count and name the servos for which another value counts than the one asked for."""
+        clamped = []
+        for place in np.flatnonzero(np.abs(command.values - sent) > 2 * MARGIN):
+            name = self.robot.servos[command.servos[place]].name
+            self._tally.clamps[name] += 1
+            asked, allowed = command.values[place] * factor, sent[place] * factor
+            clamped.append(f"{name}: {asked:.2f} {unit} asked, clamped to {allowed:.2f}")
+        return clamped
+
+    def _switch(self, switch: PlatformSwitch) -> None:
+        """Put servos that rest under command in another mode, where they are. Raises CommandError."""
+        check_switch(self.robot, switch)
+        servos = [servo for servo in switch.servos.tolist() if self.modes[servo] is not switch.mode]
+        told = self.reference
+        moving = {*told.servos[told.velocity != 0.0].tolist(), *np.flatnonzero(np.abs(self._speed) > REST)}
+        for servo in servos:
+            if servo in moving:
+                raise CommandError(
+                    f"{self.robot.servos[servo].name} is moving; valid: switch to {switch.mode.value} at rest"
+                )
+        loose = {*self._torque.servos.tolist(), *servos}
+        if switch.mode is not Mode.TORQUE:
+            loose -= set(servos)
+        # A joint that yielded is elsewhere than its equilibrium: it goes on from where it is.
+        fresh = [servo for servo in servos if self.modes[servo] in (Mode.IMPEDANCE, Mode.TORQUE)]
+        chains = {}
+        for group in {self._groups[servo] for servo in servos}:
+            mine = {servo for servo in servos if self._groups[servo] == group}
+            old = self._chains.get(group)
+            kept = ({*old.servos} if old else set()) | mine
+            chains[group] = self._chain(group, kept - loose, fresh)
+        for servo in servos:
+            self.modes[servo] = switch.mode
+        self._torque.set_servos(sorted(loose))
+        for group, chain in chains.items():
+            if chain.servos:
+                self._chains[group] = chain
+                places = chain.places([servo for servo in chain.servos if servo in servos])
+                velocity = 0.0 if switch.mode is Mode.VELOCITY else np.nan
+                chain.limiter.drive_at(places, np.full(len(places), velocity))
+            else:
+                self._chains.pop(group, None)
+
+    def _chains_with(self, servos: Sequence[int]) -> list[Chain]:
+        """The chains that move `servos`, which join them where they are. Raises CommandError."""
+        chains = {}
+        for group in dict.fromkeys(self._groups[servo] for servo in servos):
+            mine = {servo for servo in servos if self._groups[servo] == group}
+            old = self._chains.get(group)
+            whole = old is not None and mine <= set(old.servos)
+            chains[group] = (
+                old if old and whole else self._chain(group, mine | set(old.servos if old else ()))
+            )
+        self._chains.update(chains)
+        return list(chains.values())
+
+    def _chain(self, group: int, servos: set[int], fresh: Sequence[int] = ()) -> Chain:
+        """A chain for the group. Raises CommandError when some servos can't join its motion now."""
+        chain = make_chain(
+            self.robot,
+            sorted(servos),
+            self._measured,
+            old=self._chains.get(group),
+            fresh=fresh,
+            period=self._period,
+            speed_share=self._settings.speed_share,
+            guard=self._guard(group) if self._body else None,
+        )
+        driven = [s for s in chain.servos if self.modes[s] is Mode.VELOCITY]
+        places = [p for p in chain.places(driven) if not np.isfinite(chain.limiter.drive[p])]
+        if places:
+            chain.limiter.drive_at(places, np.zeros(len(places)))
+        return chain
+
+    def _guard(self, group: int) -> Guard:
+        """What looks at the robot's body before the chain of a group gets nearer to it."""
+        body = self._body
+        assert body is not None
+
+        def clear(lowest: Array, highest: Array, stop: Trajectory) -> bool:
+            chain = self._chains[group]
+            if body.covers(self._whole(chain, lowest), self._whole(chain, highest)):
+                return True
+            times = np.linspace(0.0, stop.duration, LOOKS)
+            path = [self._whole(chain, np.array(stop.at_time(time)[0]), time) for time in times]
+            here = self._whole(chain, chain.limiter.state[0])
+            fault = body.fault(np.array([here, *path]))
+            if fault:
+                self._near.append(f"stopped on the way: {fault}")
+            return not fault
+
+        return clear
+
+    def _whole(self, chain: Chain, angles: Array, time: float = 0.0) -> Array:
+        """The whole robot (n_servos,) [rad] with `angles` (n,) in a chain, the other chains `time` [s] into
+        their stops, and what is not under command where it was measured."""
+        position = np.array(self._measured)
+        for other in self._chains.values():
+            position[other.servos] = angles if other is chain else other.limiter.stop_at(time)
+        return position

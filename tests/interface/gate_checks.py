@@ -8,17 +8,24 @@ import numpy as np
 
 from tci.frames import Array, read_only
 from tci.interface.gate import Gate, SafeCommand
-from tci.messages import JointReading, Mode, PlatformCommand
+from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder
 from tci.model.description import Coupling, GenericPart, GenericServo, Limits, Robot, Servo
 
 PERIOD = 0.002
 LIMITS = Limits(lower=-1.0, upper=2.0, velocity=3.0, acceleration=40.0, jerk=4000.0)
 
 
-def make_robot(*, count: int = 6, limits: Limits = LIMITS, coupled: bool = True) -> Robot:
+def make_robot(
+    *,
+    count: int = 6,
+    limits: Limits = LIMITS,
+    coupled: bool = True,
+    modes: tuple[Mode, ...] = (Mode.POSITION,),
+) -> Robot:
     """A robot part of `count` servos, the first two coupled; the last one belongs to no generic part."""
     servos = tuple(
-        Servo(index=i, robot_part="arm", id=i, name=f"joint{i}", limits=limits) for i in range(count)
+        Servo(index=i, robot_part="arm", id=i, name=f"joint{i}", limits=limits, modes=modes)
+        for i in range(count)
     )
     generic = tuple(
         GenericServo(id=i, name=f"g{i}", servo=i, scale=(-1.0) ** i, offset=0.1 * i) for i in range(5)
@@ -61,7 +68,7 @@ class Driven:
         self.time = 0.0
         self.path: list[Array] = [self.angles.copy()] * 3
 
-    def step(self, *commands: PlatformCommand) -> SafeCommand:
+    def step(self, *commands: PlatformOrder) -> SafeCommand:
         safe = self.gate.step(commands, reading(self.angles, self.time), self.time)
         self.gate.check_out(safe)
         self.angles[safe.servos] = safe.position

@@ -13,7 +13,7 @@ from tci.model.description import Robot
 
 MARGIN = 1e-6
 """Targets stay this far [rad] inside position limits and couplings, for ruckig's own rounding."""
-APPROACH = 0.6
+APPROACH = 0.5
 """Share of acceleration and jerk with which driven servos slow down before a limit. Ours: the rest is for
 the time that a change of velocity takes."""
 SWEEPS = 50

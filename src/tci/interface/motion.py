@@ -22,6 +22,8 @@ from tci.model.description import Robot
 
 REST = float(np.deg2rad(3.0))
 """Measured speed [rad/s] below which a servo is at rest. Ours."""
+STILL = 1e-6
+"""Commanded speed [rad/s] that is only rounding."""
 LOOKS = 16
 """Points of a stop, beside its ends, at which the robot's body is looked at. Ours: others lie between."""
 
@@ -170,7 +172,10 @@ class Motion:
         check_switch(self.robot, switch)
         servos = [servo for servo in switch.servos.tolist() if self.modes[servo] is not switch.mode]
         told = self.reference
-        moving = {*told.servos[told.velocity != 0.0].tolist(), *np.flatnonzero(np.abs(self._speed) > REST)}
+        moving = {
+            *told.servos[np.abs(told.velocity) > STILL].tolist(),
+            *np.flatnonzero(np.abs(self._speed) > REST),
+        }
         for servo in servos:
             if servo in moving:
                 raise CommandError(
@@ -181,17 +186,17 @@ class Motion:
             loose -= set(servos)
         # A joint that yielded is elsewhere than its equilibrium: it goes on from where it is.
         fresh = [servo for servo in servos if self.modes[servo] in (Mode.IMPEDANCE, Mode.TORQUE)]
-        chains = {}
+        chains: dict[int, Chain | None] = {}
         for group in {self._groups[servo] for servo in servos}:
             mine = {servo for servo in servos if self._groups[servo] == group}
             old = self._chains.get(group)
             kept = ({*old.servos} if old else set()) | mine
-            chains[group] = self._chain(group, kept - loose, fresh)
+            chains[group] = self._chain(group, kept - loose, fresh) if kept - loose else None
         for servo in servos:
             self.modes[servo] = switch.mode
         self._torque.set_servos(sorted(loose))
         for group, chain in chains.items():
-            if chain.servos:
+            if chain is not None:
                 self._chains[group] = chain
                 places = chain.places([servo for servo in chain.servos if servo in servos])
                 velocity = 0.0 if switch.mode is Mode.VELOCITY else np.nan

@@ -19,7 +19,9 @@ from tci.model.description import Robot
 RISE = 0.02
 """Time [s] in which a torque may go from zero to its limit. Ours."""
 BAND = 0.1
-"""Share of the speed limit over which braking takes over, from the speed that a limit allows. Ours."""
+"""Share of the allowed speed over which braking takes over beyond it. Ours."""
+FADE = float(np.deg2rad(2.0))
+"""Distance [rad] before a limit over which a torque towards it fades out. Ours."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,9 +80,10 @@ class TorqueLimiter:
     def step(self, position: Array, velocity: Array) -> Array:
         """Torques (k,) [N m] to send now, from measured `position` and `velocity` (n_servos,).
 
-        At rest far from limits it is what was asked for. A servo that is faster than it could stop
-        before its limit, by what it may accelerate, is braked with up to its full torque; at or beyond
-        a limit no torque leads outward. A velocity that is not finite counts as zero torque wanted.
+        At rest far from limits it is what was asked for, which rises within RISE. A servo that is faster
+        than it could stop before its limit, by what it may accelerate, is braked at once with up to its
+        full torque; near a limit a torque towards it fades out, and beyond there is none. A velocity that
+        is not finite counts as no torque wanted.
         """
         s = self._servos
         if not s.index.size:
@@ -88,21 +91,16 @@ class TorqueLimiter:
         q, v, wanted = position[s.index], velocity[s.index], self._wanted[s.index]
         wanted = np.where(np.isfinite(v), wanted, 0.0)
         v = np.nan_to_num(v)
-        room = np.maximum(np.where(v > 0.0, s.upper - q, q - s.lower), 0.0)
+        above, below = np.maximum(s.upper - q, 0.0), np.maximum(q - s.lower, 0.0)
         # What is left of the way after this period counts.
-        room = np.maximum(room - np.abs(v) * self._period, 0.0)
-        most = np.minimum(s.velocity, np.sqrt(2.0 * APPROACH * s.acceleration * room))
-        braking = np.clip((np.abs(v) - most) / (BAND * s.velocity), 0.0, 1.0)
-        torque = (1.0 - braking) * wanted - braking * np.sign(v) * s.torque
-        torque = np.where(q >= s.upper, np.minimum(torque, 0.0), torque)
-        torque = np.where(q <= s.lower, np.maximum(torque, 0.0), torque)
+        room = np.maximum(np.where(v > 0.0, above, below) - np.abs(v) * self._period, 0.0)
+        most = np.minimum((1.0 - BAND) * s.velocity, np.sqrt(2.0 * APPROACH * s.acceleration * room))
+        braking = np.clip((np.abs(v) - most) / np.maximum(BAND * most, MARGIN), 0.0, 1.0)
         rise = s.torque * self._period / RISE
         before = self._sent[s.index]
-        result: Array = np.clip(torque, before - rise, before + rise)
-        # A torque that leads out of the limits is taken off at once, whatever the rise.
-        result = np.where(q >= s.upper, np.minimum(result, 0.0), result)
-        result = np.where(q <= s.lower, np.maximum(result, 0.0), result)
-        self._sent[s.index] = result
+        wanted = self._sent[s.index] = np.clip(wanted, before - rise, before + rise)
+        wanted = wanted * np.minimum(np.where(wanted > 0.0, above, below) / FADE, 1.0)
+        result: Array = (1.0 - braking) * wanted - braking * np.sign(v) * s.torque
         return result
 
 

@@ -13,13 +13,14 @@ One way for the data (docs/architecture.md):
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tci.errors import TciError
 from tci.frames import Array
 
 
@@ -146,6 +147,9 @@ class Contact:
     """Centre of pressure (3,) [m] seen from the torso."""
     n_T: Array
     """Outward unit normal (3,) seen from the torso."""
+    f_T: Array
+    """Force (3,) [N] on the skin, seen from the torso: along the inward normal, unless the taxels feel
+    its direction."""
     u: float
     """Place along the segment: 0 at its proximal, 1 at its distal joint."""
     theta: float
@@ -154,6 +158,10 @@ class Contact:
     """Place (k,) of each taxel along the segment."""
     taxel_theta: Array
     """Angle (k,) [rad] of each taxel around the segment."""
+
+
+def _no_kinematics(contact: Contact) -> Array:
+    raise TciError(f"no Jacobian of the contact on {contact.patch}: this perception comes without a robot")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -166,6 +174,9 @@ class Perception:
     """Generic joint angles (n,) [rad] of each generic part, by name (eqs 1-2)."""
     contacts: tuple[Contact, ...]
     """Contacts in the latest frames of the skin."""
+    jacobian: Callable[[Contact], Array] = _no_kinematics
+    """Of one of them: how its point moves (3, n) [m/rad], seen from the torso, with each generic joint of
+    its part. Worked out when asked for."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -43,6 +43,7 @@ def touch(
         n_L=read_only([1.0, 0.0, 0.0]),
         p_T=read_only([0.0, 0.0, 0.0]),
         n_T=read_only([1.0, 0.0, 0.0]),
+        f_T=read_only([-float(taxel_forces.sum()), 0.0, 0.0]),
         u=u,
         theta=theta,
         taxel_u=read_only(taxel_u),

@@ -302,6 +302,7 @@ def contact_of(
         n_L=nowhere,
         p_T=nowhere,
         n_T=nowhere,
+        f_T=nowhere,
         u=at[0],
         theta=at[1],
         taxel_u=np.array(u),

@@ -138,8 +138,9 @@ def test_20_an_encoder_that_stands_still_is_told() -> None:
     assert found[0] < 0.35
 
 
-def test_a_joint_at_rest_may_repeat_its_angle() -> None:
+def test_a_joint_at_rest_may_repeat_its_angle_wherever_it_is() -> None:
     assert first_fault(still, still) is None
+    assert first_fault(lambda _: np.full(6, 1.1), lambda _: np.full(6, 1.1)) is None
 
 
 def test_14_a_reading_that_comes_again_under_fresh_stamps_is_told() -> None:

@@ -37,7 +37,7 @@ COMMON_RANGE = np.deg2rad([[-10, 95.5], [0, 76], [-29.5, 65], [15, 88.5], [-60, 
 @pytest.fixture(scope="module", params=[50.0, 100.0], ids=["50Hz", "100Hz"])
 def report(request: pytest.FixtureRequest) -> tuple[float, Report]:
     robots = [with_skin_rate(load_robot(name), request.param) for name in ROBOTS]
-    return request.param, run_experiment(robots, FIELDS, seed=3)
+    return request.param, run_experiment(robots, WithdrawalReflex(), seed=3)
 
 
 def test_every_trial_meets_its_figures(report: tuple[float, Report]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import Generic, TypeVar
 
-from tci.messages import GenericCommand, Perception
+from tci.messages import Command, Perception
 
 Memory = TypeVar("Memory")
 
@@ -22,8 +22,15 @@ class Capability(ABC, Generic[Memory]):
     def init(self) -> Memory:
         """The memory to start with."""
 
+    def begin(self, perception: Perception) -> tuple[Command, ...]:
+        """What it asks for once, before its first step: control modes, stiffness. Nothing, mostly.
+
+        Where the robot refuses any of it, the capability is not run.
+        """
+        return ()
+
     @abstractmethod
-    def step(self, memory: Memory, perception: Perception) -> tuple[tuple[GenericCommand, ...], Memory]:
+    def step(self, memory: Memory, perception: Perception) -> tuple[tuple[Command, ...], Memory]:
         """Commands for this instant, and the memory for the next one.
 
         Commands are given when they change: the gate goes on towards the last one. Neither argument

@@ -20,10 +20,13 @@ from tci.errors import CommandError, TciError
 from tci.frames import Array, read_only
 from tci.interface.contacts import weighted_force
 from tci.interface.generic_limb import generic_limb_distance
-from tci.messages import Contact, GenericCommand, Mode, Perception
+from tci.messages import Command, Contact, GenericCommand, Mode, Perception, SwitchMode
+from tci.model.generic_arm import JOINTS
 
 PSI = {"linear": psi, "cosine": psi_cosine}
 """Distance discounts by name."""
+MODES = (Mode.POSITION, Mode.VELOCITY, Mode.IMPEDANCE)
+"""Forms of the reflex."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +77,13 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
     """How long [s] the skin of an arm must be quiet before it can withdraw again. Ours."""
     distance_discount: Literal["linear", "cosine"] = "linear"
     """Which psi of eq. 5: 1 - d / r, or cos^2(pi d / 2 r)."""
+    mode: Mode = Mode.POSITION
+    """Control mode of the arms: position, velocity (drives to the same target) or impedance (soft arms that
+    yield to the touch at once, and withdraw to the same target)."""
+    approach: float = 0.08
+    """Time constant [s] with which an arm in velocity mode comes to its target. Ours."""
+    softness: float = 0.4
+    """Share of full stiffness that arms in impedance mode have. Ours."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "fields", tuple(self.fields))
@@ -81,18 +91,39 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
             raise TciError(f"refractory period {self.refractory} s; valid: above 0 and finite")
         if self.distance_discount not in PSI:
             raise TciError(f"distance discount {self.distance_discount!r}; valid: {', '.join(PSI)}")
+        if self.mode not in MODES:
+            valid = ", ".join(mode.value for mode in MODES)
+            raise TciError(f"a withdrawal in {self.mode.value} mode; valid: {valid}")
+        if not 0.0 < self.approach < np.inf:
+            raise TciError(f"approach {self.approach} s; valid: above 0 and finite")
+        if not 0.0 < self.softness <= 1.0:
+            raise TciError(f"softness {self.softness}; valid: above 0, at most 1")
+
+    def begin(self, perception: Perception) -> tuple[Command, ...]:
+        """The control mode of every part that has the joints of an arm, unless it is position."""
+        if self.mode is Mode.POSITION:
+            return ()
+        commands: list[Command] = []
+        for part, posture in perception.posture.items():
+            if posture.size == len(JOINTS):
+                commands.append(SwitchMode(part, self.mode))
+                if self.mode is Mode.IMPEDANCE:
+                    share = read_only(np.full(posture.size, self.softness))
+                    commands.append(GenericCommand(part, Mode.STIFFNESS, share))
+        return tuple(commands)
 
     def init(self) -> WithdrawalMemory:
         return {}
 
     def step(
         self, memory: WithdrawalMemory, perception: Perception
-    ) -> tuple[tuple[GenericCommand, ...], WithdrawalMemory]:
-        """One command for each arm whose target changed; what goes on on each arm.
+    ) -> tuple[tuple[Command, ...], WithdrawalMemory]:
+        """One command for each arm whose target changed, in velocity mode for each that is not there yet;
+        what goes on on each arm.
 
         Raises CommandError when a touched part does not have the five joints of a base motion.
         """
-        commands = []
+        commands: list[Command] = []
         withdrawals = {}
         for part, posture in perception.posture.items():
             touches = [contact for contact in perception.contacts if contact.part == part]
@@ -102,8 +133,11 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
             if after is None:
                 continue
             withdrawals[part] = after
-            if before is None or (after.started, after.gain) != (before.started, before.gain):
-                commands.append(GenericCommand(part=part, mode=Mode.POSITION, values=after.target))
+            if self.mode is Mode.VELOCITY:
+                velocity = (after.target - posture) / self.approach
+                commands.append(GenericCommand(part=part, mode=Mode.VELOCITY, values=read_only(velocity)))
+            elif before is None or (after.started, after.gain) != (before.started, before.gain):
+                commands.append(GenericCommand(part=part, mode=self.mode, values=after.target))
         return tuple(commands), withdrawals
 
     def answer(self, contact: Contact) -> Answer | None:

@@ -13,9 +13,10 @@ from rich import box
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from tci.capabilities.fields import default_fields
+from tci.capabilities.withdrawal import MODES, WithdrawalReflex
 from tci.cli.console import console, print_json
-from tci.errors import MissingExtraError
+from tci.errors import MissingExtraError, UnknownNameError
+from tci.messages import Mode
 from tci.model.catalogue import load_robot, robot_names
 from tci.model.description import Robot
 from tci.trials.experiment import SIDES, Report, run_experiment, with_skin_rate
@@ -24,37 +25,57 @@ from tci.trials.pictures import draw_demo
 
 
 def demo(
-    names: Sequence[str], *, out: Path, seed: int, headless: bool, skin_rate: float | None, as_json: bool
+    names: Sequence[str],
+    *,
+    mode: str,
+    out: Path,
+    seed: int,
+    headless: bool,
+    skin_rate: float | None,
+    as_json: bool,
 ) -> None:
-    """Run every trial on every robot, then print, draw and write what was measured."""
+    """Run every trial on every robot, then print, draw and write what was measured.
+
+    Raises UnknownNameError for a mode that the reflex does not have.
+    """
     robots = _load(names)
     if skin_rate is not None:
         robots = [with_skin_rate(robot, skin_rate) for robot in robots]
-    fields = default_fields()
+    reflex = WithdrawalReflex(mode=_mode(mode))
     out.mkdir(parents=True, exist_ok=True)
     columns = (TextColumn("{task.description:<44}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, disable=as_json) as progress:
-        task = progress.add_task("building the worlds", total=len(robots) * len(SIDES) * len(fields) + 1)
+        task = progress.add_task(
+            "building the worlds", total=len(robots) * len(SIDES) * len(reflex.fields) + 1
+        )
 
         def advance(trial: Trial) -> None:
             what = f"poked {trial.robot}, {trial.side} {trial.site.replace('_', ' ')}"
             progress.update(task, advance=1, description=what)
 
-        report = run_experiment(robots, fields, seed=seed, progress=advance)
+        report = run_experiment(robots, reflex, seed=seed, progress=advance)
         progress.update(task, description="drawing the picture")
         picture = out / "demo.png"
-        draw_demo(robots, fields, picture, seed=seed)
+        draw_demo(robots, reflex, picture, seed=seed)
         progress.update(task, advance=1, description="done")
     path = out / "report.json"
     path.write_text(json.dumps(report.to_json(), indent=2, allow_nan=False) + "\n")
     if as_json:
         print_json(report.to_json())
         return
-    console.print(_table(report))
+    console.print(_table(report, mode))
     _summary(report, robots)
     console.print(f"picture {picture}\nreport  {path}", highlight=False)
     if not headless and sys.stdout.isatty() and (os.environ.get("DISPLAY") or sys.platform != "linux"):
         typer.launch(str(picture))
+
+
+def _mode(name: str) -> Mode:
+    """The form of the reflex by name."""
+    for mode in MODES:
+        if mode.value == name:
+            return mode
+    raise UnknownNameError("mode of the withdrawal reflex", name, [mode.value for mode in MODES])
 
 
 def _load(names: Sequence[str]) -> list[Robot]:
@@ -70,9 +91,9 @@ def _load(names: Sequence[str]) -> list[Robot]:
     return robots
 
 
-def _table(report: Report) -> Table:
+def _table(report: Report, mode: str) -> Table:
     table = Table(
-        title="One reflex on every robot: a finger pokes, the arm withdraws",
+        title=f"One reflex on every robot, in {mode} mode: a finger pokes, the arm withdraws",
         caption="Times count from first contact; lost: the finger no longer touches. CoP: error of the "
         "centre of pressure. Away: how far the skin withdrew; without: with the reflex switched off.",
         box=box.SIMPLE_HEAD,

@@ -37,6 +37,9 @@ def demo(
             "[default: every packaged robot that is installed]",
         ),
     ] = None,
+    mode: Annotated[
+        str, typer.Option(help="Form of the reflex: position, velocity, or impedance (soft arms).")
+    ] = "position",
     out: Annotated[Path, typer.Option(help="Folder for report.json and demo.png.")] = Path("out"),
     seed: Annotated[int, typer.Option(help="Seed of the pokes' timing.")] = 0,
     headless: Annotated[
@@ -56,7 +59,9 @@ def demo(
     """
     from tci.cli.demo import demo as command
 
-    command(robot or [], out=out, seed=seed, headless=headless, skin_rate=skin_rate, as_json=as_json)
+    command(
+        robot or [], mode=mode, out=out, seed=seed, headless=headless, skin_rate=skin_rate, as_json=as_json
+    )
 
 
 @app.command()

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from tci.frames import Array, read_only
 from tci.interface.contacts import ContactSettings, find_contacts
-from tci.interface.part import generic_posture, switch, to_platform
+from tci.interface.part import generic_columns, generic_posture, switch, to_platform
 from tci.interface.skin import Skin
 from tci.messages import Command, Contact, Perception, PlatformOrder, Reading, SwitchMode
 from tci.model.description import Robot
@@ -34,7 +35,23 @@ class Body:
                 self.skin, self.skin.update(reading), posture, settings=self._settings
             )
             self._frames = frames
-        return Perception(stamp=now, posture=posture, contacts=self._contacts)
+        position = reading.joints.position
+        return Perception(
+            stamp=now,
+            posture=posture,
+            contacts=self._contacts,
+            jacobian=lambda contact: self.jacobian(contact, position),
+        )
+
+    def jacobian(self, contact: Contact, position: Array) -> Array:
+        """How a contact's point moves (3, n) [m/rad], seen from the torso, with its part's generic joints.
+
+        `position` (n_servos,) [rad] is that of the robot's servos. A generic joint that the robot lacks
+        moves nothing. Its transpose takes a force at the contact to generic torques.
+        """
+        link = self.robot.patch(contact.patch).link
+        moved = self.skin.kinematics.jacobian(position, link, point=contact.p_L)[:3]
+        return read_only(generic_columns(self.robot.part(contact.part), moved))
 
     def to_platform(self, commands: Iterable[Command]) -> list[PlatformOrder]:
         """The same commands in the robot's own joints (inverse of eqs 1-2). Raises CommandError."""

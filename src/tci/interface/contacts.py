@@ -149,6 +149,7 @@ def _contact(
     assert part.side is not None  # Skin refuses patches elsewhere
     positions, forces = surface.positions[taxels], felt.force[taxels]
     p_L, n_L = project(surface, centre_of_pressure(positions, forces))
+    n_T = T_TL[:3, :3] @ n_L
     # The centre is the first row, its taxels follow.
     points_S = apply(T_SL, np.concatenate([p_L[None], positions]))
     u, theta = limb_coordinates(points_S, part.segment(patch.segment).length, part.side)
@@ -166,7 +167,8 @@ def _contact(
         p_L=read_only(p_L),
         n_L=read_only(n_L),
         p_T=read_only(apply(T_TL, p_L)),
-        n_T=read_only(T_TL[:3, :3] @ n_L),
+        n_T=read_only(n_T),
+        f_T=read_only(-forces.sum() * n_T),
         u=float(u[0]),
         theta=float(theta[0]),
         taxel_u=read_only(u[1:]),

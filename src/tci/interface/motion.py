@@ -145,16 +145,16 @@ class Motion:
         return self.clamps(command, np.array([reached[servo] for servo in servos]), "degrees", np.rad2deg(1))
 
     def _drive(self, command: PlatformCommand) -> list[str]:
-        """Drive servos in velocity mode."""
+        """Drive servos in velocity mode; where one can't be as fast, all slow down by the same share."""
         servos = command.servos.tolist()
-        velocity = np.clip(command.values, -command.speed, command.speed)
-        allowed = dict(zip(servos, velocity.tolist(), strict=True))
+        limits = np.array([self.robot.servos[servo].limits.velocity for servo in servos], dtype=float)
+        most = np.minimum(command.speed, self._settings.speed_share * limits)
+        fastest = np.max(np.abs(command.values) / most, initial=1.0)
+        sent = command.values / fastest
+        wanted = dict(zip(servos, sent.tolist(), strict=True))
         for chain in self._chains_with(servos):
-            mine = [servo for servo in chain.servos if servo in allowed]
-            places = chain.places(mine)
-            chain.limiter.drive_at(places, np.array([allowed[servo] for servo in mine]))
-            allowed.update(zip(mine, chain.limiter.drive[places].tolist(), strict=True))
-        sent = np.array([allowed[servo] for servo in servos])
+            mine = [servo for servo in chain.servos if servo in wanted]
+            chain.limiter.drive_at(chain.places(mine), np.array([wanted[servo] for servo in mine]))
         return self.clamps(command, sent, "degrees/s", np.rad2deg(1))
 
     def clamps(self, command: PlatformCommand, sent: Array, unit: str, factor: float) -> list[str]:

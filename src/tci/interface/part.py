@@ -34,6 +34,14 @@ def generic_posture(robot: Robot, joints: JointReading) -> dict[str, Array]:
     return {part.name: read_only(to_generic(part, joints.position)) for part in robot.parts}
 
 
+def generic_columns(part: GenericPart, jacobian: Array) -> Array:
+    """A Jacobian (m, n) by the part's generic joints from one (m, n_servos) by the robot's servos."""
+    mapped, servos, scale, _ = _map(part)
+    columns = np.zeros((len(jacobian), len(part.servos)))
+    columns[:, mapped] = jacobian[:, servos] / scale
+    return columns
+
+
 def to_platform(robot: Robot, command: GenericCommand) -> PlatformCommand:
     """The command in the robot's own joints (inverse of eqs 1-2).
 

@@ -98,8 +98,8 @@ class TorqueLimiter:
         braking = np.clip((np.abs(v) - most) / np.maximum(BAND * most, MARGIN), 0.0, 1.0)
         rise = s.torque * self._period / RISE
         before = self._sent[s.index]
-        wanted = self._sent[s.index] = np.clip(wanted, before - rise, before + rise)
-        wanted = wanted * np.minimum(np.where(wanted > 0.0, above, below) / FADE, 1.0)
+        self._sent[s.index] = rising = np.clip(wanted, before - rise, before + rise)
+        wanted = rising * np.minimum(np.where(rising > 0.0, above, below) / FADE, 1.0)
         result: Array = (1.0 - braking) * wanted - braking * np.sign(v) * s.torque
         return result
 

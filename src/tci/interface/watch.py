@@ -162,7 +162,8 @@ class Watch:
             )
 
         repeats = judged & (moved == 0.0)
-        self._origin[servos[~repeats]] = reference.position[~repeats]
+        begins = ~(repeats & np.isfinite(self._repeats[servos]))
+        self._origin[servos[begins]] = reference.position[begins]
         since = self._last(self._repeats, servos, repeats, now)
         travel = np.abs(reference.position - self._origin[servos])
         frozen = (since > s.frozen) & (travel > s.frozen_travel)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from tci.errors import LinkError
 from tci.interface.gate import SafeCommand
-from tci.messages import Reading
+from tci.messages import Mode, Reading
 from tci.middleware.link import Link
 from tci.model.description import Robot
 from tci.simulation.world import World
@@ -45,7 +47,10 @@ class SimulatedLink(Link):
         return Reading(joints=self.world.joints(), skin=self.world.frames())
 
     def _send(self, safe: SafeCommand) -> None:
-        self.world.set_position_targets(safe.servos, safe.position)
+        self.world.set_modes(safe.servos, safe.modes)
+        loose = np.array([mode is Mode.TORQUE for mode in safe.modes], dtype=bool)
+        self.world.set_position_targets(safe.servos[~loose], safe.position[~loose])
+        self.world.set_torques(safe.servos[loose], safe.torque[loose])
         for servo, share in safe.stiffness.items():
             self.world.set_stiffness([servo], [share])
         for servo, share in safe.damping.items():

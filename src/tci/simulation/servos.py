@@ -1,6 +1,8 @@
-"""Position servos: stiff, critically damped, limited in speed and torque."""
+"""Servos: stiff, critically damped, limited in speed and torque; or nothing but a motor in torque mode."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
@@ -8,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tci.errors import CommandError
 from tci.frames import Array
+from tci.messages import Mode
 from tci.model.description import Robot
 from tci.simulation.physics import Physics
 
@@ -26,6 +29,10 @@ class Servos:
     joint's speed limit, whichever takes longer. Steps of targets then don't show in the velocity, and a
     target that lies far off is reached at the permitted speed. A servo that was blocked, and comes free,
     does not rush after its set-point: what it sees of the difference is what it has at top speed.
+
+    Velocity mode is the same servo: it follows the angles that the velocity leads through, as the
+    firmware of many robots does. In impedance mode it does so with a share of its stiffness. In torque
+    mode, and when it is off, nothing holds it.
     """
 
     def __init__(self, physics: Physics, robot: Robot, home: Array, *, period: float) -> None:
@@ -73,9 +80,14 @@ class Servos:
         self._targets = self._home.copy()
         self._setpoint = self._home[self.moving].copy()
         self._stride = np.zeros(len(self.moving))
+        self._torques = np.zeros(len(self._home))
+        self.modes = [Mode.POSITION] * len(self._home)
+        """Control mode of each servo (n,)."""
+        self.powered = np.ones(len(self._home), dtype=bool)
+        """Whether each servo (n,) is on."""
         self._still = True
-        self._physics.data.ctrl[self._actuators] = self._setpoint
         self._apply_gains()
+        self._physics.data.ctrl[self._actuators] = self._setpoint
 
     def set_position_targets(self, servos: ArrayLike, angles: ArrayLike) -> None:
         """Go to `angles` (k,) [rad]. Raises CommandError."""
@@ -96,17 +108,72 @@ class Servos:
         self._damping[index] = values
         self._apply_gains()
 
+    def set_modes(self, servos: ArrayLike, modes: Sequence[Mode]) -> None:
+        """Switch servos to control modes (k,). Where one that was loose is held again, it is where it is.
+
+        Raises CommandError.
+        """
+        index, _ = _checked(servos, np.zeros(len(modes)), len(self._home))
+        changes = [(servo, mode) for servo, mode in zip(index.tolist(), modes, strict=True)
+                   if mode is not self.modes[servo]]  # fmt: skip
+        for servo, mode in changes:
+            if self.modes[servo] is Mode.TORQUE:
+                self._catch(servo)
+            self.modes[servo] = mode
+            self._torques[servo] = 0.0
+        if changes:
+            self._apply_gains()
+
+    def set_torques(self, servos: ArrayLike, torque: ArrayLike) -> None:
+        """Torques (k,) [N m] of servos in torque mode; the motor's limit holds. Raises CommandError."""
+        index, values = _checked(servos, torque, len(self._home))
+        self._torques[index] = values
+        self._still = False
+
+    def set_power(self, servos: ArrayLike, on: bool) -> None:
+        """Switch servos off, which leaves them limp, or on, where they are. Raises CommandError."""
+        index, _ = _checked(servos, np.zeros(np.size(servos)), len(self._home))
+        for servo in index.tolist():
+            if on and not self.powered[servo]:
+                self._catch(servo)
+        self.powered[index] = on
+        self._apply_gains()
+
+    @property
+    def stiffness(self) -> Array:
+        """Full stiffness (n,) [N m/rad]: what a share of 1 is; 0 for a servo without a joint."""
+        result = np.zeros(len(self._home))
+        result[self.moving] = self._kp
+        return result
+
+    def torques(self) -> Array:
+        """Torques (n,) [N m] of the motors in the latest step."""
+        result = np.zeros(len(self._home))
+        result[self.moving] = self._physics.data.actuator_force[self._actuators]
+        return result
+
+    def _catch(self, servo: int) -> None:
+        """Let a servo that was loose stay where it is."""
+        here = self.positions()[servo]
+        self._targets[servo] = here
+        self._setpoint[self.moving == servo] = here
+        self._still = False
+
     def drive(self) -> None:
         """Move the set-points by one step, before a step."""
         if self._still:
             return
         data, stride = self._physics.data, self._stride
         left = self._goal - self._setpoint
-        self._setpoint = self._setpoint + np.clip(left, -stride, stride)
+        advance = np.clip(left, -stride, stride)
+        self._setpoint = self._setpoint + advance
         position = data.qpos[self.addresses]
         error = self._setpoint - position
         self._still = bool(np.all(np.abs(left) <= stride) and np.all(np.abs(error) <= self._lag))
-        data.ctrl[self._actuators] = position + np.clip(error, -self._lag, self._lag)
+        seen = np.where(self._yielding, error, np.clip(error, -self._lag, self._lag))
+        angles = position + seen + self._lead * advance
+        data.ctrl[self._actuators] = np.where(self._loose, self._torques[self.moving], angles)
+        self._still &= not self._loose.any()
 
     def positions(self) -> Array:
         """Angles (n,) [rad]; of a servo without a joint, its target."""
@@ -127,11 +194,20 @@ class Servos:
     def _apply_gains(self) -> None:
         """Damping stays critical whatever the stiffness, so it goes with its root."""
         model = self._physics.model
+        on = self.powered[self.moving]
+        self._loose = np.array([self.modes[servo] is Mode.TORQUE for servo in self.moving], dtype=bool)
         stiffness, damping = self._stiffness[self.moving], self._damping[self.moving]
         kp, wanted = stiffness * self._kp, (np.sqrt(stiffness) + damping) * self._kv
         # What the model's joint damps already is not added a second time.
         kv = np.maximum(wanted - model.dof_damping[self._dofs], 0.0)
-        model.actuator_gainprm[self._actuators, 0] = kp
+        held = on & ~self._loose
+        kp, kv = kp * held, kv * held
+        modes = [self.modes[servo] for servo in self.moving]
+        self._yielding = np.array([mode is Mode.IMPEDANCE for mode in modes], dtype=bool)
+        # Damping in impedance mode acts on the velocity error, so what moves is no drag (Hogan 1985).
+        lead = kv / np.where(kp > 0.0, kp, np.inf) / self._physics.step
+        self._lead = np.where(self._yielding, lead, 0.0)
+        model.actuator_gainprm[self._actuators, 0] = np.where(self._loose & on, 1.0, kp)
         model.actuator_biasprm[self._actuators, 1] = -kp
         model.actuator_biasprm[self._actuators, 2] = -kv
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import mujoco
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from tci.errors import CommandError, DescriptionError, Fault
 from tci.frames import Array, invert, read_only
-from tci.messages import JointReading, SkinFrame
+from tci.messages import JointReading, Mode, SkinFrame
 from tci.model.collisions import NO_MODEL
 from tci.model.description import Robot
 from tci.model.kinematics import Kinematics
@@ -30,7 +30,7 @@ _PERIOD = 0.002
 
 
 class World:
-    """One robot on a fixed base, with position servos, skin and a finger, at its own time.
+    """One robot on a fixed base, with servos, skin and a finger, at its own time.
 
     The same arguments, calls and MuJoCo version give the same bits. An object serves one thread.
     """
@@ -130,6 +130,23 @@ class World:
         """Let servos (k,), indices into `Robot.servos`, go to `angles` (k,) [rad]. Raises CommandError."""
         self._servos.set_position_targets(servos, angles)
 
+    def set_modes(self, servos: ArrayLike, modes: Sequence[Mode]) -> None:
+        """Switch servos (k,) to control modes (k,). Raises CommandError."""
+        self._servos.set_modes(servos, modes)
+
+    def set_torques(self, servos: ArrayLike, torque: ArrayLike) -> None:
+        """Torques (k,) [N m] of servos in torque mode; the motors' limits hold. Raises CommandError."""
+        self._servos.set_torques(servos, torque)
+
+    def set_power(self, servos: ArrayLike, on: bool) -> None:
+        """Switch servos (k,) off, which leaves them limp, or on, where they are. Raises CommandError."""
+        self._servos.set_power(servos, on)
+
+    @property
+    def stiffness(self) -> Array:
+        """Stiffness (n,) [N m/rad] of each servo at a share of 1. Ours: see `servos.TIME_CONSTANT`."""
+        return self._servos.stiffness
+
     def set_stiffness(self, servos: ArrayLike, share: ArrayLike) -> None:
         """Share (k,) 0..1 of full stiffness; at 0 a servo is limp. Raises CommandError."""
         self._servos.set_stiffness(servos, share)
@@ -145,6 +162,9 @@ class World:
             sequence=self._physics.steps,
             position=read_only(self._servos.positions()),
             velocity=read_only(self._servos.velocities()),
+            torque=read_only(self._servos.torques()),
+            modes=tuple(self._servos.modes),
+            powered=read_only(self._servos.powered, np.bool_),
         )
 
     def frames(self) -> tuple[SkinFrame, ...]:

@@ -11,10 +11,13 @@ import numpy as np
 
 from tci.frames import Array
 from tci.interface.gate import SafeCommand
+from tci.messages import Mode
 from tci.model.description import Coupling, Robot, Servo
 
 COMMAND_TOLERANCE = 1e-6
 """Relative: rounding of the differences below."""
+HELD = 1e-9
+"""Change of a position [rad] that is only rounding."""
 STOP_TOLERANCE = float(np.deg2rad(0.1))
 """How far [rad] a joint of the physics may press into its end stop, which is soft there."""
 
@@ -74,13 +77,20 @@ def _coupling_faults(coupling: Coupling, sent: Sequence[SafeCommand], measured: 
 
 
 def stray_servos(robot: Robot, part: str, sent: Sequence[SafeCommand]) -> list[str]:
-    """Servos that were sent something although the generic `part` does not map them."""
+    """Servos that were moved although the generic `part` does not map them.
+
+    In position mode nothing at all may be sent to them. In another mode, to which both arms are
+    switched, they may be held.
+    """
     mapped = {servo.servo for servo in robot.part(part).servos}
-    touched = {int(servo) for command in sent for servo in command.servos}
-    return [
-        f"{robot.servos[index].name}: commanded, but {part} does not map it"
-        for index in sorted(touched - mapped)
-    ]
+    first: dict[int, float] = {}
+    stray = set()
+    for command in sent:
+        for servo, mode, angle in zip(command.servos.tolist(), command.modes, command.position, strict=True):
+            held = mode is not Mode.POSITION and abs(angle - first.setdefault(servo, angle)) <= HELD
+            if servo not in mapped and not held:
+                stray.add(servo)
+    return [f"{robot.servos[index].name}: commanded, but {part} does not map it" for index in sorted(stray)]
 
 
 def physics_violations(robot: Robot, positions: Array, velocities: Array) -> list[str]:

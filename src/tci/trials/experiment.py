@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from tci.capabilities.fields import ReceptiveField
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.errors import CommandError
 from tci.interface.body import Body
@@ -39,21 +38,23 @@ def with_skin_rate(robot: Robot, rate: float) -> Robot:
     return robot.model_copy(update={"patches": patches})
 
 
-def trials_of(
-    robot: Robot, fields: Sequence[ReceptiveField], *, stimulus: Stimulus, seed: int
-) -> Iterator[Trial]:
-    """Poke every site of both arms of one robot, with the reflex and without it."""
+def trials_of(robot: Robot, reflex: WithdrawalReflex, *, stimulus: Stimulus, seed: int) -> Iterator[Trial]:
+    """Poke the centre of every field of `reflex`, on both arms of one robot, with the reflex and without.
+
+    Without it the arms are in the same control mode and hold their posture.
+    """
+    nothing = replace(reflex, fields=())
     world = World(robot, seed=seed)
-    for index, (side, site) in enumerate((side, site) for side in SIDES for site in fields):
+    for index, (side, site) in enumerate((side, site) for side in SIDES for site in reflex.fields):
         part = f"{side}_arm"
-        held = poke(world, part, site, stimulus, reflex=None, seed=seed + index)
-        acted = poke(world, part, site, stimulus, reflex=WithdrawalReflex(), seed=seed + index)
+        held = poke(world, part, site, stimulus, reflex=nothing, seed=seed + index)
+        acted = poke(world, part, site, stimulus, reflex=reflex, seed=seed + index)
         yield measure(robot, part, site.name, acted, held)
 
 
 def run_experiment(
     robots: Sequence[Robot],
-    fields: Sequence[ReceptiveField],
+    reflex: WithdrawalReflex,
     *,
     stimulus: Stimulus | None = None,
     seed: int = 0,
@@ -62,7 +63,7 @@ def run_experiment(
     """Run every trial on every robot, telling `progress` after each, then compare the robots."""
     trials = []
     for robot in robots:
-        for trial in trials_of(robot, fields, stimulus=stimulus or Stimulus(), seed=seed):
+        for trial in trials_of(robot, reflex, stimulus=stimulus or Stimulus(), seed=seed):
             trials.append(trial)
             progress(trial)
-    return Report(tuple(trials), same_stimulus([Body(robot) for robot in robots], fields))
+    return Report(tuple(trials), same_stimulus([Body(robot) for robot in robots], reflex.fields))

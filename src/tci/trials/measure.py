@@ -57,6 +57,9 @@ def measure(robot: Robot, part: str, site: str, acted: Trace, held: Trace) -> Tr
         violations += command_violations(robot, trace.sent, trace.positions, period)
         violations += stray_servos(robot, part, trace.sent)
         violations += physics_violations(robot, np.array(trace.positions), np.array(trace.velocities))
+        violations += dict.fromkeys(
+            f"{sent.state.value}: {sent.reason}" for sent in trace.sent if sent.reason
+        )
     return Trial(
         robot=robot.name,
         side=robot.part(part).side or "",

@@ -35,31 +35,38 @@ TILT = np.deg2rad(55.0)
 """A close-up is taken this far off the skin's normal, past the finger."""
 
 
-def draw_demo(robots: Sequence[Robot], fields: Sequence[ReceptiveField], path: Path, *, seed: int) -> None:
+def draw_demo(robots: Sequence[Robot], reflex: WithdrawalReflex, path: Path, *, seed: int) -> None:
     """Write the figure: a row for each robot, before and after each of two pokes."""
     looks = [
         FieldLook(field.segment, field.u, field.theta, field.radius, COLOURS[index % len(COLOURS)])
-        for index, field in enumerate(fields)
+        for index, field in enumerate(reflex.fields)
     ]
-    sites = [field for field in fields if field.name in VIEWS]
-    panels = [panel for robot in robots for panel in _row(robot, sites, looks, seed)]
+    sites = [field for field in reflex.fields if field.name in VIEWS]
+    panels = [panel for robot in robots for panel in _row(robot, reflex, sites, looks, seed)]
+    names = [field.name.replace("_", " ") for field in reflex.fields]
     draw_figure(
         panels,
         path,
-        fields=[(field.name.replace("_", " "), look) for field, look in zip(fields, looks, strict=True)],
+        fields=list(zip(names, looks, strict=True)),
         full_scale=FULL_SCALE,
         caption="The same reflex, from the same source, on each robot. Left of a pair: the largest force "
         "that the skin felt. Right: withdrawn.\nReceptive fields and base motions are ours.",
     )
 
 
-def _row(robot: Robot, sites: Sequence[ReceptiveField], looks: Sequence[FieldLook], seed: int) -> list[Panel]:
+def _row(
+    robot: Robot,
+    reflex: WithdrawalReflex,
+    sites: Sequence[ReceptiveField],
+    looks: Sequence[FieldLook],
+    seed: int,
+) -> list[Panel]:
     world = World(robot, seed=seed)
     portrait = Portrait(world, looks, full_scale=FULL_SCALE)
     name = (robot.title or robot.name).split()[0]
     panels = []
     for site in sites:
-        worst, last, trace = _moments(world, site, seed)
+        worst, last, trace = _moments(world, reflex, site, seed)
         camera = _camera(portrait, (worst, last), robot, *VIEWS[site.name])
         start, end = _spot(portrait, camera, worst, trace), _spot(portrait, camera, last, trace)
         for moment in (worst, last):
@@ -80,7 +87,9 @@ def _row(robot: Robot, sites: Sequence[ReceptiveField], looks: Sequence[FieldLoo
     return panels
 
 
-def _moments(world: World, site: ReceptiveField, seed: int) -> tuple[Moment, Moment, Trace]:
+def _moments(
+    world: World, reflex: WithdrawalReflex, site: ReceptiveField, seed: int
+) -> tuple[Moment, Moment, Trace]:
     """The moment of the largest force that the skin reported, the last one, and the whole poke."""
     strongest = 0.0
     moments: list[Moment] = []
@@ -93,7 +102,7 @@ def _moments(world: World, site: ReceptiveField, seed: int) -> tuple[Moment, Mom
             moments.append(keep_moment(world, tick.reading))
 
     stimulus = Stimulus()
-    trace = poke(world, PART, site, stimulus, reflex=WithdrawalReflex(), seed=seed, watch=watch)
+    trace = poke(world, PART, site, stimulus, reflex=reflex, seed=seed, watch=watch)
     return moments[-2], moments[-1], trace
 
 

@@ -13,7 +13,7 @@ from tci.frames import Array
 from tci.interface.gate import SafeCommand
 from tci.interface.places import Place, find_place
 from tci.interface.skin import Skin
-from tci.messages import Contact
+from tci.messages import CONTROL_MODES, Command, Contact, GenericCommand
 from tci.middleware.simulated import SimulatedLink
 from tci.runtime.loop import Tick, run
 from tci.simulation.world import World
@@ -69,20 +69,25 @@ class Trace:
     """The strongest contact that TCI found, by the time of its frame [s]."""
 
 
+def moves(command: Command) -> bool:
+    """Whether a command moves anything: a switch of mode or a stiffness does not."""
+    return isinstance(command, GenericCommand) and command.mode in CONTROL_MODES
+
+
 def poke(
     world: World,
     part: str,
     site: ReceptiveField,
     stimulus: Stimulus,
     *,
-    reflex: WithdrawalReflex | None,
+    reflex: WithdrawalReflex,
     seed: int,
     watch: Callable[[Tick], None] | None = None,
 ) -> Trace:
     """Poke the centre of `site` on the arm `part` and record what happens.
 
     The world is reset first. `seed` shifts the first contact against the skin's frames, by up to
-    20 ms. Without `reflex` the arm only holds its posture. `watch` is called after each tick.
+    20 ms. A `reflex` without fields only holds the arm's posture. `watch` is called after each tick.
     """
     world.reset()
     link = SimulatedLink(world.robot, world=world)
@@ -107,13 +112,13 @@ def poke(
         trace.positions.append(world.joints().position)
         trace.velocities.append(world.joints().velocity)
         trace.sent.append(tick.sent)
-        trace.commanded += [(tick.now, command.part) for command in tick.commands]
+        trace.commanded += [(tick.now, command.part) for command in tick.commands if moves(command)]
         for contact in sorted(tick.perception.contacts, key=lambda contact: contact.force):
             trace.contacts[contact.stamp] = contact
         if watch is not None:
             watch(tick)
 
-    run(link, reflex or WithdrawalReflex(fields=()), duration=stimulus.duration, observe=observe)
+    run(link, reflex, duration=stimulus.duration, observe=observe)
     trace.first_contact = world.finger.first_contact
     trace.contact_lost = world.finger.contact_lost
     trace.peak_force = world.finger.peak_force

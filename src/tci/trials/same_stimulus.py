@@ -65,7 +65,8 @@ def answer(body: Body, part: str, field: ReceptiveField) -> Array:
         perception = Perception(stamp=contact.stamp, posture=posture, contacts=(contact,))
         commands, memory = reflex.step(memory, perception)
         for command in commands:
-            target = command.values
+            if isinstance(command, GenericCommand):
+                target = command.values
         targets.append(target)
     return read_only(targets)
 
@@ -105,6 +106,7 @@ def touch(
         n_L=place.n_L,
         p_T=read_only(p_T),
         n_T=read_only(T_TL[:3, :3] @ place.n_L),
+        f_T=read_only(-force * (T_TL[:3, :3] @ place.n_L)),
         u=float(u),
         theta=float(theta),
         taxel_u=read_only([u]),

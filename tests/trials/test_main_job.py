@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 from itertools import product
 
 import numpy as np
@@ -34,10 +35,34 @@ COMMON_RANGE = np.deg2rad([[-10, 95.5], [0, 76], [-29.5, 65], [15, 88.5], [-60, 
 """Generic angles [rad] that both robots reach (their limits through eq. 1)."""
 
 
-@pytest.fixture(scope="module", params=[50.0, 100.0], ids=["50Hz", "100Hz"])
+@lru_cache
+def run_at(rate: float, mode: Mode) -> Report:
+    robots = [with_skin_rate(load_robot(name), rate) for name in ROBOTS]
+    return run_experiment(robots, WithdrawalReflex(mode=mode), seed=3)
+
+
+CASES = [(50.0, Mode.POSITION), (100.0, Mode.POSITION), (50.0, Mode.VELOCITY), (50.0, Mode.IMPEDANCE)]
+
+
+@pytest.fixture(scope="module", params=CASES, ids=lambda case: f"{case[0]:g}Hz-{case[1].value}")
 def report(request: pytest.FixtureRequest) -> tuple[float, Report]:
-    robots = [with_skin_rate(load_robot(name), request.param) for name in ROBOTS]
-    return request.param, run_experiment(robots, WithdrawalReflex(), seed=3)
+    return request.param[0], run_at(*request.param)
+
+
+@pytest.mark.xdist_group("modes")
+def test_impedance_presses_less_than_position() -> None:
+    """The peak is lower, or the finger's impact made it, before any robot can answer."""
+    position, impedance = (run_at(50.0, mode).trials for mode in (Mode.POSITION, Mode.IMPEDANCE))
+    ratios = {name: [] for name in ROBOTS}
+    for stiff, soft in zip(position, impedance, strict=True):
+        assert (stiff.robot, stiff.side, stiff.site) == (soft.robot, soft.side, soft.site)
+        assert soft.peak_force_n <= stiff.peak_force_n * 1.001
+        ratios[stiff.robot].append(soft.peak_force_n / stiff.peak_force_n)
+    for name in ROBOTS:
+        worst = [max(t.peak_force_n for t in trials if t.robot == name) for trials in (position, impedance)]
+        print(f"{name}: worst {worst[0]:.2f} N, {worst[1]:.2f} N; mean ratio {np.mean(ratios[name]):.3f}")
+        assert worst[1] < worst[0]
+        assert np.mean(ratios[name]) < 0.98
 
 
 def test_every_trial_meets_its_figures(report: tuple[float, Report]) -> None:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
+from tci.capabilities.capability import Capability
 from tci.capabilities.fields import ReceptiveField
-from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.frames import Array
 from tci.interface.gate import SafeCommand
 from tci.interface.places import Place, find_place
@@ -80,7 +81,7 @@ def poke(
     site: ReceptiveField,
     stimulus: Stimulus,
     *,
-    reflex: WithdrawalReflex,
+    reflex: Capability[Any],
     seed: int,
     watch: Callable[[Tick], None] | None = None,
 ) -> Trace:

@@ -1,0 +1,87 @@
+"""A contact stop around another behaviour: what is touched stops, and goes on when the touch is gone."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Generic
+
+import numpy as np
+
+from tci.capabilities.capability import Capability, Memory
+from tci.errors import TciError
+from tci.messages import CONTROL_MODES, Command, GenericCommand, Mode, Perception
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StopMemory(Generic[Memory]):
+    """What goes on."""
+
+    inner: Memory
+    """The other behaviour's memory."""
+    wanted: Mapping[str, GenericCommand]
+    """The last motion that it wanted of each part, by name."""
+    touched: Mapping[str, float]
+    """When each part that stands still was touched last [s], by name."""
+
+
+@dataclass(frozen=True)
+class ContactStop(Capability[StopMemory[Memory]], Generic[Memory]):
+    """Runs `behaviour`, but a part that is touched stops where it is. Defaults are ours.
+
+    The behaviour goes on meanwhile; what it wants of a part that stands still counts when the part is
+    free again. Raises TciError for settings that make no sense.
+    """
+
+    behaviour: Capability[Memory]
+    """What runs while nothing touches."""
+    threshold: float = 1.0
+    """Force [N] from which a contact stops its part."""
+    quiet: float = 0.5
+    """How long [s] a part must not be touched before it goes on."""
+
+    def __post_init__(self) -> None:
+        for name in ("threshold", "quiet"):
+            if not 0.0 < getattr(self, name) < np.inf:
+                raise TciError(f"contact stop: {name} {getattr(self, name)}; valid: above 0, finite")
+
+    def init(self) -> StopMemory[Memory]:
+        return StopMemory(self.behaviour.init(), {}, {})
+
+    def begin(self, perception: Perception) -> tuple[Command, ...]:
+        """What the behaviour begins with."""
+        return self.behaviour.begin(perception)
+
+    def step(
+        self, memory: StopMemory[Memory], perception: Perception
+    ) -> tuple[tuple[Command, ...], StopMemory[Memory]]:
+        """The behaviour's commands, but for parts that stand still; raises what it raises."""
+        now = perception.stamp
+        touched = {part: since for part, since in memory.touched.items() if now - since < self.quiet}
+        for contact in perception.contacts:
+            if contact.force >= self.threshold:
+                touched[contact.part] = now
+        inner, memory_after = self.behaviour.step(memory.inner, perception)
+        wanted = dict(memory.wanted)
+        commands: list[Command] = []
+        fresh = set()
+        for command in inner:
+            motion = isinstance(command, GenericCommand) and command.mode in CONTROL_MODES
+            if motion and isinstance(command, GenericCommand):
+                wanted[command.part] = command
+                fresh.add(command.part)
+            if not (motion and command.part in touched):
+                commands.append(command)
+        for part, command in wanted.items():
+            if part in touched and part not in memory.touched:
+                commands.append(_hold(command, perception))
+            elif part in memory.touched and part not in touched and part not in fresh:
+                commands.append(command)
+        return tuple(commands), StopMemory(memory_after, wanted, touched)
+
+
+def _hold(command: GenericCommand, perception: Perception) -> GenericCommand:
+    """Instead of a motion: stay where the part is; no velocity, no torque."""
+    if command.mode in (Mode.POSITION, Mode.IMPEDANCE):
+        return GenericCommand(command.part, command.mode, perception.posture[command.part])
+    return GenericCommand(command.part, command.mode, np.zeros(command.values.size))

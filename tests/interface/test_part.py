@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 
 from interface.gate_checks import make_robot, reading
 from tci.errors import CommandError, FrameError, UnknownNameError
-from tci.interface.part import generic_posture, home, to_generic, to_platform
+from tci.interface.part import generic_posture, home, to_platform
 from tci.messages import GenericCommand, Mode
 from tci.model.description import GenericPart, GenericServo, Robot
+from tci.model.joint_map import joint_map
 
 GAMMA = st.floats(1e-3, 1e3).flatmap(lambda size: st.sampled_from([size, -size]))
 ANGLE = st.floats(-3.2, 3.2)
@@ -34,7 +35,7 @@ def test_generic_to_platform_to_generic_returns(rows: list[tuple[float, float, f
     command = to_platform(robot, GenericCommand("left_arm", Mode.POSITION, values))
     position = np.zeros(6)
     position[command.servos] = command.values
-    np.testing.assert_allclose(to_generic(robot.part("left_arm"), position), values, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(joint_map(robot, "left_arm").to_generic(position), values, rtol=0, atol=1e-12)
 
 
 @given(st.lists(st.tuples(GAMMA, ANGLE, ANGLE), min_size=3, max_size=3))

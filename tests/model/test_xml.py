@@ -168,7 +168,7 @@ def test_ids_that_count_from_one_are_refused(tmp_path: Path) -> None:
         ('name="head"', 'name="head" colour="red"', 11, "colour"),
         ('version="1"', 'version="7"', 2, "7"),
         ('rate="100"', 'rate="0"', 31, "0"),
-        ("<transform_factor>", "<transform_type>retarget</transform_type><transform_factor>", 15, "linear"),
+        ("<transform_factor>", "<transform_type>cubic</transform_type><transform_factor>", 15, "linear"),
     ],
 )  # fmt: skip
 def test_each_fault_names_line_and_what_is_valid(

@@ -8,7 +8,7 @@ from tci.frames import Array, read_only
 from tci.interface.contacts import ContactSettings, find_contacts
 from tci.interface.part import generic_columns, generic_posture, switch, to_platform
 from tci.interface.skin import Skin
-from tci.messages import Command, Contact, Perception, PlatformOrder, Reading, SwitchMode
+from tci.messages import Command, Contact, JointReading, Perception, PlatformOrder, Reading, SwitchMode
 from tci.model.description import Robot
 
 
@@ -51,13 +51,16 @@ class Body:
         """
         link = self.robot.patch(contact.patch).link
         moved = self.skin.kinematics.jacobian(position, link, point=contact.p_L)[:3]
-        return read_only(generic_columns(self.robot.part(contact.part), moved))
+        return read_only(generic_columns(self.robot, contact.part, moved, position))
 
-    def to_platform(self, commands: Iterable[Command]) -> list[PlatformOrder]:
-        """The same commands in the robot's own joints (inverse of eqs 1-2). Raises CommandError."""
+    def to_platform(self, commands: Iterable[Command], joints: JointReading) -> list[PlatformOrder]:
+        """The same commands in the robot's own joints, which are as `joints` says (inverse of eqs 1-2).
+
+        Raises CommandError.
+        """
         return [
             switch(self.robot, command)
             if isinstance(command, SwitchMode)
-            else to_platform(self.robot, command)
+            else to_platform(self.robot, command, position=joints.position)
             for command in commands
         ]

@@ -3,23 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tci.errors import CommandError, FrameError
 from tci.frames import Array, read_only
 from tci.messages import GenericCommand, JointReading, Mode, PlatformCommand, PlatformSwitch, SwitchMode
 from tci.model.description import GenericPart, Robot
-
-
-def to_generic(part: GenericPart, position: Array) -> Array:
-    """Generic angles (n,) [rad] from the robot's `position` (n_servos,) [rad]: GS = gamma DS + sigma.
-
-    A generic joint that the robot lacks reads as its `fixed` angle.
-    """
-    mapped, servos, scale, offset = _map(part)
-    generic = np.array([servo.fixed for servo in part.servos])
-    generic[mapped] = scale * position[servos] + offset
-    return generic
+from tci.model.joint_map import joint_map
 
 
 def generic_posture(robot: Robot, joints: JointReading) -> dict[str, Array]:
@@ -31,24 +20,31 @@ def generic_posture(robot: Robot, joints: JointReading) -> dict[str, Array]:
         raise FrameError(
             f"joint reading of shape {joints.position.shape}; {robot.name} has {len(robot.servos)} servos"
         )
-    return {part.name: read_only(to_generic(part, joints.position)) for part in robot.parts}
+    return {
+        part.name: read_only(joint_map(robot, part.name).to_generic(joints.position)) for part in robot.parts
+    }
 
 
-def generic_columns(part: GenericPart, jacobian: Array) -> Array:
-    """A Jacobian (m, n) by the part's generic joints from one (m, n_servos) by the robot's servos."""
-    mapped, servos, scale, _ = _map(part)
-    columns = np.zeros((len(jacobian), len(part.servos)))
-    columns[:, mapped] = jacobian[:, servos] / scale
+def generic_columns(robot: Robot, part: str, jacobian: Array, position: Array) -> Array:
+    """A Jacobian (m, n) by a part's generic joints from one (m, n_servos) by the robot's servos, which are
+    at `position` (n_servos,) [rad]. Raises CommandError where a transform has no slope."""
+    joints = joint_map(robot, part)
+    columns = np.zeros((len(jacobian), len(robot.part(part).servos)))
+    columns[:, joints.ids] = np.linalg.solve(joints.slope(position).T, jacobian[:, joints.servos].T).T
     return columns
 
 
-def to_platform(robot: Robot, command: GenericCommand) -> PlatformCommand:
+def to_platform(robot: Robot, command: GenericCommand, *, position: Array | None = None) -> PlatformCommand:
     """The command in the robot's own joints (inverse of eqs 1-2).
 
     Only mapped servos are named: joints in excess are never touched, and the value for a joint that
-    the robot lacks is dropped. Velocities scale by 1/gamma, torques by gamma, so that power is the
-    same on both sides; stiffness and damping are shares and stay. Raises CommandError for a wrong
-    number of values or one that is not finite, UnknownNameError for an unknown part.
+    the robot lacks is dropped. With J = d generic / d servo, which is gamma for a linear transform,
+    velocities go through its inverse and torques through its transpose, so that power is the same on
+    both sides; stiffness and damping are shares and stay.
+
+    `position` (n_servos,) [rad] is where the servos are, by default their initial posture; linear
+    transforms don't look at it. Raises CommandError for a wrong number of values, one that is not
+    finite, or a velocity where a transform has no slope; UnknownNameError for an unknown part.
     """
     part = robot.part(command.part)
     values = np.asarray(command.values, dtype=np.float64)
@@ -61,21 +57,34 @@ def to_platform(robot: Robot, command: GenericCommand) -> PlatformCommand:
     if bad.size:
         names = ", ".join(f"{part.servos[i].name} = {values[i]}" for i in bad)
         raise CommandError(f"{command.mode.value} of {part.name}: {names}; valid: finite numbers")
-    mapped, servos, scale, offset = _map(part)
-    values = values[mapped]
+    joints = joint_map(robot, part.name)
+    here = robot.initial_position if position is None else position
+    slope = joints.slope(here)
     if command.mode in (Mode.POSITION, Mode.IMPEDANCE):
-        values = (values - offset) / scale
+        values = joints.to_robot(values, here)
     elif command.mode is Mode.VELOCITY:
-        values = values / scale
+        values = np.array(np.linalg.solve(slope, values[joints.ids]))
     elif command.mode is Mode.TORQUE:
-        values = values * scale
-    speed = np.array([np.inf if s.speed is None else s.speed for s in part.servos])[mapped] / np.abs(scale)
-    return PlatformCommand(command.mode, _frozen(servos), read_only(values), read_only(speed))
+        values = slope.T @ values[joints.ids]
+    else:
+        values = values[joints.ids]
+    speeds = np.array([np.inf if s.speed is None else s.speed for s in part.servos])[joints.ids]
+    return PlatformCommand(
+        command.mode, read_only(joints.servos, np.intp), read_only(values), read_only(_speeds(speeds, slope))
+    )
+
+
+def _speeds(generic: Array, slope: Array) -> Array:
+    """How fast (k,) [rad/s] each servo may move, so that no generic joint is faster than `generic` (k,)."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        each = np.where(slope == 0.0, np.inf, generic[:, None] / np.abs(slope))
+    fastest: Array = each.min(axis=0, initial=np.inf)
+    return fastest
 
 
 def switch(robot: Robot, request: SwitchMode) -> PlatformSwitch:
     """The request for the part's mapped servos. Raises UnknownNameError for an unknown part."""
-    return PlatformSwitch(_frozen(_map(robot.part(request.part))[1]), request.mode)
+    return PlatformSwitch(read_only(joint_map(robot, request.part).servos, np.intp), request.mode)
 
 
 def home(part: GenericPart) -> tuple[GenericCommand, ...]:
@@ -87,18 +96,3 @@ def home(part: GenericPart) -> tuple[GenericCommand, ...]:
         GenericCommand(part.name, Mode.DAMPING, damping),
         GenericCommand(part.name, Mode.POSITION, part.initial_posture),
     )
-
-
-def _map(part: GenericPart) -> tuple[NDArray[np.intp], NDArray[np.intp], Array, Array]:
-    """Generic indices that the robot has, their servos, gamma and sigma [rad], each (k,)."""
-    here = [servo for servo in part.servos if servo.servo is not None]
-    return (
-        np.array([servo.id for servo in here], dtype=np.intp),
-        np.array([servo.servo for servo in here], dtype=np.intp),
-        np.array([servo.scale for servo in here]),
-        np.array([servo.offset for servo in here]),
-    )
-
-
-def _frozen(servos: NDArray[np.intp]) -> NDArray[np.intp]:
-    return read_only(servos, np.intp)

@@ -6,8 +6,9 @@ servo* one joint of a generic part (GS), `scale` is gamma and `offset` sigma.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cached_property
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -30,6 +31,13 @@ class Words(BaseModel):
 
     def __hash__(self) -> int:
         return hash(self._values())
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """A copy, with some fields changed; it works out cached arrays anew."""
+        copy = super().model_copy(update=update, deep=deep)
+        for name in set(copy.__dict__) - set(type(self).model_fields):
+            del copy.__dict__[name]
+        return copy
 
     def _values(self) -> tuple[object, ...]:
         return tuple(getattr(self, name) for name in type(self).model_fields)
@@ -86,8 +94,17 @@ class Coupling(Words):
     """[rad]"""
 
 
+class Term(Words):
+    """One servo's share in a coupled generic joint."""
+
+    servo: int
+    """Index into `Robot.servos`."""
+    factor: float
+    """d generic / d servo."""
+
+
 class GenericServo(Words):
-    """One joint of a generic part: GS = scale * DS + offset (eq. 1)."""
+    """One joint of a generic part: GS = scale * DS + offset (eq. 1), or by another transform."""
 
     id: int
     """Index in the generic part, from 0."""
@@ -99,6 +116,12 @@ class GenericServo(Words):
     """gamma, the transform factor."""
     offset: float = 0.0
     """sigma [rad], the transform displacement."""
+    transform: Literal["linear", "table", "coupled", "retarget"] = "linear"
+    """How generic and robot's angles belong together: see `tci.model.joint_map`."""
+    table: tuple[tuple[float, float], ...] = ()
+    """Pairs of the servo's angle, which rises, and the generic angle [rad], for a table."""
+    terms: tuple[Term, ...] = ()
+    """Servos that make up the joint, its own among them, when it is coupled."""
     fixed: float = 0.0
     """Generic angle [rad] at which the robot holds a joint that it lacks."""
     stiffness: float = 1.0
@@ -262,7 +285,7 @@ class Binding(Words):
 
 
 class Robot(Words):
-    """A robot: data only."""
+    """A robot: data only. Robots serve as keys, so their hash is quick; equality looks at everything."""
 
     name: str
     title: str = ""
@@ -278,15 +301,19 @@ class Robot(Words):
     patches: tuple[Patch, ...] = ()
     bindings: tuple[Binding, ...] = ()
 
+    def __hash__(self) -> int:
+        return hash((self.name, self.digest))
+
     @cached_property
     def initial_position(self) -> Array:
         """Angle (n_servos,) [rad] of every servo in the initial posture (inverse of eq. 1); 0 where no
         generic part says."""
+        from tci.model.joint_map import joint_map  # it needs the types above
+
         position = np.zeros(len(self.servos))
         for part in self.parts:
-            for generic in part.servos:
-                if generic.servo is not None:
-                    position[generic.servo] = (generic.initial - generic.offset) / generic.scale
+            joints = joint_map(self, part.name)
+            position[joints.servos] = joints.to_robot(part.initial_posture, position)
         return read_only(position)
 
     def part(self, name: str) -> GenericPart:

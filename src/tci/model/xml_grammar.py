@@ -99,15 +99,19 @@ GENERIC_SERVO = Element(
     may={"name": NAME},
     must={"destination_servo_id": Element(may={"robot_part": NAME}, text=Integer(0, 9999, word="none"))},
     once={
-        "transform_type": Element(
-            text=Choice(("linear",), reserved=("coupled", "table", "retarget", "cartesian"))
-        ),
+        "transform_type": Element(text=Choice(("linear", "table", "coupled", "retarget"))),
         "transform_factor": Element(text=Factor()),
         "transform_displacement": Element(text=Angle()),
         "fixed_position": Element(text=Angle()),
         "stiffness": Element(text=SHARE),
         "damping": Element(text=SHARE),
         "speed": Element(text=SPEED),
+        "transform_table": Element(some={"point": Element(needs={"robot": Angle(), "generic": Angle()})}),
+    },
+    many={
+        "coupled_term": Element(
+            needs={"destination_servo_id": ID, "factor": Factor()}, may={"robot_part": NAME}
+        )
     },
 )
 

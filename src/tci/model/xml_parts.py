@@ -15,6 +15,7 @@ from tci.model.xml_document import Faults
 from tci.model.xml_grammar import KINDS, MAX_MOUNT
 from tci.model.xml_node import Node, listed
 from tci.model.xml_servos import Servos, once_only
+from tci.model.xml_transforms import check_coupled, check_retarget, read_table, read_terms
 from tci.model.xml_values import in_unit
 
 _SLACK = 1e-9
@@ -68,6 +69,8 @@ def _part(node: Node, servos: Servos, faults: Faults) -> GenericPart:
         for id, servo in nodes.items()
     ]
     _check_targets(name, generic, nodes, servos, faults)
+    check_coupled(node, generic, faults)
+    check_retarget(node, kind, generic, faults)
     mount = node.first("mount")
     angles = (0.0, 0.0, 0.0) if mount is None else tuple(mount.get(a, 0.0) for a in ("roll", "pitch", "yaw"))
     if mount is not None and mount.ok:
@@ -172,8 +175,12 @@ def _generic_servo(
         faults.add(node.line, f"generic servo {id} has no servo: it needs a fixed_position")
     if fixed is not None and target is not None and not lacking:
         faults.add(fixed.line, f"generic servo {id} has a servo: fixed_position is for one with none")
+    kind = node.value("transform_type", "linear")
     result = GenericServo(
         id=id,
+        transform=kind,
+        table=read_table(node, kind, faults),
+        terms=read_terms(part, node, kind, servos, faults),
         name=joint,
         servo=None if servo is None else servo.index,
         scale=node.value("transform_factor", 1.0),
@@ -188,7 +195,7 @@ def _generic_servo(
         if position is None
         else position.get("pos", 0.0),
     )
-    if servo is not None and node.ok and (position is None or position.ok):
+    if servo is not None and kind == "linear" and node.ok and (position is None or position.ok):
         _check_initial(node if position is None else position, result, servo, position is None, faults)
     return result
 
@@ -234,7 +241,7 @@ def _check_mount(node: Node, angles: tuple[float, ...], faults: Faults) -> None:
         faults.add(
             node.line,
             f"the mount turns by {in_unit(turn, node.unit)}, valid: at most {in_unit(MAX_MOUNT, node.unit)}; "
-            "another kind of shoulder needs the transform_type retarget, reserved for a later version",
+            "another kind of shoulder needs the transform_type retarget",
         )
 
 

@@ -65,12 +65,8 @@ class Choice(Value):
     """One of some words."""
 
     valid: tuple[str, ...]
-    reserved: tuple[str, ...] = ()
-    """Words that a later version will know."""
 
     def read(self, text: str, unit: Unit) -> str:
-        if text in self.reserved:
-            raise InvalidValueError(f"reserved for a later version; valid today: {', '.join(self.valid)}")
         if text not in self.valid:
             raise InvalidValueError(f"valid: {', '.join(self.valid)}")
         return text

@@ -55,7 +55,7 @@ def run(
             commands = opening
         else:
             commands, memory = capability.step(memory, perception)
-        sent = link.write(link.gate.step(body.to_platform(commands), reading.joints, now))
+        sent = link.write(link.gate.step(body.to_platform(commands, reading.joints), reading.joints, now))
         if opening and sent.refusals:
             raise CommandError(f"{type(capability).__name__} can't begin: {'; '.join(sent.refusals)}")
         begun = True

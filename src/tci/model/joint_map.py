@@ -1,0 +1,210 @@
+"""From a generic part's joints to the robot's servos and back, by the transforms of its description.
+
+linear    GS = gamma DS + sigma (eq. 1)
+table     piecewise linear between pairs of angles, straight on beyond its ends
+coupled   GS = M DS + sigma: a generic joint is a linear combination of several servos
+retarget  the three joints of a shoulder, by the rotation of the upper arm in the torso frame
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.errors import CommandError
+from tci.frames import Array
+from tci.model.description import GenericPart, GenericServo, Robot
+
+
+class Transform(ABC):
+    """Some joints of a part (k,) and as many servos."""
+
+    ids: NDArray[np.intp]
+    """Generic ids (k,)."""
+    servos: NDArray[np.intp]
+    """Indices (k,) into `Robot.servos`."""
+
+    def __init__(self, joints: list[GenericServo]) -> None:
+        self.ids = np.array([joint.id for joint in joints], dtype=np.intp)
+        self.servos = np.array([joint.servo for joint in joints], dtype=np.intp)
+
+    @abstractmethod
+    def generic(self, angles: Array) -> Array:
+        """Generic angles (k,) [rad] of servo `angles` (k,) [rad]."""
+
+    @abstractmethod
+    def robot(self, generic: Array, near: Array) -> Array:
+        """Servo angles (k,) [rad] of generic angles (k,) [rad]; of several, those next to `near` (k,)."""
+
+    @abstractmethod
+    def slope(self, angles: Array) -> Array:
+        """d generic / d servo (k, k) at servo `angles` (k,) [rad]."""
+
+
+class Linear(Transform):
+    """Equation 1."""
+
+    def __init__(self, joints: list[GenericServo]) -> None:
+        super().__init__(joints)
+        self.scale = np.array([joint.scale for joint in joints])
+        self.offset = np.array([joint.offset for joint in joints])
+
+    def generic(self, angles: Array) -> Array:
+        result: Array = self.scale * angles + self.offset
+        return result
+
+    def robot(self, generic: Array, near: Array) -> Array:
+        result: Array = (generic - self.offset) / self.scale
+        return result
+
+    def slope(self, angles: Array) -> Array:
+        return np.diag(self.scale)
+
+
+class Table(Transform):
+    """One joint by pairs of angles; both columns are strictly monotone."""
+
+    def __init__(self, joint: GenericServo) -> None:
+        super().__init__([joint])
+        self._servo, self._generic = np.array(joint.table).T
+
+    def generic(self, angles: Array) -> Array:
+        return _interpolate(angles, self._servo, self._generic)
+
+    def robot(self, generic: Array, near: Array) -> Array:
+        if self._generic[0] > self._generic[-1]:
+            return _interpolate(generic, self._generic[::-1], self._servo[::-1])
+        return _interpolate(generic, self._generic, self._servo)
+
+    def slope(self, angles: Array) -> Array:
+        piece = _piece(angles, self._servo)
+        slopes: Array = np.diff(self._generic) / np.diff(self._servo)
+        return np.diag(slopes[piece])
+
+
+class Coupled(Transform):
+    """Joints that are linear combinations of the same servos."""
+
+    def __init__(self, joints: list[GenericServo]) -> None:
+        super().__init__(joints)
+        place = {servo: column for column, servo in enumerate(self.servos.tolist())}
+        self._matrix = np.zeros((len(joints), len(joints)))
+        for row, joint in enumerate(joints):
+            for term in joint.terms:
+                self._matrix[row, place[term.servo]] = term.factor
+        self._offset = np.array([joint.offset for joint in joints])
+        self._inverse = np.linalg.inv(self._matrix)
+
+    def generic(self, angles: Array) -> Array:
+        result: Array = self._matrix @ angles + self._offset
+        return result
+
+    def robot(self, generic: Array, near: Array) -> Array:
+        result: Array = self._inverse @ (generic - self._offset)
+        return result
+
+    def slope(self, angles: Array) -> Array:
+        return self._matrix
+
+
+class Retarget(Transform):
+    """A shoulder, whatever its axes."""
+
+    def __init__(self, robot: Robot, part: GenericPart, joints: list[GenericServo]) -> None:
+        """Raises what Shoulder raises."""
+        from tci.model.shoulder import SINGULAR, shoulder_of  # needs the kinematic model, which others don't
+
+        super().__init__(joints)
+        self._shoulder = shoulder_of(robot, part.name)
+        self._R_TM = part.R_TM
+        self._name = part.name
+        self._least = SINGULAR
+
+    def generic(self, angles: Array) -> Array:
+        return self._shoulder.generic(self._shoulder.rotation(angles), self._R_TM)
+
+    def robot(self, generic: Array, near: Array) -> Array:
+        return self._shoulder.best(self._shoulder.wanted(generic, self._R_TM), near)
+
+    def slope(self, angles: Array) -> Array:
+        """Raises CommandError where the generic shoulder is singular: abduction by 90 degrees."""
+        axes = self._shoulder.generic_spin(self.generic(angles), self._R_TM)
+        if abs(np.linalg.det(axes)) < self._least:
+            raise CommandError(f"{self._name}: at 90 degrees of abduction no generic velocity is defined")
+        return np.array(np.linalg.solve(axes, self._shoulder.spin(angles)))
+
+
+class JointMap:
+    """All joints of one generic part."""
+
+    def __init__(self, robot: Robot, part: GenericPart) -> None:
+        """Raises what the transforms raise."""
+        mapped = [joint for joint in part.servos if joint.servo is not None]
+        of = {kind: [joint for joint in mapped if joint.transform == kind] for kind in KINDS}
+        transforms: list[Transform] = []
+        if of["linear"]:
+            transforms.append(Linear(of["linear"]))
+        transforms += [Table(joint) for joint in of["table"]]
+        if of["coupled"]:
+            transforms.append(Coupled(of["coupled"]))
+        if of["retarget"]:
+            transforms.append(Retarget(robot, part, of["retarget"]))
+        self._transforms = transforms
+        self._fixed = np.array([joint.fixed for joint in part.servos])
+        none = np.zeros(0, dtype=np.intp)
+        self.ids: NDArray[np.intp] = np.concatenate([none, *(t.ids for t in transforms)])
+        """Generic ids (k,) of the joints that the robot has."""
+        self.servos: NDArray[np.intp] = np.concatenate([none, *(t.servos for t in transforms)])
+        """The servo (k,) of each of them."""
+
+    def to_generic(self, position: Array) -> Array:
+        """Generic angles (n,) [rad] from all servos' `position` (n_servos,) [rad]."""
+        generic = self._fixed.copy()
+        for transform in self._transforms:
+            generic[transform.ids] = transform.generic(position[transform.servos])
+        return generic
+
+    def to_robot(self, generic: Array, position: Array) -> Array:
+        """Angles (k,) [rad] of `servos` for generic angles (n,) [rad]; of several, those next to where the
+        servos are: `position` (n_servos,) [rad]."""
+        parts = [t.robot(generic[t.ids], position[t.servos]) for t in self._transforms]
+        return np.concatenate([np.zeros(0), *parts])
+
+    def slope(self, position: Array) -> Array:
+        """d generic / d servo (k, k), rows in the order of `ids`, at `position` (n_servos,) [rad].
+
+        Raises CommandError where a transform has none.
+        """
+        result = np.zeros((len(self.ids), len(self.ids)))
+        begin = 0
+        for transform in self._transforms:
+            end = begin + len(transform.ids)
+            result[begin:end, begin:end] = transform.slope(position[transform.servos])
+            begin = end
+        return result
+
+
+KINDS = ("linear", "table", "coupled", "retarget")
+"""Transforms of a joint."""
+
+
+@lru_cache(maxsize=256)
+def joint_map(robot: Robot, name: str) -> JointMap:
+    """The map of a generic part by name. Raises UnknownNameError, and what the transforms raise."""
+    return JointMap(robot, robot.part(name))
+
+
+def _piece(values: Array, nodes: Array) -> NDArray[np.intp]:
+    """The piece (k,) of a table that each value lies in, or is next to. `nodes` (m,) rise."""
+    return np.clip(np.searchsorted(nodes, values) - 1, 0, len(nodes) - 2)
+
+
+def _interpolate(values: Array, nodes: Array, results: Array) -> Array:
+    """Piecewise linear, straight on beyond the ends. `nodes` (m,) rise."""
+    piece = _piece(values, nodes)
+    share = (values - nodes[piece]) / (nodes[piece + 1] - nodes[piece])
+    result: Array = results[piece] + share * (results[piece + 1] - results[piece])
+    return result

@@ -1,0 +1,153 @@
+"""A shoulder of three turning joints, whatever their axes: its rotation, and the angles for a rotation.
+
+The axes are taken from the kinematic model, so no convention of the robot matters. The upper arm's
+frame is the generic arm's: -z along the third axis towards the elbow, -y the axis of elbow flexion.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from tci.errors import DescriptionError, Fault
+from tci.frames import Array
+from tci.model.description import GenericPart, Robot
+from tci.model.generic_arm import side_sign, upper_arm_rotation
+from tci.model.kinematics import Kinematics
+
+SLANT = 0.05
+"""Most cosine between the elbow's axis and the upper arm's that the generic arm can stand for. Ours."""
+SINGULAR = 1e-6
+"""Determinant of two sets of axes below which velocities can't be told apart. Ours."""
+
+
+class Shoulder:
+    """The first three joints of an arm, seen from the torso."""
+
+    def __init__(self, robot: Robot, part: GenericPart) -> None:
+        """Raises DescriptionError when the arm is not built as its part says, or the robot has no model."""
+        kinematics = Kinematics(robot)
+        assert part.side is not None
+        self.side = part.side
+        servos = [generic.servo for generic in part.servos[:4] if generic.servo is not None]
+        flexion = np.sign(part.servos[3].scale)
+        if len(part.segments) < 2 or len(servos) < 4:
+            raise _fault(robot, part, "needs an upper_arm, a forearm, and servos for shoulder and elbow")
+        self.servos = np.array(servos[:3], dtype=np.intp)
+        """Indices of its servos."""
+        limits = [robot.servos[servo].limits for servo in self.servos]
+        self.lower = np.array([-np.pi if limit.lower is None else limit.lower for limit in limits])
+        self.upper = np.array([np.pi if limit.upper is None else limit.upper for limit in limits])
+        zero = np.zeros(len(robot.servos))
+        upper_arm, forearm = part.segment("upper_arm"), part.segment("forearm")
+        turns = kinematics.jacobian(zero, forearm.link)[3:, servos]
+        if not np.allclose(np.linalg.norm(turns, axis=0), 1.0, atol=1e-6):
+            raise _fault(robot, part, f"its shoulder and elbow do not all turn {forearm.link}")
+        self.axes: Array = turns[:, :3].T
+        """Axes (3, 3) of the three joints, one a row, seen from the torso with all servos at zero."""
+        poses = kinematics.poses(zero, (upper_arm.link, forearm.link))
+        ends = [poses[segment.link] @ np.append(segment.origin, 1.0) for segment in (upper_arm, forearm)]
+        along = self.axes[2] * np.sign(self.axes[2] @ (ends[1] - ends[0])[:3])
+        bend = flexion * turns[:, 3]
+        if abs(along @ bend) > SLANT:
+            raise _fault(robot, part, "its elbow's axis is not square to its upper arm")
+        z, y = -along, -(bend - (bend @ along) * along)
+        y /= np.linalg.norm(y)
+        self._at_zero = np.column_stack([np.cross(y, z), y, z])
+
+    def rotation(self, angles: Array) -> Array:
+        """`R_TU` (3, 3) of the upper arm at servo `angles` (3,) [rad]: a product of exponentials."""
+        rotation = self._at_zero
+        for axis, angle in zip(self.axes[::-1], angles[::-1], strict=True):
+            rotation = turn(axis, angle) @ rotation
+        return rotation
+
+    def solutions(self, R_TU: Array) -> list[Array]:
+        """Servo angles (3,) [rad] that give the rotation, at most two, each near the middle of the limits.
+
+        Limits are not looked at. With axes that are not square to each other some rotations can't be
+        reached; then the answer is the closest that the first two joints allow. After Paden and Kahan's
+        second subproblem (Murray, Li and Sastry 1994, 3.3).
+        """
+        first, second, third = self.axes
+        wanted = R_TU @ self._at_zero.T
+        end = wanted @ third
+        between = float(first @ second)
+        square = 1.0 - between**2
+        alpha = (float(first @ end) - between * float(second @ third)) / square
+        beta = (float(second @ third) - between * float(first @ end)) / square
+        rest = (1.0 - alpha**2 - beta**2 - 2.0 * alpha * beta * between) / square
+        found = []
+        for gamma in np.sqrt(max(rest, 0.0)) * np.array([1.0, -1.0]):
+            middle = alpha * first + beta * second + gamma * np.cross(first, second)
+            q1, q2 = angle_about(first, middle, end), angle_about(second, third, middle)
+            left = turn(second, -q2) @ turn(first, -q1) @ wanted
+            aside = np.cross(third, second)
+            q3 = angle_about(third, aside, left @ aside)
+            centre = (self.lower + self.upper) / 2.0
+            angles = np.array([q1, q2, q3])
+            found.append(angles - 2.0 * np.pi * np.round((angles - centre) / (2.0 * np.pi)))
+            if rest <= 0.0:
+                break
+        return found
+
+    def best(self, R_TU: Array, near: Array) -> Array:
+        """The solution (3,) [rad] that breaks limits least; of equal ones that next to `near` (3,) [rad]."""
+
+        def cost(angles: Array) -> tuple[float, float]:
+            outside = np.maximum(np.maximum(self.lower - angles, angles - self.upper), 0.0)
+            return round(float(outside.max()), 6), float(np.linalg.norm(angles - near))
+
+        return min(self.solutions(R_TU), key=cost)
+
+    def spin(self, angles: Array) -> Array:
+        """Axes (3, 3) of the joints at servo `angles` (3,) [rad], one a column, seen from the torso."""
+        first, second, third = self.axes
+        carried = turn(first, angles[0])
+        return np.column_stack([first, carried @ second, carried @ turn(second, angles[1]) @ third])
+
+    def generic(self, R_TU: Array, R_TM: Array) -> Array:
+        """Generic angles (3,) [rad] of the upper arm's rotation, on the mount `R_TM` (facts: R' = B^T R)."""
+        R = R_TM.T @ R_TU
+        s = side_sign(self.side)
+        roll = np.arcsin(np.clip(-R[1, 2], -1.0, 1.0))
+        return np.array([np.arctan2(-R[0, 2], R[2, 2]), s * roll, -s * np.arctan2(R[1, 0], R[1, 1])])
+
+    def wanted(self, generic: Array, R_TM: Array) -> Array:
+        """`R_TU` (3, 3) of the upper arm at generic angles (3,) [rad] on the mount `R_TM`."""
+        rotation: Array = R_TM @ upper_arm_rotation(np.append(generic, [0.0, 0.0]), self.side, axial=True)
+        return rotation
+
+    def generic_spin(self, generic: Array, R_TM: Array) -> Array:
+        """Axes (3, 3) of the generic joints at angles (3,) [rad], one a column, seen from the torso."""
+        s = side_sign(self.side)
+        pitch = turn(np.array([0.0, -1.0, 0.0]), float(generic[0]))
+        roll = pitch @ turn(np.array([s, 0.0, 0.0]), float(generic[1]))
+        columns = [np.array([0.0, -1.0, 0.0]), pitch[:, 0] * s, -s * roll[:, 2]]
+        spin: Array = R_TM @ np.column_stack(columns)
+        return spin
+
+
+@lru_cache(maxsize=64)
+def shoulder_of(robot: Robot, part: str) -> Shoulder:
+    """The shoulder of an arm by name; reading the model takes a while. Raises what Shoulder raises."""
+    return Shoulder(robot, robot.part(part))
+
+
+def turn(axis: Array, angle: float) -> Array:
+    """Rotation (3, 3) by `angle` [rad] about a unit `axis` (3,) (Rodrigues)."""
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    rotation: Array = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
+    return rotation
+
+
+def angle_about(axis: Array, start: Array, end: Array) -> float:
+    """Angle [rad] about a unit `axis` (3,) from `start` to `end` (3,), both seen along the axis."""
+    start, end = start - (axis @ start) * axis, end - (axis @ end) * axis
+    return float(np.arctan2(axis @ np.cross(start, end), start @ end))
+
+
+def _fault(robot: Robot, part: GenericPart, what: str) -> DescriptionError:
+    return DescriptionError(robot.source, [Fault(0, f"{part.name} can't be retargeted: {what}")])

@@ -192,6 +192,20 @@ class GenericCommand:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class CartesianCommand:
+    """Where a point of an arm should be, in position mode (§3.1: a transformation in Cartesian space)."""
+
+    part: str
+    """Name of the generic part, an arm."""
+    target: Array
+    """Place (3,) relative to the shoulder, in the arm's mount frame, in arm lengths."""
+    point: str = "hand"
+    """`hand`, the forearm's distal end, or `elbow`."""
+    nearest: bool = False
+    """Whether a target out of reach means the nearest place; otherwise it is refused."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class SwitchMode:
     """A capability's request to control a generic part in another mode. Nothing else changes a mode."""
 
@@ -225,7 +239,7 @@ class PlatformCommand:
     """Speed limit (k,) [rad/s] asked for by the description; the gate's limit holds beside it."""
 
 
-Command = GenericCommand | SwitchMode
+Command = GenericCommand | CartesianCommand | SwitchMode
 """What a capability may want."""
 PlatformOrder = PlatformCommand | PlatformSwitch
 """What the gate takes."""

@@ -30,7 +30,18 @@ def robot_and_kinematics(name: str) -> tuple[Robot, Kinematics]:
 
 
 def random_postures(robot: Robot, count: int, *, seed: int = 0) -> np.ndarray:
-    """Postures (count, n_servos) [rad] within limits; +-1 rad where a servo has none."""
+    """Postures (count, n_servos) [rad] within limits and couplings; +-1 rad where a servo has no limits."""
     lower = [-1.0 if s.limits.lower is None else s.limits.lower for s in robot.servos]
     upper = [1.0 if s.limits.upper is None else s.limits.upper for s in robot.servos]
-    return np.random.default_rng(seed).uniform(lower, upper, (count, len(lower)))
+    generator = np.random.default_rng(seed)
+    found: list[np.ndarray] = []
+    while len(found) < count:
+        postures = generator.uniform(lower, upper, (count, len(lower)))
+        found += [posture for posture in postures if coupled(robot, posture)]
+    return np.array(found[:count])
+
+
+def coupled(robot: Robot, posture: np.ndarray) -> bool:
+    """Whether a posture (n_servos,) [rad] keeps every coupling, to 1e-9."""
+    sums = [posture[list(c.servos)] @ np.array(c.coefficients) for c in robot.couplings]
+    return all(c.lower - 1e-9 <= s <= c.upper + 1e-9 for c, s in zip(robot.couplings, sums, strict=True))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from model.moving import HANDS, random_postures, robot_and_kinematics
+from model.moving import HANDS, coupled, random_postures, robot_and_kinematics
 from tci.errors import CommandError, UnknownNameError
 from tci.model.description import Limits, Robot
 from tci.model.inverse import InverseKinematics
@@ -41,6 +41,7 @@ def test_what_can_be_reached_is_reached(name: str, link: str, kind: str) -> None
         moved = answer.position[list(inverse.servos)]
         assert (moved >= lower).all()
         assert (moved <= upper).all()
+        assert coupled(robot, answer.position)
         assert np.array_equal(answer.position[others], robot.initial_position[others])
         there, _ = kinematics.pose_and_jacobian(answer.position, link, point=point)
         assert np.linalg.norm(there[:3, 3] - T_TP[:3, 3]) == pytest.approx(answer.error, abs=1e-9)

@@ -5,10 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from tci.frames import Array, read_only
+from tci.interface.cartesian import cartesian_to_platform
 from tci.interface.contacts import ContactSettings, find_contacts
 from tci.interface.part import generic_columns, generic_posture, switch, to_platform
 from tci.interface.skin import Skin
-from tci.messages import Command, Contact, JointReading, Perception, PlatformOrder, Reading, SwitchMode
+from tci.messages import (
+    CartesianCommand,
+    Command,
+    Contact,
+    JointReading,
+    Perception,
+    PlatformOrder,
+    Reading,
+    SwitchMode,
+)
 from tci.model.description import Robot
 
 
@@ -58,9 +68,11 @@ class Body:
 
         Raises CommandError.
         """
-        return [
-            switch(self.robot, command)
-            if isinstance(command, SwitchMode)
-            else to_platform(self.robot, command, position=joints.position)
-            for command in commands
-        ]
+        return [self._order(command, joints.position) for command in commands]
+
+    def _order(self, command: Command, position: Array) -> PlatformOrder:
+        if isinstance(command, SwitchMode):
+            return switch(self.robot, command)
+        if isinstance(command, CartesianCommand):
+            return cartesian_to_platform(self.robot, command, position)
+        return to_platform(self.robot, command, position=position)

@@ -107,10 +107,9 @@ def bounds_of(robot: Robot, servos: Sequence[int], *, speed_share: float) -> tup
     Second: coefficients (m, n_servos) of the servos outside, by which the couplings shift.
     """
     limits = [robot.servos[servo].limits for servo in servos]
-    couplings = [coupling for coupling in robot.couplings if set(coupling.servos) & set(servos)]
-    terms = np.zeros((len(couplings), len(robot.servos)))
-    for row, coupling in enumerate(couplings):
-        terms[row, list(coupling.servos)] = coupling.coefficients
+    rows, lowest, highest = robot.coupling_rows
+    named = rows[:, list(servos)].any(axis=1)
+    terms = np.array(rows[named])
     inside = terms[:, list(servos)]
     terms[:, list(servos)] = 0.0
     bounds = Bounds(
@@ -120,7 +119,7 @@ def bounds_of(robot: Robot, servos: Sequence[int], *, speed_share: float) -> tup
         acceleration=np.array([limit.acceleration for limit in limits], dtype=float),
         jerk=np.array([limit.jerk for limit in limits], dtype=float),
         coupling=inside,
-        coupling_lower=np.array([coupling.lower for coupling in couplings], dtype=float),
-        coupling_upper=np.array([coupling.upper for coupling in couplings], dtype=float),
+        coupling_lower=lowest[named],
+        coupling_upper=highest[named],
     )
     return bounds, terms

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tci.errors import CommandError, FrameError
 from tci.frames import Array, read_only
@@ -68,18 +69,23 @@ def to_platform(robot: Robot, command: GenericCommand, *, position: Array | None
         values = slope.T @ values[joints.ids]
     else:
         values = values[joints.ids]
-    speeds = np.array([np.inf if s.speed is None else s.speed for s in part.servos])[joints.ids]
     return PlatformCommand(
-        command.mode, read_only(joints.servos, np.intp), read_only(values), read_only(_speeds(speeds, slope))
+        command.mode, read_only(joints.servos, np.intp), read_only(values), _speeds(part, joints.ids, slope)
     )
 
 
-def _speeds(generic: Array, slope: Array) -> Array:
-    """How fast (k,) [rad/s] each servo may move, so that no generic joint is faster than `generic` (k,)."""
+def speed_limits(robot: Robot, part: str, position: Array) -> Array:
+    """How fast (k,) [rad/s] each servo of a part may move, with all at `position` (n_servos,) [rad], so that
+    no generic joint is faster than its description says."""
+    joints = joint_map(robot, part)
+    return _speeds(robot.part(part), joints.ids, joints.slope(position))
+
+
+def _speeds(part: GenericPart, ids: NDArray[np.intp], slope: Array) -> Array:
+    generic = np.array([np.inf if s.speed is None else s.speed for s in part.servos])[ids]
     with np.errstate(divide="ignore", invalid="ignore"):
         each = np.where(slope == 0.0, np.inf, generic[:, None] / np.abs(slope))
-    fastest: Array = each.min(axis=0, initial=np.inf)
-    return fastest
+    return read_only(each.min(axis=0, initial=np.inf))
 
 
 def switch(robot: Robot, request: SwitchMode) -> PlatformSwitch:

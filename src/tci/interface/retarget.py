@@ -70,17 +70,13 @@ def retarget(robot: Robot, part: str, generic: Array, position: Array) -> Retarg
 
 def _within(robot: Robot, shoulder: Shoulder, wanted: Array, position: Array) -> tuple[Array, float]:
     """Shoulder angles (3,) [rad] within limits and couplings, and the angle [rad] to the wanted rotation."""
-    servos = shoulder.servos.tolist()
-    rows, lows, highs = [], [], []
-    for coupling in robot.couplings:
-        terms = dict(zip(coupling.servos, coupling.coefficients, strict=True))
-        outside = sum(factor * position[servo] for servo, factor in terms.items() if servo not in servos)
-        rows.append([terms.get(servo, 0.0) for servo in servos])
-        lows.append(coupling.lower - outside)
-        highs.append(coupling.upper - outside)
-    matrix, low, high = np.array(rows).reshape(-1, 3), np.array(lows), np.array(highs)
-    active = np.abs(matrix).sum(axis=1) > 0.0
-    matrix, low, high = matrix[active], low[active], high[active]
+    servos = shoulder.servos
+    rows, low, high = robot.coupling_rows
+    named = rows[:, servos].any(axis=1)
+    others = np.array(position)
+    others[servos] = 0.0
+    matrix, shift = rows[np.ix_(named, servos)], rows[named] @ others
+    low, high = low[named] - shift, high[named] - shift
 
     def inside(angles: Array) -> bool:
         box = np.all((angles >= shoulder.lower) & (angles <= shoulder.upper))

@@ -316,6 +316,15 @@ class Robot(Words):
             position[joints.servos] = joints.to_robot(part.initial_posture, position)
         return read_only(position)
 
+    @cached_property
+    def coupling_rows(self) -> tuple[Array, Array, Array]:
+        """All couplings at once, rows @ position within lower and upper: (m, n_servos), (m,), (m,) [rad]."""
+        rows = np.zeros((len(self.couplings), len(self.servos)))
+        for row, coupling in zip(rows, self.couplings, strict=True):
+            row[list(coupling.servos)] = coupling.coefficients
+        lower, upper = [c.lower for c in self.couplings], [c.upper for c in self.couplings]
+        return read_only(rows), read_only(lower), read_only(upper)
+
     def part(self, name: str) -> GenericPart:
         """The generic part of that name. Raises UnknownNameError."""
         for part in self.parts:

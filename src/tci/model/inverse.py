@@ -40,6 +40,10 @@ class InverseSettings:
 
 
 DEFAULTS = InverseSettings()
+SWEEPS = 30
+"""Most projections onto couplings for one posture."""
+ROOM = 1e-9
+"""Distance [rad] that answers keep from couplings, for rounding."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +65,7 @@ class InverseAnswer:
 class InverseKinematics:
     """Brings one point of one link where it is wanted, with chosen servos.
 
-    The servos' own limits are kept. Couplings between servos are not looked at: the gate does that.
+    Limits and couplings are kept; servos that are not chosen stay where they are.
     """
 
     def __init__(
@@ -99,6 +103,9 @@ class InverseKinematics:
             names = ", ".join(robot.servos[self.servos[i]].name for i in unlimited)
             raise CommandError(f"no limits of {names}; inverse kinematics need both")
         self._chosen: NDArray[np.intp] = np.array(self.servos, dtype=np.intp)
+        rows, lower_sum, upper_sum = robot.coupling_rows
+        named = rows[:, self._chosen].any(axis=1)
+        self._rows, self._least, self._most = rows[named], lower_sum[named], upper_sum[named]
 
     def solve(self, target: Array, present: Array) -> InverseAnswer:
         """Angles that bring the point to `target`, near to `present` (n_servos,) [rad].
@@ -116,12 +123,12 @@ class InverseKinematics:
         if present.shape != (self._kinematics.n_servos,) or not np.isfinite(present).all():
             valid = f"finite ({self._kinematics.n_servos},) [rad]"
             raise CommandError(f"present posture of shape {present.shape}; valid: {valid}")
-        first = np.clip(present[self._chosen], self._lower, self._upper)
+        first = self._inside(present[self._chosen], present)
         best = self._descend(target, present, first)
         steps = best.iterations
         if not best.reached:
             for start in self._starts(first):
-                answer = self._descend(target, present, start)
+                answer = self._descend(target, present, self._inside(start, present))
                 steps += answer.iterations
                 if answer.reached or self._size(answer) < self._size(best):
                     best = answer
@@ -144,7 +151,7 @@ class InverseKinematics:
             slide = away - np.linalg.lstsq(jacobian, jacobian @ away, rcond=1e-6)[0]
             if np.linalg.norm(slide) < 1e-2:
                 break
-            start = np.clip(angles + slide, self._lower, self._upper)
+            start = self._inside(angles + slide, present)
             nearer = self._descend(target, present, start)
             steps += nearer.iterations
             gain = np.linalg.norm(away) - np.linalg.norm(first - nearer.position[self._chosen])
@@ -180,7 +187,7 @@ class InverseKinematics:
             free = np.where(stuck, 0.0, 1.0)
             moving = jacobian * free
             normal = moving.T @ moving + (damping * cost + s.damping) * identity
-            wanted = np.clip(angles + np.linalg.solve(normal, gradient * free), self._lower, self._upper)
+            wanted = self._inside(angles + np.linalg.solve(normal, gradient * free), present)
             position[self._chosen] = wanted
             next_error, next_jacobian = self._error(target, position)
             next_cost = float(next_error @ next_error)
@@ -198,6 +205,23 @@ class InverseKinematics:
         angle = float(np.linalg.norm(error[3:])) / s.length
         distance = float(np.linalg.norm(error[:3]))
         return InverseAnswer(read_only(position), self._reached(error), distance, angle, step)
+
+    def _inside(self, angles: Array, present: Array) -> Array:
+        """The angles (k,) [rad], or some next to them within limits and couplings."""
+        angles = np.clip(angles, self._lower, self._upper)
+        if not len(self._rows):
+            return angles
+        position = present.copy()
+        for _ in range(SWEEPS):
+            position[self._chosen] = angles
+            sums = self._rows @ position
+            off = sums - np.clip(sums, self._least + ROOM, self._most - ROOM)
+            worst = int(np.argmax(np.abs(off)))
+            if abs(off[worst]) <= ROOM / 2:
+                break
+            row = self._rows[worst, self._chosen]
+            angles = np.clip(angles - off[worst] * row / (row @ row), self._lower, self._upper)
+        return angles
 
     def _error(self, target: Array, position: Array) -> tuple[Array, Array]:
         """Error (3,) [m], or (6,) with the angle's part times `length`, and its Jacobian (.., k)."""

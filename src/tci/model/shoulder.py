@@ -41,11 +41,15 @@ class Shoulder:
         self.upper = np.array([np.pi if limit.upper is None else limit.upper for limit in limits])
         zero = np.zeros(len(robot.servos))
         upper_arm, forearm = part.segment("upper_arm"), part.segment("forearm")
-        turns = kinematics.jacobian(zero, forearm.link)[3:, servos]
+        T_TL, jacobian = kinematics.pose_and_jacobian(zero, forearm.link)
+        moves, turns = jacobian[:3, servos], jacobian[3:, servos]
         if not np.allclose(np.linalg.norm(turns, axis=0), 1.0, atol=1e-6):
             raise _fault(robot, part, f"its shoulder and elbow do not all turn {forearm.link}")
         self.axes: Array = turns[:, :3].T
         """Axes (3, 3) of the three joints, one a row, seen from the torso with all servos at zero."""
+        feet = [T_TL[:3, 3] + np.cross(turns[:, i], moves[:, i]) for i in range(2)]
+        self.centre = _nearest_point(*feet, *self.axes[:2])
+        """Where the first axis comes nearest to the second (3,) [m], seen from the torso: it never moves."""
         poses = kinematics.poses(zero, (upper_arm.link, forearm.link))
         ends = [poses[segment.link] @ np.append(segment.origin, 1.0) for segment in (upper_arm, forearm)]
         along = self.axes[2] * np.sign(self.axes[2] @ (ends[1] - ends[0])[:3])
@@ -127,6 +131,14 @@ class Shoulder:
         columns = [np.array([0.0, -1.0, 0.0]), pitch[:, 0] * s, -s * roll[:, 2]]
         spin: Array = R_TM @ np.column_stack(columns)
         return spin
+
+
+def _nearest_point(on_first: Array, on_second: Array, first: Array, second: Array) -> Array:
+    """The point (3,) of a line that is nearest to another; each by a point (3,) and a unit direction (3,)."""
+    apart, slant = on_second - on_first, float(first @ second)
+    along = (float(first @ apart) - slant * float(second @ apart)) / (1.0 - slant**2)
+    result: Array = on_first + along * first
+    return result
 
 
 @lru_cache(maxsize=64)

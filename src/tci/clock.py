@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+import threading
 import time
 from collections.abc import Iterator
 from typing import Protocol
@@ -20,14 +22,37 @@ class Clock(Protocol):
 
 
 class MonotonicClock:
-    """The machine's monotonic clock: it does not follow changes of the date."""
+    """The machine's monotonic clock: it does not follow changes of the date.
+
+    It sleeps with the finest timer slack, and the last `tail` [s] it is busy: the median wake-up is then
+    below 1 us late instead of about 120, at the price of that share of a core.
+    """
+
+    def __init__(self, *, tail: float = 150e-6) -> None:
+        self._tail = tail
+        self._fine: set[int] = set()
 
     def now(self) -> float:
         return time.monotonic()
 
     def sleep_until(self, stamp: float) -> None:
+        thread = threading.get_ident()
+        if thread not in self._fine:
+            self._fine.add(thread)
+            _least_slack()
         while (left := stamp - time.monotonic()) > 0.0:
-            time.sleep(left)
+            if left > self._tail:
+                time.sleep(left - self._tail)
+
+
+def _least_slack() -> None:
+    """Ask Linux to wake this thread without the usual slack of 50 us; elsewhere nothing."""
+    if sys.platform != "linux":
+        return
+    import ctypes
+
+    set_timer_slack = 29  # prctl's PR_SET_TIMERSLACK, in ns
+    ctypes.CDLL(None).prctl(set_timer_slack, 1, 0, 0, 0)
 
 
 class ManualClock:

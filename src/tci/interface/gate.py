@@ -62,7 +62,7 @@ class Gate:
         self._tally = Tally()
         self._motion = Motion(robot, period=period, settings=self.settings, tally=self._tally)
         self._watch = Watch(robot, self.settings.watch)
-        self._stopped = ""
+        self._stopped = self._held = ""
         self._credit, self._before = 1.0, -np.inf
 
     @property
@@ -85,6 +85,10 @@ class Gate:
         if not self._stopped:
             self._stopped = reason or "stopped without a reason"
             self._tally.stops += 1
+
+    def hold(self, reason: str) -> None:
+        """Hold in the next step, for what the loop knows: missed periods, a silent process."""
+        self._held = reason
 
     def reset(self) -> None:
         """For an operator: leave STOP. Nothing moves: each servo waits for a command, where it is then.
@@ -156,6 +160,7 @@ class Gate:
             self._motion.see(joints.position, joints.velocity)
             if not self._stopped and (fault := self._watch.step(joints, self._motion.reference)):
                 self.stop(fault)
+        reason, self._held = reason or self._held, ""
         if self._stopped:
             self.state, reason = GateState.STOP, self._stopped
         elif reason:

@@ -33,6 +33,8 @@ class Link(ABC):
         """Time between two commands [s]."""
         self.gate = Gate(robot, period=self.period, stale_after=binding.stale_after)
         """The only maker of what `write` takes."""
+        self.lease_name = f"{middleware}:{robot.name}"
+        """Links of the same name reach the same robot; only one of them commands it at a time."""
         self._open = True
 
     @abstractmethod

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 import numpy as np
@@ -42,6 +43,7 @@ class SimulatedLink(Link):
         self.world = world or World(robot, **options)
         """The simulated world: poke its `finger`, look at its physics."""
         super().__init__(robot, middleware="sim", clock=WorldClock(self.world), armed=arm)
+        self.lease_name = f"sim:{robot.name}:{os.getpid()}:{id(self.world)}"
 
     def _receive(self) -> Reading:
         return Reading(joints=self.world.joints(), skin=self.world.frames())

@@ -1,17 +1,35 @@
-"""The loop: read, perceive, decide, gate, write; once per period of the link."""
+"""The loop: read, perceive, decide, gate, write; once per period of the link.
+
+It skips periods that it missed and counts them; after three the robot holds. Whatever goes wrong, in
+the capability, an observer or a thread, the robot is brought to rest first and the error is raised then.
+"""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Generic, TypeVar
+
+import numpy as np
 
 from tci.capabilities.capability import Capability
-from tci.errors import CommandError
+from tci.errors import CommandError, FrameError, LinkError
 from tci.interface.body import Body
 from tci.interface.gate import SafeCommand
-from tci.messages import Command, Perception, Reading
+from tci.messages import Command, JointReading, Perception, Reading
 from tci.middleware.link import Link
+from tci.runtime.guards import frozen_garbage, interruptions
+from tci.runtime.lease import lease
+from tci.runtime.loop_report import LoopReport
+
+MISSED = 3
+"""Periods in a row that may be missed before the robot holds."""
+PERSISTS = 0.1
+"""How long [s] skin frames may not fit the robot before it stops. Ours."""
+REST = 0.5
+"""Longest time [s] that the loop waits for the robot to come to rest when it ends in an error. Ours."""
 
 Memory = TypeVar("Memory")
 
@@ -25,7 +43,7 @@ class Tick:
     reading: Reading
     """What the robot sent."""
     perception: Perception
-    """What the capability saw."""
+    """What the capability saw; from before, when this reading's skin did not fit the robot."""
     commands: tuple[Command, ...]
     """What the capability wanted."""
     sent: SafeCommand
@@ -38,27 +56,125 @@ def run(
     *,
     duration: float | None = None,
     observe: Callable[[Tick], None] | None = None,
+    guard: Callable[[], str] | None = None,
+    report: LoopReport | None = None,
 ) -> Memory:
     """Run a capability on a robot for `duration` [s], or until interrupted, and return its memory.
 
-    `observe` is called after each tick; the loop waits for it. Raises CommandError, before anything
-    moves, when the robot refuses what the capability begins with; and what link and capability raise.
+    `observe` is called after each tick; the loop waits for it. `guard` is asked in each period for a
+    reason to hold, empty for none (`heartbeat.Listener.fault`). `report` is filled on the way.
+
+    SIGINT and SIGTERM bring the robot to rest and raise KeyboardInterrupt or SystemExit. Raises
+    CommandError, before anything moves, when the robot refuses what the capability begins with;
+    LinkError when somebody else commands the robot; and what link, capability, observer and threads
+    raise, after the gate has stopped and the robot is at rest.
     """
-    body = Body(link.robot)
-    memory = capability.init()
-    begun = False
-    for now in link.ticks(duration=duration):
-        reading = link.read()
-        perception = body.perceive(reading, now)
-        opening = () if begun else capability.begin(perception)
-        if opening:
-            commands = opening
-        else:
-            commands, memory = capability.step(memory, perception)
-        sent = link.write(link.gate.step(body.to_platform(commands, reading.joints), reading.joints, now))
+    loop = _Loop(link, capability, observe, guard, report if report is not None else LoopReport())
+    with lease(link.lease_name), interruptions() as interruption, frozen_garbage():
+        try:
+            for now in link.ticks(duration=duration):
+                loop.tick(now)
+                interruption.raise_it()
+            loop.report.ended = "done"
+        except BaseException as error:
+            where = f" in thread {interruption.thread}" if error is interruption.failure else ""
+            loop.report.ended = f"{type(error).__name__}{where}: {error}".removesuffix(": ")
+            loop.rest(loop.report.ended, error)
+            raise
+    return loop.memory
+
+
+class _Loop(Generic[Memory]):
+    """One run: its memory and its time."""
+
+    def __init__(
+        self,
+        link: Link,
+        capability: Capability[Memory],
+        observe: Callable[[Tick], None] | None,
+        guard: Callable[[], str] | None,
+        report: LoopReport,
+    ) -> None:
+        self.link = link
+        self.capability = capability
+        self.observe = observe
+        self.guard = guard
+        self.report = report
+        self.body = Body(link.robot)
+        self.memory = capability.init()
+        self._begun = False
+        self._before: float | None = None
+        self._start = 0.0
+        self._misfit: float | None = None
+        self._perception: Perception | None = None
+        self._joints: JointReading | None = None
+
+    def tick(self, now: float) -> None:
+        """One period, at `now` [s] on the link's clock."""
+        begin = time.perf_counter()
+        gate = self.link.gate
+        if reason := self._timing(now) or (self.guard() if self.guard else ""):
+            gate.hold(reason)
+        reading = self.link.read()
+        self._joints = reading.joints
+        seen = self._perceive(reading, now)
+        commands: tuple[Command, ...] = ()
+        opening = False
+        if seen is not None:
+            if not self._begun:
+                commands = self.capability.begin(seen)
+                opening = bool(commands)
+            if not opening:
+                commands, self.memory = self.capability.step(self.memory, seen)
+        orders = self.body.to_platform(commands, reading.joints)
+        sent = self.link.write(gate.step(orders, reading.joints, now))
         if opening and sent.refusals:
-            raise CommandError(f"{type(capability).__name__} can't begin: {'; '.join(sent.refusals)}")
-        begun = True
-        if observe is not None:
-            observe(Tick(now, reading, perception, commands, sent))
-    return memory
+            raise CommandError(f"{type(self.capability).__name__} can't begin: {'; '.join(sent.refusals)}")
+        self._begun |= seen is not None
+        if self.observe is not None and self._perception is not None:
+            self.observe(Tick(now, reading, self._perception, commands, sent))
+        self.report.ticks += 1
+        self.report.work.add(time.perf_counter() - begin)
+
+    def _timing(self, now: float) -> str:
+        """Count the periods before this one that were missed; why to hold, if there were too many."""
+        if self._before is None:
+            self._before = self._start = now
+        period = self.link.period
+        missed = int((now - self._start) / period + 1e-6) - int((self._before - self._start) / period + 1e-6)
+        self._before = now
+        self.report.lateness.add(max(0.0, (now - self._start + period * 1e-6) % period))
+        if missed <= 1:
+            return ""
+        self.report.overruns += 1
+        self.report.missed += missed - 1
+        return f"the loop missed {missed - 1} periods" if missed > MISSED else ""
+
+    def _perceive(self, reading: Reading, now: float) -> Perception | None:
+        """What the capability sees; None for a reading that does not fit. The robot stops if that lasts."""
+        try:
+            self._perception = self.body.perceive(reading, now)
+        except FrameError as error:
+            self.report.rejected += 1
+            self._misfit = now if self._misfit is None else self._misfit
+            if now - self._misfit > PERSISTS:
+                self.link.gate.stop(str(error))
+            return None
+        self._misfit = None
+        return self._perception
+
+    def rest(self, reason: str, cause: BaseException) -> None:
+        """Stop the gate and write until the references stand still. What fails is noted on `cause`."""
+        link = self.link
+        link.gate.stop(reason)
+        if not link.armed or self._joints is None:
+            return
+        try:
+            for now in link.ticks(duration=REST):
+                with suppress(LinkError):  # the last reading will do: references need none to stop
+                    self._joints = link.read().joints
+                sent = link.write(link.gate.step((), self._joints, now))
+                if not np.any(sent.velocity):
+                    return
+        except Exception as error:
+            cause.add_note(f"and the robot could not be brought to rest: {error}")

@@ -1,0 +1,78 @@
+"""What surrounds a running loop: signals, threads that fail, and the garbage collector."""
+
+from __future__ import annotations
+
+import gc
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+class Interruption:
+    """What came from outside the loop and ends it."""
+
+    def __init__(self) -> None:
+        self.signal: int | None = None
+        """Number of the signal, once one came."""
+        self.failure: BaseException | None = None
+        """What a thread raised, once one did."""
+        self.thread = ""
+        """Name of that thread."""
+
+    def raise_it(self) -> None:
+        """Raise what came: KeyboardInterrupt, SystemExit (128 + signal), or the thread's own exception."""
+        if self.failure is not None:
+            raise self.failure
+        if self.signal == signal.SIGINT:
+            raise KeyboardInterrupt
+        if self.signal is not None:
+            raise SystemExit(128 + self.signal)
+
+
+@contextmanager
+def interruptions() -> Iterator[Interruption]:
+    """Catch signals (in the main thread) and exceptions of any thread inside the block.
+
+    The first signal is noted for the loop, which brings the robot to rest; a second one interrupts at
+    once, for a capability that hangs.
+    """
+    found = Interruption()
+    hook = threading.excepthook
+
+    def in_thread(told: threading.ExceptHookArgs) -> None:
+        if found.failure is None and told.exc_value is not None and told.exc_type is not SystemExit:
+            found.failure = told.exc_value
+            found.thread = told.thread.name if told.thread else "a thread"
+        hook(told)
+
+    def on_signal(number: int, frame: FrameType | None) -> None:
+        if found.signal is not None:
+            raise KeyboardInterrupt
+        found.signal = number
+
+    threading.excepthook = in_thread
+    here = threading.current_thread() is threading.main_thread()
+    before = {number: signal.signal(number, on_signal) for number in SIGNALS} if here else {}
+    try:
+        yield found
+    finally:
+        threading.excepthook = hook
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def frozen_garbage() -> Iterator[None]:
+    """Keep what is alive now out of the garbage collector, whose pauses grow with it."""
+    if gc.get_freeze_count():
+        yield
+        return
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()

@@ -1,0 +1,128 @@
+"""Who is alive: small datagrams between TCI processes on one machine.
+
+A process that is needed beats; the one that owns the link listens and holds the robot when a beat is
+missing for `TIMEOUT`. Pass `Listener.fault` to `run` as its `guard`.
+"""
+
+from __future__ import annotations
+
+import socket
+import struct
+import time
+import zlib
+from collections.abc import Callable, Sequence
+from types import TracebackType
+from typing import Self
+
+from tci.errors import LinkError, TciError
+
+TIMEOUT = 0.08
+"""Silence [s] after which a process counts as dead: with one control period more it is below 100 ms."""
+INTERVAL = 0.02
+"""Time [s] between two beats that fits `TIMEOUT`."""
+_FORM = struct.Struct("<4sQ16sI")
+_MAGIC = b"TCIb"
+_PER_CALL = 64
+"""Datagrams looked at per call, so that a flood costs a bounded time."""
+
+
+def encode(name: str, sequence: int) -> bytes:
+    """One beat. Raises TciError for a name that is empty or longer than 16 bytes."""
+    raw = name.encode()
+    if not 0 < len(raw) <= 16 or b"\0" in raw:
+        raise TciError(f"heartbeat of {name!r}; valid: a name of 1 to 16 bytes without zeros")
+    body = _FORM.pack(_MAGIC, sequence, raw, 0)[:-4]
+    return body + struct.pack("<I", zlib.crc32(body))
+
+
+def decode(data: bytes) -> tuple[str, int] | None:
+    """Name and sequence of a beat; None for any bytes that are none."""
+    if len(data) != _FORM.size:
+        return None
+    magic, sequence, raw, check = _FORM.unpack(data)
+    if magic != _MAGIC or check != zlib.crc32(data[:-4]):
+        return None
+    try:
+        return raw.rstrip(b"\0").decode(), sequence
+    except UnicodeDecodeError:
+        return None
+
+
+class Sender:
+    """Beats towards a listener; call `beat` from the work that must go on, never from a thread beside it."""
+
+    def __init__(self, name: str, port: int) -> None:
+        """`port` of the listener on this machine. Raises TciError for a bad name."""
+        encode(name, 0)
+        self.name = name
+        self._to = ("127.0.0.1", port)
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+
+    def beat(self) -> None:
+        """Say that this process is alive. Nobody needs to listen."""
+        try:
+            self._socket.sendto(encode(self.name, time.monotonic_ns()), self._to)
+        except OSError:
+            return  # nobody listens: it is the listener that judges
+
+    def close(self) -> None:
+        """Let go of the socket."""
+        self._socket.close()
+
+
+class Listener:
+    """Knows which of the needed processes are alive. A needed one that never beat counts as dead."""
+
+    def __init__(
+        self,
+        needed: Sequence[str],
+        *,
+        port: int = 0,
+        timeout: float = TIMEOUT,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Listen on `port` of the loopback, or on a free one. Raises LinkError when it is taken."""
+        if not timeout > 0.0:
+            raise TciError(f"heartbeat timeout {timeout} s; valid: above 0")
+        self._timeout = timeout
+        self._clock = clock
+        self._heard: dict[str, tuple[float, int]] = {name: (-float("inf"), -1) for name in needed}
+        self.rejected = 0
+        """Datagrams that were no beats of a needed process, or old ones."""
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        try:
+            self._socket.bind(("127.0.0.1", port))
+        except OSError as error:
+            self._socket.close()
+            raise LinkError(f"heartbeat port {port}: {error.strerror}; valid: a free one, or 0") from error
+        self.port: int = self._socket.getsockname()[1]
+        """Port that senders need."""
+
+    def fault(self) -> str:
+        """Why the robot should hold: which needed process is silent; empty when all are alive."""
+        for _ in range(_PER_CALL):
+            try:
+                data = self._socket.recv(_FORM.size + 1)
+            except BlockingIOError:
+                break
+            beat = decode(data)
+            if beat is None or beat[0] not in self._heard or beat[1] <= self._heard[beat[0]][1]:
+                self.rejected += 1
+                continue
+            self._heard[beat[0]] = self._clock(), beat[1]
+        now = self._clock()
+        silent = [name for name, (stamp, _) in self._heard.items() if now - stamp > self._timeout]
+        return f"no heartbeat of {', '.join(silent)}" if silent else ""
+
+    def close(self) -> None:
+        """Let go of the socket."""
+        self._socket.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

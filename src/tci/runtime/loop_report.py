@@ -1,0 +1,75 @@
+"""What the loop says of its own timing: periods, overruns, lateness and work."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+FINEST = 1e-6
+"""Upper edge [s] of the first bin; each further one is twice as long."""
+BINS = 32
+
+
+class Histogram:
+    """Times in bins that double, so that a microsecond and a minute have room."""
+
+    def __init__(self) -> None:
+        self.counts: NDArray[np.int64] = np.zeros(BINS, dtype=np.int64)
+        """How many times (32,) fell into each bin."""
+        self.largest = 0.0
+        """The longest time [s]."""
+
+    def add(self, seconds: float) -> None:
+        """Count a time [s]."""
+        self.largest = max(self.largest, seconds)
+        share = seconds / FINEST
+        self.counts[0 if share <= 1.0 else min(int(np.ceil(np.log2(share))), BINS - 1)] += 1
+
+    def quantile(self, share: float) -> float:
+        """The time [s] that `share` 0..1 of all do not exceed, to the upper edge of its bin."""
+        total = int(self.counts.sum())
+        if not total:
+            return 0.0
+        bin_ = int(np.searchsorted(np.cumsum(self.counts), share * total))
+        return float(min(FINEST * 2.0**bin_, self.largest))
+
+    def to_json(self) -> dict[str, float]:
+        """Milliseconds at the usual quantiles."""
+        quantiles = {"p50": 0.5, "p99": 0.99, "p999": 0.999}
+        figures = {name: self.quantile(share) * 1e3 for name, share in quantiles.items()}
+        return {**figures, "max": self.largest * 1e3}
+
+
+@dataclass(slots=True)
+class LoopReport:
+    """How a run went. Hand one to `run` to read it while the loop goes on, and after it."""
+
+    ticks: int = 0
+    """Periods that were served."""
+    missed: int = 0
+    """Periods that were skipped, because an earlier one took too long or the process slept."""
+    overruns: int = 0
+    """Times that this happened."""
+    rejected: int = 0
+    """Readings whose skin did not fit the robot."""
+    lateness: Histogram = field(default_factory=Histogram)
+    """How long after its time each tick came."""
+    work: Histogram = field(default_factory=Histogram)
+    """How long the work of each tick took, on the machine's own clock."""
+    ended: str = ""
+    """Why the loop ended; empty while it runs."""
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values; times in milliseconds."""
+        return {
+            "ticks": self.ticks,
+            "missed": self.missed,
+            "overruns": self.overruns,
+            "rejected": self.rejected,
+            "lateness_ms": self.lateness.to_json(),
+            "work_ms": self.work.to_json(),
+            "ended": self.ended,
+        }

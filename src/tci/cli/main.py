@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from tci.cli.fault import app as fault_app
 from tci.cli.skin import app as skin_app
 from tci.errors import DescriptionError, TciError
 
@@ -22,8 +23,15 @@ app = typer.Typer(
 )
 
 app.add_typer(skin_app, name="skin")
+app.add_typer(fault_app, name="fault")
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for programs instead of a table.")]
+
+
+Faults = Annotated[
+    list[str] | None,
+    typer.Option(help="NAME@TIME or NAME@TIME:DURATION [s]; names: tci fault list; repeat for several."),
+]
 
 
 @app.command()
@@ -48,6 +56,7 @@ def demo(
     skin_rate: Annotated[
         float | None, typer.Option(help="Skin frames per second instead of the robot's own [Hz].")
     ] = None,
+    fault: Faults = None,
     as_json: AsJson = False,
 ) -> None:
     """Poke simulated robots and watch the same withdrawal reflex answer on each of them.
@@ -55,12 +64,47 @@ def demo(
     A compliant finger pokes five sites of both arms, with the reflex and without it. The table tells
     what was measured; OUT/demo.png shows it and OUT/report.json has every figure.
 
+    With --fault, one poke of one robot is rehearsed with that fault, and told as it happens.
+
     Example:  tci demo --robot nao --out /path/to/folder
+
+    Example:  tci demo --fault stall@0.32
     """
+    if fault:
+        from tci.cli.run import run_capability
+
+        run_capability(
+            "withdrawal", (robot or ["nao"])[0], duration=1.5, poke=True, faults=fault, as_json=as_json
+        )
+        return
     from tci.cli.demo import demo as command
 
     command(
         robot or [], mode=mode, out=out, seed=seed, headless=headless, skin_rate=skin_rate, as_json=as_json
+    )
+
+
+@app.command()
+def run(
+    capability: Annotated[str, typer.Argument(help="Name of a capability, such as withdrawal.")],
+    robot: Annotated[str, typer.Option("--robot", "-r", help="Robot by name or description file.")],
+    via: Annotated[str, typer.Option(help="Link to it, NAME or NAME:ADDRESS.")] = "sim",
+    duration: Annotated[float | None, typer.Option(help="How long [s]; else until interrupted.")] = None,
+    arm: Annotated[bool, typer.Option("--arm", help="Let it move; a simulated robot always may.")] = False,
+    poke: Annotated[bool, typer.Option("--poke", help="A simulated finger pokes the left forearm.")] = False,
+    fault: Faults = None,
+    as_json: AsJson = False,
+) -> None:
+    """Run a capability on a robot, and tell what gate and loop do.
+
+    Exit status 1 when the robot had to stop. A real robot is read-only without --arm.
+
+    Example:  tci run withdrawal --robot nao --duration 1 --poke --fault stall@0.32
+    """
+    from tci.cli.run import run_capability
+
+    run_capability(
+        capability, robot, via=via, duration=duration, arm=arm, poke=poke, faults=fault or [], as_json=as_json
     )
 
 

@@ -30,6 +30,8 @@ PERSISTS = 0.1
 """How long [s] skin frames may not fit the robot before it stops. Ours."""
 REST = 0.5
 """Longest time [s] that the loop waits for the robot to come to rest when it ends in an error. Ours."""
+STILL = 1e-6
+"""Speed [rad/s] of a reference that counts as rest."""
 
 Memory = TypeVar("Memory")
 
@@ -174,7 +176,7 @@ class _Loop(Generic[Memory]):
                 with suppress(LinkError):  # the last reading will do: references need none to stop
                     self._joints = link.read().joints
                 sent = link.write(link.gate.step((), self._joints, now))
-                if not np.any(sent.velocity):
+                if np.all(np.abs(sent.velocity) < STILL):
                     return
         except Exception as error:
             cause.add_note(f"and the robot could not be brought to rest: {error}")

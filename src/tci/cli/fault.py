@@ -1,0 +1,57 @@
+"""`tci fault list`: what can go wrong, what TCI does then, and what can be rehearsed."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+app = typer.Typer(
+    help="Faults: what is expected, which test shows it, what can be rehearsed.", no_args_is_help=True
+)
+
+
+@app.callback()
+def fault() -> None:
+    """Faults: what is expected, which test shows it, what can be rehearsed."""
+
+
+@app.command("list")
+def list_faults(
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print JSON for programs instead of a table.")
+    ] = False,
+) -> None:
+    """List the catalogue of faults; those with a name can be rehearsed with --fault NAME@TIME."""
+    from rich import box
+    from rich.table import Table
+
+    from tci.cli.console import console, print_json
+    from tci.middleware.fault_list import FAULTS
+    from tci.middleware.injectors import INJECTORS
+
+    names = {number: [name for name, kind in INJECTORS.items() if kind.number == number] for number in FAULTS}
+    if as_json:
+        print_json(
+            [
+                {
+                    "number": known.number,
+                    "fault": known.fault,
+                    "expected": known.expected,
+                    "state": "open" if known.missing else "tested",
+                    "test": known.test,
+                    "missing": known.missing,
+                    "injectors": {name: INJECTORS[name].says for name in names[known.number]},
+                }
+                for known in FAULTS.values()
+            ]
+        )
+        return
+    table = Table(title="Faults, and what TCI does", box=box.SIMPLE_HEAD, pad_edge=False)
+    for head in ("#", "fault", "expected", "rehearse as", "state"):
+        table.add_column(head, justify="right" if head == "#" else "left")
+    for known in FAULTS.values():
+        state = f"[yellow]open: {known.missing}[/]" if known.missing else "[green]tested[/]"
+        table.add_row(str(known.number), known.fault, known.expected, "\n".join(names[known.number]), state)
+    console.print(table)
+    console.print("rehearse one:  tci run withdrawal --robot nao --poke --fault stall@0.5")

@@ -1,0 +1,197 @@
+"""`tci run`: a capability on a robot, with what gate and loop do told as it happens."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Sequence
+from importlib.metadata import entry_points
+from typing import Any
+
+from rich.live import Live
+from rich.markup import escape
+from rich.text import Text
+
+from tci.capabilities.capability import Capability
+from tci.capabilities.fields import default_fields
+from tci.cli.console import console, print_json
+from tci.errors import CommandError, UnknownNameError
+from tci.interface.gate import GateState
+from tci.interface.places import find_place
+from tci.interface.skin import Skin
+from tci.messages import GenericCommand
+from tci.middleware.fault_list import FAULTS
+from tci.middleware.faulty import FaultyLink, parse_fault
+from tci.middleware.injectors import INJECTORS
+from tci.middleware.link import Link
+from tci.middleware.simulated import SimulatedLink
+from tci.model.catalogue import load_robot
+from tci.runtime.loop import Tick, run
+from tci.runtime.loop_report import LoopReport
+from tci.runtime.registry import connect
+
+GROUP = "tci.capabilities"
+COLOURS = {GateState.RUN: "green", GateState.HOLD: "yellow", GateState.STOP: "bold red"}
+MEANING = {
+    GateState.RUN: "commands pass, within limits",
+    GateState.HOLD: "the robot stops and keeps its position; clears by itself",
+    GateState.STOP: "the robot stops and stays stopped until an operator resets it",
+}
+POKE_DELAY = 0.3
+"""Time [s] from the start to the finger's touch."""
+
+
+def load_capability(name: str) -> Capability[Any]:
+    """A capability with its default settings, by its entry point. Raises UnknownNameError."""
+    points = {point.name: point for point in entry_points(group=GROUP)}
+    if name not in points:
+        raise UnknownNameError("capability", name, sorted(points))
+    capability: Capability[Any] = points[name].load()()
+    return capability
+
+
+class Teller:
+    """Prints what changes, and keeps one line about now."""
+
+    def __init__(self, link: Link, report: LoopReport, live: Live | None) -> None:
+        self.events: list[dict[str, Any]] = []
+        """All that was told: time [s], kind and words."""
+        self.worst = GateState.RUN
+        """STOP once there was one, else HOLD once there was one."""
+        self._link, self._report, self._live = link, report, live
+        self._state = (GateState.RUN, "")
+        self._told_faults = 0
+        self._refused = ""
+
+    def see(self, tick: Tick) -> None:
+        """One tick of the loop."""
+        self.tell_faults(tick.now)
+        state = tick.sent.state
+        if (state, tick.sent.reason if state is GateState.STOP else "") != self._state:
+            self._state = (state, tick.sent.reason if state is GateState.STOP else "")
+            reason = tick.sent.reason or "all is well again"
+            self.tell(tick.now, state.name, f"{reason} ({MEANING[state]})", COLOURS[state])
+        if state is GateState.STOP or self.worst is GateState.RUN:
+            self.worst = state
+        for command in tick.commands:
+            if isinstance(command, GenericCommand) and not self._refuses(tick):
+                self._command(tick.now, command)
+        if self._live is not None:
+            self._live.update(self._line(tick))
+
+    def tell_faults(self, now: float) -> None:
+        """Faults that began since the last call."""
+        if isinstance(self._link, FaultyLink):
+            for plan in self._link.begun[self._told_faults :]:
+                expected = FAULTS[INJECTORS[plan.name].number].expected
+                self.tell(
+                    now, "FAULT", f"{plan}: {INJECTORS[plan.name].says}; expected: {expected}", "magenta"
+                )
+            self._told_faults = len(self._link.begun)
+
+    def tell(self, now: float, kind: str, words: str, colour: str) -> None:
+        """One line that stays."""
+        self.events.append({"time_s": round(now, 4), "kind": kind, "words": words})
+        if self._live is not None:
+            console.print(f"{now:8.3f} s  [{colour}]{kind:<7}[/]  {escape(words)}", highlight=False)
+
+    def _refuses(self, tick: Tick) -> bool:
+        refused = "; ".join(tick.sent.refusals)
+        if refused and refused != self._refused:
+            self.tell(tick.now, "refused", refused, "yellow")
+        self._refused = refused
+        return bool(refused)
+
+    def _command(self, now: float, command: GenericCommand) -> None:
+        said = f"{command.part} in {command.mode.value} mode"
+        if not any(event["kind"] == "command" and event["words"] == said for event in self.events[-1:]):
+            self.tell(now, "command", said, "cyan")
+
+    def _line(self, tick: Tick) -> Text:
+        state = tick.sent.state
+        line = Text(f"{tick.now:8.3f} s  ")
+        line.append(f" {state.name} ", style=f"reverse {COLOURS[state]}")
+        counts = self._link.gate.counts
+        line.append(
+            f"  contacts {len(tick.perception.contacts)}  clamps {sum(counts.clamps.values())}  "
+            f"refusals {counts.refusals}  overruns {self._report.overruns}"
+        )
+        return line
+
+
+def run_capability(
+    name: str,
+    robot: str,
+    *,
+    via: str = "sim",
+    duration: float | None = None,
+    arm: bool = False,
+    poke: bool = False,
+    faults: Sequence[str] = (),
+    as_json: bool = False,
+) -> None:
+    """Run, tell, and exit with status 1 when the gate has stopped.
+
+    Raises UnknownNameError, LinkError, CommandError for a fault or a poke that can't be, and what the
+    capability raises.
+    """
+    capability = load_capability(name)
+    plans = [parse_fault(fault) for fault in faults]
+    link = connect(load_robot(robot), via, arm=arm or via.partition(":")[0] == "sim")
+    report = LoopReport()
+    error: BaseException | None = None
+    with link:
+        if poke:
+            poke_forearm(link)
+        if plans:
+            link = FaultyLink(link, plans)
+        shown: contextlib.AbstractContextManager[Live | None] = (
+            contextlib.nullcontext()
+            if as_json
+            else Live(console=console, refresh_per_second=10, transient=True)
+        )
+        with shown as live:
+            teller = Teller(link, report, live)
+            try:
+                run(link, capability, duration=duration, observe=teller.see, report=report)
+            except (Exception, KeyboardInterrupt, SystemExit) as failure:
+                error = failure
+                now = link.clock.now()
+                teller.tell_faults(now)
+                told = f"{report.ended}; the robot was brought to rest"
+                teller.worst = GateState.STOP
+                teller.tell(now, "STOP", told, COLOURS[GateState.STOP])
+    counts = link.gate.counts
+    summary = {
+        "state": link.gate.state.value,
+        "worst": teller.worst.value,
+        "events": teller.events,
+        "gate": {"holds": counts.holds, "stops": counts.stops, "refusals": counts.refusals,
+                 "clamps": dict(counts.clamps), "near_misses": counts.near_misses},
+        "loop": report.to_json(),
+    }  # fmt: skip
+    if as_json:
+        print_json(summary)
+    else:
+        console.print(
+            f"{report.ticks} periods, {report.overruns} overruns ({report.missed} missed); "
+            f"work p50 {report.work.quantile(0.5) * 1e3:.2f}, "
+            f"p99.9 {report.work.quantile(0.999) * 1e3:.2f} ms; "
+            f"gate: {counts.holds} holds, {counts.stops} stops, {counts.refusals} refusals; "
+            f"at the end [{COLOURS[link.gate.state]}]{link.gate.state.name}[/]",
+            highlight=False,
+        )
+    if isinstance(error, SystemExit | KeyboardInterrupt):
+        raise SystemExit(error.code if isinstance(error, SystemExit) else 130)
+    if teller.worst is GateState.STOP:
+        raise SystemExit(1)
+
+
+def poke_forearm(link: Link) -> None:
+    """Let the simulated finger poke the left forearm. Raises CommandError for a real robot."""
+    if not isinstance(link, SimulatedLink):
+        raise CommandError("--poke needs a simulated robot; valid: --via sim")
+    site = default_fields()[0]
+    joints = link.read().joints
+    place = find_place(Skin(link.robot), "left_arm", site.segment, site.u, site.theta, joints)
+    speed = 0.25
+    link.world.finger.poke(place.patch, place.p_L, place.n_L, speed=speed, depth=0.01, gap=speed * POKE_DELAY)

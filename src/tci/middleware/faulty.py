@@ -1,0 +1,94 @@
+"""Faults on purpose: a link around any other that spoils what passes through it, from a given time on.
+
+The inner link, its gate and its robot are as they are; only readings and writes are changed. So users
+rehearse with their own behaviours what the tests rehearse with ours (docs/reliability.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from tci.errors import CommandError
+from tci.interface.gate import SafeCommand
+from tci.messages import Reading
+from tci.middleware.fault_list import FAULTS
+from tci.middleware.injectors import INJECTORS, Injector
+from tci.middleware.link import Link
+
+
+@dataclass(frozen=True, slots=True)
+class FaultPlan:
+    """One fault and when it happens."""
+
+    name: str
+    """Name of the injector."""
+    at: float
+    """When it begins [s] after the first reading."""
+    lasts: float = float("inf")
+    """How long it lasts [s]."""
+
+    def __str__(self) -> str:
+        fault = FAULTS[INJECTORS[self.name].number]
+        return f"{self.name} (fault {fault.number}: {fault.fault})"
+
+
+def parse_fault(text: str) -> FaultPlan:
+    """A fault written as NAME@TIME or NAME@TIME:DURATION, both [s].
+
+    Raises CommandError that lists what is valid.
+    """
+    name, _, times = text.partition("@")
+    at, _, lasts = times.partition(":")
+    if name not in INJECTORS:
+        raise CommandError(f"no fault named {name!r}; valid: {', '.join(INJECTORS)}")
+    try:
+        plan = FaultPlan(name, float(at), float(lasts) if lasts else float("inf"))
+    except ValueError:
+        plan = FaultPlan(name, float("nan"))
+    if not (0.0 <= plan.at < float("inf") and plan.lasts > 0.0):
+        raise CommandError(f"fault {text!r}; valid: NAME@TIME or NAME@TIME:DURATION, in seconds")
+    return plan
+
+
+class FaultyLink(Link):
+    """Another link, with faults. It shares that link's gate, clock and lease."""
+
+    def __init__(self, inner: Link, plans: Sequence[FaultPlan]) -> None:
+        self.inner = inner
+        self.robot, self.clock, self.armed = inner.robot, inner.clock, inner.armed
+        self.period, self.gate, self.lease_name = inner.period, inner.gate, inner.lease_name
+        self.begun: list[FaultPlan] = []
+        """Faults that have happened until now, in their order."""
+        self._waiting = sorted(plans, key=lambda plan: plan.at)
+        self._active: list[tuple[FaultPlan, Injector]] = []
+        self._start: float | None = None
+        self._open = True
+
+    def ticks(self, *, duration: float | None = None) -> Iterator[float]:
+        return self.inner.ticks(duration=duration)
+
+    def _receive(self) -> Reading:
+        reading = self.inner.read()
+        now = self.clock.now()
+        if self._start is None:
+            self._start = now
+        since = now - self._start
+        while self._waiting and self._waiting[0].at <= since + 1e-9:
+            plan = self._waiting.pop(0)
+            self._active.append((plan, INJECTORS[plan.name](self.inner, reading)))
+            self.begun.append(plan)
+        for plan, injector in list(self._active):
+            if since >= plan.at + plan.lasts:
+                injector.end()
+                self._active.remove((plan, injector))
+        frozen = Reading(replace(reading.joints), reading.skin)
+        for _, injector in self._active:
+            frozen = injector.read(frozen)
+        return frozen
+
+    def _send(self, safe: SafeCommand) -> None:
+        self.inner._send(safe)
+
+    def _close(self) -> None:
+        self.inner.close()

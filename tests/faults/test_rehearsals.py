@@ -1,0 +1,229 @@
+"""Faults from end to end: the simulated robot moves, an injector spoils it, gate and loop answer.
+
+Tests are named by the fault's number in the catalogue.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+
+import numpy as np
+import pytest
+
+import tci
+from tci.errors import CommandError, LinkError
+from tci.interface.gate import GateState
+from tci.messages import GenericCommand, Mode, Perception
+from tci.middleware.faulty import FaultPlan, FaultyLink, parse_fault
+from tci.middleware.injectors import INJECTORS
+from tci.middleware.simulated import SimulatedLink
+from tci.runtime.loop import Tick, run
+from tci.runtime.loop_report import LoopReport
+from tci.simulation.world import World
+
+AT = 0.2
+
+
+class Sway(tci.Capability[None]):
+    """Both arms swing all the time."""
+
+    def init(self) -> None:
+        return None
+
+    def step(self, memory: None, perception: Perception) -> tuple[tuple[GenericCommand, ...], None]:
+        swing = 0.3 * math.sin(6.0 * perception.stamp)
+        commands = []
+        for part in ("left_arm", "right_arm"):
+            target = self.home[part].copy()
+            target[0] += swing
+            commands.append(GenericCommand(part, Mode.POSITION, target))
+        return tuple(commands), None
+
+    def begin(self, perception: Perception) -> tuple[GenericCommand, ...]:
+        self.home = {name: np.array(angles) for name, angles in perception.posture.items()}
+        return ()
+
+
+@pytest.fixture(scope="module")
+def world() -> World:
+    return World(tci.load_robot("nao"))
+
+
+@pytest.fixture
+def link(world: World) -> SimulatedLink:
+    world.reset()
+    world.set_power(np.arange(len(world.robot.servos)), on=True)
+    return SimulatedLink(world.robot, world=world)
+
+
+class Rehearsal:
+    """A run with one fault: its ticks and its report."""
+
+    def __init__(self, link: SimulatedLink, name: str, *, lasts: float = math.inf) -> None:
+        self.report = LoopReport()
+        self.ticks: list[Tick] = []
+        self.faulty = FaultyLink(link, [FaultPlan(name, AT, lasts)])
+        run(self.faulty, Sway(), duration=0.8, observe=self.ticks.append, report=self.report)
+        assert [plan.name for plan in self.faulty.begun] == [name]
+        before = {tick.sent.state for tick in self.ticks if tick.now < AT - 1e-9}
+        assert before == {GateState.RUN}, "it must be well before the fault"
+
+    @property
+    def states(self) -> set[GateState]:
+        return {tick.sent.state for tick in self.ticks}
+
+    def stopped_after(self) -> float:
+        """Time [s] from the fault to the stop, which lasts; and the robot's references are at rest then."""
+        first = next(i for i, tick in enumerate(self.ticks) if tick.sent.state is GateState.STOP)
+        assert all(tick.sent.state is GateState.STOP for tick in self.ticks[first:])
+        assert np.abs(self.ticks[-1].sent.velocity).max() < 1e-9
+        last = self.ticks[-1]
+        assert len(last.sent.refusals) == len(last.commands), "commands are refused while it is stopped"
+        return self.ticks[first].now - AT
+
+
+def test_04_nan_taxel(link: SimulatedLink) -> None:
+    done = Rehearsal(link, "nan-taxel")
+    assert done.states == {GateState.RUN}
+    assert not any(tick.perception.contacts for tick in done.ticks)
+
+
+def test_04_nan_angle(link: SimulatedLink) -> None:
+    done = Rehearsal(link, "nan-angle", lasts=0.1)
+    assert done.states == {GateState.RUN, GateState.HOLD}
+    assert done.ticks[-1].sent.state is GateState.RUN
+    assert all(np.isfinite(tick.sent.position).all() for tick in done.ticks)
+
+
+def test_10_dropped_frames(link: SimulatedLink) -> None:
+    done = Rehearsal(link, "dropped-frames", lasts=0.2)
+    held = [tick.now for tick in done.ticks if tick.sent.state is GateState.HOLD]
+    assert held[0] - AT <= link.gate.stale_after + 2 * link.period
+    assert done.ticks[-1].sent.state is GateState.RUN
+    assert GateState.STOP not in done.states
+
+
+def no_effect(link: SimulatedLink, name: str) -> None:
+    assert Rehearsal(link, name, lasts=0.3).states == {GateState.RUN}
+
+
+def test_11_out_of_order(link: SimulatedLink) -> None:
+    no_effect(link, "out-of-order")
+
+
+def test_12_duplicates(link: SimulatedLink) -> None:
+    no_effect(link, "duplicates")
+
+
+def test_13_clock_jump(link: SimulatedLink) -> None:
+    before = time.time
+    no_effect(link, "clock-jump")
+    assert time.time is before
+
+
+def test_14_frozen_source(link: SimulatedLink) -> None:
+    assert Rehearsal(link, "frozen-source").stopped_after() < 0.15
+
+
+def rejected(link: SimulatedLink, name: str) -> None:
+    done = Rehearsal(link, name)
+    assert 0.09 < done.stopped_after() < 0.15
+    assert done.report.rejected == sum(tick.now >= AT - 1e-9 for tick in done.ticks)
+
+
+def test_15_wrong_taxel_count(link: SimulatedLink) -> None:
+    rejected(link, "wrong-taxel-count")
+    link.world.reset()
+    short = Rehearsal(SimulatedLink(link.robot, world=link.world), "wrong-taxel-count", lasts=0.05)
+    assert short.report.rejected > 0
+    assert short.states == {GateState.RUN}
+
+
+def test_35_wrong_type(link: SimulatedLink) -> None:
+    rejected(link, "wrong-type")
+
+
+def test_19_wrong_direction(link: SimulatedLink) -> None:
+    assert Rehearsal(link, "wrong-direction").stopped_after() < 0.3
+
+
+def test_20_stale_encoder(link: SimulatedLink) -> None:
+    assert Rehearsal(link, "stale-encoder").stopped_after() < 0.3
+
+
+def test_21_stall(link: SimulatedLink) -> None:
+    done = Rehearsal(link, "stall")
+    stopped = done.stopped_after()
+    settings = link.gate.settings.watch
+    for tick in done.ticks:
+        error = np.abs(tick.sent.position - tick.reading.joints.position[tick.sent.servos])
+        if (error > settings.following_error + settings.lag * np.abs(tick.sent.velocity)).any():
+            assert stopped <= tick.now - AT + settings.patience + 0.05
+            return
+    raise AssertionError("the error never was too large")
+
+
+def test_22_servo_off(link: SimulatedLink) -> None:
+    assert Rehearsal(link, "servo-off").stopped_after() < 0.01
+
+
+def test_23_mode_mismatch(link: SimulatedLink) -> None:
+    assert 0.45 < Rehearsal(link, "mode-mismatch").stopped_after() < 0.55
+
+
+def test_25_encoder_step(link: SimulatedLink) -> None:
+    assert Rehearsal(link, "encoder-step").stopped_after() < 0.01
+
+
+def test_41_overrun(link: SimulatedLink) -> None:
+    done = Rehearsal(link, "overrun")
+    assert done.report.overruns == 1
+    assert done.report.missed >= 3
+    assert done.states == {GateState.RUN, GateState.HOLD}
+    assert done.ticks[-1].sent.state is GateState.RUN
+
+
+def test_42_sigterm(link: SimulatedLink) -> None:
+    with pytest.raises(SystemExit) as ended:
+        Rehearsal(link, "sigterm")
+    assert ended.value.code == 143
+    assert link.gate.state is GateState.STOP
+    assert link.world.time < AT + 0.5
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_45_thread_fails(link: SimulatedLink) -> None:
+    with pytest.raises(RuntimeError, match="on purpose"):
+        Rehearsal(link, "thread-fails")
+    assert link.gate.state is GateState.STOP
+
+
+def test_28_link_lost(link: SimulatedLink) -> None:
+    with pytest.raises(LinkError, match="lost"):
+        Rehearsal(link, "link-lost")
+    assert link.gate.state is GateState.STOP
+    link.world.advance(link.world.time + 0.05)
+    assert np.abs(link.world.joints().velocity).max() < 0.02
+
+
+@pytest.mark.parametrize("name", ["taxel-stuck-high", "taxel-stuck-low", "dead-patch", "saturated-taxel"])
+def test_injectors_of_open_faults_do_what_they_say(link: SimulatedLink, name: str) -> None:
+    patch = link.robot.patches[0]
+    sound = link.read()
+    spoilt = INJECTORS[name](link, sound).read(sound).skin
+    values = {"taxel-stuck-low": patch.sensor.rest, "dead-patch": 0.0}
+    pressed = patch.sensor.lowest if patch.sensor.pascal_per_count < 0 else patch.sensor.highest
+    assert spoilt[0].patch == patch.name
+    assert spoilt[0].values[0] == values.get(name, pressed)
+    assert spoilt[1] is sound.skin[1]
+
+
+@pytest.mark.parametrize("text", ["stall", "stall@", "stall@-1", "stall@nan", "stall@1:0", "plague@1"])
+def test_a_plan_that_makes_no_sense_is_refused(text: str) -> None:
+    with pytest.raises(CommandError, match="valid"):
+        parse_fault(text)
+
+
+def test_a_plan_is_read() -> None:
+    assert parse_fault("stall@0.5:2") == FaultPlan("stall", 0.5, 2.0)

@@ -19,6 +19,7 @@ demo: run-env  ## set up, then poke a simulated NAO and a simulated iCub; writes
 	@$(VENV)/tci demo --out $(OUT)
 
 test: dev-env lint docs  ## set up, then lint, docs and all tests
+	@$(PYTHON) tools/peers.py
 	@$(VENV)/python -m pytest -n auto --dist loadgroup
 
 lint: dev-env  ## ruff and strict types

@@ -10,6 +10,9 @@ from pathlib import Path
 import pytest
 from matplotlib.image import imread
 
+from tci.model.catalogue import load_robot
+from tci.runtime.query import RobotFacts, query
+
 ROOT = Path(__file__).parent.parent.parent
 LISTING = """<generic_robot angle_unit="deg">
   <generic_robot_part name="icub_head">
@@ -45,6 +48,23 @@ def test_describe(robot: str) -> None:
     data = json.loads(tci("describe", robot, "--json"))
     assert len(data["skin"]) == 4
     assert all(0.0 <= patch["cone"]["rms_mm"] < 6.0 for patch in data["skin"])
+
+
+@pytest.mark.parametrize("robot", ["nao", "icub"])
+def test_describe_in_every_format(robot: str) -> None:
+    facts = json.loads(tci("describe", robot, "--format", "json"))
+    assert facts.pop("skin")
+    told, known = RobotFacts.model_validate_json(json.dumps(facts)), query(load_robot(robot))
+    assert told.servos == known.servos
+    assert told.links == known.links
+    assert [len(patch.taxels) for patch in told.patches] == [len(patch.taxels) for patch in known.patches]
+    dh = tci("describe", robot, "--format", "dh")
+    assert "classic convention" in dh
+    assert "modified convention" in dh
+    assert tci("describe", robot, "--format", "urdf").startswith('<?xml version="1.0"?>\n<robot name=')
+    chains = json.loads(tci("describe", robot, "--format", "kdl"))
+    assert {"left_arm", "right_arm", "head"} <= chains.keys()
+    assert "valid: table, json, dh, urdf, kdl" in tci("describe", robot, "--format", "yaml", status=1)
 
 
 def test_unknown_robot_lists_the_valid_ones() -> None:

@@ -7,22 +7,44 @@ from typing import Any
 import numpy as np
 from rich import box
 from rich.table import Table
+from scipy.spatial.transform import Rotation
 
 from tci.cli.console import console, print_json
+from tci.errors import UnknownNameError
 from tci.model.catalogue import load_robot
 from tci.model.cone import cone_of
 from tci.model.description import GenericPart, Robot
 from tci.model.kinematics import Kinematics
 from tci.model.surfaces import build_surface
+from tci.model.tree import Matrix
+from tci.model.urdf import to_urdf
+from tci.runtime.query import DHTable, dh_tables, query
+
+FORMATS = ("table", "json", "dh", "urdf", "kdl")
+"""What `tci describe` can print."""
 
 
-def describe(name: str, *, as_json: bool) -> None:
-    """Show a robot by name or file."""
+def describe(name: str, *, form: str, as_json: bool) -> None:
+    """Show a robot by name or file. Raises UnknownNameError for a format that is not known."""
+    if form not in FORMATS:
+        raise UnknownNameError("format", form, FORMATS)
     robot = load_robot(name)
+    if as_json or form == "json":
+        print_json({**query(robot).model_dump(mode="json"), "skin": _skin(robot)})
+    elif form == "urdf":
+        print(to_urdf(robot), end="")
+    elif form == "kdl":
+        chains = query(robot).chains
+        print_json({part: [s.model_dump(mode="json") for s in chain] for part, chain in chains.items()})
+    elif form == "dh":
+        for table in dh_tables(robot):
+            console.print(_dh_table(robot, table))
+    else:
+        _print_tables(robot)
+
+
+def _print_tables(robot: Robot) -> None:
     skin = _skin(robot)
-    if as_json:
-        print_json({**robot.model_dump(mode="json"), "skin": skin})
-        return
     console.print(f"[bold]{robot.name}[/]  {robot.title}")
     console.print(f"description {robot.source}\nsha256 {robot.digest}", style="dim", highlight=False)
     for part in robot.parts:
@@ -73,6 +95,28 @@ def _part_table(robot: Robot, part: GenericPart) -> Table:
             _degrees(generic.initial),
         )  # fmt: skip
     return table
+
+
+def _dh_table(robot: Robot, facts: DHTable) -> Table:
+    table = _table(
+        f"{facts.part}: torso to {facts.link}, {facts.convention} convention",
+        f"base {_pose(facts.base)}; tool {_pose(facts.tool)}. mm and degrees; a joint turns by theta + q",
+        "", "joint", "a", "alpha", "d", "theta",
+    )  # fmt: skip
+    for index, row in enumerate(facts.rows):
+        table.add_row(
+            str(index), robot.servos[row.servo].name, f"{1e3 * row.a:.2f}", f"{np.rad2deg(row.alpha):.3f}",
+            f"{1e3 * row.d:.2f}", f"{np.rad2deg(row.theta):.3f}",
+        )  # fmt: skip
+    return table
+
+
+def _pose(matrix: Matrix) -> str:
+    """Origin [mm] and rotation vector [degrees] of a frame."""
+    pose = np.array(matrix)
+    origin = " ".join(f"{1e3 * value:.1f}" for value in pose[:3, 3])
+    turn = np.rad2deg(Rotation.from_matrix(pose[:3, :3]).as_rotvec())
+    return f"at {origin}, turned {' '.join(f'{value:.1f}' for value in turn)}"
 
 
 def _degrees(angle: float | None) -> str:

@@ -119,15 +119,24 @@ def robots(as_json: AsJson = False) -> None:
 @app.command()
 def describe(
     robot: Annotated[str, typer.Argument(help="Robot by name, or a description file.")],
+    form: Annotated[
+        str,
+        typer.Option(
+            "--format",
+            "-f",
+            help="table; json: every fact, SI units; dh: Denavit-Hartenberg tables; "
+            "urdf: a model for Pinocchio and others; kdl: chains for OROCOS KDL.",
+        ),
+    ] = "table",
     as_json: AsJson = False,
 ) -> None:
     """Show a robot: its generic parts with their maps and limits, and its skin.
 
-    Example:  tci describe nao
+    Example:  tci describe nao --format dh
     """
     from tci.cli.describe import describe as command
 
-    command(robot, as_json=as_json)
+    command(robot, form=form, as_json=as_json)
 
 
 @app.command()

@@ -1,0 +1,34 @@
+"""Other programs that the tests start. A peer that is not there is named, with how to get it."""
+
+from __future__ import annotations
+
+import subprocess
+from functools import cache
+
+import pytest
+
+DEBIAN_PYTHON = "/usr/bin/python3"
+"""Debian's own Python, which has Debian's modules; the virtual environment has none of them."""
+
+
+@cache
+def _imports(module: str) -> bool:
+    try:
+        command = [DEBIAN_PYTHON, "-c", f"import {module}"]
+        return subprocess.run(command, capture_output=True, check=False).returncode == 0
+    except OSError:
+        return False
+
+
+def needs_debian_module(module: str, package: str) -> None:
+    """Go on only where Debian's Python can import `module`; elsewhere the test is named as not run."""
+    if not _imports(module):
+        pytest.skip(f"did not run: needs {module}; to get it, as root: apt-get install {package}")
+
+
+def debian_python(script: str, stdin: str) -> str:
+    """What a script prints that Debian's Python runs; its errors are ours."""
+    command = [DEBIAN_PYTHON, "-c", script]
+    answer = subprocess.run(command, input=stdin, capture_output=True, text=True, check=False)
+    assert answer.returncode == 0, answer.stderr
+    return answer.stdout

@@ -10,12 +10,14 @@ from __future__ import annotations
 
 import json
 import statistics
+import subprocess
 import sys
 import time
 from collections.abc import Callable
 
 import mujoco
 import numpy as np
+import pinocchio
 from rich.console import Console
 from rich.table import Table
 from ruckig import InputParameter, OutputParameter, Ruckig
@@ -26,10 +28,12 @@ from scipy.spatial import cKDTree
 import tci
 from tci.interface.contacts import ContactSettings, find_clusters
 from tci.interface.part import to_platform
-from tci.messages import GenericCommand, Mode
+from tci.messages import GenericCommand, JointReading, Mode
+from tci.model.chain import chain_to
+from tci.model.inverse import InverseKinematics
 from tci.model.kinematics import Kinematics
 from tci.model.mujoco_model import load_spec
-from tci.trials.same_stimulus import initial_joints
+from tci.model.urdf import to_urdf
 
 ROUNDS, CALLS = 7, 400
 
@@ -43,18 +47,24 @@ def microseconds(work: Callable[[], object]) -> float:
 
 def gate_and_ruckig(robot: tci.Robot) -> tuple[Callable[[], object], Callable[[], object]]:
     """Five joints in motion: the whole gate, with its check that it can stop, and one ruckig update."""
-    gate = tci.Gate(robot, period=0.002, stale_after=1e9)
-    joints = initial_joints(robot)
+    gate = tci.Gate(robot, period=0.002, stale_after=0.05)
+    position = np.array(robot.initial_position)
     near, far = robot.part("left_arm").initial_posture, np.deg2rad([60.0, 60.0, 30.0, 40.0, 30.0])
     commands = [
         to_platform(robot, GenericCommand("left_arm", Mode.POSITION, target)) for target in (near, far)
     ]
     count = 0
 
+    still = np.zeros(len(position))
+
     def ours() -> object:
         nonlocal count
         count += 1
-        return gate.step([commands[count // 40 % 2]] if count % 40 == 0 else [], joints, 0.0)
+        joints = JointReading(0.002 * count, count, position.copy(), still)
+        orders = [commands[count // 40 % 2]] if count % 40 == 0 else []
+        safe = gate.step(orders, joints, 0.002 * count)
+        position[safe.servos] = safe.position
+        return safe
 
     motion, request, answer = Ruckig(5, 0.002), InputParameter(5), OutputParameter(5)
     request.max_velocity, request.max_acceleration, request.max_jerk = [5.0] * 5, [60.0] * 5, [4800.0] * 5
@@ -98,15 +108,111 @@ def kinematics_and_mujoco(robot: tci.Robot) -> tuple[Callable[[], object], Calla
     return lambda: kinematics.poses(position, links), lambda: mujoco.mj_kinematics(model, data)
 
 
+def kinematics_and_pinocchio(robot: tci.Robot) -> tuple[Callable[[], object], Callable[[], object]]:
+    """Pose and Jacobian of a hand: ours relative to the torso, Pinocchio's in the world."""
+    kinematics, position = Kinematics(robot), robot.initial_position
+    model = pinocchio.buildModelFromXML(to_urdf(robot))
+    data, q, frame = model.createData(), pinocchio.neutral(model), model.getFrameId("LHand")
+    world = pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    return (
+        lambda: kinematics.pose_and_jacobian(position, "LHand"),
+        lambda: pinocchio.computeFrameJacobian(model, data, q, frame, world),
+    )
+
+
+def inverse_and_kdl(robot: tci.Robot) -> tuple[Callable[[], object], Callable[[], object]] | None:
+    """Poses of a hand: our inverse kinematics within limits, and KDL's LMA without, in Debian's Python.
+
+    None where python3-pykdl is not installed.
+    """
+    segments = [segment.model_dump(mode="json") for segment in chain_to(robot, "LHand")]
+    kinematics = Kinematics(robot)
+    servos = [segment["servo"] for segment in segments if segment["servo"] is not None]
+    limits = [robot.servos[servo].limits for servo in servos]
+    random, targets = np.random.default_rng(0), []
+    for _ in range(100):
+        posture = robot.initial_position.copy()
+        posture[servos] = random.uniform([limit.lower for limit in limits], [limit.upper for limit in limits])
+        targets.append(kinematics.poses(posture, ["LHand"])["LHand"])
+    start = robot.initial_position[servos].tolist()
+    request = json.dumps({"segments": segments, "targets": [t.tolist() for t in targets], "start": start})
+    try:
+        child = subprocess.Popen(
+            ["/usr/bin/python3", "-c", KDL], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+    except OSError:
+        return None
+    assert child.stdin is not None
+    assert child.stdout is not None
+    child.stdin.write(request + "\n")
+    child.stdin.flush()
+    if child.stdout.readline() != "ready\n":
+        return None
+    inverse = InverseKinematics(robot, kinematics, "LHand")
+    count = 0
+
+    def ours() -> object:
+        nonlocal count
+        count += 1
+        return inverse.solve(targets[count % len(targets)], robot.initial_position)
+
+    def peer() -> float:
+        """Microseconds of one solution, measured over there."""
+        child.stdin.write("go\n")  # type: ignore[union-attr]
+        child.stdin.flush()  # type: ignore[union-attr]
+        return float(child.stdout.readline())  # type: ignore[union-attr]
+
+    return ours, peer
+
+
+KDL = """
+import json, sys, time
+try:
+    import PyKDL as kdl
+except ImportError:
+    sys.exit()
+request = json.loads(sys.stdin.readline())
+def frame(rows):
+    R = kdl.Rotation(*[v for row in rows[:3] for v in row[:3]])
+    return kdl.Frame(R, kdl.Vector(*[row[3] for row in rows[:3]]))
+chain = kdl.Chain()
+for s in request["segments"]:
+    joint = kdl.Joint(s["name"]) if s["servo"] is None else kdl.Joint(
+        s["name"], kdl.Vector(*s["origin"]), kdl.Vector(*s["axis"]), kdl.Joint.RotAxis)
+    chain.addSegment(kdl.Segment(s["name"], joint, frame(s["tip"])))
+solver = kdl.ChainIkSolverPos_LMA(chain)
+start, found = kdl.JntArray(len(request["start"])), kdl.JntArray(len(request["start"]))
+for i, value in enumerate(request["start"]):
+    start[i] = value
+targets = [frame(rows) for rows in request["targets"]]
+print("ready", flush=True)
+for _ in sys.stdin:
+    begin = time.perf_counter()
+    for target in targets:
+        solver.CartToJnt(start, target, found)
+    print((time.perf_counter() - begin) / len(targets) * 1e6, flush=True)
+"""
+
+
 def main() -> None:
     rows = []
     robot = tci.load_robot("nao")
+    kdl = inverse_and_kdl(robot)
     for name, peer_name, pair in (
         ("gate, 5 joints moving", "one ruckig update", gate_and_ruckig(robot)),
         ("clusters of one touch", "SciPy k-d tree and components", clusters_and_scipy(robot)),
         ("forward kinematics, 4 links", "mj_kinematics", kinematics_and_mujoco(robot)),
+        ("pose and Jacobian of a hand", "Pinocchio", kinematics_and_pinocchio(robot)),
+        ("inverse kinematics, poses of a hand", "KDL (LMA, no limits)", kdl),
     ):
-        rounds = [(microseconds(pair[0]), microseconds(pair[1])) for _ in range(ROUNDS)]
+        if pair is None:
+            print(f"not measured: {name} beside {peer_name}; as root: apt-get install python3-pykdl")
+            continue
+        ours_work, peer_work = pair
+        if pair is kdl:
+            rounds = [(microseconds(ours_work), float(peer_work())) for _ in range(ROUNDS)]  # type: ignore[arg-type]
+        else:
+            rounds = [(microseconds(ours_work), microseconds(peer_work)) for _ in range(ROUNDS)]
         ours, peer = (statistics.median(times) for times in zip(*rounds, strict=True))
         ratios = sorted(a / b for a, b in rounds)
         rows.append(

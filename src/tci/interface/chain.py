@@ -30,8 +30,8 @@ class Chain:
     @property
     def driven(self) -> list[int]:
         """Places of the servos that are driven at a velocity other than zero."""
-        drive = np.nan_to_num(self.limiter.drive)
-        return np.flatnonzero(drive).tolist()
+        drive = self.limiter.drive
+        return np.flatnonzero(np.abs(drive) > 0.0).tolist()  # false for NaN
 
     def look_outside(self, measured: Array) -> None:
         """A coupled servo that is not commanded with these counts where it is `measured` (n_servos,) now."""

@@ -62,6 +62,7 @@ class Gate:
         self._tally = Tally()
         self._motion = Motion(robot, period=period, settings=self.settings, tally=self._tally)
         self._watch = Watch(robot, self.settings.watch)
+        self._told = self._motion.reference
         self._stopped = self._held = ""
         self._credit, self._before = 1.0, -np.inf
 
@@ -98,6 +99,7 @@ class Gate:
         self._stopped = ""
         self._watch.reset()
         self._motion.drop()
+        self._told = self._motion.reference
 
     def step(self, commands: Sequence[PlatformOrder], joints: JointReading, now: float) -> SafeCommand:
         """What may be written at time `now` [s], given new `commands` and the latest `joints`.
@@ -126,7 +128,7 @@ class Gate:
         self._tally.refusals += len(refusals)
         if self._is_due(now):
             clamped += self._motion.step(now)
-        told = self._motion.reference
+        told = self._told = self._motion.reference
         self._issued = SafeCommand(
             seal=self._seal,
             stamp=now,
@@ -158,7 +160,7 @@ class Gate:
         reason = fault_of_reading(self.robot, joints, now, self.stale_after)
         if not reason:
             self._motion.see(joints.position, joints.velocity)
-            if not self._stopped and (fault := self._watch.step(joints, self._motion.reference)):
+            if not self._stopped and (fault := self._watch.step(joints, self._told)):
                 self.stop(fault)
         reason, self._held = reason or self._held, ""
         if self._stopped:

@@ -242,7 +242,11 @@ class Motion:
 
         def clear(lowest: Array, highest: Array, stop: Trajectory) -> bool:
             chain = self._chains[group]
-            if body.covers(self._whole(chain, lowest), self._whole(chain, highest)):
+            low, high = self._whole(chain, lowest), self._whole(chain, highest)
+            if body.covers(low, high):
+                return True
+            body.look((low + high) / 2.0)
+            if body.covers(low, high):
                 return True
             times = np.linspace(0.0, stop.duration, LOOKS)
             path = [self._whole(chain, np.array(stop.at_time(time)[0]), time) for time in times]

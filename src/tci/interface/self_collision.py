@@ -41,6 +41,11 @@ class SelfCollision:
         farthest = np.maximum(np.abs(lower - self._posture), np.abs(upper - self._posture))
         return bool(self._distance - farthest @ self._clearance.levers > self.margin)
 
+    def look(self, position: Array) -> None:
+        """Measure at `position` (n_servos,) [rad], so that what lies around it may be covered."""
+        self._posture = position
+        self._distance = self._clearance.gap(position, within=SIGHT).distance
+
     def fault(self, path: Array) -> str:
         """Why a motion along `path` (k, n_servos) [rad] must not be made; empty when it may.
 
@@ -50,9 +55,8 @@ class SelfCollision:
         for point in self._refined(path):
             if self._distance - np.abs(point - self._posture) @ self._clearance.levers > self.margin:
                 continue
-            gap = self._clearance.gap(point, within=SIGHT)
-            self._posture, self._distance = point, gap.distance
-            if gap.distance > self.margin:
+            self.look(point)
+            if self._distance > self.margin:
                 continue
             now = self._clearance.gaps(here, within=self.margin)
             then = self._clearance.gaps(point, within=self.margin)

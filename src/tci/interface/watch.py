@@ -137,6 +137,8 @@ class Watch:
     def _fault_of_motion(self, joints: JointReading, before: JointReading, reference: Reference) -> str:
         s, now = self.settings, joints.stamp
         servos = reference.servos
+        if not servos.size:
+            return ""
         judged = np.array([mode in JUDGED for mode in reference.modes], dtype=bool)
         measured = joints.position[servos]
         moved = measured - before.position[servos]

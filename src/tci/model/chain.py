@@ -12,7 +12,7 @@ import numpy as np
 from tci.errors import UnknownNameError
 from tci.frames import Array, invert
 from tci.model.description import Robot, Vector, Words
-from tci.model.tree import Inertia, Link, Matrix, links_of, rows, vector
+from tci.model.tree import Inertia, KinematicLink, Matrix, links_of, rows, vector
 
 
 class ChainSegment(Words):
@@ -43,7 +43,7 @@ def chain_to(robot: Robot, link: str) -> tuple[ChainSegment, ...]:
     if link not in by_name:
         raise UnknownNameError("link of the kinematic model", link, by_name)
     torso = robot.model.torso_link
-    path: list[Link] = []
+    path: list[KinematicLink] = []
     at = by_name[link]
     while at.name != torso and at.parent:
         path.insert(0, at)
@@ -65,14 +65,14 @@ def ends_of(robot: Robot) -> dict[str, str]:
     return ends
 
 
-def _fixed(link: Link, pose: Array) -> ChainSegment:
+def _fixed(link: KinematicLink, pose: Array) -> ChainSegment:
     zero = (0.0, 0.0, 0.0)
     return ChainSegment(
         name=link.name, servo=None, axis=zero, origin=zero, tip=rows(pose), inertia=link.inertia
     )
 
 
-def _segment(link: Link) -> ChainSegment:
+def _segment(link: KinematicLink) -> ChainSegment:
     pose = np.array(link.pose)
     if link.servo is None:
         return _fixed(link, pose)

@@ -29,12 +29,12 @@ class Inertia(Words):
     """(3, 3) [kg m2] about the centre of mass, along the link's axes."""
 
 
-class Link(Words):
+class KinematicLink(Words):
     """One link of the tree."""
 
     name: str
     parent: str
-    """Link that carries it; empty for the root."""
+    """KinematicLink that carries it; empty for the root."""
     pose: Matrix
     """`T_PL` (4, 4): the link in its parent, all joints at zero."""
     servo: int | None
@@ -47,7 +47,7 @@ class Link(Words):
     """None where the model says nothing."""
 
 
-def links_of(robot: Robot) -> tuple[Link, ...]:
+def links_of(robot: Robot) -> tuple[KinematicLink, ...]:
     """All links, each after its parent. Joints that are no servo's are fixed at zero.
 
     Raises DescriptionError when the robot has no model, or the model lacks a joint.
@@ -64,7 +64,7 @@ def links_of(robot: Robot) -> tuple[Link, ...]:
         joints = range(int(model.body_jntadr[body]), int(model.body_jntadr[body] + model.body_jntnum[body]))
         moving = next((joint for joint in joints if joint in servo_of), None)
         links.append(
-            Link(
+            KinematicLink(
                 name=name,
                 parent=str(model.body(parent).name) if parent else "",
                 pose=rows(transform(_rotation(model.body_quat[body]), model.body_pos[body])),

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from tci.errors import DescriptionError, Fault
 from tci.frames import Array
 from tci.model.description import Robot
-from tci.model.tree import Link, links_of
+from tci.model.tree import KinematicLink, links_of
 
 TORSO = "tci_torso"
 """Name of the added link that is the torso frame."""
@@ -48,7 +48,7 @@ def to_urdf(robot: Robot) -> str:
     return '<?xml version="1.0"?>\n' + text
 
 
-def _link(link: Link) -> etree._Element:
+def _link(link: KinematicLink) -> etree._Element:
     if link.inertia is None:
         return E.link(name=link.name)
     (ixx, ixy, ixz), (_, iyy, iyz), (_, _, izz) = link.inertia.tensor
@@ -63,7 +63,7 @@ def _link(link: Link) -> etree._Element:
     )
 
 
-def _joint(robot: Robot, link: Link, parent: str) -> etree._Element:
+def _joint(robot: Robot, link: KinematicLink, parent: str) -> etree._Element:
     pose = np.array(link.pose)
     if link.servo is None:
         children = [_origin(pose), E.parent(link=parent), E.child(link=link.name)]

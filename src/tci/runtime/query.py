@@ -17,7 +17,7 @@ from tci.model.description import Coupling, GenericPart, Robot, Servo, Vector, W
 from tci.model.joint_map import joint_map
 from tci.model.kinematics import Kinematics
 from tci.model.surfaces import build_surface
-from tci.model.tree import Link, Matrix, links_of, rows, vector
+from tci.model.tree import KinematicLink, Matrix, links_of, rows, vector
 
 CONVENTIONS: tuple[Convention, ...] = ("classic", "modified")
 """Of Denavit-Hartenberg tables."""
@@ -103,7 +103,7 @@ class RobotFacts(Words):
     parts: tuple[GenericPart, ...]
     generic_limits: dict[str, tuple[GenericLimits, ...]]
     """By part."""
-    links: tuple[Link, ...]
+    links: tuple[KinematicLink, ...]
     """Frames and inertias; empty without a kinematic model, as is all that follows."""
     torso_link: str
     torso_pose: Matrix

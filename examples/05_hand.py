@@ -1,0 +1,21 @@
+"""Tell a hand where to be: the same numbers on every robot, in arm lengths from the shoulder."""
+
+import numpy as np
+
+import tci
+from tci.interface.body import Body
+from tci.interface.cartesian import reach_of
+from tci.messages import CartesianCommand
+
+TARGET = np.array([0.55, 0.10, -0.55])  # forward, left, up, in the arm's mount frame
+
+robot = tci.load_robot("nao")
+body = Body(robot)
+with tci.connect(robot, "sim") as link:
+    for now in link.ticks(duration=1.5):
+        joints = link.read().joints
+        wanted = [CartesianCommand("left_arm", TARGET)] if now == 0.0 else []
+        link.write(link.gate.step(body.to_platform(wanted, joints), joints, now))
+    reach = reach_of(robot, "left_arm", "hand")
+    missed = np.linalg.norm(reach.place(link.read().joints.position) - TARGET) * reach.length
+    print(f"{robot.name}: {1e3 * missed:.2f} mm from its target")

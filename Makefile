@@ -4,7 +4,7 @@ VENV := .venv/bin
 export OPENBLAS_NUM_THREADS ?= 1
 OUT ?= out
 
-.PHONY: help demo test lint docs bench soak fuzz lock clean run-env dev-env
+.PHONY: help demo test lint docs bench soak fuzz reliability lock clean run-env dev-env
 
 help:  ## show this list
 	@grep -E '^[a-z]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 8
@@ -38,6 +38,9 @@ soak: dev-env  ## hostile commands through the gate for longer (TCI_SOAK=cycles)
 
 fuzz: dev-env  ## damaged robot descriptions for longer (TCI_FUZZ=files)
 	@TCI_FUZZ=$${TCI_FUZZ:-20000} $(VENV)/python -m pytest -q tests/model/test_xml.py -k damaged
+
+reliability: dev-env  ## the scoreboard of docs/reliability.md (FULL=1: full size); writes reliability.json
+	@OUT=$(OUT) FULL=$(FULL) $(VENV)/python tools/reliability
 
 lock:  ## renew requirements/*.txt (needs uv)
 	uv pip compile --universal --python-version 3.11 --generate-hashes --index-url https://pypi.org/simple --no-emit-index-url \

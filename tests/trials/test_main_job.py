@@ -44,12 +44,26 @@ def run_at(rate: float, mode: Mode) -> Report:
 CASES = [(50.0, Mode.POSITION), (100.0, Mode.POSITION), (50.0, Mode.VELOCITY), (50.0, Mode.IMPEDANCE)]
 
 
-@pytest.fixture(scope="module", params=CASES, ids=lambda case: f"{case[0]:g}Hz-{case[1].value}")
+GROUPS = ["stiff-and-soft", "fast-skin", "velocity", "stiff-and-soft"]
+"""Tests of one group run in one process, which runs each experiment once."""
+
+
+def name_of(case: tuple[float, Mode]) -> str:
+    return f"{case[0]:g}Hz-{case[1].value}"
+
+
+@pytest.fixture(
+    scope="module",
+    params=[
+        pytest.param(case, marks=pytest.mark.xdist_group(group), id=name_of(case))
+        for case, group in zip(CASES, GROUPS, strict=True)
+    ],
+)
 def report(request: pytest.FixtureRequest) -> tuple[float, Report]:
     return request.param[0], run_at(*request.param)
 
 
-@pytest.mark.xdist_group("modes")
+@pytest.mark.xdist_group("stiff-and-soft")
 def test_impedance_presses_less_than_position() -> None:
     """The peak is lower, or the finger's impact made it, before any robot can answer."""
     position, impedance = (run_at(50.0, mode).trials for mode in (Mode.POSITION, Mode.IMPEDANCE))

@@ -103,6 +103,8 @@ class PatchState:
     """Pressure (taxels,) [Pa], never negative."""
     force: Array
     """Normal force (taxels,) [N]: pressure times the taxel's area."""
+    masked: NDArray[np.bool_] | None = None
+    """Which taxels (taxels,) are ignored because they can't be trusted; None: none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,7 +10,7 @@ import numpy as np
 
 from tci.errors import FrameError, TciError, UnknownNameError
 from tci.frames import Array, apply, invert, transform
-from tci.interface.conditioning import Conditioner
+from tci.interface.conditioning import Conditioner, ConditioningSettings, PatchHealth
 from tci.interface.part import generic_posture
 from tci.messages import JointReading, PatchState, Reading, SkinFrame, SkinState
 from tci.model.description import GenericPart, Patch, Robot, Segment
@@ -28,8 +28,8 @@ RESTART = 1.0
 class Skin:
     """The whole skin of one robot."""
 
-    def __init__(self, robot: Robot) -> None:
-        """Build the surface of every patch.
+    def __init__(self, robot: Robot, *, conditioning: ConditioningSettings | None = None) -> None:
+        """Build the surface of every patch; `conditioning` says how frames become pressures.
 
         Raises TciError for a patch that is not on a limb, and what Kinematics and build_surface raise.
         """
@@ -42,7 +42,13 @@ class Skin:
         )
         """Taxels of every patch, in its link, by patch name."""
         self._conditioners = {
-            patch.name: Conditioner(patch, self.surfaces[patch.name].channels) for patch in robot.patches
+            patch.name: Conditioner(
+                patch,
+                self.surfaces[patch.name].channels,
+                neighbours=self.surfaces[patch.name].neighbours,
+                settings=conditioning,
+            )
+            for patch in robot.patches
         }
         segments = [robot.part(patch.part).segment(patch.segment) for patch in robot.patches]
         links = [patch.link for patch in robot.patches] + [segment.link for segment in segments]
@@ -56,6 +62,17 @@ class Skin:
         """What was not used until now: `values_dropped` and `frames_late`."""
         dropped = sum(conditioner.dropped for conditioner in self._conditioners.values())
         return {"values_dropped": dropped, "frames_late": self._late}
+
+    @property
+    def health(self) -> dict[str, PatchHealth]:
+        """How much of each patch can be trusted, by its name."""
+        return {name: conditioner.health for name, conditioner in self._conditioners.items()}
+
+    def rezero(self, patch: str) -> None:
+        """What a patch reads now is rest. Raises UnknownNameError for an unknown patch."""
+        if patch not in self._conditioners:
+            raise UnknownNameError("skin patch", patch, self._conditioners)
+        self._conditioners[patch].rezero()
 
     def update(self, reading: Reading) -> SkinState:
         """What the skin feels now. A patch that has not sent yet is absent.
@@ -94,11 +111,14 @@ class Skin:
         if frame.patch not in self._conditioners:
             valid = ", ".join(self._conditioners) or "(none)"
             raise FrameError(f"{self.robot.name} has no skin patch {frame.patch!r}; valid: {valid}")
-        pressure = self._conditioners[frame.patch].pressure(frame.values)
+        conditioner = self._conditioners[frame.patch]
+        pressure = conditioner.pressure(frame.values, frame.stamp)
         force = pressure * self.surfaces[frame.patch].areas
         pressure.setflags(write=False)
         force.setflags(write=False)
-        return PatchState(frame.patch, frame.stamp, frame.sequence, pressure, force)
+        masked = conditioner.masked
+        masked.setflags(write=False)
+        return PatchState(frame.patch, frame.stamp, frame.sequence, pressure, force, masked)
 
     def positions(self, patch: str, joints: JointReading, *, frame: FrameName = "link") -> Array:
         """Taxel positions (taxels, 3) [m] at the present posture (eq. 3).

@@ -179,7 +179,7 @@ class GenericPart(Words):
 
 
 class Sensor(Words):
-    """How raw values become pressure: pressure = (raw - rest) * pascal_per_count, at least 0."""
+    """How raw values become pressure: (raw - rest) * pascal_per_count, or by a response curve; at least 0."""
 
     rest: float
     """Raw value with nothing touching."""
@@ -189,6 +189,33 @@ class Sensor(Words):
     """Smallest raw value that the sensor can send."""
     highest: float
     """Largest raw value that the sensor can send."""
+    noise: float = 0.0
+    """Standard deviation [counts] of its values at rest, to start with: the rest is learnt."""
+    response: tuple[tuple[float, float], ...] = ()
+    """Pairs of counts away from rest and pressure [Pa], both rising from 0, 0, for a sensor that is not
+    linear; straight lines between them and beyond. Empty: pascal_per_count is all there is."""
+
+    def pressure(self, counts: Array) -> Array:
+        """Pressure [Pa] of deviations from rest [counts], positive with pressure."""
+        if not self.response:
+            return counts * abs(self.pascal_per_count)
+        return _along(counts, *np.array(self.response).T)
+
+    def counts(self, pressure: Array) -> Array:
+        """Deviations from rest [counts] of pressures [Pa]: the inverse."""
+        if not self.response:
+            return pressure / abs(self.pascal_per_count)
+        counts, pascal = np.array(self.response).T
+        return _along(pressure, pascal, counts)
+
+
+def _along(values: Array, nodes: Array, results: Array) -> Array:
+    """Straight lines through points (m,), beyond the last too. Values below 0 are 0."""
+    values = np.maximum(values, 0.0)
+    slope = (results[-1] - results[-2]) / (nodes[-1] - nodes[-2])
+    beyond = np.maximum(values - nodes[-1], 0.0) * slope
+    result: Array = np.interp(values, nodes, results) + beyond
+    return result
 
 
 class TruncatedCone(Words):

@@ -119,6 +119,10 @@ INITIAL_POSITIONS = Element(
     some={"servo": Element(needs={"destination_servo_id": ID, "pos": Angle()})},
 )
 
+RESPONSE_POINT = Element(
+    needs={"counts": Number(0.0, 1e9, unit="counts"), "pressure": Number(0.0, 1e9, unit="Pa")}
+)
+
 SEGMENT = Element(needs={"name": NAME, "link": NAME, "length": LENGTH}, may={"origin": POINT})
 
 KINDS = ("arm", "head", "torso", "leg", "hand", "other")
@@ -143,7 +147,9 @@ PATCH = Element(
     },
     must={
         "sensor": Element(
-            needs={"rest": Number(), "pascal_per_count": Number(), "min": Number(), "max": Number()}
+            needs={"rest": Number(), "pascal_per_count": Number(), "min": Number(), "max": Number()},
+            may={"noise": Number(0.0, 1e6, unit="counts")},
+            once={"response": Element(some={"point": RESPONSE_POINT})},
         ),
     },
     once={

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from tci.model.description import Patch, Sensor, Table, TriangularModules, TruncatedCone
 from tci.model.xml_document import Faults
 from tci.model.xml_model import beside
@@ -63,7 +65,25 @@ def _sensor(patch: Node, faults: Faults) -> Sensor | None:
             f"sensor: with pascal_per_count {slope:g} and rest {rest:g} no raw value from {lowest:g} to "
             f"{highest:g} is a pressure above 0",
         )
-    return Sensor(rest=rest, pascal_per_count=slope, lowest=lowest, highest=highest)
+    return Sensor(
+        rest=rest, pascal_per_count=slope, lowest=lowest, highest=highest,
+        noise=node.get("noise", 0.0), response=_response(node, faults),
+    )  # fmt: skip
+
+
+def _response(sensor: Node, faults: Faults) -> tuple[tuple[float, float], ...]:
+    """The points of a response curve: counts away from rest, and pressure [Pa]."""
+    node = sensor.first("response")
+    if node is None:
+        return ()
+    points = [(point.get("counts"), point.get("pressure")) for point in node.all("point") if point.ok]
+    steps = np.diff(points, axis=0) if len(points) > 1 else np.zeros((0, 2))
+    if len(points) < 2 or points[0] != (0.0, 0.0) or not np.all(steps > 0.0):
+        faults.add(
+            node.line, "response: at least 2 points, the first at counts 0 and pressure 0, both rising"
+        )
+        return ()
+    return tuple(points)
 
 
 def _surface(patch: Node, source: Path, faults: Faults) -> TruncatedCone | TriangularModules | Table | None:

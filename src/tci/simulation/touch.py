@@ -148,7 +148,7 @@ class Touch:
         """Raw values (channels,) of `pressure` (taxels,) [Pa]; pads and absent taxels stay at rest."""
         sensor = self.patch.sensor
         values = np.full(self.patch.channels, sensor.rest)
-        values[self.surface.channels] += pressure / sensor.pascal_per_count
+        values[self.surface.channels] += np.sign(sensor.pascal_per_count) * sensor.counts(pressure)
         if self._noise:
             values += self._generator.normal(0.0, self._noise, len(values))
         counts = np.clip(np.rint(values), sensor.lowest, sensor.highest)

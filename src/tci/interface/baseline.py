@@ -1,7 +1,7 @@
 """What taxels read at rest: learnt while nothing touches them, and moved along with the patch's drift.
 
 Warmth moves all taxels of a patch alike, a touch moves few of them: so the median of the quiet taxels is
-drift, and counts for the touched ones too. A touched taxel's own rest value stays, however long the touch lasts.
+drift, and counts for the touched ones too. A touched taxel's own rest value stays, however long it lasts.
 """
 
 from __future__ import annotations

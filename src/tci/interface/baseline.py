@@ -25,7 +25,7 @@ class BaselineSettings:
     """Time constant [s] with which a quiet taxel's own rest value is followed."""
     release: float = 1.0
     """Time constant [s] for a taxel that reads below rest: pressure is never negative."""
-    noise: float = 5.0
+    noise: float = 10.0
     """Time constant [s] of the noise estimate."""
     quiet: float = 2.0
     """Deviation [counts] below which a taxel counts as quiet, however small its noise."""
@@ -49,13 +49,18 @@ class Baseline:
         """Rest value (n,) [counts] beyond the description's, positive with pressure."""
         self.noise = np.full(count, noise)
         """Standard deviation (n,) [counts] of the noise."""
+        self._middle = noise
         self._slew = settings.drift_rate * span
         self._last: Array | None = None
 
     @property
     def threshold(self) -> Array:
-        """Deviation (n,) [counts] from which a taxel feels something."""
-        return self.settings.threshold * self.noise
+        """Deviation (n,) [counts] from which a taxel feels something.
+
+        No taxel is taken to be quieter than the median of its patch: few frames are no proof of that.
+        """
+        threshold: Array = self.settings.threshold * np.maximum(self.noise, self._middle)
+        return threshold
 
     def rezero(self) -> None:
         """What the taxels read now is rest."""
@@ -81,6 +86,7 @@ class Baseline:
             # The mean difference of two readings with normal noise is 1.128 standard deviations.
             share = min(elapsed / s.noise, 1.0)
             self.noise += np.where(quiet, share * (step / 1.128 - self.noise), 0.0)
+            self._middle = float(np.median(self.noise))
             deviation = signal - self.offset
         self._last = signal
         return deviation

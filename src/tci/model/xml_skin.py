@@ -79,7 +79,7 @@ def _response(sensor: Node, faults: Faults) -> tuple[tuple[float, float], ...]:
     points = [(point.get("counts"), point.get("pressure")) for point in node.all("point") if point.ok]
     steps = np.diff(points, axis=0) if len(points) > 1 else np.zeros((0, 2))
     if len(points) < 2 or points[0] != (0.0, 0.0) or not np.all(steps > 0.0):
-        faults.add(node.line, "response: valid are 2 points or more, from counts 0 and pressure 0, both rising")
+        faults.add(node.line, "response: valid are 2 points or more, from 0 counts and 0 Pa, both rising")
         return ()
     return tuple(points)
 

@@ -1,0 +1,146 @@
+"""iCub's own conventions for contacts, so that results compare with skinManager's.
+
+A contact is a set of taxels within 12 mm of each other (single link). Its geometric centre is the mean of
+their positions, its pressure the mean of their values, its force -0.05 N per taxel and unit of pressure along
+the mean normal. Written from the conventions (facts and measurements), with none of skinManager's code.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from tci.errors import FrameError
+from tci.frames import Array, read_only
+
+NEIGHBOUR = 0.012
+"""Distance [m] within which taxels are neighbours (skinManager's maxNeighborDist)."""
+FORCE = 0.05
+"""Force [N] per taxel and unit of pressure."""
+SKIN_PARTS = (
+    "unknown", "left_hand", "left_forearm", "left_arm", "right_hand", "right_forearm", "right_arm", "torso",
+    "left_leg_upper", "left_leg_lower", "left_foot", "right_leg_upper", "right_leg_lower", "right_foot",
+)  # fmt: skip
+"""Names of the parts of the skin by their number."""
+LONGEST_LINE = 1_000_000
+"""Characters of a line that are read. Ours: 30 contacts take 20 000."""
+_TOKEN = re.compile(r"\s*(\(|\)|[^\s()]+)")
+_DEEPEST = 8
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SkinContact:
+    """One contact in skinManager's terms, in the frame of the skin part's position file."""
+
+    id: int
+    """Counts up with each new contact."""
+    body_part: int
+    """1 torso, 2 head, 3 and 4 arms, 5 and 6 legs."""
+    link: int
+    """Number of the link in that part."""
+    skin_part: int
+    """Index into SKIN_PARTS."""
+    centre: Array
+    """Centre of pressure (3,) [m]."""
+    force: Array
+    """(3,) [N]"""
+    moment: Array
+    """(3,) [N m]"""
+    geometric_centre: Array
+    """Mean of the taxels' positions (3,) [m]."""
+    normal: Array
+    """Mean of the taxels' normals (3,), not normalised."""
+    taxels: NDArray[np.intp]
+    """Indices (n,) of its taxels in the skin part."""
+    pressure: float
+    """Mean of the taxels' values."""
+
+
+def contact_force(taxels: int, pressure: float, normal: Array) -> Array:
+    """Force (3,) [N] of a contact of so many taxels: F = -0.05 n p normal."""
+    force: Array = -FORCE * taxels * pressure * normal
+    return force
+
+
+def partition(positions: Array, taxels: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+    """Contacts among active `taxels` (k,) by the positions (n, 3) [m] of all: single-link clusters.
+
+    Each holds its taxels in ascending order, the one with the smallest taxel comes first.
+    """
+    active = np.unique(taxels)
+    pairs = cKDTree(positions[active]).query_pairs(NEIGHBOUR, output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(active), len(active)))
+    count, labels = connected_components(graph, directed=False)
+    found = [active[labels == label] for label in range(count)]
+    return sorted(found, key=lambda cluster: int(cluster[0]))
+
+
+def read_skin_events(path: Path) -> Iterator[tuple[float, tuple[SkinContact, ...]]]:
+    """Stamp [s] and contacts of each line of a yarpdatadumper log of /skinManager/skin_events:o.
+
+    Raises FrameError with the line for anything else.
+    """
+    with path.open(encoding="ascii", errors="replace") as file:
+        for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE + 1), ""), start=1):
+            try:
+                yield _parse_line(line)
+            except (ValueError, IndexError, TypeError) as error:
+                raise FrameError(
+                    f"{path}, line {number}: {error}; valid: index, stamp, and contacts "
+                    "((id body link skin) (CoP) (F) (M) (centre) (normal) (taxels) pressure)"
+                ) from error
+
+
+def _parse_line(line: str) -> tuple[float, tuple[SkinContact, ...]]:
+    if len(line) > LONGEST_LINE:
+        raise ValueError(f"longer than {LONGEST_LINE} characters")
+    _, stamp, *contacts = _parse(line)
+    return float(stamp), tuple(_contact(contact) for contact in contacts)
+
+
+def _contact(fields: list) -> SkinContact:  # type: ignore[type-arg]
+    (id, body, link, skin), *vectors, taxels, pressure = fields
+    if len(vectors) != 5 or not all(isinstance(field, list) for field in (*vectors, taxels)):
+        raise ValueError(f"a contact of {len(fields)} fields, or a number where a list belongs")
+    numbers = [read_only([float(value) for value in vector]) for vector in vectors]
+    if any(vector.shape != (3,) or not np.isfinite(vector).all() for vector in numbers):
+        raise ValueError("a vector that has not 3 finite numbers")
+    if not np.isfinite(float(pressure)):
+        raise ValueError(f"pressure {pressure}")
+    if not 0 <= int(skin) < len(SKIN_PARTS):
+        raise ValueError(f"skin part {skin}")
+    indices = read_only([int(taxel) for taxel in taxels], np.intp)
+    if (indices < 0).any():
+        raise ValueError("a taxel below 0")
+    centre, force, moment, geometric_centre, normal = numbers
+    return SkinContact(
+        id=int(id), body_part=int(body), link=int(link), skin_part=int(skin), centre=centre, force=force,
+        moment=moment, geometric_centre=geometric_centre, normal=normal, taxels=indices,
+        pressure=float(pressure),
+    )  # fmt: skip
+
+
+def _parse(text: str) -> list:  # type: ignore[type-arg]
+    """A bottle in text: words, and lists in parentheses."""
+    stack: list[list] = [[]]  # type: ignore[type-arg]
+    for token in _TOKEN.findall(text):
+        if token == "(":
+            stack.append([])
+            if len(stack) > _DEEPEST:
+                raise ValueError("lists nested too deep")
+        elif token == ")":
+            done = stack.pop()
+            stack[-1].append(done)
+        else:
+            stack[-1].append(token)
+    if len(stack) != 1:
+        raise ValueError("a list that is not closed")
+    return stack[0]

@@ -11,7 +11,17 @@ import tci
 
 ROOT = Path(tci.__file__).parent
 WORDS = ("errors", "clock", "frames", "messages")
-LAYERS = ("model", "interface", "capabilities", "simulation", "middleware", "runtime", "trials", "cli")
+LAYERS = (
+    "model",
+    "interface",
+    "capabilities",
+    "recording",
+    "simulation",
+    "middleware",
+    "runtime",
+    "trials",
+    "cli",
+)
 RANK = {**dict.fromkeys(WORDS, 0), **{name: rank for rank, name in enumerate(LAYERS, start=1)}}
 MODULES = sorted(path for path in ROOT.rglob("*.py") if path != ROOT / "__init__.py")
 

@@ -58,6 +58,10 @@ class LinkError(TciError):
     """A link can't be opened, is closed, or was given something that no gate made."""
 
 
+class RecordingError(TciError):
+    """A recording can't be written, is no recording, or does not belong to this robot."""
+
+
 class MissingExtraError(TciError):
     """An optional package is not installed; the message says how to install it."""
 

@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from tci.cli.fault import app as fault_app
+from tci.cli.log import app as log_app
 from tci.cli.skin import app as skin_app
 from tci.errors import DescriptionError, TciError
 
@@ -24,6 +25,7 @@ app = typer.Typer(
 
 app.add_typer(skin_app, name="skin")
 app.add_typer(fault_app, name="fault")
+app.add_typer(log_app, name="log")
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for programs instead of a table.")]
 
@@ -93,6 +95,7 @@ def run(
     arm: Annotated[bool, typer.Option("--arm", help="Let it move; a simulated robot always may.")] = False,
     poke: Annotated[bool, typer.Option("--poke", help="A simulated finger pokes the left forearm.")] = False,
     fault: Faults = None,
+    record: Annotated[Path | None, typer.Option(help="Record all of it to this new file (.mcap).")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Run a capability on a robot, and tell what gate and loop do.
@@ -100,12 +103,41 @@ def run(
     Exit status 1 when the robot had to stop. A real robot is read-only without --arm.
 
     Example:  tci run withdrawal --robot nao --duration 1 --poke --fault stall@0.32
+
+    Example:  tci run withdrawal --robot nao --via replay:touch.mcap
     """
     from tci.cli.run import run_capability
 
     run_capability(
-        capability, robot, via=via, duration=duration, arm=arm, poke=poke, faults=fault or [], as_json=as_json
+        capability,
+        robot,
+        via=via,
+        duration=duration,
+        arm=arm,
+        poke=poke,
+        faults=fault or [],
+        record=record,
+        as_json=as_json,
     )
+
+
+@app.command()
+def record(
+    file: Annotated[Path, typer.Argument(help="The recording to write (.mcap), a new file.")],
+    robot: Annotated[str, typer.Option("--robot", "-r", help="Robot by name or description file.")],
+    via: Annotated[str, typer.Option(help="Link to it, NAME or NAME:ADDRESS.")] = "sim",
+    duration: Annotated[float | None, typer.Option(help="How long [s]; else until interrupted.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Record what a robot senses, raw. Nothing is commanded, and no robot has to be armed.
+
+    `tci run --record` records a behaviour too. Look with tci log; replay with --via replay:FILE.
+
+    Example:  tci record touch.mcap --robot nao --duration 10
+    """
+    from tci.cli.record import record as command
+
+    command(file, robot, via=via, duration=duration, as_json=as_json)
 
 
 @app.command()

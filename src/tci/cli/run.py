@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Sequence
 from importlib.metadata import entry_points
+from pathlib import Path
 from typing import Any
 
 from rich.live import Live
@@ -14,22 +15,27 @@ from rich.text import Text
 from tci.capabilities.capability import Capability
 from tci.capabilities.fields import default_fields
 from tci.cli.console import console, print_json
+from tci.cli.record import about_capability, recorder_for, summary
 from tci.errors import CommandError, UnknownNameError
 from tci.interface.gate import GateState
 from tci.interface.places import find_place
 from tci.interface.skin import Skin
-from tci.messages import GenericCommand
+from tci.messages import GenericCommand, Mode
 from tci.middleware.fault_list import FAULTS
 from tci.middleware.faulty import FaultyLink, parse_fault
 from tci.middleware.injectors import INJECTORS
 from tci.middleware.link import Link
+from tci.middleware.replay import ReplayLink
 from tci.middleware.simulated import SimulatedLink
 from tci.model.catalogue import load_robot
+from tci.recording.recorder import Recorder
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport
 from tci.runtime.registry import connect
 
 GROUP = "tci.capabilities"
+HARMLESS = ("sim", "replay")
+"""Links behind which nothing moves; they are armed without being asked."""
 COLOURS = {GateState.RUN: "green", GateState.HOLD: "yellow", GateState.STOP: "bold red"}
 MEANING = {
     GateState.RUN: "commands pass, within limits",
@@ -61,6 +67,7 @@ class Teller:
         self._state = (GateState.RUN, "")
         self._told_faults = 0
         self._refused = ""
+        self._modes: dict[str, Mode] = {}
 
     def see(self, tick: Tick) -> None:
         """One tick of the loop."""
@@ -102,9 +109,9 @@ class Teller:
         return bool(refused)
 
     def _command(self, now: float, command: GenericCommand) -> None:
-        said = f"{command.part} in {command.mode.value} mode"
-        if not any(event["kind"] == "command" and event["words"] == said for event in self.events[-1:]):
-            self.tell(now, "command", said, "cyan")
+        if self._modes.get(command.part) is not command.mode:
+            self._modes[command.part] = command.mode
+            self.tell(now, "command", f"{command.part} in {command.mode.value} mode", "cyan")
 
     def _line(self, tick: Tick) -> Text:
         state = tick.sent.state
@@ -127,6 +134,7 @@ def run_capability(
     arm: bool = False,
     poke: bool = False,
     faults: Sequence[str] = (),
+    record: Path | None = None,
     as_json: bool = False,
 ) -> None:
     """Run, tell, and exit with status 1 when the gate has stopped.
@@ -136,10 +144,15 @@ def run_capability(
     """
     capability = load_capability(name)
     plans = [parse_fault(fault) for fault in faults]
-    link = connect(load_robot(robot), via, arm=arm or via.partition(":")[0] == "sim")
+    link = connect(load_robot(robot), via, arm=arm or via.partition(":")[0] in HARMLESS)
     report = LoopReport()
     error: BaseException | None = None
-    with link:
+    inner = link
+    recorder = None
+    with link, contextlib.ExitStack() as closing:
+        if record is not None:
+            about = about_capability(name, capability)
+            recorder = closing.enter_context(recorder_for(record, link, via, about))
         if poke:
             poke_forearm(link)
         if plans:
@@ -151,17 +164,23 @@ def run_capability(
         )
         with shown as live:
             teller = Teller(link, report, live)
+
+            def see(tick: Tick) -> None:
+                if recorder is not None:
+                    recorder.tick(tick.now, tick.reading, tick.commands, tick.sent)
+                teller.see(tick)
+
             try:
-                run(link, capability, duration=duration, observe=teller.see, report=report)
+                run(link, capability, duration=duration, observe=see, report=report)
             except (Exception, KeyboardInterrupt, SystemExit) as failure:
                 error = failure
                 now = link.clock.now()
                 teller.tell_faults(now)
-                told = f"{report.ended}; the robot was brought to rest"
+                words = f"{report.ended}; the robot was brought to rest"
                 teller.worst = GateState.STOP
-                teller.tell(now, "STOP", told, COLOURS[GateState.STOP])
+                teller.tell(now, "STOP", words, COLOURS[GateState.STOP])
     counts = link.gate.counts
-    summary = {
+    told: dict[str, Any] = {
         "state": link.gate.state.value,
         "worst": teller.worst.value,
         "events": teller.events,
@@ -169,8 +188,12 @@ def run_capability(
                  "clamps": dict(counts.clamps), "near_misses": counts.near_misses},
         "loop": report.to_json(),
     }  # fmt: skip
+    if recorder is not None:
+        told["recording"] = summary(recorder)
+    if isinstance(inner, ReplayLink):
+        told["replay"] = {"compared": inner.compared, "different": len(inner.different)}
     if as_json:
-        print_json(summary)
+        print_json(told)
     else:
         console.print(
             f"{report.ticks} periods, {report.overruns} overruns ({report.missed} missed); "
@@ -180,10 +203,26 @@ def run_capability(
             f"at the end [{COLOURS[link.gate.state]}]{link.gate.state.name}[/]",
             highlight=False,
         )
+        for line in _said(recorder, inner):
+            console.print(line, highlight=False)
     if isinstance(error, SystemExit | KeyboardInterrupt):
         raise SystemExit(error.code if isinstance(error, SystemExit) else 130)
     if teller.worst is GateState.STOP:
         raise SystemExit(1)
+
+
+def _said(recorder: Recorder | None, link: Link) -> list[str]:
+    """What is to be said of a recording made, and of one replayed."""
+    lines = []
+    if recorder is not None:
+        end = f"[red]ended early:[/] {escape(recorder.failed)}" if recorder.failed else "closed"
+        lines.append(f"recording {escape(str(recorder.path))}: {recorder.ticks} periods, {end}")
+    if isinstance(link, ReplayLink):
+        same = "the same, bit for bit" if not link.different else (
+            f"[yellow]{len(link.different)} differ, the first at {link.different[0]:.3f} s[/]")  # fmt: skip
+        same = same if link.compared else "none was recorded"
+        lines.append(f"replay: {link.compared} decisions compared: {same}")
+    return lines
 
 
 def poke_forearm(link: Link) -> None:

@@ -1,0 +1,123 @@
+"""`tci log`: look into recordings, cut them, and give them to other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+app = typer.Typer(help="Recordings: what is in them, cut, export, import.", no_args_is_help=True)
+File = Annotated[Path, typer.Argument(help="Recording (.mcap).")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for programs instead of a table.")]
+
+
+@app.command()
+def info(file: File, as_json: AsJson = False) -> None:
+    """Say what a recording holds, and whether it was closed or cut off.
+
+    Example:  tci log info touch.mcap
+    """
+    from rich import box
+    from rich.markup import escape
+    from rich.table import Table
+
+    from tci.cli.console import console, print_json
+    from tci.recording.recording import Recording
+
+    recording = Recording(file)
+    times = [tick.now for tick in recording.ticks()]
+    counts = recording.counts()
+    about: dict[str, Any] = {key: text for key, text in recording.about.items() if key != "description"}
+    whole: dict[str, Any] = {
+        "file": str(file),
+        "bytes": file.stat().st_size,
+        "complete": recording.complete,
+        "periods": len(times),
+        "from_s": times[0] if times else None,
+        "to_s": times[-1] if times else None,
+        "topics": counts,
+        "about": about,
+    }
+    if as_json:
+        print_json(whole)
+        return
+    state = "[green]closed[/]" if recording.complete else "[yellow]cut off; what is there is whole[/]"
+    span = f"{times[0]:.3f} to {times[-1]:.3f} s" if times else "empty"
+    head = f"[bold]{escape(file.name)}[/]  {whole['bytes'] / 1e6:.2f} MB, {len(times)} periods"
+    console.print(f"{head}, {span}, {state}", highlight=False)
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("topic")
+    table.add_column("messages", justify="right")
+    for topic, count in sorted(counts.items()):
+        table.add_row(escape(topic), str(count))
+    console.print(table)
+    for key, text in about.items():
+        console.print(f"  {key:<20} {text[:200]}", highlight=False, markup=False)
+
+
+@app.command()
+def cut(
+    file: File,
+    out: Annotated[Path, typer.Argument(help="The recording to write.")],
+    begin: Annotated[float, typer.Option("--from", help="Begin [s] on its clock.")] = float("-inf"),
+    end: Annotated[float, typer.Option("--to", help="End [s].")] = float("inf"),
+) -> None:
+    """Write a part of a recording, or all of one that was cut off, closed and packed.
+
+    Example:  tci log cut touch.mcap poke.mcap --from 0.2 --to 0.9
+    """
+    from tci.cli.console import console
+    from tci.errors import RecordingError
+    from tci.model.catalogue import load_robot
+    from tci.recording.compact import compact
+    from tci.recording.recording import Recording
+
+    if out.exists():
+        raise RecordingError(f"{out} exists; valid: a name that is free")
+    if not begin < end:
+        raise RecordingError(f"from {begin} s to {end} s; valid: an end after the begin")
+    about = Recording(file).about
+    try:
+        robot = load_robot(about.get("robot", "")) if "/" not in about.get("robot", "/") else None
+    except Exception:  # a robot that is not installed here: no clouds of points then
+        robot = None
+    if robot is not None and robot.digest != about.get("description_sha256"):
+        robot = None
+    compact(file, out, robot=robot, begin=begin, end=end, about={"cut_from": file.name})
+    console.print(f"{out}: {out.stat().st_size / 1e6:.2f} MB", highlight=False)
+
+
+@app.command()
+def export(
+    file: File,
+    out: Annotated[Path, typer.Argument(help="Folder to write; for npz the file.")],
+    form: Annotated[str, typer.Option("--format", "-f", help="csv, npz or parquet.")] = "csv",
+) -> None:
+    """Write a recording as tables: joints, decisions, and the raw frames of each patch of skin.
+
+    Example:  tci log export touch.mcap tables --format csv
+    """
+    from tci.cli.console import console
+    from tci.recording.export import export as command
+    from tci.recording.recording import Recording
+
+    for path in command(Recording(file), out, form):
+        console.print(str(path), highlight=False, markup=False)
+
+
+@app.command("import")
+def import_(
+    log: Annotated[Path, typer.Argument(help="Log of yarpdatadumper: data.log, or its folder.")],
+    out: Annotated[Path, typer.Argument(help="The recording to write.")],
+    patch: Annotated[str, typer.Option(help="Name of the patch of skin that sent it.")] = "skin",
+) -> None:
+    """Make a recording of a skin's log of YARP's yarpdatadumper.
+
+    Example:  tci log import data.log foot.mcap --patch right_foot
+    """
+    from tci.cli.console import console
+    from tci.recording.yarp_log import import_yarp_log
+
+    frames = import_yarp_log(log, out, patch=patch)
+    console.print(f"{out}: {frames} frames, {out.stat().st_size / 1e6:.2f} MB", highlight=False)

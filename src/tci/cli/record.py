@@ -1,0 +1,61 @@
+"""`tci record`: what a robot senses, into a file. Nothing is commanded."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+
+from tci.capabilities.capability import Capability
+from tci.cli.console import console, print_json
+from tci.middleware.link import Link
+from tci.model.catalogue import load_robot
+from tci.recording.recorder import Recorder
+from tci.runtime.registry import connect
+
+
+def recorder_for(path: Path, link: Link, via: str, about: Mapping[str, str]) -> Recorder:
+    """A recording of a link. Raises RecordingError."""
+    middleware = via.partition(":")[0]
+    return Recorder(path, link.robot, middleware=middleware, period=link.period, about=about)
+
+
+def about_capability(name: str, capability: Capability[object]) -> dict[str, str]:
+    """What a recording says of the behaviour that ran."""
+    return {"capability": name, "settings": repr(capability)}
+
+
+def record(path: Path, robot: str, *, via: str, duration: float | None, as_json: bool) -> None:
+    """Read, write, and say what was written; exit with status 1 when the disk failed."""
+    with connect(load_robot(robot), via, arm=False) as link, recorder_for(path, link, via, {}) as recorder:
+        if not as_json:
+            console.print(f"recording {link.robot.name} to {path}; end with Ctrl-C", highlight=False)
+        with suppress(KeyboardInterrupt):
+            for now in link.ticks(duration=duration):
+                recorder.tick(now, link.read())
+                if recorder.failed:
+                    break
+    told(recorder, as_json=as_json)
+    if recorder.failed:
+        raise SystemExit(1)
+
+
+def told(recorder: Recorder, *, as_json: bool) -> None:
+    """Print what was written."""
+    size = recorder.path.stat().st_size
+    if as_json:
+        print_json(summary(recorder))
+    elif recorder.failed:
+        console.print(f"[red]the recording ended early:[/] {recorder.failed}", highlight=False)
+    else:
+        console.print(f"{recorder.path}: {recorder.ticks} periods, {size / 1e6:.2f} MB", highlight=False)
+
+
+def summary(recorder: Recorder) -> dict[str, object]:
+    """The same as plain values."""
+    return {
+        "file": str(recorder.path),
+        "periods": recorder.ticks,
+        "bytes": recorder.path.stat().st_size,
+        "failed": recorder.failed,
+    }

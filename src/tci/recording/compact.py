@@ -1,0 +1,113 @@
+"""A closed recording: packed with zstd, indexed, and with clouds of points that other programs show."""
+
+from __future__ import annotations
+
+import heapq
+import os
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+from mcap.writer import Writer
+
+from tci.errors import RecordingError, TciError
+from tci.frames import apply
+from tci.interface.skin import Skin
+from tci.model.description import Robot
+from tci.recording.cdr import MessageType, encode
+from tci.recording.recording import Recording
+from tci.recording.schemas import CLOUD, JOINTS, SKIN, cloud_fields, header, to_nanoseconds
+from tci.recording.topics import Topics
+
+CLOUDS = 10.0
+"""Clouds of points per second [Hz], for people to look at. Every raw frame is there beside them. Ours."""
+FINEST = 2.0**-13
+"""Step [m] that points of a cloud are rounded to, 0.12 mm, so that they pack well."""
+
+Stamped = tuple[int, str, MessageType, bytes]
+"""Time [ns], topic, type and bytes of a message."""
+
+
+def compact(
+    source: Path,
+    target: Path,
+    *,
+    robot: Robot | None = None,
+    begin: float = -np.inf,
+    end: float = np.inf,
+    about: Mapping[str, str] | None = None,
+) -> None:
+    """Write a recording again, packed, from `begin` to `end` [s] on its clock; `target` may be the same file.
+
+    With the robot that it was made with, the skin's clouds of points are added. What was known before
+    `begin` is told at the start. Where the disk fails, `source` stays as it was: raises RecordingError,
+    also for one that can't be read.
+    """
+    part = target.with_name(target.name + ".part")
+    recording = Recording(source)
+    try:
+        with part.open("xb") as file:
+            writer = Writer(file, enable_data_crcs=True)
+            writer.start(profile="ros2", library="tci")
+            writer.add_metadata("tci", recording.about | dict(about or {}))
+            streams = [_between(recording, begin, end)]
+            if robot is not None:
+                streams.append(_clouds(recording, Skin(robot), begin, end))
+            topics = Topics(writer)
+            for stamp, topic, kind, data in heapq.merge(*streams, key=lambda message: message[0]):
+                topics.put(topic, kind, stamp, data)
+            topics.finish()
+        os.replace(part, target)
+    except FileExistsError:
+        raise RecordingError(
+            f"{part} is in the way: another program packs this recording, or was killed"
+        ) from None
+    except BaseException as error:
+        with suppress(OSError):
+            part.unlink()
+        if isinstance(error, OSError):
+            raise RecordingError(f"{target}: {error.strerror or error}") from error
+        raise
+
+
+def _between(recording: Recording, begin: float, end: float) -> Iterator[Stamped]:
+    """The messages between two times, after the latest joints and skin frames before them."""
+    first = to_nanoseconds(begin) if np.isfinite(begin) else 0
+    last = to_nanoseconds(end) if np.isfinite(end) else 2**63
+    before: dict[str, Stamped] = {}
+    started = False
+    for topic, kind, stamp, data in recording.messages():
+        if stamp < first:
+            if kind in (JOINTS, SKIN):
+                before[topic] = (first, topic, kind, data)
+        elif stamp < last:
+            if not started:
+                yield from before.values()
+                started = True
+            yield stamp, topic, kind, data
+
+
+def _clouds(recording: Recording, skin: Skin, begin: float, end: float) -> Iterator[Stamped]:
+    """The whole skin with its pressure, seen from the torso. A reading that does not fit gives none."""
+    due = -np.inf
+    for tick in recording.ticks():
+        if not max(begin, due) <= tick.now < end:
+            continue
+        try:
+            state = skin.update(tick.reading)
+            points = [
+                apply(state.link_poses[skin.robot.patch(name).link], skin.surfaces[name].positions)
+                for name in state.patches
+            ]
+        except TciError:
+            continue
+        if not points:
+            continue
+        due = tick.now + 1.0 / CLOUDS - 1e-6
+        pressure = np.concatenate([patch.pressure for patch in state.patches.values()])
+        cloud = np.empty((len(pressure), 4), dtype="<f4")
+        cloud[:, :3] = np.round(np.concatenate(points) / FINEST) * FINEST
+        cloud[:, 3] = pressure
+        data = encode(CLOUD, (*header(tick.now, "torso"), *cloud_fields(cloud)))
+        yield to_nanoseconds(tick.now), "/skin/points", CLOUD, data

@@ -1,0 +1,222 @@
+"""Writing a recording while the robot runs: every period is in the file before the next one begins.
+
+While it runs the file has no chunks and no compression, so that a killed process loses nothing that was
+written; closing compacts it. When the disk fails the recording ends, and the control goes on.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from mcap.writer import Writer
+
+from tci.errors import RecordingError
+from tci.interface.safe_command import SafeCommand
+from tci.messages import Command, JointReading, Reading, SkinFrame
+from tci.model.description import Robot
+from tci.recording.compact import compact
+from tci.recording.schemas import (
+    COMMAND,
+    DECISION,
+    JOINTS,
+    SKIN,
+    TICK,
+    command_bytes,
+    decision_bytes,
+    joints_bytes,
+    skin_bytes,
+    tick_bytes,
+    to_nanoseconds,
+)
+from tci.recording.topics import Topics
+
+PACKAGES = ("tci", "numpy", "mujoco-core", "ruckig", "mcap")
+"""Whose versions a recording names."""
+
+
+class Recorder:
+    """One recording in the making."""
+
+    def __init__(
+        self,
+        path: Path | str,
+        robot: Robot | None,
+        *,
+        middleware: str = "sim",
+        period: float = 0.0,
+        about: Mapping[str, str] | None = None,
+    ) -> None:
+        """Begin a new file. `about` goes into it: capability, its settings, seed, ...
+
+        Raises RecordingError where there is a file already, or none can be made.
+        """
+        self.path = Path(path)
+        self.failed = ""
+        """Why the recording ended early; empty while all is well."""
+        self.ticks = 0
+        """Periods written."""
+        try:
+            self._file = _Out(self.path)
+        except FileExistsError:
+            raise RecordingError(f"{self.path} exists; valid: a name that is free") from None
+        except OSError as error:
+            raise RecordingError(f"no recording at {self.path}: {error.strerror}") from error
+        self._robot = robot
+        self._names = [servo.name for servo in robot.servos] if robot else []
+        self._open = True
+        self._numbers: dict[str, int] = {}
+        self._frames: dict[str, SkinFrame] = {}
+        self._joints: JointReading | None = None
+        writer = Writer(self._file, use_chunking=False)  # type: ignore[arg-type]
+        self._topics = Topics(writer)
+        with _Guard(self):
+            writer.start(profile="ros2", library=f"tci {version('tci')}")
+            writer.add_metadata("tci", _metadata(robot, middleware, period, about or {}))
+            self._file.flush()
+
+    def tick(
+        self,
+        now: float,
+        reading: Reading,
+        commands: Sequence[Command] = (),
+        sent: SafeCommand | None = None,
+    ) -> None:
+        """One period of the loop. Never raises for the disk: then `failed` says why."""
+        if self.failed or not self._open:
+            return
+        with _Guard(self):
+            stamp = to_nanoseconds(now)
+            if self._joints is None or not _same_joints(self._joints, reading.joints):
+                self._topics.put("/joint_states", JOINTS, stamp, joints_bytes(self._names, reading.joints))
+            self._joints = reading.joints
+            for frame in reading.skin:
+                self._skin(frame, stamp)
+            patches = [self._numbers[frame.patch] for frame in reading.skin]
+            self._topics.put("/tci/tick", TICK, stamp, tick_bytes(now, reading.joints, patches))
+            for command in commands:
+                self._topics.put("/tci/command", COMMAND, stamp, command_bytes(now, command))
+            if sent is not None:
+                self._topics.put("/tci/decision", DECISION, stamp, decision_bytes(sent))
+            self._file.flush()
+            self.ticks += 1
+
+    def close(self, *, compacted: bool = True) -> None:
+        """End the file: index, compression, clouds of points. A second call does nothing."""
+        if not self._open:
+            return
+        self._open = False
+        if not self.failed:
+            with _Guard(self):
+                self._topics.finish()
+                self._file.flush()
+        self._file.close()
+        if compacted and not self.failed:
+            try:
+                compact(self.path, self.path, robot=self._robot)
+            except RecordingError as error:
+                self.failed = f"whole, but not packed: {error}"
+
+    def _skin(self, frame: SkinFrame, stamp: int) -> None:
+        number = self._numbers.setdefault(frame.patch, len(self._numbers))
+        before = self._frames.get(frame.patch)
+        if before is None or not _same_frame(before, frame):
+            self._topics.put(f"/skin/{frame.patch}", SKIN, stamp, skin_bytes(frame, number))
+        self._frames[frame.patch] = frame
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+class _Guard:
+    """Turns an error of the disk into the end of the recording, at the last whole period."""
+
+    def __init__(self, recorder: Recorder) -> None:
+        self._recorder = recorder
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> bool:
+        if not isinstance(error, OSError):
+            return False
+        self._recorder.failed = f"{self._recorder.path}: {error.strerror or error}"
+        self._recorder._file.cut()
+        return True
+
+
+class _Out:
+    """A new file that is written in whole periods: what is put goes to the system with `flush`."""
+
+    def __init__(self, path: Path) -> None:
+        self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o644)
+        self._waiting = bytearray()
+        self._good = 0
+
+    def write(self, data: bytes) -> int:
+        self._waiting += data
+        return len(data)
+
+    def tell(self) -> int:
+        return self._good + len(self._waiting)
+
+    def flush(self) -> None:
+        while self._waiting:
+            written = os.write(self._fd, self._waiting)
+            if not written:
+                raise OSError("nothing could be written")
+            self._good += written
+            del self._waiting[:written]
+
+    def cut(self) -> None:
+        """Forget what waits."""
+        self._waiting.clear()
+
+    def close(self) -> None:
+        os.close(self._fd)
+
+
+def _same_joints(a: JointReading, b: JointReading) -> bool:
+    """Whether a JointState of `a` is one of `b` too; the rest is in every Tick."""
+    if a is b:
+        return True
+    return a.stamp == b.stamp and all(
+        (x is None) == (y is None) and (x is None or y is None or x.tobytes() == y.tobytes())
+        for x, y in ((a.position, b.position), (a.velocity, b.velocity), (a.torque, b.torque))
+    )
+
+
+def _same_frame(a: SkinFrame, b: SkinFrame) -> bool:
+    return a is b or (
+        (a.stamp, a.sequence, a.values.dtype) == (b.stamp, b.sequence, b.values.dtype)
+        and a.values.tobytes() == b.values.tobytes()
+    )
+
+
+def _metadata(
+    robot: Robot | None, middleware: str, period: float, about: Mapping[str, str]
+) -> dict[str, str]:
+    """All that says where a recording comes from, as texts."""
+    found = {
+        "robot": robot.name if robot else "",
+        "description_sha256": robot.digest if robot else "",
+        "description": robot.model_dump_json(exclude={"source": True, "model": {"path"}}) if robot else "",
+        "middleware": middleware,
+        "period_s": repr(period),
+        "begun": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+        "versions": json.dumps({name: version(name) for name in PACKAGES}),
+    }
+    return found | dict(about)

@@ -1,0 +1,172 @@
+"""Reading a recording, whole or cut off by a killed process, from anybody.
+
+Nothing in the file is trusted: sizes are bounded before memory is taken, only the messages of
+`schemas` are understood, and nothing in it is run.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import zstandard
+from mcap.exceptions import EndOfFile, McapError
+from mcap.records import Channel, Chunk, Footer, Message, Metadata, Schema
+from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
+
+from tci.errors import RecordingError
+from tci.messages import JointReading, Reading, SkinFrame
+from tci.recording.cdr import MessageType, decode
+from tci.recording.schemas import COMMAND, DECISION, JOINTS, SKIN, TICK, to_frame, to_joints
+
+LARGEST = 64 * 2**20
+"""Largest record, and largest chunk once unpacked [bytes]. Ours are below 2 MiB."""
+KINDS: dict[str, MessageType] = {kind.name: kind for kind in (JOINTS, SKIN, TICK, COMMAND, DECISION)}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RecordedTick:
+    """One period of the loop, as it was."""
+
+    now: float
+    """Time [s] on the link's clock."""
+    reading: Reading
+    """What the robot sent."""
+    commands: tuple[dict[str, Any], ...]
+    """What the capability wanted: the fields of `schemas.COMMAND`."""
+    decision: bytes | None
+    """What was sent, as the bytes of `schemas.DECISION`; None where nothing was."""
+
+
+@dataclass(slots=True)
+class _State:
+    """What is known at one place of the file."""
+
+    joints: dict[str, Any] | None = None
+    frames: dict[int, SkinFrame] = field(default_factory=dict)
+    reading: JointReading | None = None
+
+
+class Recording:
+    """A recording on disk. It is read as it is asked for, never all at once."""
+
+    def __init__(self, path: Path | str) -> None:
+        """Raises RecordingError for a file that is no recording, FileNotFoundError and other OSError."""
+        self.path = Path(path)
+        self.about: dict[str, str] = {}
+        """Metadata: robot, description_sha256, middleware, period_s, begun, versions, capability, ..."""
+        self.complete = False
+        """Whether the file was closed. Known once it has been read to its end."""
+        for record in self._records():
+            if isinstance(record, Metadata) and record.name == "tci":
+                self.about = dict(record.metadata)
+            if isinstance(record, Message | Metadata):
+                break
+        if not self.about:
+            raise RecordingError(f"{self.path} is no recording of TCI: it has no metadata named 'tci'")
+
+    @property
+    def period(self) -> float:
+        """Time between two periods [s]; 0 where the file does not say."""
+        try:
+            return float(self.about.get("period_s", "0"))
+        except ValueError:
+            return 0.0
+
+    def counts(self) -> dict[str, int]:
+        """How many messages each topic has. Reads the whole file."""
+        return dict(Counter(topic for topic, *_ in self.messages()))
+
+    def ticks(self) -> Iterator[RecordedTick]:
+        """Every whole period, in the order of the file. Raises RecordingError on the way."""
+        state = _State()
+        waiting: tuple[float, Reading] | None = None
+        commands: list[dict[str, Any]] = []
+        decision: bytes | None = None
+        for _, kind, _, data in self.messages():
+            if waiting is not None and kind in (JOINTS, SKIN, TICK):
+                yield RecordedTick(*waiting, tuple(commands), decision)
+                waiting, commands, decision = None, [], None
+            if kind is DECISION:
+                decision = data
+                continue
+            fields = decode(kind, data)
+            if kind is JOINTS:
+                state.joints = fields
+            elif kind is SKIN:
+                state.frames[fields["number"]] = to_frame(fields)
+            elif kind is COMMAND:
+                commands.append(fields)
+            else:
+                waiting = fields["now"], self._reading(state, fields)
+        if waiting is not None:
+            yield RecordedTick(*waiting, tuple(commands), decision)
+
+    def frames(self) -> Iterator[SkinFrame]:
+        """Every raw frame of the skin, in the order of the file. Raises RecordingError on the way."""
+        for _, kind, _, data in self.messages():
+            if kind is SKIN:
+                yield to_frame(decode(kind, data))
+
+    def messages(self) -> Iterator[tuple[str, MessageType, int, bytes]]:
+        """Topic, type, time [ns] and bytes of every message that is ours. Raises RecordingError."""
+        schemas: dict[int, str] = {}
+        channels: dict[int, tuple[str, MessageType | None]] = {}
+        for record in self._records():
+            if isinstance(record, Schema):
+                schemas[record.id] = record.name
+            elif isinstance(record, Channel):
+                channels[record.id] = record.topic, KINDS.get(schemas.get(record.schema_id, ""))
+            elif isinstance(record, Message):
+                topic, kind = channels.get(record.channel_id, ("", None))
+                if kind is not None:
+                    yield topic, kind, record.log_time, record.data
+
+    def _reading(self, state: _State, tick: dict[str, Any]) -> Reading:
+        if state.joints is None:
+            raise RecordingError(f"{self.path}: a period before any joints")
+        try:
+            skin = tuple(state.frames[number] for number in tick["skin"].tolist())
+        except KeyError as error:
+            raise RecordingError(f"{self.path}: a period names patch {error}, which was never sent") from None
+        return Reading(to_joints(state.joints, tick), skin)
+
+    def _records(self) -> Iterator[Any]:
+        """Every record outside and inside chunks, up to where the file ends or was cut off."""
+        self.complete = False
+        with self.path.open("rb") as file:
+            limit = min(LARGEST, self.path.stat().st_size)
+            # Channels and schemas come again after the data; that does no harm.
+            records = StreamReader(
+                file, emit_chunks=True, validate_crcs=False, record_size_limit=limit
+            ).records
+            try:
+                yield from self._unpacked(records)
+            except (EndOfFile, struct.error):
+                return  # cut off: what came before is whole
+            except (McapError, CRCValidationError, UnicodeDecodeError, zstandard.ZstdError) as error:
+                raise RecordingError(f"{self.path} is damaged or no recording: {error}") from error
+
+    def _unpacked(self, records: Iterator[Any]) -> Iterator[Any]:
+        for record in records:
+            if isinstance(record, Chunk):
+                _check_chunk(record)
+                yield from breakup_chunk(record, validate_crc=True)
+            else:
+                yield record
+                self.complete |= isinstance(record, Footer)
+
+
+def _check_chunk(chunk: Chunk) -> None:
+    """Raises RecordingError for a chunk that would take too much memory."""
+    if chunk.compression not in ("", "zstd"):
+        raise RecordingError(f"a chunk packed with {chunk.compression[:20]!r}; valid: zstd or none")
+    size = chunk.uncompressed_size
+    if chunk.compression == "zstd":
+        size = max(size, zstandard.frame_content_size(chunk.data))
+    if size > LARGEST:
+        raise RecordingError(f"a chunk of {size} bytes; valid: at most {LARGEST}")

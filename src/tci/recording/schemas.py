@@ -1,0 +1,186 @@
+"""The messages of a recording, and the way from TCI's own types to them and back."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.errors import RecordingError
+from tci.frames import read_only
+from tci.interface.safe_command import SafeCommand
+from tci.messages import (
+    CartesianCommand,
+    Command,
+    GenericCommand,
+    JointReading,
+    Mode,
+    SkinFrame,
+)
+from tci.recording.cdr import MessageType, encode
+
+MODES = tuple(Mode)
+"""Modes are numbers in a recording: their place here, 255 for unknown."""
+UNKNOWN = 255
+DTYPE = re.compile(r"[<>|]?[buif][1248]")
+"""Types of raw values that a recording may hold."""
+
+JOINTS = MessageType(
+    "sensor_msgs/msg/JointState",
+    (("string[]", "name"), ("float64[]", "position"), ("float64[]", "velocity"), ("float64[]", "effort")),
+)
+SKIN = MessageType(
+    "tci_msgs/msg/SkinFrame",
+    (
+        ("float64", "stamp"), ("int64", "sequence"), ("uint16", "number"),
+        ("string", "patch"), ("string", "dtype"), ("uint8[]", "data"),
+    ),
+    says="One frame of one patch of skin as the robot sent it.\n"
+    "stamp [s], on the link's clock; number: of the patch in this file; dtype: NumPy's name.",
+)  # fmt: skip
+TICK = MessageType(
+    "tci_msgs/msg/Tick",
+    (
+        ("float64", "now"), ("float64", "joints_stamp"), ("int64", "joints_sequence"),
+        ("bool", "has_modes"), ("uint8[]", "modes"), ("bool", "has_powered"), ("bool[]", "powered"),
+        ("uint16[]", "skin"),
+    ),
+    says="One period of the loop: now [s], what the latest joint_states say beside angles, and the numbers\n"
+    "of the patches whose latest frames were read. "
+    f"Modes: {', '.join(mode.value for mode in MODES)}, from 0.",
+)  # fmt: skip
+COMMAND = MessageType(
+    "tci_msgs/msg/Command",
+    (
+        ("string", "kind"), ("string", "part"), ("string", "mode"), ("float64[]", "values"),
+        ("string", "point"), ("bool", "nearest"),
+    ),
+    says="What the behaviour wanted of a generic part.",
+)  # fmt: skip
+DECISION = MessageType(
+    "tci_msgs/msg/Decision",
+    (
+        ("float64", "stamp"), ("string", "state"), ("string", "reason"), ("uint32[]", "servos"),
+        ("uint8[]", "modes"), ("float64[]", "position"), ("float64[]", "velocity"), ("float64[]", "torque"),
+        ("uint32[]", "stiffness_servos"), ("float64[]", "stiffness"),
+        ("uint32[]", "damping_servos"), ("float64[]", "damping"),
+        ("string[]", "clamped"), ("string[]", "refusals"),
+    ),
+    says="What the gate let pass and the link sent: [rad], [rad/s], [N m], shares 0..1.",
+)  # fmt: skip
+CLOUD = MessageType(
+    "sensor_msgs/msg/PointCloud2",
+    (
+        ("uint32", "height"), ("uint32", "width"), ("PointField[]", "fields"), ("bool", "is_bigendian"),
+        ("uint32", "point_step"), ("uint32", "row_step"), ("uint8[]", "data"), ("bool", "is_dense"),
+    ),
+    needs=(("sensor_msgs/PointField",
+            (("string", "name"), ("uint32", "offset"), ("uint8", "datatype"), ("uint32", "count"))),),
+)  # fmt: skip
+
+
+def header(stamp: float, frame: str = "") -> tuple[int, int, str]:
+    """The values of a `std_msgs/Header` at `stamp` [s]."""
+    nanoseconds = to_nanoseconds(stamp)
+    return min(nanoseconds // 10**9, 2**31 - 1), nanoseconds % 10**9, frame
+
+
+def to_nanoseconds(stamp: float) -> int:
+    """Whole nanoseconds for the clocks of other programs; exact times stand in our own messages."""
+    return int(min(max(stamp, 0.0), 9e9) * 1e9) if np.isfinite(stamp) else 0
+
+
+def joints_bytes(names: list[str], joints: JointReading) -> bytes:
+    """A JointState. Raises ValueError for what is no vector of floats."""
+    effort = joints.torque if joints.torque is not None else ()
+    return encode(JOINTS, (*header(joints.stamp), names, joints.position, joints.velocity, effort))
+
+
+def skin_bytes(frame: SkinFrame, number: int) -> bytes:
+    """A SkinFrame with the raw values as they came."""
+    data = np.frombuffer(np.ascontiguousarray(frame.values).tobytes(), dtype=np.uint8)
+    dtype = frame.values.dtype.str
+    values = (frame.stamp, frame.sequence, number, frame.patch, dtype, data)
+    return encode(SKIN, (*header(frame.stamp, frame.patch), *values))
+
+
+def tick_bytes(now: float, joints: JointReading, skin: list[int]) -> bytes:
+    """A Tick."""
+    modes = [] if joints.modes is None else [_mode_number(mode) for mode in joints.modes]
+    powered = () if joints.powered is None else joints.powered
+    return encode(
+        TICK,
+        (
+            *header(now), now, joints.stamp, joints.sequence, joints.modes is not None, modes,
+            joints.powered is not None, powered, skin,
+        ),
+    )  # fmt: skip
+
+
+def command_bytes(now: float, command: Command) -> bytes:
+    """A Command of any kind."""
+    kind = type(command).__name__
+    if isinstance(command, CartesianCommand):
+        values = (kind, command.part, Mode.POSITION.value, command.target, command.point, command.nearest)
+    elif isinstance(command, GenericCommand):
+        values = (kind, command.part, command.mode.value, command.values, "", False)
+    else:
+        values = (kind, command.part, command.mode.value, np.empty(0), "", False)
+    return encode(COMMAND, (*header(now), *values))
+
+
+def decision_bytes(sent: SafeCommand) -> bytes:
+    """A Decision. Equal bytes mean equal decisions, bit for bit."""
+    return encode(
+        DECISION,
+        (
+            *header(sent.stamp), sent.stamp, sent.state.value, sent.reason, sent.servos,
+            [_mode_number(mode) for mode in sent.modes], sent.position, sent.velocity, sent.torque,
+            list(sent.stiffness), list(sent.stiffness.values()),
+            list(sent.damping), list(sent.damping.values()), sent.clamped, sent.refusals,
+        ),
+    )  # fmt: skip
+
+
+def cloud_fields(points: NDArray[np.float32]) -> tuple[Any, ...]:
+    """The fields of a CLOUD after its header: x, y, z [m] and pressure [Pa] of each point (n, 4)."""
+    float32 = 7  # PointField.FLOAT32
+    names = ("x", "y", "z", "pressure")
+    fields = [(name, 4 * place, float32, 1) for place, name in enumerate(names)]
+    data = np.frombuffer(points.tobytes(), dtype=np.uint8)
+    return 1, len(points), fields, False, 16, 16 * len(points), data, True
+
+
+def to_frame(fields: Mapping[str, Any]) -> SkinFrame:
+    """The frame in a SkinFrame message. Raises RecordingError."""
+    if not DTYPE.fullmatch(fields["dtype"]):
+        raise RecordingError(f"skin values of type {fields['dtype']!r}; valid: as <f8, |u1")
+    try:
+        values = np.frombuffer(fields["data"].tobytes(), dtype=np.dtype(fields["dtype"]))
+    except (TypeError, ValueError) as error:
+        raise RecordingError(f"a frame of {fields['patch']!r} can't be read: {error}") from error
+    return SkinFrame(fields["patch"], fields["stamp"], fields["sequence"], values)
+
+
+def to_joints(state: Mapping[str, Any], tick: Mapping[str, Any]) -> JointReading:
+    """The joint reading in a JointState and its Tick. Raises RecordingError."""
+    try:
+        modes = tuple(None if number == UNKNOWN else MODES[number] for number in tick["modes"])
+    except IndexError:
+        raise RecordingError(f"modes {tick['modes'].tolist()}; valid: 0 to {len(MODES) - 1}") from None
+    return JointReading(
+        stamp=tick["joints_stamp"],
+        sequence=tick["joints_sequence"],
+        position=read_only(state["position"]),
+        velocity=read_only(state["velocity"]),
+        torque=read_only(state["effort"]) if len(state["effort"]) else None,
+        modes=modes if tick["has_modes"] else None,
+        powered=read_only(tick["powered"], np.bool_) if tick["has_powered"] else None,
+    )
+
+
+def _mode_number(mode: Mode | None) -> int:
+    return UNKNOWN if mode is None else MODES.index(mode)

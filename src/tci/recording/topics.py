@@ -1,0 +1,36 @@
+"""The topics of a file in the making: each gets its channel when it first has something to say."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mcap.writer import Writer
+
+from tci.recording.cdr import MessageType
+
+
+class Topics:
+    """Puts messages into one MCAP file."""
+
+    def __init__(self, writer: Writer) -> None:
+        self._writer: Any = writer  # parts of mcap carry no types
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
+
+    def put(self, topic: str, kind: MessageType, stamp: int, data: bytes) -> None:
+        """A message at `stamp` [ns]."""
+        channel = self._channels.get(topic)
+        if channel is None:
+            channel = self._channels[topic] = self._register(topic, kind)
+        self._writer.add_message(channel, log_time=stamp, data=data, publish_time=stamp)
+
+    def finish(self) -> None:
+        """End the file with its index."""
+        self._writer.finish()
+
+    def _register(self, topic: str, kind: MessageType) -> int:
+        if kind.name not in self._schemas:
+            definition = kind.definition.encode()
+            self._schemas[kind.name] = self._writer.register_schema(kind.name, "ros2msg", definition)
+        channel: int = self._writer.register_channel(topic, "cdr", self._schemas[kind.name])
+        return channel

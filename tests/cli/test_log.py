@@ -1,0 +1,37 @@
+"""Recording on the command line, as a user meets it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from cli.test_cli import tci
+
+
+def test_record_look_cut_export_and_replay(tmp_path: Path) -> None:
+    path = str(tmp_path / "touch.mcap")
+    run = ("run", "withdrawal", "--robot", "nao", "--json")
+    told = json.loads(tci(*run, "--duration", "0.6", "--poke", "--record", path))
+    assert told["recording"]["failed"] == ""
+    assert told["recording"]["periods"] == 300
+    again = json.loads(tci(*run, "--via", f"replay:{path}"))
+    assert again["replay"] == {"compared": 300, "different": 0}
+    assert "bit for bit" in tci(*run[:-1], "--via", f"replay:{path}")
+
+    info = json.loads(tci("log", "info", path, "--json"))
+    assert info["complete"]
+    assert info["periods"] == info["topics"]["/tci/decision"] == 300
+    assert info["about"]["capability"] == "withdrawal"
+    assert "/joint_states" in tci("log", "info", path)
+
+    tci("log", "cut", path, str(tmp_path / "cut.mcap"), "--from", "0.2", "--to", "0.4")
+    assert json.loads(tci("log", "info", str(tmp_path / "cut.mcap"), "--json"))["periods"] == 100
+    assert "exists" in tci("log", "cut", path, path, status=1)
+    assert "joints.csv" in tci("log", "export", path, str(tmp_path / "tables"))
+
+
+def test_record_a_robot_that_nobody_commands(tmp_path: Path) -> None:
+    path = str(tmp_path / "rest.mcap")
+    assert json.loads(tci("record", path, "--robot", "nao", "--duration", "0.1", "--json"))["periods"] == 50
+    assert "exists" in tci("record", path, "--robot", "nao", status=1)
+    assert "none was recorded" in tci("run", "withdrawal", "--robot", "nao", "--via", f"replay:{path}")

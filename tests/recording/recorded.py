@@ -1,0 +1,61 @@
+"""Recordings for the tests: a real run, and made-up skins of any size."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.cli.run import poke_forearm
+from tci.messages import JointReading, Mode, Reading, SkinFrame
+from tci.middleware.simulated import SimulatedLink
+from tci.model.catalogue import load_robot
+from tci.recording.recorder import Recorder
+from tci.runtime.loop import Tick, run
+
+
+def record_poke(path: Path, *, robot: str = "nao", duration: float = 0.6) -> list[Tick]:
+    """The reflex of a poked robot; what the loop saw."""
+    ticks: list[Tick] = []
+    with SimulatedLink(load_robot(robot)) as link, Recorder(path, link.robot, period=link.period) as recorder:
+        poke_forearm(link)
+
+        def see(tick: Tick) -> None:
+            ticks.append(tick)
+            recorder.tick(tick.now, tick.reading, tick.commands, tick.sent)
+
+        run(link, WithdrawalReflex(), duration=duration, observe=see)
+    return ticks
+
+
+def made_up(count: int, *, taxels: int = 768, servos: int = 12) -> list[tuple[float, Reading]]:
+    """Readings at 100 Hz: 8-bit skin with a wandering touch and some noise, joints that swing."""
+    random = np.random.default_rng(1)
+    readings = []
+    for number in range(count):
+        now = number * 0.01
+        values = np.full(taxels, 240, dtype=np.uint8)
+        touched = (number // 5 + np.arange(20)) % taxels
+        values[touched] -= random.integers(20, 90, 20).astype(np.uint8)
+        values -= (random.random(taxels) < 0.1).astype(np.uint8)
+        joints = JointReading(
+            now, number, np.sin(now + np.arange(servos)), np.cos(now + np.arange(servos)),
+            torque=None, modes=(Mode.POSITION, None) * (servos // 2), powered=np.ones(servos, dtype=bool),
+        )  # fmt: skip
+        readings.append((now, Reading(joints, (SkinFrame("skin", now, number, values),))))
+    return readings
+
+
+def equal_readings(a: Reading, b: Reading) -> bool:
+    """Equal in every bit."""
+    arrays = [(a.joints.position, b.joints.position), (a.joints.velocity, b.joints.velocity)]
+    arrays += [(a.joints.torque, b.joints.torque), (a.joints.powered, b.joints.powered)]
+    arrays += [(x.values, y.values) for x, y in zip(a.skin, b.skin, strict=True)]
+    same = all(
+        x is y if x is None or y is None else x.dtype == y.dtype and x.tobytes() == y.tobytes()
+        for x, y in arrays
+    )
+    words = [(r.joints.stamp, r.joints.sequence, r.joints.modes) for r in (a, b)]
+    frames = [[(f.patch, f.stamp, f.sequence) for f in r.skin] for r in (a, b)]
+    return same and words[0] == words[1] and frames[0] == frames[1]

@@ -1,0 +1,57 @@
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pyarrow import parquet
+
+from recording.recorded import record_poke
+from tci.errors import RecordingError, UnknownNameError
+from tci.messages import JointReading, Reading, SkinFrame
+from tci.model.catalogue import load_robot
+from tci.recording.export import export
+from tci.recording.names import inside
+from tci.recording.recorder import Recorder
+from tci.recording.recording import Recording
+
+
+def test_tables_hold_what_was_recorded_in_every_format(tmp_path: Path) -> None:
+    ticks = record_poke(tmp_path / "a.mcap", duration=0.4)
+    recording = Recording(tmp_path / "a.mcap")
+    where = 5
+    column = f"{load_robot('nao').servos[where].name}_rad"
+    angles = [tick.reading.joints.position[where] for tick in ticks]
+    export(recording, tmp_path / "csv", "csv")
+    with (tmp_path / "csv" / "joints.csv").open() as file:
+        assert [float(row[column]) for row in csv.DictReader(file)] == angles
+    export(recording, tmp_path / "a.npz", "npz")
+    with np.load(tmp_path / "a.npz") as found:
+        assert found[f"joints.{column}"].tolist() == angles
+        assert {name.split(".")[0] for name in found} >= {"joints", "decisions", "skin_left_forearm"}
+    export(recording, tmp_path / "parquet", "parquet")
+    assert parquet.read_table(tmp_path / "parquet" / "joints.parquet")[column].to_pylist() == angles
+    with pytest.raises(UnknownNameError, match="csv"):
+        export(recording, tmp_path / "x", "xls")
+
+
+@pytest.mark.parametrize("patch", ["../../etc/passwd", "/etc/passwd", "a/b", "a\\b", "c:x", "x\0", "a" * 200])
+def test_56_a_name_in_a_recording_leads_nowhere_else(patch: str, tmp_path: Path) -> None:
+    with Recorder(tmp_path / "a.mcap", None) as recorder:
+        joints = JointReading(0.0, 0, np.zeros(0), np.zeros(0))
+        frame = SkinFrame(patch, 0.0, 0, np.zeros(3))
+        recorder.tick(0.0, Reading(joints, (frame,)))
+    before = sorted(tmp_path.rglob("*"))
+    recording = Recording(tmp_path / "a.mcap")
+    for form in ("csv", "npz"):
+        with pytest.raises(RecordingError, match="valid: letters"):
+            export(recording, tmp_path / "out", form)
+    assert [path for path in sorted(tmp_path.rglob("*")) if path.is_file()] == before
+
+
+@pytest.mark.parametrize("name", ["", ".", "..", ".hidden", "a/b", "..\\x", "x\n"])
+def test_56_names_that_could_lead_elsewhere_are_refused(name: str, tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="no file may be named"):
+        inside(tmp_path, name)
+    assert inside(tmp_path, "touch-1.mcap") == tmp_path / "touch-1.mcap"

@@ -1,0 +1,109 @@
+from __future__ import annotations
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from recording.recorded import equal_readings, made_up, record_poke
+from tci.errors import RecordingError
+from tci.model.catalogue import load_robot
+from tci.recording.recorder import Recorder
+from tci.recording.recording import Recording
+from tci.recording.schemas import decision_bytes
+
+
+@pytest.mark.parametrize("robot", ["nao", "icub"])
+def test_all_that_passed_through_the_loop_is_read_back_bit_for_bit(robot: str, tmp_path: Path) -> None:
+    ticks = record_poke(tmp_path / "a.mcap", robot=robot)
+    recording = Recording(tmp_path / "a.mcap")
+    found = list(recording.ticks())
+    assert recording.complete
+    assert [tick.now for tick in found] == [tick.now for tick in ticks]
+    for then, now in zip(ticks, found, strict=True):
+        assert equal_readings(then.reading, now.reading)
+        assert now.decision == decision_bytes(then.sent)
+        assert len(now.commands) == len(then.commands)
+    assert any(tick.commands for tick in found), "the poke was answered"
+    assert recording.about["robot"] == robot
+
+
+def test_44_the_hash_of_the_description_is_in_the_file(tmp_path: Path) -> None:
+    robot = load_robot("nao")
+    with Recorder(tmp_path / "a.mcap", robot):
+        pass
+    assert Recording(tmp_path / "a.mcap").about["description_sha256"] == robot.digest
+
+
+def test_a_file_that_exists_is_kept(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    path.write_text("mine")
+    with pytest.raises(RecordingError, match="exists"):
+        Recorder(path, None)
+    assert path.read_text() == "mine"
+    with pytest.raises(RecordingError, match="no recording at"):
+        Recorder(tmp_path / "nowhere" / "a.mcap", None)
+
+
+@pytest.mark.parametrize("room", [0, 100, 20_000, 100_001])
+def test_39_a_full_disk_ends_the_recording_not_the_caller(
+    room: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    left = room
+    write = os.write
+
+    def full(fd: int, data: bytes) -> int:
+        nonlocal left
+        if not left:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        done = write(fd, bytes(data[:left]))
+        left -= done
+        return done
+
+    monkeypatch.setattr("tci.recording.recorder.os.write", full)
+    recorder = Recorder(tmp_path / "a.mcap", None)
+    readings = made_up(300)
+    for now, reading in readings:
+        recorder.tick(now, reading)
+    recorder.close()
+    assert "No space left" in recorder.failed
+    assert recorder.ticks < 300
+    if recorder.ticks:
+        found = list(Recording(tmp_path / "a.mcap").ticks())
+        assert len(found) >= recorder.ticks
+        assert all(
+            equal_readings(tick.reading, reading) for tick, (_, reading) in zip(found, readings, strict=False)
+        )
+
+
+WRITER = """
+import os, sys
+sys.path.insert(0, {tests!r})
+from recording.recorded import made_up
+from tci.recording.recorder import Recorder
+recorder = Recorder({path!r}, None)
+for number, (now, reading) in enumerate(made_up(3000)):
+    recorder.tick(now, reading)
+    os.write(1, b"%d\\n" % number)
+"""
+
+
+@pytest.mark.parametrize("lines", [1, 57, 400])
+def test_38_killed_with_minus_9_at_most_the_last_period_is_lost(lines: int, tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    code = WRITER.format(tests=str(Path(__file__).parents[1]), path=str(path))
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE) as writer:
+        assert writer.stdout is not None
+        for _ in range(lines):
+            writer.stdout.readline()
+        writer.send_signal(signal.SIGKILL)
+        acknowledged = lines + writer.stdout.read().count(b"\n")
+    recording = Recording(path)
+    found = list(recording.ticks())
+    assert not recording.complete
+    assert acknowledged <= len(found) <= acknowledged + 1
+    assert [tick.now for tick in found] == [number * 0.01 for number in range(len(found))]

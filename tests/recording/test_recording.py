@@ -1,0 +1,123 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import zstandard
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from mcap_ros2.decoder import DecoderFactory
+
+from recording.recorded import equal_readings, made_up, record_poke
+from tci.errors import RecordingError
+from tci.recording.compact import compact
+from tci.recording.recorder import Recorder
+from tci.recording.recording import LARGEST, Recording
+
+
+def write(path: Path, count: int, *, closed: bool = True) -> None:
+    recorder = Recorder(path, None)
+    for now, reading in made_up(count):
+        recorder.tick(now, reading)
+    recorder.close(compacted=closed)
+
+
+def test_a_minute_is_small_and_opens_in_mcap(tmp_path: Path) -> None:
+    path = tmp_path / "minute.mcap"
+    write(path, 6000)
+    assert path.stat().st_size < 10e6
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    assert summary.statistics.message_count == 3 * 6000
+
+
+def test_other_programs_read_it_without_our_code(tmp_path: Path) -> None:
+    ticks = record_poke(tmp_path / "a.mcap")
+    topics: dict[str, list[object]] = {}
+    with (tmp_path / "a.mcap").open("rb") as file:
+        for _, channel, _, message in make_reader(
+            file, decoder_factories=[DecoderFactory()]
+        ).iter_decoded_messages():
+            topics.setdefault(channel.topic, []).append(message)
+    states = topics["/joint_states"]
+    assert len(states) == len(ticks)
+    np.testing.assert_array_equal(states[-1].position, ticks[-1].reading.joints.position)  # type: ignore[attr-defined]
+    cloud = topics["/skin/points"][-1]
+    assert [field.name for field in cloud.fields] == ["x", "y", "z", "pressure"]  # type: ignore[attr-defined]
+    points = np.frombuffer(bytes(cloud.data), dtype="<f4").reshape(-1, 4)  # type: ignore[attr-defined]
+    assert len(points) == cloud.width > 100  # type: ignore[attr-defined]
+    assert np.all(np.abs(points[:, :3]) < 1.0)
+    pressed = np.concatenate(
+        [np.frombuffer(bytes(each.data), dtype="<f4")[3::4] for each in topics["/skin/points"]]  # type: ignore[attr-defined]
+    )
+    assert pressed.max() > 0.0, "the poke is seen"
+
+
+def test_a_cut_begins_with_what_was_known(tmp_path: Path) -> None:
+    ticks = record_poke(tmp_path / "a.mcap", duration=0.2)
+    compact(tmp_path / "a.mcap", tmp_path / "b.mcap", begin=0.05, end=0.1)
+    found = list(Recording(tmp_path / "b.mcap").ticks())
+    kept = [tick for tick in ticks if 0.05 <= tick.now < 0.1]
+    assert len(found) == len(kept)
+    assert all(equal_readings(a.reading, b.reading) for a, b in zip(found, kept, strict=True))
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_58_cut_off_anywhere_it_gives_whole_periods_or_one_error(closed: bool, tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    write(path, 30, closed=closed)
+    raw = path.read_bytes()
+    readings = made_up(30)
+    for length in [*range(0, 400, 7), *range(400, len(raw), len(raw) // 60)]:
+        path.write_bytes(raw[:length])
+        try:
+            found = list(Recording(path).ticks())
+        except RecordingError:
+            continue
+        for tick, (_, reading) in zip(found, readings, strict=False):
+            assert equal_readings(tick.reading, reading)
+
+
+@pytest.mark.parametrize("closed", [True, False])
+def test_58_a_damaged_recording_raises_nothing_else(closed: bool, tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    write(path, 5, closed=closed)
+    raw = path.read_bytes()
+    random = np.random.default_rng(7)
+    for _ in range(300):
+        damaged = bytearray(raw)
+        for place in random.integers(0, len(raw), random.integers(1, 6)):
+            damaged[place] = random.integers(0, 256)
+        path.write_bytes(damaged)
+        try:
+            for tick in Recording(path).ticks():
+                assert tick.reading.joints.position.size <= len(raw)
+        except RecordingError:
+            pass
+
+
+def test_58_a_bomb_is_refused_before_it_unpacks(tmp_path: Path) -> None:
+    path = tmp_path / "bomb.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=10 * LARGEST)
+        writer.start()
+        writer.add_metadata("tci", {"robot": ""})
+        channel = writer.register_channel("/x", "cdr", 0)
+        writer.add_message(channel, 0, bytes(LARGEST + 1), 0)
+        writer.finish()
+    assert path.stat().st_size < LARGEST // 1000
+    with pytest.raises(RecordingError, match="at most"):
+        list(Recording(path).ticks())
+
+
+def test_a_file_of_another_kind_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    path.write_text("this is a letter to a friend, and no recording")
+    with pytest.raises(RecordingError, match="no recording"):
+        Recording(path)
+    path.write_bytes(zstandard.compress(b"x" * 100))
+    with pytest.raises(RecordingError, match="no recording"):
+        Recording(path)

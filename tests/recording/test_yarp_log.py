@@ -1,0 +1,37 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from skin_data import real_file
+from tci.errors import RecordingError
+from tci.recording.recording import Recording
+from tci.recording.yarp_log import import_yarp_log
+
+
+@pytest.mark.parametrize(
+    ("name", "count"), [("icub_right_foot_raw_01.log", 894), ("icub_right_foot_raw_08.log", 351)]
+)
+def test_a_log_of_a_real_icub_keeps_every_value_and_time(name: str, count: int, tmp_path: Path) -> None:
+    log = real_file(f"recordings/{name}")
+    assert import_yarp_log(log, tmp_path / "foot.mcap", patch="right_foot") == count
+    rows = np.loadtxt(log)
+    frames = list(Recording(tmp_path / "foot.mcap").frames())
+    np.testing.assert_array_equal([frame.sequence for frame in frames], rows[:, 0])
+    np.testing.assert_array_equal([frame.stamp for frame in frames], rows[:, 1])
+    np.testing.assert_array_equal([frame.values for frame in frames], rows[:, 2:])
+    assert (tmp_path / "foot.mcap").stat().st_size < log.stat().st_size
+
+
+def test_a_folder_of_the_dumper_and_a_log_that_is_no_skin(tmp_path: Path) -> None:
+    (tmp_path / "data.log").write_text("1 10.5 1 2 3\n\n2 10.6 4 5 6\n")
+    assert import_yarp_log(tmp_path, tmp_path / "a.mcap", patch="p") == 2
+    for text, match in (
+        ("", "empty"), ("1 2.0 ((4 5))\n", "line 1"), ("1 2.0 1\n1 nan 1\n", "line 2"), ("1\n", "line 1"),
+        ("1 2.0\n", "line 1"), ("-1 2.0 1\n", "line 1"), ("1 2.0 " + "1 " * 2**20, "longer"),
+    ):  # fmt: skip
+        (tmp_path / "data.log").write_text(text)
+        with pytest.raises(RecordingError, match=match):
+            import_yarp_log(tmp_path, tmp_path / f"{len(list(tmp_path.iterdir()))}.mcap", patch="p")

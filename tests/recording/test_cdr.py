@@ -39,18 +39,15 @@ def test_what_is_written_is_read(values: tuple[object, ...]) -> None:
 def test_a_foreign_reader_reads_the_same(values: tuple[object, ...]) -> None:
     decoder = generate_dynamic(KIND.name, KIND.definition)[KIND.name]
     message = decoder(encode(KIND, values))
-    assert [message.header.stamp.sec, message.header.stamp.nanosec, message.header.frame_id] == list(
-        values[:3]
-    )
+    stamp = message.header.stamp
+    assert [stamp.sec, stamp.nanosec, message.header.frame_id] == list(values[:3])
     for (_, name), value in zip(KIND.fields, values[3:], strict=True):
         found = getattr(message, name)
         assert (list(found) if isinstance(value, list) else found) == value
 
 
 @given(VALUES, st.data())
-def test_58_damaged_bytes_are_refused_or_read_never_more(
-    values: tuple[object, ...], data: st.DataObject
-) -> None:
+def test_58_damaged_bytes_are_refused_or_read(values: tuple[object, ...], data: st.DataObject) -> None:
     raw = bytearray(encode(KIND, values))
     for _ in range(3):
         raw[data.draw(st.integers(0, len(raw) - 1))] = data.draw(st.integers(0, 255))

@@ -86,6 +86,26 @@ def _table(rows: list[dict[str, Any]]) -> Any:
 
 
 @app.command()
+def check(
+    robot: Annotated[str, typer.Argument(help="Robot by name, or a description file.")],
+    file: Annotated[
+        Path | None, typer.Option(help="Skin calibration file to check, in place of the robot's own skin.")
+    ] = None,
+    link: Annotated[str | None, typer.Option(help="Link that the file's skin is on.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+) -> None:
+    """Measure how far taxels are from the surface of their link, and find the correction for a wrong frame.
+
+    Exit status 1 when a skin is not where it should be.
+
+    Example:  tci skin check icub --file right_arm.txt --link r_upper_arm
+    """
+    from tci.cli.skin_check import check as command
+
+    command(robot, file, link, as_json=as_json)
+
+
+@app.command()
 def show(
     skin: Annotated[str, typer.Argument(help="Skin calibration file, robot by name, or robot description.")],
     out: Annotated[Path, typer.Option(help="The picture to write (.png).")] = Path("skin.png"),

@@ -259,6 +259,10 @@ class Table(Words):
     """Absolute after loading."""
     format: Literal["rows", "icub"] = "rows"
     """Nothing but rows, or a skin calibration file as iCub's are."""
+    xyz: Vector = (0.0, 0.0, 0.0)
+    """Origin [m] of the file's frame in the patch's link."""
+    rpy: Vector = (0.0, 0.0, 0.0)
+    """Orientation [rad] of the file's frame in the patch's link."""
 
 
 class Patch(Words):

@@ -9,16 +9,25 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from tci.errors import DescriptionError, Fault
-from tci.frames import Array
+from tci.frames import Array, rotation_rpy
 from tci.model.description import Patch, Robot, Table
 from tci.model.skin_file import MODULE_PITCH, read_skin_file
 
 
 def read_table(robot: Robot, patch: Patch, table: Table) -> tuple[Array, Array, Array, NDArray[np.intp]]:
-    """Positions, normals, areas and channels from a file: row i is channel i, all zeros: no taxel there.
+    """Positions and normals in the patch's link, areas and channels from a file.
 
-    A taxel stands for the hexagon that its nearest neighbour leaves it (ours).
+    Row i is channel i, all zeros: no taxel there. A taxel stands for the hexagon that its nearest
+    neighbour leaves it (ours).
     """
+    positions, normals, areas, channels = _in_the_files_frame(robot, patch, table)
+    R_LF = rotation_rpy(*table.rpy)
+    return positions @ R_LF.T + np.array(table.xyz), normals @ R_LF.T, areas, channels
+
+
+def _in_the_files_frame(
+    robot: Robot, patch: Patch, table: Table
+) -> tuple[Array, Array, Array, NDArray[np.intp]]:
     path = Path(robot.source).parent / table.file
     if table.format == "icub":
         return _calibrated(patch, path)

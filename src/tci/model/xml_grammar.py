@@ -163,7 +163,10 @@ PATCH = Element(
         "triangular_modules": Element(
             some={"module": Element(needs={"frame": NAME, "port": ID}, may={"turn": Angle()})}
         ),
-        "table": Element(needs={"file": RelativePath()}, may={"format": Choice(("rows", "icub"))}),
+        "table": Element(
+            needs={"file": RelativePath()},
+            may={"format": Choice(("rows", "icub")), "xyz": POINT, "rpy": ORIENTATION},
+        ),
     },
 )  # fmt: skip
 

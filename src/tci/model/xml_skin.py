@@ -99,7 +99,13 @@ def _surface(patch: Node, source: Path, faults: Faults) -> TruncatedCone | Trian
     if found[0] == "triangular_modules":
         return _modules(node, channels, faults)
     path = beside(node, source, "table", faults)
-    return None if path is None or not node.ok else Table(file=str(path), format=node.get("format", "rows"))
+    if path is None or not node.ok:
+        return None
+    nowhere = (0.0, 0.0, 0.0)
+    return Table(
+        file=str(path), format=node.get("format", "rows"),
+        xyz=node.get("xyz", nowhere), rpy=node.get("rpy", nowhere),
+    )  # fmt: skip
 
 
 def _cone(node: Node, channels: int | None, faults: Faults) -> TruncatedCone | None:

@@ -1,0 +1,78 @@
+"""`tci skin check`: a frame mistake is caught, and its correction printed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from skin_data import real_file
+from tci.cli.main import app
+from tci.frames import apply, rotation_rpy, transform
+from tci.model.catalogue import load_robot
+from tci.model.registration import link_surface, register
+from tci.model.skin_file import read_skin_file
+
+ICUB = load_robot("icub")
+
+
+def check(*arguments: str) -> tuple[int, str]:
+    result = CliRunner().invoke(app, ["skin", "check", *arguments])
+    return result.exit_code, result.output
+
+
+def test_the_right_arms_file_is_off_and_its_correction_is_found() -> None:
+    file = real_file("icub/positions/right_arm.txt")
+    status, text = check("icub", "--file", str(file), "--link", "r_upper_arm", "--json")
+    assert status == 1
+    (row,) = json.loads(text)["skins"]
+    assert row["verdict"] == "wrong"
+    assert row["mean_mm"] == pytest.approx(31.6, abs=0.3)
+    assert row["correction"]["mends"]
+    assert row["correction"]["mean_mm"] < 1.0
+    print(row["correction"])
+    known = np.array(
+        [[-0.79629, -0.00546, 0.60489], [0.60489, -0.01745, 0.79612], [0.00621, 0.99983, 0.0172]]
+    )
+    turned = np.array(row["correction"]["R"]) @ known.T
+    assert np.rad2deg(np.arccos((np.trace(turned) - 1.0) / 2.0)) < 3.0
+    np.testing.assert_allclose(row["correction"]["xyz_m"], [0.0106, 0.0290, -0.0099], atol=0.003)
+    status, text = check("icub", "--file", str(file), "--link", "r_upper_arm")
+    assert "is in another frame" in text
+    assert "xyz=" in text
+
+
+@pytest.mark.parametrize(("name", "link"), [("left_arm", "l_upper_arm"), ("left_leg_lower", "l_lower_leg")])
+def test_files_in_their_links_frame_fit(name: str, link: str) -> None:
+    skin = read_skin_file(real_file(f"icub/positions/{name}.txt"))
+    found = register(skin.positions[skin.valid], link_surface(ICUB, link))
+    assert found.fits
+    assert not found.mends
+    assert found.mean < 0.002
+
+
+def test_a_displacement_that_was_made_is_undone() -> None:
+    """Points of the link itself, moved: no file is needed."""
+    surface = link_surface(ICUB, "l_upper_arm")
+    points = surface.points[::600]
+    moved = transform(rotation_rpy(0.4, -0.9, 2.0), np.array([0.05, -0.02, 0.08]))
+    found = register(apply(moved, points), surface)
+    assert found.mean > 0.005
+    assert found.corrected_mean < 0.001
+    np.testing.assert_allclose(apply(found.correction @ moved, points), points, atol=0.002)
+
+
+def test_the_robots_own_skin_and_links_without_meshes() -> None:
+    status, text = check("nao", "--json")
+    assert status == 0
+    assert {row["verdict"] for row in json.loads(text)["skins"]} == {"not checked"}
+    assert "has no mesh to compare with" in text
+
+
+def test_half_a_question_is_refused(tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["skin", "check", "icub", "--link", "chest"])
+    assert result.exit_code == 1
+    assert "a file needs a link" in str(result.exception)

@@ -11,7 +11,7 @@ import pytest
 from matplotlib.image import imread
 
 from tci.model.catalogue import load_robot
-from tci.runtime.query import RobotFacts, query
+from tci.runtime.query import query, read_facts
 
 ROOT = Path(__file__).parent.parent.parent
 LISTING = """<generic_robot angle_unit="deg">
@@ -46,15 +46,14 @@ def test_describe(robot: str) -> None:
     assert "shoulder_pitch" in text
     assert "rms" in text
     data = json.loads(tci("describe", robot, "--json"))
-    assert len(data["skin"]) == 4
-    assert all(0.0 <= patch["cone"]["rms_mm"] < 6.0 for patch in data["skin"])
+    assert len(data["patches"]) == 4
+    assert all(0.0 <= patch["cone"]["rms"] < 0.006 for patch in data["patches"])
 
 
 @pytest.mark.parametrize("robot", ["nao", "icub"])
 def test_describe_in_every_format(robot: str) -> None:
     facts = json.loads(tci("describe", robot, "--format", "json"))
-    assert facts.pop("skin")
-    told, known = RobotFacts.model_validate_json(json.dumps(facts)), query(load_robot(robot))
+    told, known = read_facts(json.dumps(facts)), query(load_robot(robot))
     assert told.servos == known.servos
     assert told.links == known.links
     assert [len(patch.taxels) for patch in told.patches] == [len(patch.taxels) for patch in known.patches]

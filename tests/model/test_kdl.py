@@ -1,21 +1,24 @@
 """Chains of the run-time query, built in OROCOS KDL by another process: Debian's python3-pykdl.
 
-What crosses is the JSON of `tci describe ROBOT --format kdl`, and nothing else of TCI.
+What crosses is the JSON of `tci describe ROBOT --format kdl`; the lines of docs/kinematics.md build from it.
 """
 
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from model.moving import random_postures, robot_and_kinematics
 from peers import debian_python, needs_debian_module
+from tci.model.chain import ChainSegment
 from tci.model.inverse import InverseKinematics
 from tci.runtime.query import query
 
 COUNT = 200
+PAGE = Path(__file__).parents[2] / "docs" / "kinematics.md"
 KDL = """
 import json, sys
 import PyKDL as kdl
@@ -23,23 +26,6 @@ import PyKDL as kdl
 def frame(rows):
     R = kdl.Rotation(*[value for row in rows[:3] for value in row[:3]])
     return kdl.Frame(R, kdl.Vector(*[row[3] for row in rows[:3]]))
-
-def rigid(inertia):
-    if inertia is None:
-        return kdl.RigidBodyInertia()
-    (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertia["tensor"]
-    tensor = kdl.RotationalInertia(xx, yy, zz, xy, xz, yz)
-    return kdl.RigidBodyInertia(inertia["mass"], kdl.Vector(*inertia["centre"]), tensor)
-
-def build(segments):
-    chain = kdl.Chain()
-    for s in segments:
-        if s["servo"] is None:
-            joint = kdl.Joint(s["name"])
-        else:
-            joint = kdl.Joint(s["name"], kdl.Vector(*s["origin"]), kdl.Vector(*s["axis"]), kdl.Joint.RotAxis)
-        chain.addSegment(kdl.Segment(s["name"], joint, frame(s["tip"]), rigid(s["inertia"])))
-    return chain
 
 def angles(values):
     q = kdl.JntArray(len(values))
@@ -51,7 +37,7 @@ def matrix(pose):
     return [[pose.M[i, j] for j in range(3)] + [pose.p[i]] for i in range(3)] + [[0.0, 0.0, 0.0, 1.0]]
 
 request = json.load(sys.stdin)
-chain = build(request["segments"])
+exec(request["documented"])
 forward, jacobian = kdl.ChainFkSolverPos_recursive(chain), kdl.ChainJntToJacSolver(chain)
 inverse = kdl.ChainIkSolverPos_LMA(chain, eps=1e-12)
 answers = []
@@ -73,8 +59,17 @@ json.dump({"poses": answers, "solved": solved, "mass": sum(
 PARTS = [(name, part) for name in ("nao", "icub") for part in ("left_arm", "right_arm", "head")]
 
 
+def documented_lines(folder: Path, part: str, segments: tuple[ChainSegment, ...]) -> str:
+    """The lines of docs/kinematics.md that build a chain, on the JSON of this part."""
+    file = folder / "chains.json"
+    file.write_text(json.dumps({part: [segment.model_dump(mode="json") for segment in segments]}))
+    lines = PAGE.read_text().split("```python\n")[1].split("```")[0]
+    assert lines.count('"nao.json"') == lines.count('"left_arm"') == 1
+    return lines.replace('"nao.json"', repr(str(file))).replace('"left_arm"', repr(part))
+
+
 @pytest.mark.parametrize(("name", "part"), PARTS)
-def test_kdl_agrees_on_poses_jacobians_and_inverse_kinematics(name: str, part: str) -> None:
+def test_kdl_agrees_on_poses_jacobians_and_inverse_kinematics(name: str, part: str, tmp_path: Path) -> None:
     needs_debian_module("PyKDL", "python3-pykdl")
     robot, kinematics = robot_and_kinematics(name)
     facts = query(robot)
@@ -87,7 +82,7 @@ def test_kdl_agrees_on_poses_jacobians_and_inverse_kinematics(name: str, part: s
     # KDL knows no limits, so it starts near; our own answer serves as its start, and must be one for it.
     ours = [inverse.solve(target, posture + 0.05) for target, posture in zip(targets, postures, strict=False)]
     request = {
-        "segments": [segment.model_dump(mode="json") for segment in segments],
+        "documented": documented_lines(tmp_path, part, segments),
         "postures": postures[:, servos].tolist(),
         "targets": [
             {"target": target.tolist(), "start": (posture[servos] + 0.05).tolist()}

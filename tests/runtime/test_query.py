@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
+from tci.errors import DescriptionError
 from tci.model.catalogue import load_robot
 from tci.model.joint_map import joint_map
 from tci.model.kinematics import Kinematics
-from tci.runtime.query import RobotFacts, generic_limits, query
+from tci.runtime.query import RobotFacts, generic_limits, query, read_facts
 
 ROBOTS = ("nao", "icub")
 
@@ -16,7 +19,7 @@ ROBOTS = ("nao", "icub")
 @pytest.mark.parametrize("name", ROBOTS)
 def test_it_returns_from_json_as_it_was(name: str) -> None:
     facts = query(load_robot(name))
-    assert RobotFacts.model_validate_json(facts.model_dump_json()) == facts
+    assert read_facts(facts.model_dump_json()) == facts
     assert facts.format == "tci.robot/1"
     assert RobotFacts.model_json_schema()["properties"].keys() == RobotFacts.model_fields.keys()
 
@@ -76,3 +79,24 @@ def test_a_robot_without_a_model_tells_what_it_has() -> None:
     facts = query(robot)
     assert facts.servos == robot.servos
     assert facts.links == facts.denavit_hartenberg == facts.patches == facts.fields == ()
+
+
+def test_damaged_facts_get_one_error_that_names_every_fault() -> None:
+    facts = json.loads(query(load_robot("nao")).model_dump_json())
+    damaged = {**facts, "format": "tci.robot/2", "surprise": 1, "name": 7}
+    with pytest.raises(DescriptionError, match="the topic: 3 faults") as caught:
+        read_facts(json.dumps(damaged), source="the topic")
+    text = str(caught.value)
+    for word in ("format: ", "'tci.robot/1'", "surprise: ", "name: "):
+        assert word in text
+    with pytest.raises(DescriptionError, match="1 fault"):
+        read_facts("{")
+
+
+def test_skin_that_no_cone_fits_is_told_without_one() -> None:
+    robot = load_robot("nao")
+    parts = tuple(
+        part.model_copy(update={"side": None}) if part.name == "left_arm" else part for part in robot.parts
+    )
+    facts = query(robot.model_copy(update={"parts": parts}))
+    assert {patch.part for patch in facts.patches if patch.cone is None} == {"left_arm"}

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from rich import box
 from rich.table import Table
@@ -12,13 +10,10 @@ from scipy.spatial.transform import Rotation
 from tci.cli.console import console, print_json
 from tci.errors import UnknownNameError
 from tci.model.catalogue import load_robot
-from tci.model.cone import cone_of
 from tci.model.description import GenericPart, Robot
-from tci.model.kinematics import Kinematics
-from tci.model.surfaces import build_surface
 from tci.model.tree import Matrix
 from tci.model.urdf import to_urdf
-from tci.runtime.query import DHTable, dh_tables, query
+from tci.runtime.query import DHTable, PatchFacts, dh_tables, query
 
 FORMATS = ("table", "json", "dh", "urdf", "kdl")
 """What `tci describe` can print."""
@@ -30,7 +25,7 @@ def describe(name: str, *, form: str, as_json: bool) -> None:
         raise UnknownNameError("format", form, FORMATS)
     robot = load_robot(name)
     if as_json or form == "json":
-        print_json({**query(robot).model_dump(mode="json"), "skin": _skin(robot)})
+        print_json(query(robot).model_dump(mode="json"))
     elif form == "urdf":
         print(to_urdf(robot), end="")
     elif form == "kdl":
@@ -44,7 +39,7 @@ def describe(name: str, *, form: str, as_json: bool) -> None:
 
 
 def _print_tables(robot: Robot) -> None:
-    skin = _skin(robot)
+    patches = query(robot).patches
     console.print(f"[bold]{robot.name}[/]  {robot.title}")
     console.print(f"description {robot.source}\nsha256 {robot.digest}", style="dim", highlight=False)
     for part in robot.parts:
@@ -56,8 +51,8 @@ def _print_tables(robot: Robot) -> None:
         )
         lower, upper = np.rad2deg([coupling.lower, coupling.upper])
         console.print(f"coupling {coupling.name}: {lower:.1f} <= {terms} <= {upper:.1f} degrees")
-    if skin:
-        console.print(_skin_table(skin))
+    if patches:
+        console.print(_skin_table(patches))
     for binding in robot.bindings:
         console.print(
             f"link [bold]{binding.middleware}[/]: {binding.rate:g} commands/s, "
@@ -123,47 +118,19 @@ def _degrees(angle: float | None) -> str:
     return "unknown" if angle is None else f"{np.rad2deg(angle):.1f}"
 
 
-def _skin(robot: Robot) -> list[dict[str, Any]]:
-    if robot.model is None or not robot.patches:
-        return []
-    kinematics = Kinematics(robot)
-    rows = []
-    for patch in robot.patches:
-        surface = build_surface(robot, patch, kinematics)
-        cone = cone_of(robot, surface, kinematics)
-        rows.append(
-            {
-                "patch": patch.name,
-                "part": patch.part,
-                "segment": patch.segment,
-                "link": patch.link,
-                "kind": patch.surface.kind,
-                "taxels": len(surface.positions),
-                "rate_hz": patch.rate,
-                "area_cm2": float(surface.areas.sum() * 1e4),
-                "cone": {
-                    "length_mm": cone.length * 1e3,
-                    "r1_mm": cone.r1 * 1e3,
-                    "r2_mm": cone.r2 * 1e3,
-                    "rms_mm": cone.rms * 1e3,
-                    "max_mm": cone.largest * 1e3,
-                },
-            }
-        )
-    return rows
-
-
-def _skin_table(rows: list[dict[str, Any]]) -> Table:
+def _skin_table(patches: tuple[PatchFacts, ...]) -> Table:
     table = _table(
         "skin",
         "length, r1, r2, rms and max: the paper's truncated cone (eq. 4) fitted to the taxels, and its error",
         "patch", "from", "taxels", "Hz", "cm2", "length", "r1", "r2", "rms", "max mm",
     )  # fmt: skip
-    for row in rows:
-        cone = row["cone"]
+    for patch in patches:
+        cone, fit = patch.cone, []
+        if cone is not None:
+            errors = (cone.r1, cone.r2, cone.rms, cone.largest)
+            fit = [f"{1e3 * cone.length:.0f}", *(f"{1e3 * value:.1f}" for value in errors)]
         table.add_row(
-            row["patch"], row["kind"].split("_")[-1], str(row["taxels"]),
-            f"{row['rate_hz']:g}", f"{row['area_cm2']:.0f}", f"{cone['length_mm']:.0f}",
-            f"{cone['r1_mm']:.1f}", f"{cone['r2_mm']:.1f}", f"{cone['rms_mm']:.1f}", f"{cone['max_mm']:.1f}",
+            patch.name, patch.kind.split("_")[-1], str(len(patch.taxels)), f"{patch.rate:g}",
+            f"{1e4 * patch.area:.0f}", *fit,
         )  # fmt: skip
     return table

@@ -1,6 +1,6 @@
 """The run-time query: all that another program may ask of a robot, as one object and as JSON.
 
-SI units and radians, frames as in docs/conventions.md. `RobotFacts.model_validate_json` reads it back,
+SI units and radians, frames as in docs/conventions.md. `read_facts` reads the JSON back and checks it,
 `RobotFacts.model_json_schema()` says what is in it.
 """
 
@@ -9,14 +9,17 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
+from pydantic import ValidationError
 
 from tci.capabilities.fields import ReceptiveField, default_fields
+from tci.errors import DescriptionError, Fault, TciError
 from tci.model.chain import ChainSegment, chain_to, ends_of
+from tci.model.cone import cone_of
 from tci.model.denavit_hartenberg import Convention, denavit_hartenberg
 from tci.model.description import Coupling, GenericPart, Robot, Servo, Vector, Words
 from tci.model.joint_map import joint_map
 from tci.model.kinematics import Kinematics
-from tci.model.surfaces import build_surface
+from tci.model.surfaces import Surface, build_surface
 from tci.model.tree import KinematicLink, Matrix, links_of, rows, vector
 
 CONVENTIONS: tuple[Convention, ...] = ("classic", "modified")
@@ -75,6 +78,21 @@ class Taxel(Words):
     """[m2]"""
 
 
+class ConeFacts(Words):
+    """The paper's truncated cone (eqs 3-4) fitted to a patch's taxels, and its radial error."""
+
+    length: float
+    """[m]"""
+    r1: float
+    """Radius [m] at the proximal end."""
+    r2: float
+    """Radius [m] at the distal end."""
+    rms: float
+    """Root mean square of the error [m]."""
+    largest: float
+    """Largest error [m]."""
+
+
 class PatchFacts(Words):
     """One patch of skin."""
 
@@ -82,10 +100,16 @@ class PatchFacts(Words):
     part: str
     segment: str
     link: str
+    kind: str
+    """How its surface is described."""
     rate: float
     """Frames per second [Hz]."""
     channels: int
     """Values in a raw frame."""
+    area: float
+    """Of all taxels [m2]."""
+    cone: ConeFacts | None
+    """None where no cone fits: skin on no limb, or too few taxels."""
     taxels: tuple[Taxel, ...]
 
 
@@ -136,6 +160,22 @@ def query(robot: Robot) -> RobotFacts:
         patches=_patches(robot) if model else (),
         fields=default_fields() if robot.patches else (),
     )
+
+
+def read_facts(text: str | bytes, *, source: str = "facts of a robot") -> RobotFacts:
+    """Facts from their JSON; `source` names it in errors.
+
+    Raises DescriptionError with all faults at once: text that is not JSON, another format or version, a
+    missing or unknown field, a value of the wrong type.
+    """
+    try:
+        return RobotFacts.model_validate_json(text)
+    except ValidationError as error:
+        faults = []
+        for found in error.errors(include_url=False, include_context=False):
+            place = ".".join(str(step) for step in found["loc"])
+            faults.append(Fault(0, f"{place}: {found['msg']}" if place else found["msg"]))
+        raise DescriptionError(source, faults) from None
 
 
 def generic_limits(robot: Robot, part: str) -> tuple[GenericLimits, ...]:
@@ -192,7 +232,16 @@ def _patches(robot: Robot) -> tuple[PatchFacts, ...]:
         facts.append(
             PatchFacts(
                 name=patch.name, part=patch.part, segment=patch.segment, link=patch.link,
-                rate=patch.rate, channels=patch.channels, taxels=taxels,
+                kind=patch.surface.kind, rate=patch.rate, channels=patch.channels,
+                area=float(surface.areas.sum()), cone=_cone(robot, surface, kinematics), taxels=taxels,
             )
         )  # fmt: skip
     return tuple(facts)
+
+
+def _cone(robot: Robot, surface: Surface, kinematics: Kinematics) -> ConeFacts | None:
+    try:
+        fit = cone_of(robot, surface, kinematics)
+    except TciError:
+        return None
+    return ConeFacts(length=fit.length, r1=fit.r1, r2=fit.r2, rms=fit.rms, largest=fit.largest)

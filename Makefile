@@ -33,8 +33,8 @@ docs: dev-env  ## build the documentation; a warning is an error
 bench: dev-env  ## gate and contacts beside a bare peer, as ratios
 	@$(VENV)/python tools/bench.py
 
-soak: dev-env  ## hostile commands through the gate for longer (TCI_SOAK=cycles)
-	@TCI_SOAK=$${TCI_SOAK:-200000} $(VENV)/python -m pytest -q tests/interface/test_gate.py -k hostile
+soak: dev-env  ## hostile commands through the gate, and a day of noise and drift on a skin (TCI_SOAK=cycles)
+	@TCI_SOAK=$${TCI_SOAK:-200000} $(VENV)/python -m pytest -q tests/interface/test_gate.py tests/interface/test_long_conditioning.py -k "hostile or conditioning"
 
 fuzz: dev-env  ## damaged robot descriptions for longer (TCI_FUZZ=files)
 	@TCI_FUZZ=$${TCI_FUZZ:-20000} $(VENV)/python -m pytest -q tests/model/test_xml.py -k damaged

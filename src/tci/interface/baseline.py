@@ -9,28 +9,39 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from tci.errors import TciError
 from tci.frames import Array
+
+BEND = np.sqrt(6.0) * np.sqrt(2.0 / np.pi)
+"""Mean size of the second difference of normal noise, in standard deviations of the noise."""
 
 
 @dataclass(frozen=True, slots=True)
 class BaselineSettings:
     """Time constants in seconds, so that the frame rate plays no part. All figures are ours."""
 
+    lesson: float = 1.0
+    """Time [s] over which frames are averaged before something is learnt from them."""
+    frames: int = 50
+    """And at least so many frames, or single readings of a touch would look like noise."""
     drift_rate: float = 5e-4
     """Fastest common drift [share of the sensor's range per second]."""
     own: float = 30.0
     """Time constant [s] with which a quiet taxel's own rest value is followed."""
     release: float = 1.0
     """Time constant [s] for a taxel that reads below rest: pressure is never negative."""
-    noise: float = 10.0
+    noise: float = 20.0
     """Time constant [s] of the noise estimate."""
     quiet: float = 2.0
     """Deviation [counts] below which a taxel counts as quiet, however small its noise."""
     threshold: float = 7.0
     """Deviations below this many standard deviations of the noise are no pressure."""
+    restless: float = 0.2
+    """Share of the frames of a lesson that must differ from the one before to be called noise."""
+    share: float = 0.25
+    """Share of the sound taxels that must be quiet before their median counts as drift."""
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -39,54 +50,103 @@ class BaselineSettings:
                 raise TciError(f"baseline: {field.name} {value}; valid: above 0 and finite")
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Lesson:
+    """What a patch read for some time, per taxel."""
+
+    elapsed: float
+    """Its length [s]."""
+    mean: Array
+    """Mean signal (n,) [counts]."""
+    peak: Array
+    """Largest deviation (n,) [counts] from the rest value."""
+    bend: Array
+    """Mean size (n,) [counts] of second differences: slow changes, a touch among them, leave it alone."""
+    changes: Array
+    """Share (n,) of the frames that differ from the one before."""
+
+
 class Baseline:
     """The rest values of one patch, as deviations [counts] from the description's."""
 
-    def __init__(self, count: int, *, span: float, noise: float, settings: BaselineSettings) -> None:
-        """`span` [counts] of the sensor's range; `noise` [counts] standard deviation to start with."""
+    def __init__(
+        self,
+        count: int,
+        *,
+        span: float,
+        noise: float,
+        neighbours: NDArray[np.intp],
+        settings: BaselineSettings,
+    ) -> None:
+        """`span` [counts] of the sensor's range; `noise` [counts] standard deviation to start with;
+        `neighbours` (m, 2) pairs of taxels that touch."""
         self.settings = settings
         self.offset = np.zeros(count)
         """Rest value (n,) [counts] beyond the description's, positive with pressure."""
         self.noise = np.full(count, noise)
         """Standard deviation (n,) [counts] of the noise."""
-        self._middle = noise
+        self.threshold = settings.threshold * self.noise
+        """Deviation (n,) [counts] from which a taxel feels something."""
         self._slew = settings.drift_rate * span
-        self._last: Array | None = None
+        self._neighbours = neighbours
+        self._taught = np.zeros(count, dtype=bool)
+        self._afresh = False
 
-    @property
-    def threshold(self) -> Array:
-        """Deviation (n,) [counts] from which a taxel feels something.
+    def start(self, offset: Array, noise: ArrayLike) -> None:
+        """Begin with what is known: rest values (n,) and standard deviations (n,) [counts]."""
+        self.offset[:] = offset
+        self.noise[:] = noise
+        self.threshold[:] = self.settings.threshold * self.noise
+        self._taught[:] = True
 
-        No taxel is taken to be quieter than the median of its patch: few frames are no proof of that.
-        """
-        threshold: Array = self.settings.threshold * np.maximum(self.noise, self._middle)
-        return threshold
+    def rezero(self, signal: Array) -> None:
+        """`signal` (n,) [counts] is rest; the next lesson makes it exact."""
+        self.offset[:] = signal
+        self._afresh = True
 
-    def rezero(self) -> None:
-        """What the taxels read now is rest."""
-        if self._last is not None:
-            self.offset = self._last.copy()
-
-    def update(self, signal: Array, sound: NDArray[np.bool_], elapsed: float) -> Array:
-        """Deviation (n,) [counts] from rest of `signal` (n,), after learning from it for `elapsed` [s].
-
-        Only `sound` taxels (n,) teach anything.
-        """
+    def learn(self, lesson: Lesson, sound: NDArray[np.bool_]) -> None:
+        """Only `sound` taxels (n,) teach anything."""
         s = self.settings
-        deviation = signal - self.offset
-        if elapsed > 0.0 and self._last is not None:
-            quiet = sound & (np.abs(deviation) < np.maximum(self.threshold, s.quiet))
-            if 2 * np.count_nonzero(quiet) >= np.count_nonzero(sound) > 0:
-                drift = float(np.median(deviation[quiet]))
-                self.offset += min(max(drift, -self._slew * elapsed), self._slew * elapsed)
-            below = sound & ~quiet & (deviation < 0.0)
-            rate = np.where(quiet, elapsed / s.own, np.where(below, elapsed / s.release, 0.0))
-            self.offset += np.minimum(rate, 1.0) * deviation
-            step = np.minimum(np.abs(signal - self._last), 4.0 * self.noise + s.quiet)
-            # The mean difference of two readings with normal noise is 1.128 standard deviations.
-            share = min(elapsed / s.noise, 1.0)
-            self.noise += np.where(quiet, share * (step / 1.128 - self.noise), 0.0)
-            self._middle = float(np.median(self.noise))
-            deviation = signal - self.offset
-        self._last = signal
-        return deviation
+        restless = lesson.changes >= s.restless
+        noise = np.where(restless, lesson.bend / BEND, 0.0)
+        deviation = lesson.mean - self.offset
+        level = np.maximum(s.threshold * np.maximum(self.noise, noise), s.quiet)
+        quiet = sound & (lesson.peak < level)
+        if self._afresh:
+            self.offset[quiet] = lesson.mean[quiet]
+            self._afresh = False
+            deviation = lesson.mean - self.offset
+        if np.count_nonzero(quiet) >= max(s.share * np.count_nonzero(sound), 1.0):
+            most = self._slew * lesson.elapsed
+            drift = min(max(float(np.median(deviation[quiet])), -most), most)
+            self.offset += drift
+            deviation -= drift
+        self._follow(lesson.elapsed, deviation, quiet, sound)
+        teaches = quiet & restless
+        share = np.where(self._taught, 1.0 - np.exp(-lesson.elapsed / s.noise), 1.0)
+        self.noise += np.where(teaches, share * (noise - self.noise), 0.0)
+        self._taught |= teaches
+        # Few frames are no proof that a taxel is quieter than its patch.
+        self.threshold[:] = s.threshold * np.maximum(self.noise, np.median(self.noise))
+
+    def _follow(
+        self, elapsed: float, deviation: Array, quiet: NDArray[np.bool_], sound: NDArray[np.bool_]
+    ) -> None:
+        """Each taxel's own rest value. A touch's weak edge looks quiet, so its neighbours wait."""
+        s = self.settings
+        touched = sound & ~quiet & (deviation > 0.0)
+        own = quiet & ~near(touched, self._neighbours)
+        below = sound & ~quiet & (deviation < 0.0)
+        share = np.where(own, 1.0 - np.exp(-elapsed / s.own), 0.0)
+        share[below] = 1.0 - np.exp(-elapsed / s.release)
+        self.offset += share * deviation
+
+
+def near(touched: NDArray[np.bool_], neighbours: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Which taxels (n,) have a touched neighbour; `neighbours` (m, 2) are pairs."""
+    result = np.zeros(touched.size, dtype=bool)
+    if touched.any():
+        one, other = neighbours.T
+        result[one[touched[other]]] = True
+        result[other[touched[one]]] = True
+    return result

@@ -7,6 +7,7 @@ pascal (§3.2: readings are normalised in layer L3). The same frames give the sa
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -15,10 +16,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import FrameError, TciError
-from tci.frames import Array
-from tci.interface.baseline import Baseline, BaselineSettings
+from tci.frames import Array, read_only
+from tci.interface.baseline import Baseline, BaselineSettings, Lesson
+from tci.interface.kernels.condition import (
+    BEND,
+    CHANGED,
+    PEAK,
+    SIGNAL,
+    TOTAL,
+    compiled,
+    condition,
+    empty_memory,
+)
 from tci.interface.taxel_health import Health, HealthSettings, TaxelHealth
 from tci.model.description import Patch
+from tci.model.skin_calibration import PatchCalibration
 
 GAP = 1.0
 """Longest time [s] between two frames that anything is learnt for at once. Ours."""
@@ -67,31 +79,56 @@ class Conditioner:
         *,
         neighbours: NDArray[np.intp] | None = None,
         settings: ConditioningSettings | None = None,
+        calibration: PatchCalibration | None = None,
+        phase: float = 0.0,
     ) -> None:
         """`channels` (taxels,) are the places of the taxels in the raw frame, `neighbours` (m, 2) pairs of
-        taxels that touch."""
+        taxels that touch. A `calibration` takes the place of the description's rest, noise and response.
+        The first lesson is shorter by the share `phase`, so that patches do not all learn in the same frame.
+
+        Raises TciError for a calibration of another number of taxels.
+        """
         self.patch = patch
-        self.channels = channels
+        self.channels = np.ascontiguousarray(channels, dtype=np.intp)
         self.dropped = 0
         """Values dropped until now: not finite, or none that the sensor can send."""
         self.settings = settings or ConditioningSettings()
         sensor = patch.sensor
-        self._sign = np.sign(sensor.pascal_per_count)
-        self._full = (sensor.highest - sensor.rest) if self._sign > 0 else (sensor.rest - sensor.lowest)
+        self.sign = float(np.sign(sensor.pascal_per_count))
+        full = (sensor.highest - sensor.rest) if self.sign > 0 else (sensor.rest - sensor.lowest)
         count = len(channels)
         pairs = np.zeros((0, 2), dtype=np.intp) if neighbours is None else neighbours
-        span = sensor.highest - sensor.lowest
-        self.baseline = Baseline(count, span=span, noise=sensor.noise, settings=self.settings.baseline)
+        self.baseline = Baseline(
+            count,
+            span=sensor.highest - sensor.lowest,
+            noise=sensor.noise,
+            neighbours=pairs,
+            settings=self.settings.baseline,
+        )
         """What the taxels read at rest."""
-        self._health = TaxelHealth(count, full=self._full, neighbours=pairs, settings=self.settings.health)
-        self._saturated = np.zeros(count, dtype=bool)
+        response = sensor.response
+        if calibration is not None:
+            calibration.check(count)
+            self.baseline.start(self.sign * (np.array(calibration.rest) - sensor.rest), calibration.noise)
+            response = calibration.response
+        self._health = TaxelHealth(count, full=full, neighbours=pairs, settings=self.settings.health)
+        self._sensor = np.array([sensor.lowest, sensor.highest, sensor.rest, self.sign, full])
+        self._nodes = np.array(response).T.copy() if response else np.zeros((2, 0))
+        self._gain = np.full(count, 1.0 if response else abs(sensor.pascal_per_count))
+        self._memory = empty_memory(count)
+        self._pressure = np.zeros(count)
+        self._masked = read_only(self._health.state, np.bool_)
+        self._saturated = 0
+        self._frames = self._in_lesson = self._bends = 0
+        self._due = self.settings.baseline.lesson * (1.0 - phase)
+        self._elapsed = 0.0
         self._stamp: float | None = None
-        self._smooth: Array | None = None
+        compiled()
 
     @property
     def masked(self) -> NDArray[np.bool_]:
-        """Which taxels (n,) are ignored."""
-        return ~self._health.sound
+        """Which taxels (n,) are ignored: an array that nobody changes."""
+        return self._masked
 
     @property
     def health(self) -> PatchHealth:
@@ -99,12 +136,13 @@ class Conditioner:
         state = self._health.state
         masked = {int(i): Health(state[i]).name.lower() for i in np.flatnonzero(state)}
         coverage = 1.0 - len(masked) / max(len(state), 1)
-        saturated = int(np.count_nonzero(self._saturated))
-        return PatchHealth(coverage, MappingProxyType(masked), saturated, self.dropped)
+        return PatchHealth(coverage, MappingProxyType(masked), self._saturated, self.dropped)
 
     def rezero(self) -> None:
         """What the taxels read now is rest: after a step of the baseline, or on an operator's word."""
-        self.baseline.rezero()
+        if self._frames:
+            self.baseline.rezero(self._memory[SIGNAL])
+            self._forget()
 
     def pressure(self, values: NDArray[np.generic], stamp: float | None = None) -> Array:
         """Pressure (taxels,) [Pa] of a raw frame (channels,) at `stamp` [s]: never negative, always finite.
@@ -115,35 +153,58 @@ class Conditioner:
         """
         values = np.asarray(values)
         self._check(values)
-        sensor = self.patch.sensor
-        # Sensors send small and unsigned numbers; their differences need room.
-        raw = values[self.channels].astype(np.float64)
-        good = (raw >= sensor.lowest) & (raw <= sensor.highest)
-        signal = self._sign * (raw - sensor.rest)
-        if not good.all():
-            self.dropped += int(good.size - np.count_nonzero(good))
-            signal[~good] = self.baseline.offset[~good]
-        self._saturated = signal >= self._full
         elapsed = 0.0
         if stamp is not None:
             elapsed = 0.0 if self._stamp is None else min(max(stamp - self._stamp, 0.0), GAP)
             self._stamp = stamp
-        learns = stamp is not None
-        deviation = (
-            self.baseline.update(signal, good & self._health.sound, elapsed)
-            if learns
-            else (signal - self.baseline.offset)
+        latency = self.settings.latency
+        smooth = latency > 0.0 and elapsed > 0.0
+        pressure = self._pressure.copy()
+        dropped, self._saturated = condition(
+            # Sensors send small and unsigned numbers; their differences need room.
+            values.astype(np.float64),
+            self.channels,
+            self._sensor,
+            self.baseline.offset,
+            self.baseline.threshold,
+            self._health.silent,
+            self._gain,
+            self._nodes,
+            self._memory,
+            self._frames,
+            1.0 - math.exp(-elapsed / latency) if smooth else 1.0,
+            pressure,
         )
-        threshold = self.baseline.threshold
-        if learns:
-            self._health.update(signal, deviation, self.baseline.noise, threshold, elapsed)
-        felt = np.where((deviation >= threshold) & self._health.sound, np.maximum(deviation, 0.0), 0.0)
-        pressure = sensor.pressure(felt)
-        if self.settings.latency > 0.0 and elapsed > 0.0 and self._smooth is not None:
-            share = 1.0 - np.exp(-elapsed / self.settings.latency)
-            pressure = self._smooth + share * (pressure - self._smooth)
-        self._smooth = pressure
+        self._pressure = pressure
+        self.dropped += dropped
+        self._bends += self._frames == 2
+        self._frames = min(self._frames + 1, 2)
+        self._in_lesson += 1
+        self._elapsed += elapsed
+        if self._elapsed >= self._due and self._in_lesson >= self.settings.baseline.frames:
+            self._learn()
         return pressure
+
+    def _learn(self) -> None:
+        total, peak, bend, changed = self._memory[[TOTAL, PEAK, BEND, CHANGED]]
+        lesson = Lesson(
+            elapsed=self._elapsed,
+            mean=total / self._in_lesson,
+            peak=peak,
+            bend=bend / max(self._bends, 1),
+            changes=changed / self._in_lesson,
+        )
+        before = self.baseline.offset.copy()
+        self.baseline.learn(lesson, self._health.sound)
+        self._health.judge(lesson, before, self.baseline.noise, self.baseline.threshold)
+        self._masked = read_only(self._health.state, np.bool_)
+        self._forget()
+
+    def _forget(self) -> None:
+        self._memory[TOTAL:] = 0.0
+        self._in_lesson = self._bends = 0
+        self._due = self.settings.baseline.lesson
+        self._elapsed = 0.0
 
     def _check(self, values: NDArray[np.generic]) -> None:
         name, expected = self.patch.name, (self.patch.channels,)

@@ -16,6 +16,7 @@ from tci.messages import JointReading, PatchState, Reading, SkinFrame, SkinState
 from tci.model.description import GenericPart, Patch, Robot, Segment
 from tci.model.generic_arm import SEGMENTS, limb_coordinates, segment_rotation
 from tci.model.kinematics import Kinematics
+from tci.model.skin_calibration import SkinCalibration
 from tci.model.surfaces import Surface, build_surface
 
 FrameName = Literal["link", "limb", "torso"]
@@ -28,13 +29,26 @@ RESTART = 1.0
 class Skin:
     """The whole skin of one robot."""
 
-    def __init__(self, robot: Robot, *, conditioning: ConditioningSettings | None = None) -> None:
-        """Build the surface of every patch; `conditioning` says how frames become pressures.
+    def __init__(
+        self,
+        robot: Robot,
+        *,
+        conditioning: ConditioningSettings | None = None,
+        calibration: SkinCalibration | None = None,
+    ) -> None:
+        """Build the surface of every patch; `conditioning` says how frames become pressures, and
+        `calibration` what was measured about the taxels.
 
-        Raises TciError for a patch that is not on a limb, and what Kinematics and build_surface raise.
+        Raises TciError for a patch that is not on a limb, or a calibration that does not fit the robot, and
+        what Kinematics and build_surface raise.
         """
         for patch in robot.patches:
             _check_limb(robot.part(patch.part), patch)
+        measured = {} if calibration is None else calibration.patches
+        if calibration is not None and calibration.robot != robot.name:
+            raise TciError(f"calibration of {calibration.robot!r}; valid: {robot.name!r}")
+        for name in measured:
+            robot.patch(name)
         self.robot = robot
         self.kinematics = Kinematics(robot)
         self.surfaces: Mapping[str, Surface] = MappingProxyType(
@@ -47,8 +61,10 @@ class Skin:
                 self.surfaces[patch.name].channels,
                 neighbours=self.surfaces[patch.name].neighbours,
                 settings=conditioning,
+                calibration=measured.get(patch.name),
+                phase=0.5 * index / len(robot.patches),
             )
-            for patch in robot.patches
+            for index, patch in enumerate(robot.patches)
         }
         segments = [robot.part(patch.part).segment(patch.segment) for patch in robot.patches]
         links = [patch.link for patch in robot.patches] + [segment.link for segment in segments]
@@ -116,9 +132,7 @@ class Skin:
         force = pressure * self.surfaces[frame.patch].areas
         pressure.setflags(write=False)
         force.setflags(write=False)
-        masked = conditioner.masked
-        masked.setflags(write=False)
-        return PatchState(frame.patch, frame.stamp, frame.sequence, pressure, force, masked)
+        return PatchState(frame.patch, frame.stamp, frame.sequence, pressure, force, conditioner.masked)
 
     def positions(self, patch: str, joints: JointReading, *, frame: FrameName = "link") -> Array:
         """Taxel positions (taxels, 3) [m] at the present posture (eq. 3).

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tci.errors import TciError
 from tci.frames import Array
+from tci.interface.baseline import BEND, Lesson, near
 
 
 class Health(IntEnum):
@@ -18,7 +19,7 @@ class Health(IntEnum):
     SOUND = 0
     """It is used."""
     DEAD = 1
-    """Its value has not changed for long, at rest, while its patch flickers: masked."""
+    """Its value has not changed for long, at rest, though its patch flickers: masked."""
     STUCK = 2
     """The same while it reads pressure; or pressed to the end of its range all alone: masked."""
     NOISY = 3
@@ -35,6 +36,8 @@ class HealthSettings:
     """A taxel this many times as noisy as the median of its patch is masked, until half of that."""
     least_noise: float = 1.0
     """Noise [counts] below which no taxel is noisy."""
+    flicker: float = 0.2
+    """Noise [counts] that a patch must have for the silence of a taxel, or of all, to mean something."""
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -54,10 +57,11 @@ class TaxelHealth:
         self.settings = settings
         self.state = np.zeros(count, dtype=np.int8)
         """`Health` of each taxel (n,)."""
+        self.silent = np.zeros(count, dtype=bool)
+        """Taxels (n,) whose pressure is not believed. A dead one has none, and should it change, it lives."""
         self._full = full
         self._neighbours = neighbours
         self._unchanged = np.zeros(count)
-        self._last: Array | None = None
 
     @property
     def sound(self) -> NDArray[np.bool_]:
@@ -65,44 +69,34 @@ class TaxelHealth:
         sound: NDArray[np.bool_] = self.state == Health.SOUND
         return sound
 
-    def update(self, signal: Array, deviation: Array, noise: Array, pressed: Array, elapsed: float) -> None:
-        """Judge every taxel (n,), `elapsed` [s] after the last time.
-
-        `signal` and `deviation` from rest in counts, `noise` its standard deviation, `pressed` the
-        deviation from which a taxel feels something.
-        """
+    def judge(self, lesson: Lesson, offset: Array, noise: Array, threshold: Array) -> None:
+        """Judge every taxel (n,) by a lesson: `offset` is its rest value, `noise` its standard deviation,
+        `threshold` the deviation from which it feels something, all in counts."""
         s = self.settings
-        if self._last is None:
-            self._last = signal
-            return
-        same = signal == self._last
-        self._last = signal
-        self._unchanged = np.where(same, self._unchanged + elapsed, 0.0)
-        self.state[~same & (self.state != Health.NOISY)] = Health.SOUND
+        deviation = lesson.mean - offset
+        changed = lesson.changes > 0.0
+        self._unchanged = np.where(changed, 0.0, self._unchanged + lesson.elapsed)
+        self.state[changed & (self.state != Health.NOISY)] = Health.SOUND
         still = self._unchanged > s.still
-        if still.any():
-            self._judge_still(still, deviation, pressed)
         middle = float(np.median(noise))
+        if still.any():
+            self._judge_still(still, deviation, threshold, middle)
         limit = max(s.noisy * middle, s.least_noise)
+        present = lesson.bend / BEND
         self.state[(noise > limit) & (self.state == Health.SOUND)] = Health.NOISY
-        self.state[(noise < limit / 2.0) & (self.state == Health.NOISY)] = Health.SOUND
+        # What a masked taxel sends teaches nothing, so that its release goes by the lesson itself.
+        self.state[(present < limit / 2.0) & (self.state == Health.NOISY)] = Health.SOUND
+        self.silent[:] = (self.state == Health.STUCK) | (self.state == Health.NOISY)
 
-    def _judge_still(self, still: NDArray[np.bool_], deviation: Array, pressed: Array) -> None:
-        touched = deviation > np.maximum(pressed, 1.0)
-        # Where most taxels flicker, one that does not is no sensor; where none does, it means nothing.
-        if 2 * np.count_nonzero(still) < still.size:
-            near = self._near(touched)
-            held = touched & near  # a lasting press may saturate a taxel, but not one alone
+    def _judge_still(
+        self, still: NDArray[np.bool_], deviation: Array, threshold: Array, middle: float
+    ) -> None:
+        touched = deviation > np.maximum(threshold, 2.0)
+        alone = touched & ~near(touched, self._neighbours)
+        # Where taxels flicker, one that does not is no sensor; where none ever did, it means nothing.
+        if middle > self.settings.flicker:
             self.state[still & ~touched] = Health.DEAD
-            self.state[still & touched & ~held] = Health.STUCK
+            # A lasting press may saturate a taxel, but not one alone.
+            self.state[still & alone] = Health.STUCK
         else:
-            full = still & (deviation >= 0.9 * self._full)
-            self.state[full & ~self._near(touched)] = Health.STUCK
-
-    def _near(self, touched: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Which taxels (n,) have a touched neighbour."""
-        result = np.zeros(touched.size, dtype=bool)
-        one, other = self._neighbours.T
-        result[one[touched[other]]] = True
-        result[other[touched[one]]] = True
-        return result
+            self.state[still & alone & (deviation >= 0.9 * self._full)] = Health.STUCK

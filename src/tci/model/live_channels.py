@@ -1,0 +1,37 @@
+"""Which channels of a raw recording are taxels: found from the values alone, without a position file.
+
+An iCub's boards send 12 values per triangle, two of them of thermal pads; absent triangles send one constant.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.errors import TciError
+from tci.frames import Array
+
+PER_MODULE = 12
+_PAD = 0.25
+"""A pad varies less than this share of the taxels beside it. Ours; 0.07 on an iCub's foot."""
+
+
+def live_channels(values: Array, *, per_module: int = PER_MODULE) -> NDArray[np.bool_]:
+    """Which channels (channels,) are taxels, from frames (n, channels) in which the skin was touched.
+
+    A module of which no channel ever changes is absent, or its board is silent: the values can't tell
+    which. A pad is a place that varies little in most modules. Raises TciError for frames that do not
+    divide into modules, hold values that are not finite, or in which nothing changes.
+    """
+    if values.ndim != 2 or values.shape[1] % per_module or not len(values):
+        raise TciError(f"frames of shape {values.shape}; valid: (n, a multiple of {per_module})")
+    if not np.isfinite(values).all():
+        raise TciError("frames hold values that are not finite")
+    spread = np.ptp(values, axis=0).reshape(-1, per_module)
+    present = spread.any(axis=1)
+    if not present.any():
+        raise TciError("nothing changes in these frames; valid: a recording in which the skin is touched")
+    typical = np.median(spread[present], axis=1)
+    pads = np.median(spread[present] / np.maximum(typical, 1e-9)[:, None], axis=0) < _PAD
+    result: NDArray[np.bool_] = (present[:, None] & ~pads).ravel()
+    return result

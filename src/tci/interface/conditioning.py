@@ -181,6 +181,9 @@ class Conditioner:
         self._frames = min(self._frames + 1, 2)
         self._in_lesson += 1
         self._elapsed += elapsed
+        if self._health.still:
+            self._health.revive(self._memory[CHANGED] > 0.0)
+            self._masked = read_only(self._health.state, np.bool_)
         if self._elapsed >= self._due and self._in_lesson >= self.settings.baseline.frames:
             self._learn()
         return pressure

@@ -59,6 +59,8 @@ class TaxelHealth:
         """`Health` of each taxel (n,)."""
         self.silent = np.zeros(count, dtype=bool)
         """Taxels (n,) whose pressure is not believed. A dead one has none, and should it change, it lives."""
+        self.still = False
+        """Whether a taxel is dead or stuck."""
         self._full = full
         self._neighbours = neighbours
         self._unchanged = np.zeros(count)
@@ -69,6 +71,11 @@ class TaxelHealth:
         sound: NDArray[np.bool_] = self.state == Health.SOUND
         return sound
 
+    def revive(self, changed: NDArray[np.bool_]) -> None:
+        """Taxels that were dead or stuck and `changed` (n,) are believed again, from the next frame on."""
+        self.state[changed & (self.state != Health.NOISY)] = Health.SOUND
+        self.silent &= ~(changed & (self.state == Health.SOUND))
+
     def judge(self, lesson: Lesson, offset: Array, noise: Array, threshold: Array) -> None:
         """Judge every taxel (n,) by a lesson: `offset` is its rest value, `noise` its standard deviation,
         `threshold` the deviation from which it feels something, all in counts."""
@@ -76,7 +83,6 @@ class TaxelHealth:
         deviation = lesson.mean - offset
         changed = lesson.changes > 0.0
         self._unchanged = np.where(changed, 0.0, self._unchanged + lesson.elapsed)
-        self.state[changed & (self.state != Health.NOISY)] = Health.SOUND
         still = self._unchanged > s.still
         middle = float(np.median(noise))
         if still.any():
@@ -86,6 +92,7 @@ class TaxelHealth:
         self.state[(noise > limit) & (self.state == Health.SOUND)] = Health.NOISY
         # What a masked taxel sends teaches nothing, so that its release goes by the lesson itself.
         self.state[(present < limit / 2.0) & (self.state == Health.NOISY)] = Health.SOUND
+        self.still = bool(((self.state == Health.DEAD) | (self.state == Health.STUCK)).any())
         self.silent[:] = (self.state == Health.STUCK) | (self.state == Health.NOISY)
 
     def _judge_still(

@@ -1,8 +1,13 @@
-"""At the end of a run, the tests that did not run and how to get them stand together."""
+"""Settings of all tests; at the end of a run, those that did not run and how to get them stand together."""
 
 from __future__ import annotations
 
+import hypothesis
 import pytest
+
+# No test times anything: on a shared machine hypothesis' own deadline would fail sound code.
+hypothesis.settings.register_profile("untimed", deadline=None)
+hypothesis.settings.load_profile("untimed")
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

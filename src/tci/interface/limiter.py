@@ -19,12 +19,15 @@ from ruckig import (
 
 from tci.errors import CommandError
 from tci.frames import Array
-from tci.interface.bounds import Bounds
+from tci.interface.bounds import MARGIN, Bounds
 
 CREEP = 0.1
 """Share of the speed limit at which a servo that starts outside its limits moves inward. Ours."""
 LONGEST_STOP = 512
 """Periods of a stop beside a coupling that are looked at one by one; a longer stop is not risked there."""
+
+LEAST_SHARE = 1e-6
+"""Least share of the longest way of a straight motion that is told from none; ruckig needs limits above 0."""
 
 
 class Guard(Protocol):
@@ -40,7 +43,8 @@ class Limiter:
 
     The state it hands out always has a stop, already planned and checked against limits and couplings.
     When the next state towards the target has none, or ruckig finds no way, it takes a step of that
-    stop instead, and tries again in the next period.
+    stop instead, and tries again in the next period. A motion that came to rest so goes on in a straight
+    line, since a line between two points inside limits and couplings stays inside.
     """
 
     def __init__(self, bounds: Bounds, position: Array, period: float, *, guard: Guard | None = None) -> None:
@@ -120,6 +124,7 @@ class Limiter:
         """
         self.target = np.array(target)
         self._speed = np.minimum(speed, self.bounds.velocity)
+        self._set_straight(self._straight and not np.any(self._input.current_velocity))
         self._stopping = False
         self._resting = False
 
@@ -156,7 +161,7 @@ class Limiter:
         """Take a step to the target; false, and no step, when a stop from there would leave the bounds."""
         here = np.array(self._input.current_position)
         outside = (here < self.bounds.lower) | (here > self.bounds.upper)
-        self._input.max_velocity = list(self._speed * (CREEP if outside.any() else 1.0))
+        self._input.max_velocity = list(self._most * (CREEP if outside.any() else 1.0))
         self._input.target_position = list(self.target)
         if self._driven.any():
             allowed = self.bounds.allowed_velocity(here, np.nan_to_num(self._drive))
@@ -183,6 +188,8 @@ class Limiter:
             velocity = acceleration = [0.0] * len(position)
             self._resting = self._stopping
         self._set_state(position, velocity, acceleration)
+        if self._since >= self._escape.duration:
+            self._set_straight(True)
 
     def _stays_inside(self, here: Array) -> bool:
         """Whether the planned stop stays in bounds, or outside them no farther than `here` (n,) [rad]."""
@@ -195,7 +202,7 @@ class Limiter:
                 self._stop.current_acceleration,
             )
         )
-        turn = turning_point(start, velocity, acceleration, bounds.jerk)
+        turn = turning_point(start, velocity, acceleration, np.array(self._stop.max_jerk))
         end = np.array(self._candidate.at_time(self._candidate.duration)[0])
         lowest = np.minimum(np.minimum(start, turn), end)
         highest = np.maximum(np.maximum(start, turn), end)
@@ -252,6 +259,23 @@ class Limiter:
         self._input.per_dof_synchronization = [
             Synchronization.No if driven else Synchronization.Time for driven in self._driven
         ]
+        self._set_straight(False)
+
+    def _set_straight(self, straight: bool) -> None:
+        """Whether the motion from here, which must be at rest then, and its stops follow a straight line.
+
+        They do where all limits are in the ratio of the ways. (ruckig's phase synchronisation is not for
+        this: it gives up where states are only nearly on a line, as rounding leaves them.)
+        """
+        self._straight = straight and not self._driven.any()
+        limits = [self._speed, self.bounds.acceleration, self.bounds.jerk]
+        if self._straight:
+            way = np.abs(self.target - np.array(self._input.current_position))
+            share = np.maximum(way / max(float(way.max()), MARGIN), LEAST_SHARE)
+            limits = [share * np.min(limit / share) for limit in limits]
+        self._most, acceleration, jerk = limits
+        for parameter in (self._input, self._stop):
+            parameter.max_acceleration, parameter.max_jerk = list(acceleration), list(jerk)
 
     def _set_state(self, position: list[float], velocity: list[float], acceleration: list[float]) -> None:
         self._input.current_position = position

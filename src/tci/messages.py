@@ -245,3 +245,5 @@ Command = GenericCommand | CartesianCommand | SwitchMode
 """What a capability may want."""
 PlatformOrder = PlatformCommand | PlatformSwitch
 """What the gate takes."""
+Order = Command | PlatformOrder
+"""What may come from a capability or, through a server, from other programs."""

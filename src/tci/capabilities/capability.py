@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import Generic, TypeVar
 
-from tci.messages import Command, Perception
+from tci.messages import Order, Perception
 
 Memory = TypeVar("Memory")
 
@@ -22,7 +22,7 @@ class Capability(ABC, Generic[Memory]):
     def init(self) -> Memory:
         """The memory to start with."""
 
-    def begin(self, perception: Perception) -> tuple[Command, ...]:
+    def begin(self, perception: Perception) -> tuple[Order, ...]:
         """What it asks for once, before its first step: control modes, stiffness. Nothing, mostly.
 
         Where the robot refuses any of it, the capability is not run.
@@ -30,7 +30,7 @@ class Capability(ABC, Generic[Memory]):
         return ()
 
     @abstractmethod
-    def step(self, memory: Memory, perception: Perception) -> tuple[tuple[Command, ...], Memory]:
+    def step(self, memory: Memory, perception: Perception) -> tuple[tuple[Order, ...], Memory]:
         """Commands for this instant, and the memory for the next one.
 
         Commands are given when they change: the gate goes on towards the last one. Neither argument

@@ -9,8 +9,8 @@ from typing import Generic
 import numpy as np
 
 from tci.capabilities.capability import Capability, Memory
-from tci.errors import TciError
-from tci.messages import CONTROL_MODES, Command, GenericCommand, Mode, Perception
+from tci.errors import CommandError, TciError
+from tci.messages import CONTROL_MODES, GenericCommand, Mode, Order, Perception, PlatformCommand
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,14 +48,17 @@ class ContactStop(Capability[StopMemory[Memory]], Generic[Memory]):
     def init(self) -> StopMemory[Memory]:
         return StopMemory(self.behaviour.init(), {}, {})
 
-    def begin(self, perception: Perception) -> tuple[Command, ...]:
+    def begin(self, perception: Perception) -> tuple[Order, ...]:
         """What the behaviour begins with."""
         return self.behaviour.begin(perception)
 
     def step(
         self, memory: StopMemory[Memory], perception: Perception
-    ) -> tuple[tuple[Command, ...], StopMemory[Memory]]:
-        """The behaviour's commands, but for parts that stand still; raises what it raises."""
+    ) -> tuple[tuple[Order, ...], StopMemory[Memory]]:
+        """The behaviour's commands, but for parts that stand still; raises what it raises.
+
+        Raises CommandError for a command in the robot's own joints: which part it moves is not known here.
+        """
         now = perception.stamp
         touched = {part: since for part, since in memory.touched.items() if now - since < self.quiet}
         for contact in perception.contacts:
@@ -63,15 +66,17 @@ class ContactStop(Capability[StopMemory[Memory]], Generic[Memory]):
                 touched[contact.part] = now
         inner, memory_after = self.behaviour.step(memory.inner, perception)
         wanted = dict(memory.wanted)
-        commands: list[Command] = []
+        commands: list[Order] = []
         fresh = set()
         for command in inner:
-            motion = isinstance(command, GenericCommand) and command.mode in CONTROL_MODES
-            if motion and isinstance(command, GenericCommand):
+            if isinstance(command, PlatformCommand):
+                raise CommandError("the contact stop moves generic parts only; valid: commands to those")
+            if isinstance(command, GenericCommand) and command.mode in CONTROL_MODES:
                 wanted[command.part] = command
                 fresh.add(command.part)
-            if not (motion and command.part in touched):
-                commands.append(command)
+                if command.part in touched:
+                    continue
+            commands.append(command)
         for part, command in wanted.items():
             if part in touched and part not in memory.touched:
                 commands.append(_hold(command, perception))

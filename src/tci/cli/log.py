@@ -60,8 +60,8 @@ def info(file: File, as_json: AsJson = False) -> None:
 def cut(
     file: File,
     out: Annotated[Path, typer.Argument(help="The recording to write.")],
-    begin: Annotated[float, typer.Option("--from", help="Begin [s] on its clock.")] = float("-inf"),
-    end: Annotated[float, typer.Option("--to", help="End [s].")] = float("inf"),
+    begin: Annotated[float, typer.Option("--from", help="Begin \\[s] on its clock.")] = float("-inf"),
+    end: Annotated[float, typer.Option("--to", help="End \\[s].")] = float("inf"),
 ) -> None:
     """Write a part of a recording, or all of one that was cut off, closed and packed.
 

@@ -32,7 +32,7 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for programs in
 
 Faults = Annotated[
     list[str] | None,
-    typer.Option(help="NAME@TIME or NAME@TIME:DURATION [s]; names: tci fault list; repeat for several."),
+    typer.Option(help="NAME@TIME or NAME@TIME:DURATION \\[s]; names: tci fault list; repeat for several."),
 ]
 
 
@@ -56,7 +56,7 @@ def demo(
         bool, typer.Option("--headless", help="Never open the picture; nothing here needs a screen.")
     ] = False,
     skin_rate: Annotated[
-        float | None, typer.Option(help="Skin frames per second instead of the robot's own [Hz].")
+        float | None, typer.Option(help="Skin frames per second instead of the robot's own \\[Hz].")
     ] = None,
     fault: Faults = None,
     as_json: AsJson = False,
@@ -91,7 +91,7 @@ def run(
     capability: Annotated[str, typer.Argument(help="Name of a capability, such as withdrawal.")],
     robot: Annotated[str, typer.Option("--robot", "-r", help="Robot by name or description file.")],
     via: Annotated[str, typer.Option(help="Link to it, NAME or NAME:ADDRESS.")] = "sim",
-    duration: Annotated[float | None, typer.Option(help="How long [s]; else until interrupted.")] = None,
+    duration: Annotated[float | None, typer.Option(help="How long \\[s]; else until interrupted.")] = None,
     arm: Annotated[bool, typer.Option("--arm", help="Let it move; a simulated robot always may.")] = False,
     poke: Annotated[bool, typer.Option("--poke", help="A simulated finger pokes the left forearm.")] = False,
     fault: Faults = None,
@@ -126,7 +126,7 @@ def record(
     file: Annotated[Path, typer.Argument(help="The recording to write (.mcap), a new file.")],
     robot: Annotated[str, typer.Option("--robot", "-r", help="Robot by name or description file.")],
     via: Annotated[str, typer.Option(help="Link to it, NAME or NAME:ADDRESS.")] = "sim",
-    duration: Annotated[float | None, typer.Option(help="How long [s]; else until interrupted.")] = None,
+    duration: Annotated[float | None, typer.Option(help="How long \\[s]; else until interrupted.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Record what a robot senses, raw. Nothing is commanded, and no robot has to be armed.
@@ -138,6 +138,28 @@ def record(
     from tci.cli.record import record as command
 
     command(file, robot, via=via, duration=duration, as_json=as_json)
+
+
+@app.command()
+def serve(
+    robot: Annotated[str, typer.Argument(help="Robot by name, or a description file.")],
+    via: Annotated[str, typer.Option(help="How others reach it: NAME or NAME:ADDRESS.")],
+    source: Annotated[
+        str, typer.Option("--from", help="Link to the robot itself, NAME or NAME:ADDRESS.")
+    ] = "sim",
+    arm: Annotated[bool, typer.Option("--arm", help="Let it move; a simulated robot always may.")] = False,
+    duration: Annotated[float | None, typer.Option(help="How long \\[s]; else until interrupted.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Show a robot, real or simulated, to other programs. Gate and lease are those of this process.
+
+    Exit status 1 when the robot had to stop.
+
+    Example:  tci serve nao --via zenoh
+    """
+    from tci.cli.serve import serve as command
+
+    command(robot, via=via, source=source, arm=arm, duration=duration, as_json=as_json)
 
 
 @app.command()

@@ -11,11 +11,14 @@ from tci.interface.part import generic_columns, generic_posture, switch, to_plat
 from tci.interface.skin import Skin
 from tci.messages import (
     CartesianCommand,
-    Command,
     Contact,
+    GenericCommand,
     JointReading,
+    Order,
     Perception,
+    PlatformCommand,
     PlatformOrder,
+    PlatformSwitch,
     Reading,
     SwitchMode,
 )
@@ -63,16 +66,25 @@ class Body:
         moved = self.skin.kinematics.jacobian(position, link, point=contact.p_L)[:3]
         return read_only(generic_columns(self.robot, contact.part, moved, position))
 
-    def to_platform(self, commands: Iterable[Command], joints: JointReading) -> list[PlatformOrder]:
-        """The same commands in the robot's own joints, which are as `joints` says (inverse of eqs 1-2).
+    def to_platform(self, orders: Iterable[Order], joints: JointReading) -> list[PlatformOrder]:
+        """The same orders in the robot's own joints, which are as `joints` says (inverse of eqs 1-2).
 
         Raises CommandError.
         """
-        return [self._order(command, joints.position) for command in commands]
+        return [order_to_platform(self.robot, order, joints.position) for order in orders]
 
-    def _order(self, command: Command, position: Array) -> PlatformOrder:
-        if isinstance(command, SwitchMode):
-            return switch(self.robot, command)
-        if isinstance(command, CartesianCommand):
-            return cartesian_to_platform(self.robot, command, position)
-        return to_platform(self.robot, command, position=position)
+
+def order_to_platform(robot: Robot, order: Order, position: Array) -> PlatformOrder:
+    """One order in the robot's own joints, whose servos are at `position` (n_servos,) [rad].
+
+    One that is in them already comes back as it is. Raises CommandError.
+    """
+    match order:
+        case PlatformCommand() | PlatformSwitch():
+            return order
+        case SwitchMode():
+            return switch(robot, order)
+        case CartesianCommand():
+            return cartesian_to_platform(robot, order, position)
+        case GenericCommand():
+            return to_platform(robot, order, position=position)

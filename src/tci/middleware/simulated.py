@@ -7,12 +7,16 @@ from typing import Any
 
 import numpy as np
 
+from tci.clock import MonotonicClock
 from tci.errors import LinkError
 from tci.interface.gate import SafeCommand
 from tci.messages import Mode, Reading
 from tci.middleware.link import Link
 from tci.model.description import Robot
 from tci.simulation.world import World
+
+LATE = 0.1
+"""How far [s] a paced simulation may fall behind real time before it stops catching up. Ours."""
 
 
 class WorldClock:
@@ -28,13 +32,38 @@ class WorldClock:
         self._world.advance(stamp)
 
 
+class PacedWorldClock(WorldClock):
+    """The same, no faster than real time: for programs outside that share the simulation."""
+
+    def __init__(self, world: World) -> None:
+        super().__init__(world)
+        self._pace = MonotonicClock()
+        self._ahead = self._pace.now() - world.time
+
+    def sleep_until(self, stamp: float) -> None:
+        super().sleep_until(stamp)
+        late = self._pace.now() - (self.now() + self._ahead)
+        if late > LATE:
+            self._ahead += late
+        self._pace.sleep_until(self.now() + self._ahead)
+
+
 class SimulatedLink(Link):
     """A link to a simulated robot. It is armed from the start, since nothing can be hurt."""
 
     def __init__(
-        self, robot: Robot, address: str = "", *, arm: bool = True, world: World | None = None, **options: Any
+        self,
+        robot: Robot,
+        address: str = "",
+        *,
+        arm: bool = True,
+        world: World | None = None,
+        paced: bool = False,
+        **options: Any,
     ) -> None:
         """A link to `world`, or to a new one; `options` go to it: `step`, `seed`, `posture`, ...
+
+        `paced` worlds run no faster than real time.
 
         Raises LinkError for an address, which a simulation does not have.
         """
@@ -42,7 +71,8 @@ class SimulatedLink(Link):
             raise LinkError(f"the simulation has no address; got {address!r}, valid: sim")
         self.world = world or World(robot, **options)
         """The simulated world: poke its `finger`, look at its physics."""
-        super().__init__(robot, middleware="sim", clock=WorldClock(self.world), armed=arm)
+        clock = PacedWorldClock(self.world) if paced else WorldClock(self.world)
+        super().__init__(robot, middleware="sim", clock=clock, armed=arm)
         self.lease_name = f"sim:{robot.name}:{os.getpid()}:{id(self.world)}"
 
     def _receive(self) -> Reading:

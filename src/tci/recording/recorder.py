@@ -19,7 +19,7 @@ from mcap.writer import Writer
 
 from tci.errors import RecordingError
 from tci.interface.safe_command import SafeCommand
-from tci.messages import Command, JointReading, Reading, SkinFrame
+from tci.messages import JointReading, Order, Reading, SkinFrame
 from tci.model.description import Robot
 from tci.recording.compact import compact
 from tci.recording.schemas import (
@@ -85,7 +85,7 @@ class Recorder:
         self,
         now: float,
         reading: Reading,
-        commands: Sequence[Command] = (),
+        commands: Sequence[Order] = (),
         sent: SafeCommand | None = None,
     ) -> None:
         """One period of the loop. Never raises for the disk: then `failed` says why."""

@@ -14,11 +14,14 @@ from tci.frames import read_only
 from tci.interface.safe_command import SafeCommand
 from tci.messages import (
     CartesianCommand,
-    Command,
     GenericCommand,
     JointReading,
     Mode,
+    Order,
+    PlatformCommand,
+    PlatformSwitch,
     SkinFrame,
+    SwitchMode,
 )
 from tci.recording.cdr import MessageType, encode
 
@@ -56,7 +59,7 @@ COMMAND = MessageType(
     "tci_msgs/msg/Command",
     (
         ("string", "kind"), ("string", "part"), ("string", "mode"), ("float64[]", "values"),
-        ("string", "point"), ("bool", "nearest"),
+        ("string", "point"), ("bool", "nearest"), ("int32[]", "servos"),
     ),
     says="What the behaviour wanted of a generic part.",
 )  # fmt: skip
@@ -120,16 +123,24 @@ def tick_bytes(now: float, joints: JointReading, skin: list[int]) -> bytes:
     )  # fmt: skip
 
 
-def command_bytes(now: float, command: Command) -> bytes:
-    """A Command of any kind."""
+def command_bytes(now: float, command: Order) -> bytes:
+    """A Command of any kind: of a generic part by name, or of servos by their indices."""
     kind = type(command).__name__
-    if isinstance(command, CartesianCommand):
-        values = (kind, command.part, Mode.POSITION.value, command.target, command.point, command.nearest)
-    elif isinstance(command, GenericCommand):
-        values = (kind, command.part, command.mode.value, command.values, "", False)
-    else:
-        values = (kind, command.part, command.mode.value, np.empty(0), "", False)
-    return encode(COMMAND, (*header(now), *values))
+    part = getattr(command, "part", "")
+    nothing = np.empty(0)
+    values: tuple[Any, ...]
+    match command:
+        case CartesianCommand():
+            values = (Mode.POSITION.value, command.target, command.point, command.nearest, ())
+        case GenericCommand():
+            values = (command.mode.value, command.values, "", False, ())
+        case SwitchMode():
+            values = (command.mode.value, nothing, "", False, ())
+        case PlatformCommand():
+            values = (command.mode.value, command.values, "", False, command.servos)
+        case PlatformSwitch():
+            values = (command.mode.value, nothing, "", False, command.servos)
+    return encode(COMMAND, (*header(now), kind, part, *values))
 
 
 def decision_bytes(sent: SafeCommand) -> bytes:

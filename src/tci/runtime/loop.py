@@ -18,7 +18,7 @@ from tci.capabilities.capability import Capability
 from tci.errors import CommandError, FrameError, LinkError
 from tci.interface.body import Body
 from tci.interface.gate import SafeCommand
-from tci.messages import Command, JointReading, Perception, Reading
+from tci.messages import JointReading, Order, Perception, Reading
 from tci.middleware.link import Link
 from tci.runtime.guards import frozen_garbage, interruptions
 from tci.runtime.lease import lease
@@ -46,7 +46,7 @@ class Tick:
     """What the robot sent."""
     perception: Perception
     """What the capability saw; from before, when this reading's skin did not fit the robot."""
-    commands: tuple[Command, ...]
+    commands: tuple[Order, ...]
     """What the capability wanted."""
     sent: SafeCommand
     """What the gate let pass and the link sent."""
@@ -120,7 +120,7 @@ class _Loop(Generic[Memory]):
         reading = self.link.read()
         self._joints = reading.joints
         seen = self._perceive(reading, now)
-        commands: tuple[Command, ...] = ()
+        commands: tuple[Order, ...] = ()
         opening = False
         if seen is not None:
             if not self._begun:

@@ -1,4 +1,4 @@
-"""Links by name, found through the entry-point group `tci.links`."""
+"""Links and servers by name, found through the entry-point groups `tci.links` and `tci.servers`."""
 
 from __future__ import annotations
 
@@ -7,14 +7,21 @@ from typing import Any
 
 from tci.errors import MissingExtraError, UnknownNameError
 from tci.middleware.link import Link
+from tci.middleware.server import Server
 from tci.model.description import Robot
 
-GROUP = "tci.links"
+LINKS = "tci.links"
+SERVERS = "tci.servers"
 
 
 def link_names() -> tuple[str, ...]:
     """Names that `connect` takes, without an address."""
-    return tuple(sorted({point.name for point in entry_points(group=GROUP)}))
+    return tuple(sorted({point.name for point in entry_points(group=LINKS)}))
+
+
+def server_names() -> tuple[str, ...]:
+    """Names that `open_server` takes, without an address."""
+    return tuple(sorted({point.name for point in entry_points(group=SERVERS)}))
 
 
 def connect(robot: Robot, via: str = "sim", *, arm: bool | None = None, **options: Any) -> Link:
@@ -25,16 +32,30 @@ def connect(robot: Robot, via: str = "sim", *, arm: bool | None = None, **option
     library is not, LinkError when the robot can't be reached.
     """
     name, _, address = via.partition(":")
-    points = {point.name: point for point in entry_points(group=GROUP)}
-    if name not in points:
-        raise UnknownNameError("link", name, sorted(points))
-    try:
-        factory = points[name].load()
-    except ModuleNotFoundError as error:
-        if error.name is not None and error.name.split(".")[0] == "tci":
-            raise
-        raise MissingExtraError(f"the link {name!r}", name) from error
+    factory = _load(LINKS, "link", name)
     if arm is not None:
         options["arm"] = arm
     link: Link = factory(robot, address, **options)
     return link
+
+
+def open_server(link: Link, via: str, **options: Any) -> Server:
+    """Show the robot of `link` to others through "NAME" or "NAME:ADDRESS"; see `tci.runtime.serve`.
+
+    Raises as `connect` does.
+    """
+    name, _, address = via.partition(":")
+    server: Server = _load(SERVERS, "server", name)(link, address, **options)
+    return server
+
+
+def _load(group: str, what: str, name: str) -> Any:
+    points = {point.name: point for point in entry_points(group=group)}
+    if name not in points:
+        raise UnknownNameError(what, name, sorted(points))
+    try:
+        return points[name].load()
+    except ModuleNotFoundError as error:
+        if error.name is not None and error.name.split(".")[0] == "tci":
+            raise
+        raise MissingExtraError(f"the {what} {name!r}", name) from error

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from tci.frames import Array
 from tci.interface.gate import SafeCommand
 from tci.interface.places import Place, find_place
 from tci.interface.skin import Skin
-from tci.messages import CONTROL_MODES, Command, Contact, GenericCommand
+from tci.messages import CONTROL_MODES, Contact, GenericCommand, Order
 from tci.middleware.simulated import SimulatedLink
 from tci.runtime.loop import Tick, run
 from tci.simulation.world import World
@@ -70,7 +70,7 @@ class Trace:
     """The strongest contact that TCI found, by the time of its frame [s]."""
 
 
-def moves(command: Command) -> bool:
+def moves(command: Order) -> TypeGuard[GenericCommand]:
     """Whether a command moves anything: a switch of mode or a stiffness does not."""
     return isinstance(command, GenericCommand) and command.mode in CONTROL_MODES
 

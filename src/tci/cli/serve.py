@@ -1,0 +1,57 @@
+"""`tci serve`: a robot shown to other programs, behind the gate of this process."""
+
+from __future__ import annotations
+
+import contextlib
+
+from tci.cli.console import console, print_json
+from tci.cli.run import HARMLESS
+from tci.interface.gate import GateState
+from tci.model.catalogue import load_robot
+from tci.runtime.loop import Tick
+from tci.runtime.loop_report import LoopReport
+from tci.runtime.registry import connect, open_server
+from tci.runtime.serve import Served
+from tci.runtime.serve import serve as serve_robot
+
+
+def serve(robot: str, *, via: str, source: str, arm: bool, duration: float | None, as_json: bool) -> None:
+    """Serve until interrupted, and tell what came; exit with status 1 when the gate has stopped."""
+    options = {"paced": True} if source == "sim" else {}
+    arm = arm or source.partition(":")[0] in HARMLESS
+    report, served, told = LoopReport(), Served(), set[str]()
+    with connect(load_robot(robot), source, arm=arm, **options) as link, open_server(link, via) as server:
+        if not as_json:
+            console.print(f"serving {link.robot.name} as {server.where()}; end with Ctrl-C", highlight=False)
+
+        def see(tick: Tick) -> None:
+            words = (
+                f"{tick.sent.state.name}: {tick.sent.reason}" if tick.sent.reason else tick.sent.state.name
+            )
+            for line in {words, *tick.sent.refusals} - told:
+                told.add(line)
+                if not as_json:
+                    console.print(f"{tick.now:10.3f} s  {line}", highlight=False, markup=False)
+
+        with contextlib.suppress(KeyboardInterrupt):
+            serve_robot(server, duration=duration, observe=see, report=report, served=served)
+        state = link.gate.state
+    if as_json:
+        print_json(
+            {
+                "robot": robot,
+                "via": via,
+                "state": state.value,
+                "orders": served.orders,
+                "refusals": dict(served.refusals),
+                "loop": report.to_json(),
+            }
+        )
+    else:
+        refused = sum(served.refusals.values())
+        console.print(
+            f"{report.ticks} periods, {served.orders} orders, {refused} refused; at the end {state.name}",
+            highlight=False,
+        )
+    if state is GateState.STOP and report.ended == "done":
+        raise SystemExit(1)

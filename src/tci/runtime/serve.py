@@ -1,0 +1,87 @@
+"""A robot shown to other programs: the loop, with a server where a capability would be.
+
+Gate, lease and watchdog are those of this process, whatever the others send.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from tci.capabilities.capability import Capability
+from tci.errors import TciError
+from tci.interface.body import order_to_platform
+from tci.messages import Order, Perception, PlatformOrder
+from tci.middleware.server import Server
+from tci.runtime.loop import Tick, run
+from tci.runtime.loop_report import LoopReport
+
+
+@dataclass(slots=True)
+class Served:
+    """What a server has done so far."""
+
+    orders: int = 0
+    """Orders that arrived."""
+    refusals: Counter[str] = field(default_factory=Counter)
+    """Orders that did not pass, by reason."""
+
+
+def serve(
+    server: Server,
+    *,
+    duration: float | None = None,
+    observe: Callable[[Tick], None] | None = None,
+    report: LoopReport | None = None,
+    served: Served | None = None,
+) -> Served:
+    """Show the robot of `server.link` for `duration` [s], or until interrupted.
+
+    An order that does not fit the robot is refused and changes nothing. Raises what `run` raises.
+    """
+    orders = _Orders(server, served if served is not None else Served())
+
+    def see(tick: Tick) -> None:
+        orders.see(tick)
+        if observe is not None:
+            observe(tick)
+
+    run(server.link, orders, duration=duration, observe=see, guard=server.fault, report=report)
+    return orders.served
+
+
+class _Orders(Capability[None]):
+    """What others order, in the place of a behaviour."""
+
+    def __init__(self, server: Server, served: Served) -> None:
+        self.server = server
+        self.served = served
+        self._tick: Tick | None = None
+
+    def init(self) -> None:
+        return None
+
+    def step(self, memory: None, perception: Perception) -> tuple[tuple[Order, ...], None]:
+        passed: list[PlatformOrder] = []
+        for order in self.server.orders():
+            self.served.orders += 1
+            if self._tick is None:
+                self._refuse(order, "the robot has not been read yet")
+                continue
+            try:
+                position = self._tick.reading.joints.position
+                passed.append(order_to_platform(self.server.link.robot, order, position))
+            except TciError as error:
+                self._refuse(order, str(error))
+        return tuple(passed), None
+
+    def see(self, tick: Tick) -> None:
+        """Publish a period."""
+        self._tick = tick
+        self.served.refusals.update(tick.sent.refusals)
+        self.server.publish(tick.reading, tick.perception, tick.sent)
+
+    def _refuse(self, order: Order, reason: str) -> None:
+        self.served.refusals[reason] += 1
+        self.server.refuse(order, reason)

@@ -1,0 +1,97 @@
+"""A robot shown to others: orders from outside pass the gate of the serving process, or are refused."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+import tci
+from tci.interface.safe_command import SafeCommand
+from tci.messages import GenericCommand, Mode, Order, Perception, Reading
+from tci.middleware.link import Link
+from tci.middleware.server import Server
+from tci.middleware.simulated import SimulatedLink
+from tci.runtime.serve import serve
+
+
+class Desk(Server):
+    """A server whose clients are this test: orders by the number of the period in which they arrive."""
+
+    def __init__(self, link: Link, orders: dict[int, Sequence[Order]]) -> None:
+        super().__init__(link)
+        self.plan = orders
+        self.shown: list[SafeCommand] = []
+        self.refused: list[tuple[Order, str]] = []
+        self.reason = ""
+
+    def where(self) -> str:
+        return "a desk"
+
+    def orders(self) -> Sequence[Order]:
+        return self.plan.get(len(self.shown), ())
+
+    def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
+        assert reading.joints.position.shape == (len(self.link.robot.servos),)
+        assert perception.posture
+        self.shown.append(sent)
+
+    def refuse(self, order: Order, reason: str) -> None:
+        self.refused.append((order, reason))
+
+    def fault(self) -> str:
+        return self.reason
+
+    def close(self) -> None:
+        pass
+
+
+def turn_head(angle: float) -> GenericCommand:
+    return GenericCommand("head", Mode.POSITION, np.array([angle, 0.0, 0.0]))
+
+
+@pytest.fixture
+def link() -> SimulatedLink:
+    return SimulatedLink(tci.load_robot("nao"))
+
+
+def test_generic_orders_and_those_in_the_robots_joints_reach_it(link: SimulatedLink) -> None:
+    own = link.native("LArm").command({"LElbowRoll": -1.2})
+    done = serve(Desk(link, {1: [own, turn_head(0.3)]}), duration=1.5)
+    joints = link.read().joints
+    assert link.native("LArm").positions(joints)["LElbowRoll"] == pytest.approx(-1.2, abs=0.01)
+    assert tci.generic_posture(link.robot, joints)["head"][0] == pytest.approx(0.3, abs=0.01)
+    assert (done.orders, sum(done.refusals.values())) == (2, 0)
+
+
+def test_what_does_not_fit_is_refused_with_a_reason_and_serving_goes_on(link: SimulatedLink) -> None:
+    wrong = GenericCommand("head", Mode.POSITION, np.zeros(7))
+    strange = GenericCommand("tail", Mode.POSITION, np.zeros(1))
+    huge = link.native("LArm").command({"LElbowRoll": float("nan")})
+    desk = Desk(link, {0: [wrong], 1: [wrong, strange], 2: [huge]})
+    done = serve(desk, duration=0.5)
+    assert [order for order, _ in desk.refused] == [wrong, wrong, strange]
+    for (_, reason), word in zip(desk.refused, ("read", "7", "tail"), strict=True):
+        assert word in reason
+    assert "LElbowRoll" in desk.shown[2].refusals[0]
+    assert (done.orders, sum(done.refusals.values())) == (4, 4)
+    assert len(desk.shown) == round(0.5 / link.period)
+
+
+def test_a_server_that_misses_its_commander_holds_the_robot(link: SimulatedLink) -> None:
+    desk = Desk(link, {1: [turn_head(0.8)]})
+    desk.reason = "nobody commands"
+    done = serve(desk, duration=0.5)
+    assert (done.orders, desk.refused) == (1, [])
+    assert {sent.state.value for sent in desk.shown} == {"hold"}
+    assert abs(tci.generic_posture(link.robot, link.read().joints)["head"][0]) < 0.01
+
+
+def test_a_paced_simulation_is_not_ahead_of_real_time() -> None:
+    clock = tci.MonotonicClock()
+    begin = clock.now()
+    with SimulatedLink(tci.load_robot("nao"), paced=True) as link:
+        start = link.clock.now()
+        for _ in link.ticks(duration=0.2):
+            assert link.clock.now() - start <= clock.now() - begin + 1e-6

@@ -3,9 +3,9 @@
 import numpy as np
 
 import tci
+from tci.middleware.query import query
 from tci.model.kinematics import Kinematics
 from tci.model.urdf import to_urdf
-from tci.runtime.query import query
 
 robot = tci.load_robot("nao")
 facts = query(robot)

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from matplotlib.image import imread
 
+from tci.middleware.query import query, read_facts
 from tci.model.catalogue import load_robot
-from tci.runtime.query import query, read_facts
 
 ROOT = Path(__file__).parent.parent.parent
 LISTING = """<generic_robot angle_unit="deg">

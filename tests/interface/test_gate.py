@@ -156,6 +156,7 @@ def test_old_joint_data_means_hold_and_clears_by_itself_without_replay() -> None
         safe = driven.gate.step([position_command([2], [-1.0])], frozen, driven.time)
         assert safe.state is GateState.HOLD
         assert "old" in safe.refusals[0]
+        assert safe.orders == ()
         driven.angles[safe.servos] = safe.position
         driven.path.append(driven.angles.copy())
     driven.assert_within_limits()
@@ -165,7 +166,9 @@ def test_old_joint_data_means_hold_and_clears_by_itself_without_replay() -> None
     driven.settle()
     assert driven.angles[2] == stopped
     assert driven.gate.counts.holds == 1
-    driven.step(position_command([2], [0.2]))
+    again = position_command([2], [0.2])
+    assert driven.step(again).orders == (again,)
+    assert driven.step().orders == ()
     driven.settle()
     assert driven.angles[2] == pytest.approx(0.2, abs=1e-6)
 

@@ -13,9 +13,9 @@ import pytest
 
 from model.moving import random_postures, robot_and_kinematics
 from peers import debian_python, needs_debian_module
+from tci.middleware.query import query
 from tci.model.chain import ChainSegment
 from tci.model.inverse import InverseKinematics
-from tci.runtime.query import query
 
 COUNT = 200
 PAGE = Path(__file__).parents[2] / "docs" / "kinematics.md"

@@ -9,11 +9,11 @@ from scipy.spatial.transform import Rotation
 
 from tci.cli.console import console, print_json
 from tci.errors import UnknownNameError
+from tci.middleware.query import DHTable, PatchFacts, dh_tables, query
 from tci.model.catalogue import load_robot
 from tci.model.description import GenericPart, Robot
 from tci.model.tree import Matrix
 from tci.model.urdf import to_urdf
-from tci.runtime.query import DHTable, PatchFacts, dh_tables, query
 
 FORMATS = ("table", "json", "dh", "urdf", "kdl")
 """What `tci describe` can print."""

@@ -114,6 +114,7 @@ class Gate:
         reason = self._judge(joints, now)
         refusals: list[str] = []
         clamped: list[str] = []
+        taken: list[PlatformOrder] = []
         shares: dict[Mode, dict[int, float]] = {mode: {} for mode in SHARES}
         for command in commands:
             try:
@@ -123,6 +124,7 @@ class Gate:
                     clamped += self._set_share(command, shares[command.mode])
                 else:
                     clamped += self._motion.accept(command, now)
+                taken.append(command)
             except CommandError as error:
                 refusals.append(str(error))
         self._tally.refusals += len(refusals)
@@ -143,6 +145,7 @@ class Gate:
             clamped=tuple(clamped),
             refusals=tuple(refusals),
             reason=reason,
+            orders=tuple(taken),
         )
         return self._issued
 

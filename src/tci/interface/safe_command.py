@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tci.errors import LinkError
 from tci.frames import Array
-from tci.messages import Mode
+from tci.messages import Mode, PlatformOrder
 
 
 class GateState(Enum):
@@ -64,6 +64,9 @@ class SafeCommand:
     """Commands that were refused, and why."""
     reason: str = ""
     """Why the gate holds or has stopped; empty while it runs."""
+    orders: tuple[PlatformOrder, ...] = ()
+    """Orders that it took over in this step. A link to another TCI process sends these: the gate there
+    makes the motion."""
 
     def __post_init__(self) -> None:
         if not isinstance(self.seal, Seal):

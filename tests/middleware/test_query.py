@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from tci.errors import DescriptionError
+from tci.middleware.query import RobotFacts, generic_limits, query, read_facts
 from tci.model.catalogue import load_robot
 from tci.model.joint_map import joint_map
 from tci.model.kinematics import Kinematics
-from tci.runtime.query import RobotFacts, generic_limits, query, read_facts
 
 ROBOTS = ("nao", "icub")
 

@@ -209,6 +209,29 @@ def check(
     command(file, as_json=as_json)
 
 
+@app.command()
+def doctor(
+    robot: Annotated[
+        str | None, typer.Option("--robot", "-r", help="Robot by name or description file.")
+    ] = None,
+    via: Annotated[str | None, typer.Option(help="Link to it, NAME or NAME:ADDRESS.")] = None,
+    duration: Annotated[float, typer.Option(help="How long to read the robot [s].", min=0.1)] = 2.0,
+    as_json: AsJson = False,
+) -> None:
+    """Find out what works, what does not, and what to do about it. Nothing moves.
+
+    Without a robot: this machine. With one: what can be reached, rates, lost frames, ages, and where
+    robot and description disagree. Exit status 1 when there is a fault.
+
+    Example:  tci doctor
+
+    Example:  tci doctor --robot nao --via sim
+    """
+    from tci.cli.doctor import doctor as command
+
+    command(robot, via, duration=duration, as_json=as_json)
+
+
 def main() -> None:
     """Entry point: errors of TCI and of files become one message and exit status 1."""
     try:

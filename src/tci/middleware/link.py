@@ -13,6 +13,7 @@ from tci.clock import Clock, ticks
 from tci.errors import CommandError, LinkError, UnknownNameError
 from tci.interface.gate import Gate, SafeCommand
 from tci.messages import JointReading, Mode, PlatformCommand, Reading
+from tci.middleware.diagnosis import Finding
 from tci.model.description import Robot, Servo
 
 
@@ -48,6 +49,22 @@ class Link(ABC):
     @abstractmethod
     def _close(self) -> None:
         """Let go of the robot and of every resource."""
+
+    @classmethod
+    def probe(cls, robot: Robot, address: str) -> tuple[Finding, ...]:
+        """What can be reached at `address` without a link, step by step: for users whose connection fails.
+
+        It moves nothing and raises nothing; each step that fails is a finding with its advice.
+        """
+        return ()
+
+    def diagnose(self) -> tuple[Finding, ...]:
+        """What only this link knows: the dialect spoken, frames lost, the clock's offset, and where what the
+        robot says (names, limits, modes) differs from the description. It moves nothing.
+
+        Raises LinkError when the robot can't be asked.
+        """
+        return ()
 
     def ticks(self, *, duration: float | None = None) -> Iterator[float]:
         """The time now [s], once per `period`, for `duration` [s] or for ever."""

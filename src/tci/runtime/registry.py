@@ -24,6 +24,15 @@ def server_names() -> tuple[str, ...]:
     return tuple(sorted({point.name for point in entry_points(group=SERVERS)}))
 
 
+def load_link(name: str) -> type[Link]:
+    """The class of a link by its entry point.
+
+    Raises UnknownNameError for a link that is not installed, MissingExtraError when its library is not.
+    """
+    link: type[Link] = _load(LINKS, "link", name)
+    return link
+
+
 def connect(robot: Robot, via: str = "sim", *, arm: bool | None = None, **options: Any) -> Link:
     """Open a link to `robot`: "sim", or "NAME:ADDRESS" for those that need an address.
 
@@ -32,7 +41,7 @@ def connect(robot: Robot, via: str = "sim", *, arm: bool | None = None, **option
     library is not, LinkError when the robot can't be reached.
     """
     name, _, address = via.partition(":")
-    factory = _load(LINKS, "link", name)
+    factory: Any = load_link(name)
     if arm is not None:
         options["arm"] = arm
     link: Link = factory(robot, address, **options)

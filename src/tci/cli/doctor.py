@@ -1,0 +1,109 @@
+"""`tci doctor`: what works, what does not, and what to do about it. Nothing moves."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+from rich import box
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TextColumn
+from rich.table import Table
+
+from tci.cli.console import console, print_json
+from tci.errors import LinkError, MissingExtraError, TciError, UnknownNameError
+from tci.middleware.diagnosis import Finding, Level
+from tci.model.catalogue import load_robot
+from tci.model.description import Robot
+from tci.runtime.doctor import judge
+from tci.runtime.machine import examine_machine
+from tci.runtime.registry import connect, load_link
+from tci.runtime.streams import Stream, observe
+
+MARKS = {Level.OK: "[green]ok[/]", Level.NOTE: "[cyan]note[/]", Level.WARNING: "[yellow]warning[/]",
+         Level.FAULT: "[bold red]fault[/]"}  # fmt: skip
+
+
+def doctor(robot: str | None, via: str | None, *, duration: float, as_json: bool) -> None:
+    """Examine this machine, or a robot through a link; exit status 1 when there is a fault.
+
+    Raises UnknownNameError for a robot or link that does not exist, LinkError for a link without a robot.
+    """
+    if via is None and robot is None:
+        _tell("this machine", examine_machine(), (), as_json=as_json)
+        return
+    if robot is None:
+        raise LinkError(f"which robot is at {via}? valid: tci doctor --robot ROBOT --via {via}")
+    via = via or "sim"
+    findings, streams = _examine(load_robot(robot), via, duration, quiet=as_json)
+    _tell(f"{robot} via {via}", findings, streams, as_json=as_json)
+
+
+def _examine(
+    robot: Robot, via: str, duration: float, *, quiet: bool
+) -> tuple[tuple[Finding, ...], tuple[Stream, ...]]:
+    """What was found on the way to the robot, and then through the link."""
+    name, _, address = via.partition(":")
+    try:
+        found = load_link(name).probe(robot, address)
+        link = connect(robot, via, arm=False)
+    except UnknownNameError as error:
+        if error.kind == "link":
+            raise
+        advice = f"add <binding middleware={name!r} .../> to the description of {robot.name}"
+        return (Finding(Level.FAULT, "description", str(error), advice),), ()
+    except MissingExtraError as error:
+        return (Finding(Level.FAULT, "connection", str(error)),), ()
+    except TciError as error:
+        return (*found, Finding(Level.FAULT, "connection", str(error))), ()
+    columns = (TextColumn("reading {task.description}"), BarColumn())
+    with link, Progress(*columns, console=console, disable=quiet, transient=True) as progress:
+        task = progress.add_task(f"{robot.name} for {duration:g} s", total=1.0)
+        try:
+            seen = observe(link, duration, progress=lambda share: progress.update(task, completed=share))
+            return (*found, *judge(link, seen)), seen.streams
+        except TciError as error:
+            return (*found, Finding(Level.FAULT, "connection", f"lost while reading: {error}")), ()
+
+
+def _tell(title: str, findings: Sequence[Finding], streams: Sequence[Stream], *, as_json: bool) -> None:
+    counts = Counter(finding.level for finding in findings)
+    if as_json:
+        told: dict[str, Any] = {
+            "what": title,
+            "healthy": not counts[Level.FAULT],
+            "counts": {level.value: counts[level] for level in Level},
+            "findings": [finding.to_json() for finding in findings],
+            "streams": [
+                {key: _finite(value) for key, value in stream.to_json().items()} for stream in streams
+            ],
+        }
+        print_json(told)
+    else:
+        console.print(_table(title, findings))
+        for finding in findings:
+            if finding.advice and finding.level is not Level.OK:
+                console.print(
+                    f"{MARKS[finding.level]} {escape(finding.subject)}: {escape(finding.advice)}",
+                    highlight=False,
+                )
+        words = {Level.FAULT: "fault", Level.WARNING: "warning", Level.NOTE: "note"}
+        said = [f"{counts[level]} {word}{'s' * (counts[level] != 1)}" for level, word in words.items()]
+        console.print(", ".join(said), highlight=False)
+    if counts[Level.FAULT]:
+        raise SystemExit(1)
+
+
+def _table(title: str, findings: Sequence[Finding]) -> Table:
+    table = Table(
+        "", "", "found", title=escape(title), box=box.SIMPLE_HEAD, show_header=False, pad_edge=False
+    )
+    for finding in findings:
+        table.add_row(MARKS[finding.level], escape(finding.subject), escape(finding.what))
+    return table
+
+
+def _finite(value: object) -> object:
+    """JSON has no infinity: a source that never sent anything has no age."""
+    return None if isinstance(value, float) and value in (float("inf"), float("-inf")) else value

@@ -1,0 +1,28 @@
+"""`tci doctor` as a user meets it."""
+
+from __future__ import annotations
+
+import json
+
+from cli.test_cli import tci
+
+
+def test_this_machine() -> None:
+    told = json.loads(tci("doctor", "--json"))
+    assert told["healthy"]
+    assert {"machine", "clock", "link sim"} <= {finding["subject"] for finding in told["findings"]}
+
+
+def test_a_robot_its_streams_and_a_table() -> None:
+    told = json.loads(tci("doctor", "--robot", "nao", "--duration", "0.5", "--json"))
+    assert told["counts"] == {"ok": 5, "note": 0, "warning": 0, "fault": 0}
+    assert [stream["name"] for stream in told["streams"]][:2] == ["joints", "left_forearm"]
+    assert "100 frames/s of 100" in tci("doctor", "--robot", "nao", "--via", "sim", "--duration", "0.5")
+
+
+def test_a_robot_that_can_not_be_reached_is_a_fault() -> None:
+    text = tci("doctor", "--robot", "nao", "--via", "replay:/no/such/file.mcap", status=1)
+    assert "No such file" in text
+    assert "1 fault" in text
+    assert "which robot" in tci("doctor", "--via", "sim", status=1)
+    assert "valid: " in tci("doctor", "--robot", "nao", "--via", "smoke", status=1)

@@ -36,8 +36,9 @@ bench: dev-env  ## gate and contacts beside a bare peer, as ratios
 soak: dev-env  ## hostile commands through the gate, and a day of noise and drift on a skin (TCI_SOAK=cycles)
 	@TCI_SOAK=$${TCI_SOAK:-200000} $(VENV)/python -m pytest -q tests/interface/test_gate.py tests/interface/test_long_conditioning.py -k "hostile or conditioning"
 
-fuzz: dev-env  ## damaged robot descriptions for longer (TCI_FUZZ=files)
-	@TCI_FUZZ=$${TCI_FUZZ:-20000} $(VENV)/python -m pytest -q tests/model/test_xml.py -k damaged
+fuzz: dev-env  ## damaged robot descriptions and YARP messages for longer (TCI_FUZZ=files, TCI_FUZZ_WIRE=messages)
+	@TCI_FUZZ=$${TCI_FUZZ:-20000} TCI_FUZZ_WIRE=$${TCI_FUZZ_WIRE:-1000000} $(VENV)/python -m pytest -q \
+	  tests/model/test_xml.py tests/middleware/yarp -k "damaged or mutated"
 
 reliability: dev-env  ## the scoreboard of docs/reliability.md (FULL=1: full size); writes reliability.json
 	@OUT=$(OUT) FULL=$(FULL) $(VENV)/python tools/reliability

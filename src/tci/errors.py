@@ -58,6 +58,10 @@ class LinkError(TciError):
     """A link can't be opened, is closed, or was given something that no gate made."""
 
 
+class WireError(TciError):
+    """What came over a network is not what its protocol allows. It was dropped."""
+
+
 class RecordingError(TciError):
     """A recording can't be written, is no recording, or does not belong to this robot."""
 

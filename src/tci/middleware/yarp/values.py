@@ -1,0 +1,81 @@
+"""What a Bottle holds. Python's own types where they say enough, small subclasses where the wire says more.
+
+int (int32 or int64 by its size), float (float64), str, bytes (blob), bool (vocab), list, Vocab
+Int8, Int16, Int64, Float32, Vocab64, Dict, Loose
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from tci.errors import WireError
+
+
+class Vocab(int):
+    """Up to four letters packed into an int32: `Vocab("set")`. Equal to the number that it is."""
+
+    def __new__(cls, word: str | int) -> Vocab:
+        """Raises WireError for a word that doesn't fit."""
+        return super().__new__(cls, _pack(word, 4) if isinstance(word, str) else word)
+
+    @property
+    def word(self) -> str:
+        """The letters."""
+        return _letters(self, 4)
+
+    def __repr__(self) -> str:
+        return f"[{self.word}]"
+
+
+class Vocab64(int):
+    """Up to eight letters packed into an int64 (4.x only)."""
+
+    def __new__(cls, word: str | int) -> Vocab64:
+        return super().__new__(cls, _pack(word, 8) if isinstance(word, str) else word)
+
+    @property
+    def word(self) -> str:
+        """The letters."""
+        return _letters(self, 8)
+
+
+class Int8(int):
+    """An integer of one byte."""
+
+
+class Int16(int):
+    """An integer of two bytes."""
+
+
+class Int64(int):
+    """An integer of eight bytes, whatever its size."""
+
+
+class Float32(float):
+    """A float of four bytes."""
+
+
+class Dict(list[Any]):
+    """A list that says that it is a dictionary: of lists (key value)."""
+
+
+class Loose(list[Any]):
+    """A list of items of one type, with a tag at each item all the same: replies of 4.x have such lists."""
+
+
+Value = int | float | str | bytes | Sequence[Any]
+"""One item of a Bottle; lists nest."""
+
+TRUE, FALSE = Vocab(ord("1")), Vocab(0)
+
+
+def _pack(word: str, size: int) -> int:
+    letters = word.encode("latin-1", errors="replace")
+    if not 0 < len(letters) <= size:
+        raise WireError(f"vocabulary {word!r}; valid: 1 to {size} letters")
+    return int.from_bytes(letters.ljust(size, b"\0"), "little", signed=True)
+
+
+def _letters(number: int, size: int) -> str:
+    return int(number).to_bytes(size, "little", signed=True).rstrip(b"\0").decode("latin-1")

@@ -20,7 +20,8 @@ from tci.interface.skin_manager import (
     partition,
     read_skin_events,
 )
-from tci.model.skin_file import SkinFile, read_skin_file
+from tci.model.skin_file import read_skin_file
+from tci.model.skin_layout import SkinLayout
 
 FILES = {
     "left_hand": "left_hand_V2_1",
@@ -49,7 +50,7 @@ def recorded() -> dict[str, list[list[SkinContact]]]:
     return parts
 
 
-def skin_of(part: str) -> SkinFile:
+def skin_of(part: str) -> SkinLayout:
     return read_skin_file(real_file(f"icub/positions/{FILES[part]}.txt"))
 
 

@@ -12,7 +12,7 @@ app = typer.Typer(help="Look at skins: cones through them, and pictures.", no_ar
 
 @app.command()
 def fit(
-    file: Annotated[Path, typer.Argument(help="Skin calibration file (iCub's text format).")],
+    file: Annotated[Path, typer.Argument(help="Skin file: iCub calibration (.txt), table (.csv), or URDF.")],
     axis: Annotated[
         tuple[float, float, float], typer.Option(help="The kinematic axis, distally, in the file's frame.")
     ] = (0.0, 0.0, 1.0),
@@ -32,10 +32,10 @@ def fit(
     from tci.cli.console import console, print_json
     from tci.errors import TciError
     from tci.model.cone import Freedom
-    from tci.model.skin_file import read_skin_file
     from tci.model.skin_map import skin_cone
+    from tci.model.skin_reader import read_layout
 
-    skin = read_skin_file(file)
+    skin = read_layout(file)
     taxels = skin.positions[skin.taxels]
     kinds: dict[str, Freedom] = {"kinematic": "none", "free centre": "centre", "free axis": "axis"}
     rows: list[dict[str, Any]] = []
@@ -89,7 +89,7 @@ def _table(rows: list[dict[str, Any]]) -> Any:
 def check(
     robot: Annotated[str, typer.Argument(help="Robot by name, or a description file.")],
     file: Annotated[
-        Path | None, typer.Option(help="Skin calibration file to check, in place of the robot's own skin.")
+        Path | None, typer.Option(help="Skin file to check, in place of the robot's own skin.")
     ] = None,
     link: Annotated[str | None, typer.Option(help="Link that the file's skin is on.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
@@ -107,7 +107,7 @@ def check(
 
 @app.command()
 def show(
-    skin: Annotated[str, typer.Argument(help="Skin calibration file, robot by name, or robot description.")],
+    skin: Annotated[str, typer.Argument(help="Skin file, robot by name, or robot description.")],
     out: Annotated[Path, typer.Option(help="The picture to write (.png).")] = Path("skin.png"),
 ) -> None:
     """Draw a skin unrolled, x along the limb and theta around it, each taxel with its channel's number.

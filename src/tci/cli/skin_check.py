@@ -17,7 +17,7 @@ from tci.model.catalogue import load_robot
 from tci.model.description import Robot
 from tci.model.kinematics import Kinematics
 from tci.model.registration import Registration, link_surface, register
-from tci.model.skin_file import read_skin_file
+from tci.model.skin_reader import read_layout
 from tci.model.surfaces import build_surface
 
 
@@ -47,7 +47,7 @@ def check(name: str, file: Path | None, link: str | None, *, as_json: bool) -> N
 
 
 def _taxels(file: Path) -> np.ndarray:
-    skin = read_skin_file(file)
+    skin = read_layout(file)
     return np.array(skin.positions[skin.valid])
 
 

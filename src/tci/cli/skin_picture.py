@@ -14,8 +14,8 @@ from tci.frames import Array
 from tci.model.catalogue import load_robot
 from tci.model.cone import ConeFit, cone_of
 from tci.model.kinematics import Kinematics
-from tci.model.skin_file import read_skin_file
 from tci.model.skin_map import best_cone, flatten, unroll
+from tci.model.skin_reader import read_layout
 from tci.model.surfaces import build_surface
 
 
@@ -39,7 +39,7 @@ def maps(skin: str) -> list[Map]:
     """The maps of a calibration file, or of every patch of a robot. Raises TciError."""
     path = Path(skin)
     if path.is_file() and path.suffix != ".xml":
-        file = read_skin_file(path)
+        file = read_layout(path)
         positions = file.positions[file.taxels]
         return [_map(f"{path.name} ({file.name})", file.taxels, positions, best_cone(positions))]
     robot = load_robot(skin)

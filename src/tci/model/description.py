@@ -252,13 +252,16 @@ class TriangularModules(Words):
 
 
 class Table(Words):
-    """Taxel positions from a file beside the description: rows x y z nx ny nz [m]."""
+    """Taxels from a file beside the description."""
 
     kind: Literal["table"] = "table"
     file: str
     """Absolute after loading."""
-    format: Literal["rows", "icub"] = "rows"
-    """Nothing but rows, or a skin calibration file as iCub's are."""
+    format: Literal["rows", "icub", "csv", "urdf"] = "rows"
+    """Nothing but rows x y z nx ny nz [m], a skin calibration file as iCub's are, a table with a header, or
+    the tactile sensors of a URDF."""
+    sensor: str | None = None
+    """Which of a URDF's tactile sensors; not needed when it has one."""
     xyz: Vector = (0.0, 0.0, 0.0)
     """Origin [m] of the file's frame in the patch's link."""
     rpy: Vector = (0.0, 0.0, 0.0)

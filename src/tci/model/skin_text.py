@@ -75,7 +75,7 @@ def parse_lines(lines: list[str], faults: Faults) -> SkinText:
                 "[calibration] or a row of numbers",
             )
         else:
-            text.rows.append(_row(words, number, faults))
+            text.rows.append(parse_row(words, number, faults))
             if len(text.rows) > MAX_ROWS:
                 raise refuse(faults.source, number, f"more than {MAX_ROWS} rows, the most that are read")
     return text
@@ -97,7 +97,7 @@ def _representatives(words: list[str], number: int, faults: Faults) -> list[int]
     return values
 
 
-def _row(words: list[str], number: int, faults: Faults) -> list[float]:
+def parse_row(words: list[str], number: int, faults: Faults) -> list[float]:
     """The six numbers of a row; three become six, without a normal."""
     if len(words) not in (3, 6):
         faults.add(number, f"a row of {len(words)} numbers; valid: six, x y z nx ny nz [m], or three, x y z")

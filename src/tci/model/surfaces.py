@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, QhullError, cKDTree
+from scipy.spatial import ConvexHull, Delaunay, QhullError, cKDTree
 
 from tci.errors import DescriptionError, Fault
 from tci.frames import Array, apply, invert, read_only, rotation_rpy, rotation_z, transform
@@ -25,6 +25,9 @@ NEIGHBOUR_DISTANCE = 0.015
 
 GAP = 0.025
 """Widest gap [m] in a skin over which taxels are neighbours. Ours: the widest of an iCub's is 19 mm."""
+
+SHEET = 0.3
+"""A skin whose normals are all within 72 degrees (this cosine) of their mean is a sheet. Ours."""
 
 CHANNELS_PER_MODULE = 12
 
@@ -56,13 +59,18 @@ class Surface:
     neighbours: NDArray[np.intp]
     """Pairs (m, 2) of taxels that touch: near, and on the same side of a thin limb. Each pair once."""
     faces: NDArray[np.intp]
-    """Triangles (f, 3) of taxels, anticlockwise seen from outside. A convex patch's lie on its hull."""
+    """Triangles (f, 3) of taxels, anticlockwise seen from outside. Those of a limb lie on its hull, those of
+    a sheet (palm, sole, cap) are what one sees of it from outside; taxels on one line have none."""
 
     def project(self, points: Array) -> tuple[Array, Array]:
         """Nearest points (k, 3) [m] of the surface to `points` (k, 3) [m], and its normals (k, 3) there.
 
         All in the link. It serves points inside the limb as well: a centre of pressure sinks in there.
+        Without faces it is the nearest taxel.
         """
+        if not len(self.faces):
+            near = cKDTree(self.positions).query(points)[1]
+            return self.positions[near], self.normals[near]
         corners, weights, nearest = nearest_on_faces(self.positions, self.faces, points)
         normals = np.einsum("kc,kci->ki", weights, self.normals[corners])
         return nearest, normals / np.linalg.norm(normals, axis=1, keepdims=True)
@@ -84,8 +92,12 @@ def build_surface(robot: Robot, patch: Patch, kinematics: Kinematics) -> Surface
         if isinstance(words, TriangularModules):
             positions, normals, areas, channels = _modules(robot, patch, words, kinematics)
         else:
-            positions, normals, areas, channels = read_table(robot, patch, words)
-        faces = _hull(robot, patch, positions, normals)
+            layout = read_table(robot, patch, words)
+            channels = layout.taxels
+            positions, normals, areas = (
+                values[channels] for values in (layout.positions, layout.normals, layout.areas)
+            )
+        faces = _faces(positions, normals)
     if channels.max() >= patch.channels:
         message = (
             f"patch {patch.name}: it has {patch.channels} channels; its taxels need {channels.max() + 1}"
@@ -176,17 +188,25 @@ def _frames(robot: Robot, patch: Patch, modules: TriangularModules, kinematics: 
     return found[0]
 
 
-def _hull(robot: Robot, patch: Patch, positions: Array, normals: Array) -> NDArray[np.intp]:
-    """Triangles (f, 3) of the convex hull, without the lids that close a limb's two open ends."""
+def _faces(positions: Array, normals: Array) -> NDArray[np.intp]:
+    """Triangles (f, 3) between taxels: of a sheet, or of a limb."""
+    places, index = np.unique(positions, axis=0, return_index=True)
+    mean = normals.mean(axis=0)
+    length = float(np.linalg.norm(mean))
+    if length > 0.0 and float((normals @ (mean / length)).min()) > SHEET:
+        across = np.linalg.svd(mean[None] / length)[2][1:]
+        flat = places @ across.T
+        if len(places) < 3 or np.linalg.matrix_rank(flat - flat.mean(axis=0), tol=1e-6) < 2:
+            return np.zeros((0, 3), np.intp)
+        return index[np.asarray(Delaunay(flat).simplices, dtype=np.intp)]
     try:
-        faces = np.asarray(ConvexHull(positions).simplices, dtype=np.intp)
-    except QhullError as error:
-        message = f"patch {patch.name}: its taxels enclose no volume: {str(error).splitlines()[0]}"
-        raise DescriptionError(robot.source, [Fault(0, message)]) from error
-    across = _unit_normals(faces, positions)
-    mean = normals[faces].mean(axis=1)
-    skin = np.abs(np.einsum("fi,fi->f", across, mean)) > 0.5 * np.linalg.norm(mean, axis=1)
-    result: NDArray[np.intp] = faces[skin]
+        faces = index[np.asarray(ConvexHull(places).simplices, dtype=np.intp)]
+    except QhullError:
+        return np.zeros((0, 3), np.intp)
+    # Without the lids that close a limb's two open ends.
+    towards = normals[faces].mean(axis=1)
+    along = np.abs(np.einsum("fi,fi->f", _unit_normals(faces, positions), towards))
+    result: NDArray[np.intp] = faces[along > 0.5 * np.linalg.norm(towards, axis=1)]
     return result
 
 

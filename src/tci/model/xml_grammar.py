@@ -165,7 +165,10 @@ PATCH = Element(
         ),
         "table": Element(
             needs={"file": RelativePath()},
-            may={"format": Choice(("rows", "icub")), "xyz": POINT, "rpy": ORIENTATION},
+            may={
+                "format": Choice(("rows", "icub", "csv", "urdf")), "sensor": NAME,
+                "xyz": POINT, "rpy": ORIENTATION,
+            },
         ),
     },
 )  # fmt: skip

@@ -103,7 +103,7 @@ def _surface(patch: Node, source: Path, faults: Faults) -> TruncatedCone | Trian
         return None
     nowhere = (0.0, 0.0, 0.0)
     return Table(
-        file=str(path), format=node.get("format", "rows"),
+        file=str(path), format=node.get("format", "rows"), sensor=node.get("sensor"),
         xyz=node.get("xyz", nowhere), rpy=node.get("rpy", nowhere),
     )  # fmt: skip
 

@@ -47,6 +47,7 @@ GOOD = """<?xml version="1.0"?>
     </initial_positions>
   </generic_robot_part>
   <binding middleware="sim" rate="100" stale_after="0.1"/>
+  <binding middleware="other" rate="50" stale_after="0.1"><address of="Neck" to="/neck"/></binding>
 </generic_robot>
 """
 
@@ -109,6 +110,8 @@ def test_units_become_si_and_everything_is_read(tmp_path: Path) -> None:
     np.testing.assert_allclose(robot.servos[1].limits.upper, np.deg2rad(80))
     assert robot.couplings[0].coefficients == (1.0, -1.0)
     assert len(robot.digest) == 64
+    assert robot.binding("other").address("Neck", "usual") == "/neck"
+    assert robot.binding("sim").address("Neck", "usual") == "usual"
 
 
 @pytest.mark.parametrize("text", [LISTING_2, None], ids=["ours", "shared"])
@@ -168,6 +171,8 @@ def test_ids_that_count_from_one_are_refused(tmp_path: Path) -> None:
         ('name="head"', 'name="head" colour="red"', 11, "colour"),
         ('version="1"', 'version="7"', 2, "7"),
         ('rate="100"', 'rate="0"', 31, "0"),
+        ('of="Neck"', 'of="Nek"', 32, "did you mean 'Neck'"),
+        ('<address of="Neck"', '<address of="Neck" to="/a"/><address of="Neck"', 32, "second address of"),
         ("<transform_factor>", "<transform_type>cubic</transform_type><transform_factor>", 15, "linear"),
     ],
 )  # fmt: skip

@@ -307,6 +307,15 @@ class Model(Words):
         return read_only(transform(rotation_rpy(*self.torso_rpy), np.array(self.torso_xyz)))
 
 
+class Address(Words):
+    """Where a middleware finds one thing of the robot."""
+
+    of: str
+    """Name of a patch, of a robot part or of a servo."""
+    to: str
+    """Its port, topic, key or name there."""
+
+
 class Binding(Words):
     """How one middleware reaches the robot."""
 
@@ -316,6 +325,12 @@ class Binding(Words):
     """Commands per second [Hz]."""
     stale_after: float
     """Age [s] beyond which joint data no longer counts, and the gate holds."""
+    addresses: tuple[Address, ...] = ()
+    """Things that are not found under the middleware's usual names."""
+
+    def address(self, of: str, usual: str) -> str:
+        """Where the patch, robot part or servo named `of` is found; `usual` unless the file says otherwise."""
+        return next((address.to for address in self.addresses if address.of == of), usual)
 
 
 class Robot(Words):

@@ -7,13 +7,13 @@ import os
 from pathlib import Path
 
 from tci.errors import MissingExtraError
-from tci.model.description import Binding, Robot
+from tci.model.description import Address, Binding, Robot
 from tci.model.xml_document import Faults, parse, read_bytes, refuse, shown
 from tci.model.xml_grammar import GENERIC_ROBOT, ROOT
 from tci.model.xml_model import read_model
-from tci.model.xml_node import Node, read_node
+from tci.model.xml_node import Node, nearest, read_node
 from tci.model.xml_parts import initial_angles, read_parts
-from tci.model.xml_servos import once_only, read_couplings, read_servos
+from tci.model.xml_servos import Servos, once_only, read_couplings, read_servos
 from tci.model.xml_skin import read_skin
 
 
@@ -39,7 +39,7 @@ def read_robot(path: str | os.PathLike[str]) -> Robot:
     couplings = read_couplings(root, servos, initial_angles(parts), faults)
     model, missing = read_model(root, file, faults)
     patches = read_skin(root, file, faults)
-    bindings = _bindings(root, faults)
+    bindings = _bindings(root, _addressable(root, servos), faults)
     faults.check()
     name = root.get("name") or file.stem
     if missing is not None:
@@ -65,7 +65,15 @@ def schema_path() -> Path:
     return Path(__file__).with_name("robot.xsd")
 
 
-def _bindings(root: Node, faults: Faults) -> tuple[Binding, ...]:
+def _addressable(root: Node, servos: Servos) -> set[str]:
+    """What a binding can have an address for; patches too that have faults of their own."""
+    skin = root.first("skin")
+    patches = skin.all("patch") if skin is not None else []
+    names = {name for servo in servos.all for name in (servo.name, servo.robot_part)}
+    return names | {patch.get("name") for patch in patches if patch.get("name")}
+
+
+def _bindings(root: Node, known: set[str], faults: Faults) -> tuple[Binding, ...]:
     bindings = []
     for node in once_only(root.all("binding"), "middleware", "binding with", faults):
         if not node.ok:
@@ -77,5 +85,19 @@ def _bindings(root: Node, faults: Faults) -> tuple[Binding, ...]:
                 f"stale_after {stale_after:g} s is shorter than the {1.0 / rate:g} s between two commands: "
                 "all data would be too old",
             )
-        bindings.append(Binding(middleware=node.get("middleware"), rate=rate, stale_after=stale_after))
+        addresses = []
+        for place in once_only(node.all("address"), "of", "address of", faults):
+            if place.get("of") not in known:
+                name = place.get("of")
+                faults.add(
+                    place.line, f"no patch, robot part or servo {name!r}{nearest(name, sorted(known))}"
+                )
+                continue
+            addresses.append(Address(of=place.get("of"), to=place.get("to")))
+        bindings.append(
+            Binding(
+                middleware=node.get("middleware"), rate=rate, stale_after=stale_after,
+                addresses=tuple(addresses),
+            )
+        )  # fmt: skip
     return tuple(bindings)

@@ -184,6 +184,7 @@ BINDING = Element(
         "rate": Number(most=1e4, positive=True, unit="Hz"),
         "stale_after": Number(most=10.0, positive=True, unit="s"),
     },
+    many={"address": Element(needs={"of": NAME, "to": NAME})},
 )
 
 ROOT = "generic_robot"

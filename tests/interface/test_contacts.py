@@ -19,10 +19,8 @@ from tci.errors import TciError, UnknownNameError
 from tci.interface.contacts import (
     ContactSettings,
     centre_of_pressure,
-    connected,
     find_clusters,
     find_contacts,
-    project,
     weighted_force,
 )
 from tci.interface.generic_limb import generic_limb_distance
@@ -77,20 +75,21 @@ def in_counts(skin: Skin, pressure: np.ndarray) -> np.ndarray:
 
 
 @given(st.integers(1, 40), st.data())
-def test_connected_agrees_with_scipy(count: int, data: st.DataObject) -> None:
+def test_clusters_agree_with_scipy(count: int, data: st.DataObject) -> None:
     node = st.integers(0, count - 1)
     pairs = np.array(data.draw(st.lists(st.tuples(node, node), max_size=60)), dtype=np.intp).reshape(-1, 2)
     graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
     number, expected = connected_components(graph, directed=False)
-    labels = connected(count, pairs)
-    assert (
-        len(set(zip(labels.tolist(), expected.tolist(), strict=True))) == number == len(set(labels.tolist()))
-    )
+    found = find_clusters(np.ones(count), pairs, SETTINGS)
+    assert [cluster.tolist() for cluster in found] == [
+        np.flatnonzero(expected == label).tolist() for label in dict.fromkeys(expected.tolist())
+    ]
+    assert len(found) == number
 
 
 def test_chain_of_many_taxels_is_one_cluster() -> None:
     nodes = np.random.default_rng(0).permutation(2000)
-    assert not connected(2000, np.stack([nodes[:-1], nodes[1:]], axis=1)).any()
+    assert len(find_clusters(np.ones(2000), np.stack([nodes[:-1], nodes[1:]], axis=1), SETTINGS)) == 1
 
 
 def test_floor_alone_is_no_contact_and_a_seed_takes_its_neighbours() -> None:
@@ -260,14 +259,6 @@ def test_order_of_the_taxels_does_not_move_the_centre(
     assert weighted_force(one, 0.2) == pytest.approx(weighted_force(other, 0.2))
 
 
-@given(hnp.arrays(np.float64, 3, elements=st.floats(-0.1, 0.1)))
-def test_projection_is_that_of_the_whole_surface(skin: Skin, point: np.ndarray) -> None:
-    surface = skin.surfaces[PATCH]
-    near, _ = project(surface, point)
-    (far,), _ = surface.project(point[None])
-    assert np.linalg.norm(near - point) == pytest.approx(np.linalg.norm(far - point), abs=1e-12)
-
-
 def test_strongest_contact_comes_first(skin: Skin) -> None:
     found = contacts_at(skin, press(skin, (0.2, 0.0, 5.0), (0.6, 1.5, 9.0), (0.5, -2.0, 7.0)))
     assert [round(contact.force) for contact in found] == [9, 7, 5]
@@ -378,6 +369,6 @@ def test_distance_on_the_generic_limb(u: float, a: float, v: float, b: float, tu
 def test_skin_of_each_packaged_patch_hangs_together(name: str) -> None:
     """A finger on a gap between modules makes one contact, also on an iCub's forearm."""
     for patch, surface in Skin(load_robot(name)).surfaces.items():
-        assert not connected(len(surface.positions), surface.neighbours).any(), patch
+        assert len(find_clusters(np.ones(len(surface.positions)), surface.neighbours, SETTINGS)) == 1, patch
         pairs = surface.neighbours
         assert (np.einsum("ij,ij->i", *surface.normals[pairs.T]) > 0.0).all(), patch

@@ -7,21 +7,21 @@ onto the bare skin between them, or inside the limb.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import TciError, UnknownNameError
-from tci.frames import Array, apply, invert, read_only
+from tci.frames import Array
 from tci.interface.generic_limb import generic_limb_distance
-from tci.interface.skin import Skin, segment_pose
+from tci.interface.kernels.contacts import NUMBERS, VECTORS, cluster, describe
+from tci.interface.kernels.flat import adjacency
+from tci.interface.skin import Skin
 from tci.messages import Contact, PatchState, SkinState
 from tci.model.description import Patch
-from tci.model.generic_arm import limb_coordinates
-from tci.model.surfaces import Surface
 
 Measure = Literal["weighted", "sum", "peak"]
 """One force for a contact: F-bar of eq. 7, the force of all its taxels, or that of the strongest."""
@@ -58,15 +58,15 @@ def find_contacts(
     contacts: list[Contact] = []
     for patch in skin.robot.patches:
         felt = state.patches.get(patch.name)
-        # NaN is neither above nor below anything, so it never seeds a contact and never joins one.
-        if felt is None or not (felt.force >= settings.touch).any():
+        if felt is None:
             continue
-        if patch.part not in posture:
-            raise UnknownNameError("generic part in this posture", patch.part, posture)
-        clusters = find_clusters(felt.force, skin.surfaces[patch.name].neighbours, settings)
-        T_TL, T_SL = _poses(skin, patch, state, posture[patch.part])
-        found = [_contact(skin, patch, felt, taxels, T_TL, T_SL) for taxels in clusters]
-        contacts += sorted(found, key=lambda contact: (-contact.force, contact.u, contact.theta))
+        flat = skin.flat(patch.name)
+        # NaN is neither above nor below anything, so it never seeds a contact and never joins one.
+        count = cluster(felt.force, settings.floor, settings.touch, flat.graph, flat.work)
+        if count:
+            if patch.part not in posture:
+                raise UnknownNameError("generic part in this posture", patch.part, posture)
+            contacts += _contacts(count, skin, patch, felt, state, posture[patch.part])
     return tuple(contacts)
 
 
@@ -78,30 +78,10 @@ def find_clusters(
     `forces` (taxels,) [N]. A cluster holds taxels above the floor, at least one of them above the
     touch threshold.
     """
-    active = forces >= settings.floor
-    pairs = neighbours[active[neighbours[:, 0]] & active[neighbours[:, 1]]]
-    labels = connected(forces.size, pairs)
-    seeds = np.unique(labels[forces >= settings.touch])
-    return [np.flatnonzero(active & (labels == seed)) for seed in seeds]
-
-
-def connected(count: int, pairs: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Label (count,) of each node: the smallest node that `pairs` (m, 2) connect it with.
-
-    Hooks each node to the smallest label at its pairs, then shortens the chains, until nothing
-    changes (Shiloach and Vishkin 1982); a Python loop over pairs, or a sparse matrix, is slower.
-    """
-    labels = np.arange(count)
-    one, other = pairs[:, 0], pairs[:, 1]
-    while True:
-        lower = np.minimum(labels[one], labels[other])
-        hooked = labels.copy()
-        np.minimum.at(hooked, one, lower)
-        np.minimum.at(hooked, other, lower)
-        hooked = hooked[hooked]
-        if np.array_equal(hooked, labels):
-            return labels
-        labels = hooked
+    work = np.zeros(4 * forces.size + 1, np.int32)
+    count = cluster(forces, settings.floor, settings.touch, adjacency(forces.size, neighbours), work)
+    bounds = work[forces.size : forces.size + count + 1]
+    return [work[begin:end].astype(np.intp) for begin, end in pairwise(bounds)]
 
 
 def centre_of_pressure(positions: Array, forces: Array) -> Array:
@@ -133,63 +113,49 @@ def weighted_force(contact: Contact, radius: float, *, measure: Measure = "weigh
     return float(weights @ contact.taxel_forces / total) if total > 0.0 else 0.0
 
 
-def _poses(skin: Skin, patch: Patch, state: SkinState, posture: Array) -> tuple[Array, Array]:
-    """`T_TL` and `T_SL` (4, 4) of the patch's link L, seen from the torso and from its segment S."""
-    part = skin.robot.part(patch.part)
-    segment = part.segment(patch.segment)
-    T_TL = state.link_poses[patch.link]
-    return T_TL, invert(segment_pose(part, segment, state.link_poses[segment.link], posture)) @ T_TL
-
-
-def _contact(
-    skin: Skin, patch: Patch, felt: PatchState, taxels: NDArray[np.intp], T_TL: Array, T_SL: Array
-) -> Contact:
-    surface = skin.surfaces[patch.name]
-    part = skin.robot.part(patch.part)
-    assert part.side is not None  # Skin refuses patches elsewhere
-    positions, forces = surface.positions[taxels], felt.force[taxels]
-    p_L, n_L = project(surface, centre_of_pressure(positions, forces))
-    n_T = T_TL[:3, :3] @ n_L
-    # The centre is the first row, its taxels follow.
-    points_S = apply(T_SL, np.concatenate([p_L[None], positions]))
-    u, theta = limb_coordinates(points_S, part.segment(patch.segment).length, part.side)
-    return Contact(
-        patch=patch.name,
-        part=patch.part,
-        segment=patch.segment,
-        stamp=felt.stamp,
-        sequence=felt.sequence,
-        taxels=read_only(taxels, np.intp),
-        taxel_forces=read_only(forces),
-        force=float(forces.sum()),
-        peak_force=float(forces.max()),
-        area=float(surface.areas[taxels].sum()),
-        p_L=read_only(p_L),
-        n_L=read_only(n_L),
-        p_T=read_only(apply(T_TL, p_L)),
-        n_T=read_only(n_T),
-        f_T=read_only(-forces.sum() * n_T),
-        u=float(u[0]),
-        theta=float(theta[0]),
-        taxel_u=read_only(u[1:]),
-        taxel_theta=read_only(theta[1:]),
-    )
-
-
-def project(surface: Surface, point: Array) -> tuple[Array, Array]:
-    """Nearest point (3,) [m] of the surface to `point` (3,) [m], and its normal (3,) there.
-
-    The same as `Surface.project`, which goes through all faces. Here a face counts only if each of
-    its corners is within an edge of the nearest corner's distance; the nearest face is one of these.
-    """
-    apart = surface.positions - point
-    distances = np.sqrt(np.einsum("ij,ij->i", apart, apart))[surface.faces]
-    near = distances.max(axis=1) <= distances.min() + _longest_edge(surface)
-    points, normals = replace(surface, faces=surface.faces[near]).project(point[None])
-    return points[0], normals[0]
-
-
-@lru_cache(maxsize=64)
-def _longest_edge(surface: Surface) -> float:
-    corners = surface.positions[surface.faces]
-    return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
+def _contacts(
+    count: int, skin: Skin, patch: Patch, felt: PatchState, state: SkinState, posture: Array
+) -> list[Contact]:
+    """The contacts of one patch that `cluster` found, the strongest first."""
+    flat = skin.flat(patch.name)
+    size = len(felt.force)
+    bounds = flat.work[size : size + count + 1].tolist()
+    numbers, vectors = np.empty((count, NUMBERS)), np.empty((count, VECTORS, 3))
+    indices, places = np.empty(bounds[-1], np.intp), np.empty((3, bounds[-1]))
+    describe(
+        felt.force, flat.work, flat.taxels, flat.faces, flat.box, flat.cells,
+        state.link_poses[patch.link], state.link_poses[flat.link], flat.limb, posture,
+        numbers, vectors, indices, places,
+    )  # fmt: skip
+    for array in (vectors, indices, places):
+        array.setflags(write=False)
+    forces, taxel_u, taxel_theta = places
+    found = []
+    for index, (force, peak, area, u, theta) in enumerate(numbers.tolist()):
+        own = slice(bounds[index], bounds[index + 1])
+        p_L, n_L, p_T, n_T, f_T = vectors[index]
+        found.append(
+            Contact(
+                patch=patch.name,
+                part=patch.part,
+                segment=patch.segment,
+                stamp=felt.stamp,
+                sequence=felt.sequence,
+                taxels=indices[own],
+                taxel_forces=forces[own],
+                force=force,
+                peak_force=peak,
+                area=area,
+                p_L=p_L,
+                n_L=n_L,
+                p_T=p_T,
+                n_T=n_T,
+                f_T=f_T,
+                u=u,
+                theta=theta,
+                taxel_u=taxel_u[own],
+                taxel_theta=taxel_theta[own],
+            )
+        )
+    found.sort(key=lambda contact: (-contact.force, contact.u, contact.theta))
+    return found

@@ -11,6 +11,7 @@ import numpy as np
 from tci.errors import FrameError, TciError, UnknownNameError
 from tci.frames import Array, apply, invert, transform
 from tci.interface.conditioning import Conditioner, ConditioningSettings, PatchHealth
+from tci.interface.kernels.flat import FlatPatch
 from tci.interface.part import generic_posture
 from tci.messages import JointReading, PatchState, Reading, SkinFrame, SkinState
 from tci.model.description import GenericPart, Patch, Robot, Segment
@@ -66,6 +67,7 @@ class Skin:
             )
             for index, patch in enumerate(robot.patches)
         }
+        self._flat: dict[str, FlatPatch] = {}
         segments = [robot.part(patch.part).segment(patch.segment) for patch in robot.patches]
         links = [patch.link for patch in robot.patches] + [segment.link for segment in segments]
         self._links = tuple(dict.fromkeys(links))
@@ -83,6 +85,14 @@ class Skin:
     def health(self) -> dict[str, PatchHealth]:
         """How much of each patch can be trusted, by its name."""
         return {name: conditioner.health for name, conditioner in self._conditioners.items()}
+
+    def flat(self, patch: str) -> FlatPatch:
+        """A patch as the compiled loops read it. Raises KeyError for an unknown patch."""
+        flat, surface = self._flat.get(patch), self.surfaces[patch]
+        if flat is None or flat.surface is not surface:
+            words = self.robot.patch(patch)
+            flat = self._flat[patch] = FlatPatch.of(surface, words, self.robot.part(words.part))
+        return flat
 
     def rezero(self, patch: str) -> None:
         """What a patch reads now is rest. Raises UnknownNameError for an unknown patch."""

@@ -161,9 +161,9 @@ def test_a_fit_shows_all_and_fills_the_picture(azimuth: float, elevation: float,
     pixels, depth = project(view, points)
     assert depth.min() > 0.0
     room = np.stack([pixels.min(axis=0), [300, 400] - pixels.max(axis=0)])
-    assert (room > np.array([300, 400]) * 0.045).all()
-    assert np.min(room.sum(axis=0) / [300, 400]) == pytest.approx(0.1, abs=0.01)
-    assert room[0] == pytest.approx(room[1], abs=3.0)
+    assert (room > np.array([300, 400]) * 0.05 - 1e-6).all()
+    assert np.min(room.sum(axis=0) / [300, 400]) == pytest.approx(0.1, abs=1e-6)
+    assert room[0] == pytest.approx(room[1], abs=1e-6)
 
 
 def test_right_is_right() -> None:

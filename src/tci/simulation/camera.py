@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -10,8 +10,9 @@ from numpy.typing import ArrayLike
 from tci.errors import TciError
 from tci.frames import Array, apply, invert, read_only, transform
 
-_FIT_STEPS = 30
-"""Each step brings the picture closer to its fit by about as much as the scene is deep: few are enough."""
+_NEAREST = 1e-3
+"""Least depth [m] of what a fitted picture shows."""
+_HALVINGS = 60
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,24 +88,30 @@ def fit(
 
     It leaves `margin`, a share of the picture, free on each side. Raises TciError as `look_at` does.
     """
-    T_WF = np.eye(4) if frame is None else frame
-    points_F = apply(invert(T_WF), points)
-    target = (points_F.min(axis=0) + points_F.max(axis=0)) / 2.0
-    distance = 10.0 * float(np.linalg.norm(np.ptp(points_F, axis=0))) + 1e-3
-    size = np.array([width, height])
-    for _ in range(_FIT_STEPS):
-        camera = look_at(
-            target, azimuth=azimuth, elevation=elevation, distance=distance,
-            fov=fov, width=width, height=height, frame=frame,
-        )  # fmt: skip
-        pixels, depth = project(camera, points)
-        low, high = pixels.min(axis=0), pixels.max(axis=0)
-        # Move sideways to the middle of what is seen, then towards it or away until it fills the picture.
-        offset_C = np.append((low + high - size) / 2.0, 0.0) * np.median(depth) / camera.focal
-        target = target + T_WF[:3, :3].T @ camera.T_WC[:3, :3] @ offset_C
-        filled = float(np.max((high - low) / (size * (1.0 - 2.0 * margin))))
-        distance = max(distance * filled, distance - 0.8 * float(depth.min()))
-    return camera
+    camera = look_at(
+        (0.0, 0.0, 0.0), azimuth=azimuth, elevation=elevation, distance=1.0,
+        fov=fov, width=width, height=height, frame=frame,
+    )  # fmt: skip
+    R_WC = camera.T_WC[:3, :3]
+    points_C = points @ R_WC
+    sides, depth = points_C[:, :2], points_C[:, 2]
+    slope = np.array([width, height]) * (0.5 - margin) / camera.focal
+    # All points are inside the four planes of the view: x - x0 <= slope (z - z0), and so on.
+    far = depth[:, None] * slope
+    back = -((sides - far).max(axis=0) + (-sides - far).max(axis=0)) / (2.0 * slope)
+    z = min(float(back.min()), float(depth.min()) - _NEAREST)
+    place = [_middle(sides[:, axis], depth - z) for axis in range(2)]
+    return replace(camera, T_WC=read_only(transform(R_WC, R_WC @ np.array([*place, z]))))
+
+
+def _middle(sides: Array, depth: Array) -> float:
+    """Where to stand so that points (n,) [m] to the side, at depths (n,) [m], are seen as far left as right."""
+    low, high = float(sides.min()), float(sides.max())
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2.0
+        seen = (sides - middle) / depth
+        low, high = (middle, high) if seen.max() > -seen.min() else (low, middle)
+    return (low + high) / 2.0
 
 
 def pixel_centres(camera: Camera) -> Array:

@@ -329,7 +329,7 @@ class Binding(Words):
     """Things that are not found under the middleware's usual names."""
 
     def address(self, of: str, usual: str) -> str:
-        """Where the patch, robot part or servo named `of` is found; `usual` unless the file says otherwise."""
+        """Where the patch, robot part or servo named `of` is found; `usual` where the file says nothing."""
         return next((address.to for address in self.addresses if address.of == of), usual)
 
 

@@ -1,0 +1,37 @@
+"""Carriers: how messages travel on a connection."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tci.errors import UnknownNameError
+
+
+@dataclass(frozen=True, slots=True)
+class Carrier:
+    """One way for messages."""
+
+    name: str
+    code: int | None = None
+    """What a binary header adds to its magic number; None for text."""
+    acknowledged: bool = False
+    """Whether the receiver answers each message."""
+    greeting: str = ""
+    """How a text connection begins."""
+
+
+TCP = Carrier("tcp", code=131, acknowledged=True)
+FAST_TCP = Carrier("fast_tcp", code=3)
+UDP = Carrier("udp", code=0)
+TEXT = Carrier("text", greeting="CONNECT ")
+TEXT_ACK = Carrier("text_ack", acknowledged=True, greeting="CONNACK ")
+CARRIERS = {carrier.name: carrier for carrier in (TCP, FAST_TCP, UDP, TEXT, TEXT_ACK)}
+BY_CODE = {carrier.code: carrier for carrier in CARRIERS.values() if carrier.code is not None}
+
+
+def find_carrier(name: str) -> Carrier:
+    """The carrier of that name, without its modifiers (`tcp+recv...`). Raises UnknownNameError."""
+    plain = name.partition("+")[0]
+    if plain not in CARRIERS:
+        raise UnknownNameError("carrier", plain, CARRIERS)
+    return CARRIERS[plain]

@@ -36,6 +36,17 @@ def rotation_rpy(roll: float, pitch: float, yaw: float) -> Array:
     return rotation_z(yaw) @ rotation_y(pitch) @ rotation_x(roll)
 
 
+def rpy_of(rotation: Array) -> tuple[float, float, float]:
+    """Roll, pitch, yaw [rad] of a rotation (3, 3): the inverse of `rotation_rpy`. Looking straight up or
+    down, yaw is 0."""
+    level = float(np.hypot(rotation[0, 0], rotation[1, 0]))
+    pitch = float(np.arctan2(-rotation[2, 0], level))
+    if level < 1e-9:
+        return float(np.arctan2(-rotation[1, 2], rotation[1, 1])), pitch, 0.0
+    roll = float(np.arctan2(rotation[2, 1], rotation[2, 2]))
+    return roll, pitch, float(np.arctan2(rotation[1, 0], rotation[0, 0]))
+
+
 def transform(rotation: Array, position: Array) -> Array:
     """Homogeneous transform (4, 4) from `rotation` (3, 3) and `position` (3,) [m]."""
     result = np.eye(4)

@@ -1,4 +1,4 @@
-"""Every packaged robot, and what the two of the paper share."""
+"""Every packaged robot, and what they share."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from lxml import etree
 
 from tci.frames import Array, angle_between
 from tci.interface.part import to_platform
+from tci.interface.retarget import with_retargeting
 from tci.messages import GenericCommand, Mode
 from tci.model.catalogue import load_robot, robot_names
 from tci.model.cone import cone_of
@@ -67,6 +68,14 @@ class ModelArm:
         result: Array = self.R_MW @ self.data.xaxis[self.joint(generic)] * sign
         return result
 
+    def along(self) -> Array:
+        """Axis (3,) of internal rotation in the mount frame, towards the elbow."""
+        first, second = self.joint(2), self.joint(3)
+        axis = self.data.xaxis[first]
+        way = self.data.xanchor[second] - self.data.xanchor[first]
+        result: Array = self.R_MW @ axis * np.sign(axis @ way)
+        return result
+
     def hand(self) -> Array:
         """Orientation (3, 3) in the mount frame of the link behind the pronation joint."""
         body = self.model.jnt_bodyid[self.joint(4)]
@@ -105,6 +114,36 @@ def test_axes_of_nao_and_icub_agree_in_their_mount_frames(side: Side) -> None:
     assert worst <= 0.01
 
 
+@pytest.mark.parametrize("side", ["left", "right"])
+@pytest.mark.parametrize("name", robot_names())
+def test_axes_agree_with_the_generic_arm_in_the_torso_frame(name: str, side: Side) -> None:
+    """1000 postures: upper arm and forearm within 0.5 degrees, wherever the limits allow."""
+    robot = load_robot(name)
+    part = f"{side}_arm"
+    if any(robot.part(part).mount):
+        robot = with_retargeting(robot, part)
+    arm = ModelArm(robot, side)
+    sign = side_sign(side)
+    worst, tried = 0.0, 0
+    for posture in np.random.default_rng(2).uniform(*COMMON_RANGE.T, size=(1000, 5)):
+        command = to_platform(robot, GenericCommand(part, Mode.POSITION, posture))
+        limits = [robot.servos[servo].limits for servo in command.servos]
+        lower, upper = np.array([[limit.lower, limit.upper] for limit in limits], dtype=float).T
+        if np.any(command.values < lower) or np.any(command.values > upper):
+            continue
+        tried += 1
+        arm.at(posture)
+        pairs = [
+            (arm.along(), -upper_arm_rotation(posture, side, axial=False)[:, 2]),
+            (arm.axis(4) * sign, -forearm_rotation(posture, side, axial=False)[:, 2]),
+            (arm.axis(3), -upper_arm_rotation(posture, side, axial=True)[:, 1]),
+        ]
+        worst = max(worst, *(float(np.rad2deg(angle_between(a, b))) for a, b in pairs))
+    print(f"{name}, {side}: {tried} of 1000 postures within limits, at most {worst:.1e} degrees off")
+    assert tried >= 500
+    assert worst <= 0.5
+
+
 def test_initial_posture_is_inside_and_away_from_limits(robot: Robot) -> None:
     for part in robot.parts:
         if part.kind != "arm":
@@ -137,6 +176,9 @@ def test_mapped_servos_can_be_moved(robot: Robot) -> None:
 def test_left_and_right_mirror_each_other(robot: Robot) -> None:
     left, right = (robot.part(f"{side}_arm") for side in SIDES)
     for a, b in zip(left.servos, right.servos, strict=True):
+        assert a.transform == b.transform
+        if a.transform == "retarget":
+            continue  # what limits mean for a shoulder depends on all three joints
         assert a.servo is not None
         assert b.servo is not None
         ranges = []
@@ -146,7 +188,7 @@ def test_left_and_right_mirror_each_other(robot: Robot) -> None:
             assert limits.upper is not None
             ends = generic.scale * np.array([limits.lower, limits.upper]) + generic.offset
             ranges.append(sorted(ends))
-        np.testing.assert_allclose(*ranges, atol=1e-9)
+        np.testing.assert_allclose(*ranges, atol=1e-6)
 
 
 def test_skin_lies_on_its_segment(robot: Robot) -> None:
@@ -158,7 +200,7 @@ def test_skin_lies_on_its_segment(robot: Robot) -> None:
         surface = build_surface(robot, patch, kinematics)
         assert len(set(surface.channels.tolist())) == len(surface.positions)
         fit = cone_of(robot, surface, kinematics)
-        assert 0.02 < fit.r1 < 0.06
+        assert 0.02 < fit.r1 < 0.085  # an adult's size: Talos
         assert fit.rms < 0.006
         assert fit.largest < 0.015
 

@@ -17,11 +17,14 @@ from tci.capabilities.withdrawal import MODES, WithdrawalReflex
 from tci.cli.console import console, print_json
 from tci.errors import MissingExtraError, UnknownNameError
 from tci.messages import Mode
-from tci.model.catalogue import load_robot, robot_names
+from tci.model.catalogue import load_robot
 from tci.model.description import Robot
 from tci.trials.experiment import SIDES, Report, run_experiment, with_skin_rate
 from tci.trials.measure import Trial
 from tci.trials.pictures import draw_demo
+
+PAPER = ("icub", "nao")
+"""The paper's two robots."""
 
 
 def demo(
@@ -79,11 +82,11 @@ def _mode(name: str) -> Mode:
 
 
 def _load(names: Sequence[str]) -> list[Robot]:
-    """The robots asked for, or every packaged robot that is installed."""
+    """The robots asked for, or those of the paper that are installed."""
     if names:
         return [load_robot(name) for name in names]
     robots = []
-    for name in robot_names():
+    for name in PAPER:
         try:
             robots.append(load_robot(name))
         except MissingExtraError as error:

@@ -44,7 +44,7 @@ def demo(
             "--robot",
             "-r",
             help="Robot by name or description file; repeat for several. "
-            "[default: every packaged robot that is installed]",
+            "[default: the paper's two, nao and icub, where installed]",
         ),
     ] = None,
     mode: Annotated[
@@ -191,6 +191,31 @@ def describe(
     from tci.cli.describe import describe as command
 
     command(robot, form=form, as_json=as_json)
+
+
+@app.command("new-robot")
+def new_robot(
+    urdf: Annotated[Path, typer.Argument(help="The robot's URDF.")],
+    name: Annotated[str | None, typer.Option(help="Name of the robot [default: the file's].")] = None,
+    package: Annotated[
+        str | None, typer.Option(help="Installed Python package that brought the URDF, if one did.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Description to write [default: robot.xml beside the URDF].")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace a description that exists.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Propose the description of a humanoid from its URDF.
+
+    Finds arms, head and torso by their geometry, takes limits from the file and puts sleeves of skin
+    around the arms. Look the result over; what no file says is marked as ours in it.
+
+    Example:  tci new-robot my_robot.urdf
+    """
+    from tci.cli.new_robot import new_robot as command
+
+    command(urdf, name=name, package=package, out=out, force=force, as_json=as_json)
 
 
 @app.command()

@@ -25,6 +25,8 @@ def load_spec(model: Model) -> mujoco.MjSpec:
     try:
         if model.format == "urdf":
             spec = mujoco.MjSpec.from_string(_urdf_for_mujoco(path))
+            for mesh in spec.meshes:  # a URDF says its masses, and MuJoCo refuses flat meshes otherwise
+                mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
         else:
             spec = mujoco.MjSpec.from_file(str(path))
     except (ValueError, etree.XMLSyntaxError) as error:
@@ -65,7 +67,7 @@ def _mesh_file(urdf: Path, filename: str) -> Path:
     """Where a mesh lies. A `package://` is a folder of that name beside one of the URDF's parents."""
     if not filename.startswith(_PACKAGE):
         return (urdf.parent / filename.removeprefix("file://")).resolve()
-    relative = filename.removeprefix(_PACKAGE)
+    relative = filename.removeprefix(_PACKAGE).lstrip("/")  # some write package:///
     for folder in urdf.resolve().parents:
         if (folder / relative).is_file():
             return folder / relative

@@ -48,7 +48,7 @@ class Shoulder:
         self.axes: Array = turns[:, :3].T
         """Axes (3, 3) of the three joints, one a row, seen from the torso with all servos at zero."""
         feet = [T_TL[:3, 3] + np.cross(turns[:, i], moves[:, i]) for i in range(2)]
-        self.centre = _nearest_point(*feet, *self.axes[:2])
+        self.centre = nearest_point(*feet, *self.axes[:2])
         """Where the first axis comes nearest to the second (3,) [m], seen from the torso: it never moves."""
         poses = kinematics.poses(zero, (upper_arm.link, forearm.link))
         ends = [poses[segment.link] @ np.append(segment.origin, 1.0) for segment in (upper_arm, forearm)]
@@ -133,7 +133,7 @@ class Shoulder:
         return spin
 
 
-def _nearest_point(on_first: Array, on_second: Array, first: Array, second: Array) -> Array:
+def nearest_point(on_first: Array, on_second: Array, first: Array, second: Array) -> Array:
     """The point (3,) of a line that is nearest to another; each by a point (3,) and a unit direction (3,)."""
     apart, slant = on_second - on_first, float(first @ second)
     along = (float(first @ apart) - slant * float(second @ apart)) / (1.0 - slant**2)

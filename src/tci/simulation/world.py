@@ -13,6 +13,7 @@ from tci.frames import Array, invert, read_only
 from tci.messages import JointReading, Mode, SkinFrame
 from tci.model.collisions import NO_MODEL
 from tci.model.description import Robot
+from tci.model.joint_map import joint_map
 from tci.model.kinematics import Kinematics
 from tci.model.surfaces import Surface, build_surface
 from tci.simulation.finger import Finger
@@ -201,9 +202,8 @@ def start_angles(robot: Robot, posture: Mapping[str, ArrayLike]) -> Array:
             raise CommandError(
                 f"posture of {part.name}: {values.tolist()}; {len(part.servos)} finite angles belong here"
             )
-        for generic, value in zip(part.servos, values, strict=True):
-            if generic.servo is not None:
-                angles[generic.servo] = (value - generic.offset) / generic.scale
+        joints = joint_map(robot, part.name)
+        angles[joints.servos] = joints.to_robot(values, angles)
     for servo in robot.servos:
         lower, upper = servo.limits.lower, servo.limits.upper
         angles[servo.index] = np.clip(

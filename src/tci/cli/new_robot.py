@@ -1,0 +1,94 @@
+"""`tci new-robot`: from a URDF to a robot description that a person looks over."""
+
+from __future__ import annotations
+
+from importlib.metadata import PackageNotFoundError, distribution
+from pathlib import Path
+
+from tci.cli.check import remarks
+from tci.cli.console import console, print_json
+from tci.errors import CommandError
+from tci.model.description import Robot
+from tci.model.proposal import propose
+from tci.model.xml import read_robot
+from tci.model.xml_writer import write_robot
+
+COMMENT = """Proposed by tci new-robot from {file}: look it over.
+From that file: joints, limits of position, speed and torque where nothing says ours.
+Ours: limits of acceleration and jerk, the sleeves of skin (cones around the file's own shapes), the sensors'
+response, the initial posture, the zero of pronation, which is the robot's own."""
+
+
+def new_robot(
+    urdf: Path, *, name: str | None, package: str | None, out: Path | None, force: bool, as_json: bool
+) -> None:
+    """Write the proposal and say what it found.
+
+    Raises DescriptionError for a model without two arms of the generic kind, CommandError for a place
+    that the model can't be found from again, or a file that exists.
+    """
+    name = name or _plain(urdf.stem)
+    target = out or urdf.parent / "robot.xml"
+    file = _in_package(urdf, package) if package else _beside(urdf, target)
+    if target.exists() and not force:
+        raise CommandError(f"{target} exists; valid: --out with another file, or --force to replace it")
+    robot = propose(urdf, name=name, package=package)
+    text = write_robot(robot, file=file, comment=COMMENT.format(file=urdf.name))
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.write_text(text, encoding="utf-8")
+    robot = read_robot(target)
+    found = _found(robot)
+    if as_json:
+        print_json({"robot": name, "file": str(target), "found": found, "remarks": remarks(robot)})
+        return
+    console.print(f"[green]wrote {target}[/]", highlight=False)
+    for line in found:
+        console.print(f"  {line}", highlight=False, markup=False)
+    for note in remarks(robot):
+        console.print(f"  note: {note}", style="yellow", highlight=False, markup=False)
+    console.print(f"next: look it over, then [bold]tci demo --robot {target}[/]", highlight=False)
+
+
+def _plain(stem: str) -> str:
+    return "".join(letter if letter.isalnum() else "_" for letter in stem.lower())
+
+
+def _beside(urdf: Path, target: Path) -> str:
+    """The model's place as seen from the description's folder."""
+    folder = target.absolute().parent.resolve()
+    path = urdf.resolve()
+    if not path.is_relative_to(folder):
+        raise CommandError(
+            f"{urdf} is not in {folder} or below, where a description finds its model; valid: --out there, "
+            "or --package with the installed Python package that brought the model"
+        )
+    return path.relative_to(folder).as_posix()
+
+
+def _in_package(urdf: Path, package: str) -> str:
+    """The end of the model's path in a package."""
+    try:
+        files = distribution(package).files or ()
+    except PackageNotFoundError:
+        raise CommandError(
+            f"no installed package {package!r}; install it with: pip install {package}"
+        ) from None
+    for entry in files:
+        if entry.name == urdf.name and Path(str(entry.locate())).resolve() == urdf.resolve():
+            return "/".join(entry.parts[-3:])
+    raise CommandError(f"the package {package!r} did not bring {urdf}")
+
+
+def _found(robot: Robot) -> list[str]:
+    """What a person should compare with the robot, line by line."""
+    assert robot.model is not None
+    lines = [f"torso: {robot.model.torso_link}"]
+    for part in robot.parts:
+        joints = []
+        for generic in part.servos:
+            if generic.servo is not None:
+                how = generic.transform if generic.transform != "linear" else f"{generic.scale:+g}"
+                joints.append(f"{generic.name} = {robot.servos[generic.servo].name} ({how})")
+        lines.append(f"{part.name}: {', '.join(joints) or 'nothing'}")
+    lines += [f"skin {patch.name}: {patch.channels} taxels on {patch.link}" for patch in robot.patches]
+    return lines

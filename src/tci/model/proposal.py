@@ -1,0 +1,261 @@
+"""Proposes the description of a humanoid that nobody described yet, from its URDF alone.
+
+Arms come from the geometry by the generic arm's definition, limits from the file, sleeves of skin from
+the shapes of the links. What a URDF does not say is proposed and marked as ours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from lxml import etree
+
+from tci.frames import Array, rpy_of
+from tci.messages import Mode
+from tci.model.description import (
+    Binding,
+    GenericPart,
+    GenericServo,
+    Limits,
+    Model,
+    Robot,
+    Segment,
+    Servo,
+)
+from tci.model.generic_arm import JOINTS, Side, side_sign
+from tci.model.joint_map import joint_map
+from tci.model.limbs import Body, Limb, find_limbs
+from tci.model.link_points import LinkPoints
+from tci.model.shoulder import Shoulder, angle_about
+from tci.model.sleeves import axes_of, ends_of, sleeves, three
+from tci.model.xml_document import parse, read_bytes
+from tci.model.xml_model import MAX_MODEL_BYTES
+
+# All of these are ours.
+SPEED = np.deg2rad(120.0)
+"""[rad/s] where the file gives none, or a placeholder."""
+FASTEST = 50.0
+"""[rad/s] from which a speed is a placeholder."""
+GENERIC_SPEED = np.deg2rad(180.0)
+"""[rad/s] of generic joints."""
+ACCELERATION = np.deg2rad((400.0, 2400.0))
+"""Least and largest [rad/s2]; between them what a quarter of the torque gives the heaviest load."""
+JERK = 100.0
+"""Jerk per acceleration [1/s]."""
+TORQUE, STRONGEST = 40.0, 1e4
+"""[N m] where the file gives none, and from which on it is a placeholder."""
+POSTURES = np.deg2rad([[25, 25, 0, 60, 0], [25, 25, 0, 75, 0], [35, 30, 0, 60, 0], [20, 40, 0, 60, 0],
+                       [40, 20, 10, 70, 0], [25, 15, -15, 50, 0], [15, 15, 0, 45, 0]])  # fmt: skip
+"""Initial postures [rad], the first of which fits."""
+ROOM = 0.1
+"""Distance [rad] of the initial posture from limits."""
+LINEAR = 1e-6
+"""Error [rad] up to which a shoulder is linear (eq. 1)."""
+
+
+def propose(path: Path, *, name: str, package: str | None = None) -> Robot:
+    """The description of the robot whose URDF is at `path`, to be looked at by a person.
+
+    `package` is the installed Python package that brought the URDF.
+    Raises DescriptionError for a file that is no URDF of a humanoid with two arms.
+    """
+    model = Model(format="urdf", path=str(path.resolve()), package=package, torso_link="?")
+    body = find_limbs(model)
+    points = LinkPoints(model)
+    rpy = rpy_of(body.T_ET[:3, :3])
+    model = model.model_copy(
+        update={"torso_link": body.torso_link, "torso_rpy": tuple(round(a, 9) for a in rpy)}
+    )
+    servos = _servos(body, model, points)
+    index = {servo.joint: servo.index for servo in servos}
+    draft = Robot(
+        name=name, title=f"{name}, proposed from {path.name}", source=str(path), digest="", model=model,
+        servos=servos, parts=(), bindings=(Binding(middleware="sim", rate=500.0, stale_after=0.05),),
+    )  # fmt: skip
+    parts, patches = [], []
+    for side, limb in body.arms.items():
+        arm = _arm(draft, body, limb, "left" if side == "left" else "right", points, index)
+        parts.append(arm)
+        patches += sleeves(body, limb, arm, points)
+    parts += [
+        _middle(body, "head", body.head, index),
+        _middle(body, "torso", body.trunk, index),
+    ]
+    return draft.model_copy(update={"parts": tuple(parts), "patches": tuple(patches)})
+
+
+def _servos(body: Body, model: Model, points: LinkPoints) -> tuple[Servo, ...]:
+    """Every joint that a motor turns, limb by limb."""
+    urdf = parse(read_bytes(Path(model.path), limit=MAX_MODEL_BYTES), model.path)
+    described = {joint.get("name"): joint for joint in urdf.iterfind("joint")}
+    groups: dict[str, Iterable[int]] = {"torso": body.trunk, "head": body.head}
+    for kind, limbs in (("arm", body.arms), ("leg", body.legs)):
+        groups |= {f"{side}_{kind}": body.behind(_first(body, limb)) for side, limb in limbs.items()}
+    named = {joint for group in groups.values() for joint in group}
+    groups["other"] = [joint for joint in range(len(body.joints)) if joint not in named]
+    inertia = points.inertia([joint.name for joint in body.joints])
+    servos: list[Servo] = []
+    for part, joints in groups.items():
+        own = [joint for joint in joints if described[body.joints[joint].name].find("mimic") is None]
+        for id, joint in enumerate(own):
+            name = body.joints[joint].name
+            servos.append(
+                Servo(
+                    index=len(servos), robot_part=part, id=id, name=name, joint=name,
+                    limits=_limits(described[name], float(inertia[joint])),
+                    modes=(Mode.POSITION, Mode.VELOCITY, Mode.IMPEDANCE),
+                )
+            )  # fmt: skip
+    return tuple(servos)
+
+
+def _first(body: Body, limb: Limb) -> int:
+    """The first joint that only this limb hangs on: a shoulder may have a collar bone before it."""
+    joint = limb.ball[0]
+    others = {limb.ball[0] for limb in (*body.arms.values(), *body.legs.values())}
+    while (parent := body.joints[joint].parent) >= 0 and len(others & set(body.behind(parent))) == 1:
+        if parent in body.trunk:
+            break
+        joint = parent
+    return joint
+
+
+def _limits(joint: etree._Element, inertia: float) -> Limits:
+    """A joint's limits; what the file does not say, or says by a placeholder, is ours."""
+    limit = joint.find("limit")
+    given = {key: float(limit.get(key, 0.0)) for key in ("lower", "upper", "velocity", "effort")} if (
+        limit is not None) else dict.fromkeys(("lower", "upper", "velocity", "effort"), 0.0)  # fmt: skip
+    ours = ["acceleration", "jerk"]
+    lower, upper = given["lower"], given["upper"]
+    if joint.get("type") == "continuous" or not lower < upper or max(-lower, upper) > 2.0 * np.pi:
+        lower, upper = -np.pi, np.pi
+        ours += ["lower", "upper"]
+    velocity, torque = given["velocity"], given["effort"]
+    if not 0.0 < velocity < FASTEST:
+        velocity = float(SPEED)
+        ours.append("velocity")
+    if not 0.0 < torque < STRONGEST:
+        torque = TORQUE
+        ours.append("torque")
+    acceleration = float(np.clip(0.25 * torque / max(inertia, 1e-6), *ACCELERATION))
+    acceleration = float(np.deg2rad(10.0 * np.floor(np.rad2deg(acceleration) / 10.0 + 1e-9)))
+    return Limits(
+        lower=lower, upper=upper, velocity=velocity, acceleration=acceleration, jerk=JERK * acceleration,
+        torque=torque, ours=tuple(ours),
+    )  # fmt: skip
+
+
+def _arm(
+    draft: Robot, body: Body, limb: Limb, side: Side, points: LinkPoints, index: Mapping[str | None, int]
+) -> GenericPart:
+    """The generic arm: transforms, segments, and an initial posture that fits."""
+    joints = body.joints
+    upper, forearm = axes_of(body, limb)
+    # The generic elbow flexes from straight on: of both ways to count, the one that reaches farther.
+    elbow = joints[limb.bend]
+    limits = draft.servos[index[elbow.name]].limits
+    assert limits.lower is not None
+    assert limits.upper is not None
+    ways = []
+    for sign in (1.0, -1.0):
+        straight = angle_about(sign * elbow.axis, upper, forearm)
+        ways.append((max(sign * limits.lower, sign * limits.upper) + straight, sign, straight))
+    _, scale, offset = max(ways)
+    servos = [
+        _joint(id, JOINTS[id], index[joints[joint].name], transform="retarget")
+        for id, joint in enumerate(limb.ball)
+    ]
+    servos.append(_joint(3, JOINTS[3], index[elbow.name], scale=scale, offset=offset))
+    if limb.turn is None:
+        servos.append(GenericServo(id=4, name=JOINTS[4], servo=None))
+    else:
+        turn = joints[limb.turn]
+        scale = side_sign(side) * float(np.sign(turn.axis @ forearm))
+        servos.append(_joint(4, JOINTS[4], index[turn.name], scale=scale))
+    part = GenericPart(
+        name=f"{side}_arm",
+        kind="arm",
+        side=side,
+        servos=tuple(servos),
+        segments=_segments(body, limb, points),
+    )
+    part = _linear_where_exact(draft, part)
+    return _with_initial(draft, part)
+
+
+def _joint(id: int, name: str, servo: int | None, **more: object) -> GenericServo:
+    return GenericServo.model_validate(
+        {"id": id, "name": name, "servo": servo, "speed": float(GENERIC_SPEED), **more}
+    )
+
+
+def _segments(body: Body, limb: Limb, points: LinkPoints) -> tuple[Segment, ...]:
+    links = {"upper_arm": body.joints[limb.ball[2]].link, "forearm": body.joints[limb.bend].link}
+    found = []
+    for name, (begin, end) in ends_of(body, limb).items():
+        R_RL, p_RL = points.link_pose(links[name])
+        origin = R_RL.T @ (body.R_RH @ begin - p_RL)
+        found.append(
+            Segment(
+                name=name, link=links[name], origin=three(origin), length=float(np.linalg.norm(end - begin))
+            )
+        )
+    return tuple(found)
+
+
+def _linear_where_exact(draft: Robot, part: GenericPart) -> GenericPart:
+    """The same arm with eq. 1 for its shoulder, if that is exact in the torso frame."""
+    shoulder = Shoulder(draft.model_copy(update={"parts": (part,)}), part)
+    sigma = shoulder.generic(shoulder.rotation(np.zeros(3)), np.eye(3))
+    gamma = []
+    for axis in np.eye(3):
+        bent = shoulder.generic(shoulder.rotation(0.1 * axis), np.eye(3)) - sigma
+        gamma.append(float(np.round(bent @ axis / 0.1)))
+    trials = np.random.default_rng(0).uniform(-0.4, 0.4, size=(50, 3))
+    errors = [
+        np.abs(shoulder.generic(shoulder.rotation(q), np.eye(3)) - gamma * q - sigma).max() for q in trials
+    ]
+    if max(errors) > LINEAR or 0.0 in gamma:
+        return part
+    servos = [
+        joint.model_copy(update={"transform": "linear", "scale": g, "offset": float(np.round(s, 12))})
+        for joint, g, s in zip(part.servos[:3], gamma, sigma, strict=True)
+    ]
+    return part.model_copy(update={"servos": (*servos, *part.servos[3:])})
+
+
+def _with_initial(draft: Robot, part: GenericPart) -> GenericPart:
+    """The part in the first of POSTURES that keeps its servos away from their limits."""
+    joints = joint_map(draft.model_copy(update={"parts": (part,), "digest": part.name}), part.name)
+    limits = [draft.servos[servo].limits for servo in joints.servos]
+    lower, upper = np.array([[limit.lower, limit.upper] for limit in limits], dtype=float).T
+    start = np.zeros(len(draft.servos))
+
+    def room(posture: Array) -> float:
+        angles = joints.to_robot(posture, start)
+        there = np.array(start)
+        there[joints.servos] = angles
+        missed = np.abs(joints.to_generic(there) - posture)[joints.ids].max()
+        return float(np.minimum(angles - lower, upper - angles).min() - 10.0 * missed)
+
+    rooms = [room(posture) for posture in POSTURES]
+    best = next(
+        (p for p, r in zip(POSTURES, rooms, strict=True) if r >= ROOM), POSTURES[int(np.argmax(rooms))]
+    )
+    servos = [j.model_copy(update={"initial": float(a)}) for j, a in zip(part.servos, best, strict=True)]
+    return part.model_copy(update={"servos": tuple(servos)})
+
+
+def _middle(body: Body, kind: str, joints: Sequence[int], index: Mapping[str | None, int]) -> GenericPart:
+    """Head or torso: pitch nods forward, roll leans right, yaw turns left; what the robot lacks is fixed."""
+    servos = []
+    for id, (name, axis) in enumerate(zip(("pitch", "roll", "yaw"), np.eye(3)[[1, 0, 2]], strict=True)):
+        found = [joint for joint in joints if abs(body.joints[joint].axis @ axis) > 0.99]
+        if len(found) == 1:
+            scale = float(np.sign(body.joints[found[0]].axis @ axis))
+            servos.append(_joint(id, name, index[body.joints[found[0]].name], scale=scale))
+        else:
+            servos.append(GenericServo(id=id, name=name, servo=None))
+    return GenericPart.model_validate({"name": kind, "kind": kind, "servos": tuple(servos)})

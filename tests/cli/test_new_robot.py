@@ -1,0 +1,29 @@
+"""`tci new-robot` as a user meets it."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+from cli.test_cli import tci
+from tci.model.xml import read_robot
+from tci.model.xml_model import packaged
+
+
+def test_from_a_folder_and_from_a_package(tmp_path: Path) -> None:
+    urdf = packaged("example-robot-data", "g1_description/urdf/g1_29dof_rev_1_0.urdf")
+    assert urdf is not None
+    own = tmp_path / "example-robot-data" / "robots" / "g1_description"  # as its meshes are named
+    shutil.copytree(urdf.parent.parent, own)
+    model = own / "urdf" / urdf.name
+    told = json.loads(tci("new-robot", str(model), "--name", "mine", "--json"))
+    robot = read_robot(told["file"])
+    assert robot.name == "mine"
+    assert len(robot.patches) == 4
+    assert any("shoulder_pitch = left_shoulder_pitch_joint (retarget)" in line for line in told["found"])
+    assert "exists" in tci("new-robot", str(model), status=1)
+    assert "--package" in tci("new-robot", str(model), "--out", str(tmp_path / "x" / "robot.xml"), status=1)
+    out = tmp_path / "elsewhere" / "robot.xml"
+    tci("new-robot", str(urdf), "--package", "example-robot-data", "--out", str(out))
+    assert read_robot(out).parts == robot.parts

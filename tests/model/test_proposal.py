@@ -1,0 +1,81 @@
+"""Descriptions proposed from a URDF, beside those that people wrote."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tci.errors import DescriptionError
+from tci.frames import rotation_rpy, rpy_of
+from tci.model.catalogue import load_robot
+from tci.model.description import Model, TruncatedCone
+from tci.model.limbs import find_limbs
+from tci.model.proposal import propose
+from tci.model.xml import read_robot
+from tci.model.xml_model import packaged
+from tci.model.xml_writer import write_robot
+
+MADE = {
+    "g1": "g1_description/urdf/g1_29dof_rev_1_0.urdf",
+    "talos": "talos_data/robots/talos_full_v2.urdf",
+    "alex": "alex_description/urdf/alex_nub_hands.urdf",
+}
+
+
+def model_file(package: str, file: str) -> Path:
+    path = packaged(package, file)
+    assert path is not None
+    return path
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_the_packaged_robot_comes_out_again(name: str, tmp_path: Path) -> None:
+    path = model_file("example-robot-data", MADE[name])
+    proposed = propose(path, name=name, package="example-robot-data")
+    target = tmp_path / "robot.xml"
+    target.write_text(write_robot(proposed, file=MADE[name], extra="robots"))
+    again, shipped = read_robot(target), load_robot(name)
+    assert (again.parts, again.servos, again.model) == (shipped.parts, shipped.servos, shipped.model)
+    assert again.patches == shipped.patches
+
+
+def test_an_icub_is_found_as_people_described_it() -> None:
+    """Its root looks backward and its torso link lies on its side; both are seen."""
+    icub = load_robot("icub")
+    assert icub.model is not None
+    proposed = propose(Path(icub.model.path), name="icub")
+    assert proposed.model is not None
+    assert proposed.model.torso_link == icub.model.torso_link
+    np.testing.assert_allclose(proposed.model.T_LT[:3, :3], icub.model.T_LT[:3, :3], atol=1e-3)
+    for part in icub.parts:
+        for ours, theirs in zip(proposed.part(part.name).servos, part.servos, strict=True):
+            assert theirs.servo is not None
+            assert ours.servo is not None
+            assert proposed.servos[ours.servo].joint == icub.servos[theirs.servo].joint
+            if ours.transform == "linear":
+                assert ours.scale == theirs.scale, (part.name, ours.name)
+                assert ours.offset == pytest.approx(theirs.offset, abs=1e-3), (part.name, ours.name)
+        for ours, theirs in zip(proposed.part(part.name).segments, part.segments, strict=True):
+            assert ours.length == pytest.approx(theirs.length, abs=0.02)
+
+
+def test_skin_goes_around_the_arm() -> None:
+    for patch in load_robot("g1").patches:
+        assert isinstance(patch.surface, TruncatedCone)
+        assert (
+            0.025 < min(patch.surface.r1, patch.surface.r2) <= max(patch.surface.r1, patch.surface.r2) < 0.05
+        )
+
+
+def test_what_is_no_humanoid_is_refused() -> None:
+    dog = model_file("example-robot-data", "a1_description/urdf/a1.urdf")
+    with pytest.raises(DescriptionError, match="valid: a humanoid whose z is up"):
+        find_limbs(Model(format="urdf", path=str(dog), torso_link="base"))
+
+
+@pytest.mark.parametrize("rpy", [(0.1, -0.4, 2.0), (0.3, np.pi / 2, 0.0), (-2.0, -np.pi / 2, 0.7)])
+def test_rpy_of(rpy: tuple[float, float, float]) -> None:
+    rotation = rotation_rpy(*rpy)
+    np.testing.assert_allclose(rotation_rpy(*rpy_of(rotation)), rotation, atol=1e-12)

@@ -9,22 +9,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 
+from tci.capabilities.answer import PLACE, field_table, find_answer
 from tci.capabilities.capability import Capability
-from tci.capabilities.discounts import phi, psi, psi_cosine
 from tci.capabilities.fields import ReceptiveField, default_fields
 from tci.errors import CommandError, TciError
 from tci.frames import Array, read_only
-from tci.interface.contacts import weighted_force
-from tci.interface.generic_limb import generic_limb_distance
 from tci.messages import Command, Contact, GenericCommand, Mode, Perception, SwitchMode
 from tci.model.generic_arm import JOINTS
 
-PSI = {"linear": psi, "cosine": psi_cosine}
-"""Distance discounts by name."""
+DISCOUNTS = ("linear", "cosine")
+"""Distance discounts: `discounts.psi` and `psi_cosine`."""
 MODES = (Mode.POSITION, Mode.VELOCITY, Mode.IMPEDANCE)
 """Forms of the reflex."""
 
@@ -89,8 +88,8 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         object.__setattr__(self, "fields", tuple(self.fields))
         if not 0.0 < self.refractory < np.inf:
             raise TciError(f"refractory period {self.refractory} s; valid: above 0 and finite")
-        if self.distance_discount not in PSI:
-            raise TciError(f"distance discount {self.distance_discount!r}; valid: {', '.join(PSI)}")
+        if self.distance_discount not in DISCOUNTS:
+            raise TciError(f"distance discount {self.distance_discount!r}; valid: {', '.join(DISCOUNTS)}")
         if self.mode not in MODES:
             valid = ", ".join(mode.value for mode in MODES)
             raise TciError(f"a withdrawal in {self.mode.value} mode; valid: {valid}")
@@ -145,20 +144,16 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
 
         The sum of overlapping fields would have no bound.
         """
-        closest = None
-        for candidate in self.fields:
-            if candidate.segment != contact.segment:
-                continue
-            distance = float(generic_limb_distance(contact.u, contact.theta, candidate.u, candidate.theta))
-            if distance < candidate.radius and (closest is None or distance < closest[0]):
-                closest = distance, candidate
-        if closest is None:
-            return None
-        distance, found = closest
-        force = weighted_force(contact, found.radius, measure=found.measure)
-        gain = phi(force, found.threshold, found.saturation)
-        gain *= PSI[self.distance_discount](distance, found.radius)
-        return Answer(found, gain) if gain > 0.0 else None
+        closest, gain = find_answer(
+            self._table, self.distance_discount == "cosine", PLACE.get(contact.segment, -1),
+            contact.u, contact.theta, contact.force, contact.peak_force,
+            contact.taxel_u, contact.taxel_theta, contact.taxel_forces,
+        )  # fmt: skip
+        return Answer(self.fields[closest], gain) if gain > 0.0 else None
+
+    @cached_property
+    def _table(self) -> Array:
+        return field_table(self.fields)
 
     def _next(
         self,

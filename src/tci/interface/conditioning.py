@@ -22,9 +22,9 @@ from tci.interface.kernels.condition import (
     BEND,
     CHANGED,
     PEAK,
+    RAW,
     SIGNAL,
     TOTAL,
-    compiled,
     condition,
     empty_memory,
 )
@@ -112,10 +112,11 @@ class Conditioner:
             self.baseline.start(self.sign * (np.array(calibration.rest) - sensor.rest), calibration.noise)
             response = calibration.response
         self._health = TaxelHealth(count, full=full, neighbours=pairs, settings=self.settings.health)
-        self._sensor = np.array([sensor.lowest, sensor.highest, sensor.rest, self.sign, full])
+        self._sensor = np.array([sensor.lowest, sensor.highest, sensor.rest, self.sign, full], np.float32)
         self._nodes = np.array(response).T.copy() if response else np.zeros((2, 0))
         self._gain = np.full(count, 1.0 if response else abs(sensor.pascal_per_count))
         self._memory = empty_memory(count)
+        self._active = np.zeros(count, np.uint8)
         self._pressure = np.zeros(count)
         self._masked = read_only(self._health.state, np.bool_)
         self._saturated = 0
@@ -123,7 +124,7 @@ class Conditioner:
         self._due = self.settings.baseline.lesson * (1.0 - phase)
         self._elapsed = 0.0
         self._stamp: float | None = None
-        compiled()
+        self._round()
 
     @property
     def masked(self) -> NDArray[np.bool_]:
@@ -141,7 +142,8 @@ class Conditioner:
     def rezero(self) -> None:
         """What the taxels read now is rest: after a step of the baseline, or on an operator's word."""
         if self._frames:
-            self.baseline.rezero(self._memory[SIGNAL])
+            self.baseline.rezero(self._memory[SIGNAL].astype(np.float64))
+            self._round()
             self._forget()
 
     def pressure(self, values: NDArray[np.generic], stamp: float | None = None) -> Array:
@@ -159,20 +161,21 @@ class Conditioner:
             self._stamp = stamp
         latency = self.settings.latency
         smooth = latency > 0.0 and elapsed > 0.0
-        pressure = self._pressure.copy()
+        pressure = np.zeros(len(self.channels))
         dropped, self._saturated = condition(
-            # Sensors send small and unsigned numbers; their differences need room.
-            values.astype(np.float64),
+            values if values.dtype == np.uint8 else values.astype(np.float64),
             self.channels,
             self._sensor,
-            self.baseline.offset,
-            self.baseline.threshold,
+            self._offset,
+            self._threshold,
             self._health.silent,
             self._gain,
             self._nodes,
             self._memory,
+            self._active,
             self._frames,
             1.0 - math.exp(-elapsed / latency) if smooth else 1.0,
+            self._pressure,
             pressure,
         )
         self._pressure = pressure
@@ -189,7 +192,7 @@ class Conditioner:
         return pressure
 
     def _learn(self) -> None:
-        total, peak, bend, changed = self._memory[[TOTAL, PEAK, BEND, CHANGED]]
+        total, peak, bend, changed = self._memory[[TOTAL, PEAK, BEND, CHANGED]].astype(np.float64)
         lesson = Lesson(
             elapsed=self._elapsed,
             mean=total / self._in_lesson,
@@ -201,10 +204,16 @@ class Conditioner:
         self.baseline.learn(lesson, self._health.sound)
         self._health.judge(lesson, before, self.baseline.noise, self.baseline.threshold)
         self._masked = read_only(self._health.state, np.bool_)
+        self._round()
         self._forget()
 
+    def _round(self) -> None:
+        """What the loop compares with, in single precision: exact for counts below 2^24."""
+        self._offset = self.baseline.offset.astype(np.float32)
+        self._threshold = self.baseline.threshold.astype(np.float32)
+
     def _forget(self) -> None:
-        self._memory[TOTAL:] = 0.0
+        self._memory[TOTAL:RAW] = 0.0
         self._in_lesson = self._bends = 0
         self._due = self.settings.baseline.lesson
         self._elapsed = 0.0

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from tci.errors import TciError, UnknownNameError
 from tci.frames import Array
-from tci.interface.generic_limb import generic_limb_distance
 from tci.interface.kernels.contacts import NUMBERS, VECTORS, cluster, describe
 from tci.interface.kernels.flat import adjacency
+from tci.interface.kernels.weighted_force import mean_force
 from tci.interface.skin import Skin
 from tci.messages import Contact, PatchState, SkinState
 from tci.model.description import Patch
@@ -107,10 +107,9 @@ def weighted_force(contact: Contact, radius: float, *, measure: Measure = "weigh
         return contact.peak_force
     if measure != "weighted":
         raise UnknownNameError("force measure", measure, ("weighted", "sum", "peak"))
-    distances = generic_limb_distance(contact.taxel_u, contact.taxel_theta, contact.u, contact.theta)
-    weights = np.maximum(2.0 * radius - distances, 0.0)
-    total = weights.sum()
-    return float(weights @ contact.taxel_forces / total) if total > 0.0 else 0.0
+    return mean_force(
+        contact.u, contact.theta, contact.taxel_u, contact.taxel_theta, contact.taxel_forces, radius
+    )
 
 
 def _contacts(

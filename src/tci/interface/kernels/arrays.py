@@ -20,3 +20,8 @@ def views(dimensions: int, dtype: Any = float64) -> Any:
 def writes(dimensions: int, dtype: Any = float64) -> Any:
     """An array that the loop changes; contiguous."""
     return types.Array(dtype, dimensions, "C")
+
+
+def returns(*results: Any) -> Any:
+    """What a loop gives back, called with its arguments: the whole signature."""
+    return types.Tuple(results)  # type: ignore[no-untyped-call]

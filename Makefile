@@ -45,9 +45,9 @@ reliability: dev-env  ## the scoreboard of docs/reliability.md (FULL=1: full siz
 
 lock:  ## renew requirements/*.txt (needs uv)
 	uv pip compile --universal --python-version 3.11 --generate-hashes --index-url https://pypi.org/simple --no-emit-index-url \
-	  --extra icub --no-header pyproject.toml requirements/build.in -o requirements/demo.txt
+	  --extra icub --extra naoqi --no-header pyproject.toml requirements/build.in -o requirements/demo.txt
 	uv pip compile --universal --python-version 3.11 --generate-hashes --index-url https://pypi.org/simple --no-emit-index-url \
-	  --extra icub --extra robots --group dev --no-header pyproject.toml -c requirements/demo.txt -o requirements/dev.txt
+	  --extra icub --extra naoqi --extra robots --group dev --no-header pyproject.toml -c requirements/demo.txt -o requirements/dev.txt
 
 clean:  ## remove what was built
 	rm -rf .venv out docs/_build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis

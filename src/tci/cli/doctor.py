@@ -47,6 +47,8 @@ def _examine(
     name, _, address = via.partition(":")
     try:
         found = load_link(name).probe(robot, address)
+        if any(finding.level is Level.FAULT for finding in found):
+            return found, ()
         link = connect(robot, via, arm=False)
     except UnknownNameError as error:
         if error.kind == "link":

@@ -97,6 +97,11 @@ class Gate:
         Control modes stay; what servos were asked for before is forgotten.
         """
         self._stopped = ""
+        self.drop()
+
+    def drop(self) -> None:
+        """For a link whose robot was away: nothing is under command any more. Each servo waits for a command,
+        where it is then; modes stay, and so does STOP."""
         self._watch.reset()
         self._motion.drop()
         self._told = self._motion.reference

@@ -1,0 +1,139 @@
+"""`naoqi://HOST`: a NAO over its makers' own protocol."""
+
+from __future__ import annotations
+
+import socket
+from dataclasses import replace
+
+import numpy as np
+
+from tci.clock import MonotonicClock
+from tci.errors import LinkError
+from tci.frames import read_only
+from tci.interface.gate import SafeCommand
+from tci.messages import Reading
+from tci.middleware.diagnosis import Finding, Level
+from tci.middleware.link import Link
+from tci.middleware.naoqi import autonomy, words
+from tci.middleware.naoqi.diagnose import examine
+from tci.middleware.naoqi.poller import Poller, Services
+from tci.middleware.naoqi.session import answer, parse_address
+from tci.middleware.naoqi.stream import Stream
+from tci.model.description import Robot
+
+PATIENCE = 0.5
+"""Share of a period that a reading may be waited for; else the one before counts. Ours."""
+SWITCH_ON = 0.3
+"""Time [s] that a servo has to report the stiffness that it was sent. Ours."""
+
+
+class NaoqiLink(Link):
+    """A link to a NAO. It is armed only on request, and never while the robot moves by itself."""
+
+    def __init__(self, robot: Robot, address: str = "", *, arm: bool = False, skin: bool = True) -> None:
+        """Connect to `address`, such as `//10.0.0.5` or `//nao@10.0.0.5`; without `skin` read joints only.
+
+        An armed link refuses a robot that moves by itself (autonomous life, breathing, ...); with `?life=off`
+        behind the address it switches that off until it is closed.
+
+        Raises LinkError when the robot can't be reached, is another one, or moves by itself.
+        """
+        self.where = parse_address(address)
+        clock = MonotonicClock()
+        super().__init__(robot, middleware=words.MIDDLEWARE, clock=clock, armed=arm)
+        self.lease_name = f"naoqi:{self.where.host}:{self.where.port}"
+        self._poller = Poller(robot, self.where, clock, joints=True, skin=skin)
+        self._switched: list[autonomy.Mover] = []
+        try:
+            self._stream = self._open_stream()
+            if arm:
+                self._quieten()
+        except BaseException:
+            self._poller.close()
+            raise
+        self._generation = self._poller.generation
+        self._on = np.full(len(robot.servos), -np.inf)
+
+    @property
+    def touched(self) -> dict[str, bool]:
+        """NAO's own touch sensors by name (`head_front`, `left_hand_back`, `right_bumper`, ...): pressed?"""
+        return dict(self._poller.latest.touched)
+
+    @classmethod
+    def probe(cls, robot: Robot, address: str) -> tuple[Finding, ...]:
+        where = parse_address(address)
+        steps = []
+        try:
+            with socket.create_connection((where.host, where.port), timeout=3.0):
+                steps.append(Finding(Level.OK, "network", f"{where.host} listens on port {where.port}"))
+        except OSError as error:
+            advice = "is the robot on and in this network? ping it; its chest button says its address"
+            return (Finding(Level.FAULT, "network", f"{where.host}, port {where.port}: {error}", advice),)
+        try:
+            Services(where, motion=True).close()
+        except LinkError as error:
+            return (*steps, Finding(Level.FAULT, "NAOqi", str(error), "see docs/nao.md"))
+        return (*steps, Finding(Level.OK, "NAOqi", f"a session at {where.url} with ALMotion and ALMemory"))
+
+    def diagnose(self) -> tuple[Finding, ...]:
+        self._check_open()
+        return examine(self.robot, self._poller, self._stream)
+
+    def _receive(self) -> Reading:
+        sensed = self._poller.read(PATIENCE * self.period)
+        if self._poller.generation != self._generation:
+            self._generation = self._poller.generation
+            self._stream.forget()
+            self.gate.drop()
+        reading = sensed.reading
+        switching = reading.joints.stamp - self._on < SWITCH_ON
+        powered = read_only((sensed.stiffness > 0.0) | switching, np.bool_)
+        return replace(reading, joints=replace(reading.joints, powered=powered))
+
+    def _send(self, safe: SafeCommand) -> None:
+        if self._poller.trouble:
+            return  # it is not there: joint data grows old, the gate holds, and nothing is sent later
+        motion = self._poller.services.motion
+        try:
+            if safe.stiffness:
+                names = [self._poller.names[servo] for servo in safe.stiffness]
+                values = [float(share) for share in safe.stiffness.values()]
+                # Angles must not overtake the stiffness that they need.
+                answer(motion.setStiffnesses(names, values, _async=True), "setStiffnesses", timeout=1.0)
+                self._on[list(safe.stiffness)] = self.clock.now()
+            self._stream.send(motion, safe, self._poller.latest.reading.joints.position)
+        except (LinkError, RuntimeError) as error:
+            if self._poller.services.session.isConnected():
+                raise LinkError(f"{self.robot.name} does not take a command: {error}") from error
+
+    def _close(self) -> None:
+        autonomy.switch_on(self._switched)
+        self._poller.close()
+
+    def _open_stream(self) -> Stream:
+        """What the robot says of its joints. Raises LinkError when it lacks one of the description's."""
+        motion, names = self._poller.services.motion, self._poller.names
+        limits = answer(motion.getLimits("Body", _async=True), "ALMotion.getLimits", timeout=3.0)
+        known = answer(motion.getBodyNames("Body", _async=True), "ALMotion.getBodyNames", timeout=3.0)
+        table = dict(zip(known, limits, strict=False))
+        missing = [name for name in names if name not in table]
+        if missing:
+            raise LinkError(
+                f"this robot has no {', '.join(missing)} (an H21?); valid: a description without them. "
+                f"It has {', '.join(known)}"
+            )
+        lower, upper, fastest = np.array([table[name][:3] for name in names], dtype=float).T
+        return Stream(names, lower, upper, fastest)
+
+    def _quieten(self) -> None:
+        chains = list(dict.fromkeys(servo.robot_part for servo in self.robot.servos))
+        services = self._poller.services
+        found = autonomy.movers(services.session, services.motion, chains)
+        if found and self.where.life == "refuse":
+            names = ", ".join(mover.name for mover in found)
+            raise LinkError(
+                f"the robot moves by itself: {names}; valid: end that, or connect to "
+                f"naoqi://{self.where.host}?life=off, which switches it off until the link is closed"
+            )
+        autonomy.switch_off(found)
+        self._switched = found

@@ -1,0 +1,254 @@
+"""Asks NAOqi for joints, skin and touch in a thread, and connects again after the robot was away."""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter, deque
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.clock import Clock
+from tci.errors import FrameError, LinkError
+from tci.frames import Array, read_only
+from tci.messages import JointReading, Reading, SkinFrame
+from tci.middleware.naoqi import words
+from tci.middleware.naoqi.session import Address, answer, open_session, service
+from tci.model.description import Robot
+
+ANSWER = 0.05
+"""Longest time [s] to wait for an answer while running. Ours."""
+AGAIN = 0.3
+"""Time [s] between two attempts to connect again. Ours."""
+IDLE = 0.1
+"""Longest time [s] between two questions when nobody reads. Ours."""
+SLOW = 0.05
+"""Time [s] between two questions for what changes slowly: stiffness. Ours."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sensed:
+    """What one question brought."""
+
+    reading: Reading
+    stiffness: Array
+    """Share 0..1 of each servo (n,)."""
+    touched: Mapping[str, bool]
+    """NAO's own touch sensors by name, those that it has."""
+
+
+class Services:
+    """The services of one session."""
+
+    def __init__(self, address: Address, *, motion: bool) -> None:
+        """Raises LinkError; without `motion` there need be no ALMotion."""
+        self.session = open_session(address)
+        try:
+            self.motion: Any = service(self.session, "ALMotion") if motion else None
+            self.memory = service(self.session, "ALMemory")
+        except LinkError:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """End the session."""
+        with suppress(RuntimeError):
+            self.session.close()
+
+
+class Poller:
+    """One robot, asked whenever somebody wants to read, and now and then when nobody does."""
+
+    def __init__(self, robot: Robot, address: Address, clock: Clock, *, joints: bool, skin: bool) -> None:
+        """Connect, and ask once. Raises LinkError."""
+        self.robot, self.address, self.clock = robot, address, clock
+        binding = robot.binding(words.MIDDLEWARE)
+        self.names = [binding.address(servo.name, servo.name) for servo in robot.servos]
+        """The robot's own names of its joints, in the description's order."""
+        self.keys = words.skin_keys(robot, binding) if skin else {}
+        """The ALMemory key of each patch that is read."""
+        self.trips: deque[float] = deque(maxlen=1000)
+        """How long the latest questions took [s]."""
+        self.counts: Counter[str] = Counter()
+        """`polls`, `failures`, `reconnections`, and `bad` frames."""
+        self.trouble = ""
+        """Why there is no answer now; empty while there is."""
+        self._joints = joints
+        self._channels = {patch.name: patch.channels for patch in robot.patches}
+        self._every = {patch.name: 1.0 / patch.rate for patch in robot.patches}
+        self._frames: dict[str, SkinFrame] = {}
+        self._plain_due: dict[str, float] = {}
+        self._stiffness = np.ones(len(robot.servos))
+        self._stiffness_due = -np.inf
+        self._before: JointReading | None = None
+        self.services = Services(address, motion=joints)
+        self._packed: dict[str, bool] = {}
+        try:
+            self._find_packed()
+            self.latest = self._ask()
+        except BaseException:
+            self.services.close()
+            raise
+        self.generation = 0
+        """Counts up with each new connection."""
+        self._wanted, self._fresh = threading.Event(), threading.Event()
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=f"naoqi {address.host}", daemon=True)
+        self._thread.start()
+
+    def read(self, patience: float) -> Sensed:
+        """The latest; waits up to `patience` [s] for one that was asked for now."""
+        self._fresh.clear()
+        self._wanted.set()
+        self._fresh.wait(patience)
+        return self.latest
+
+    def close(self) -> None:
+        """End the thread and the session."""
+        self._end.set()
+        self._wanted.set()
+        self._thread.join(timeout=2.0)
+        self.services.close()
+
+    def _run(self) -> None:
+        while not self._end.is_set():
+            self._wanted.wait(IDLE)
+            self._wanted.clear()
+            if self._end.is_set():
+                return
+            try:
+                if self.trouble:
+                    self._reconnect()
+                self.latest = self._ask()
+                self._fresh.set()
+            except LinkError as error:
+                self.counts["failures"] += 1
+                self.trouble = str(error)
+                self.services.close()
+                self._end.wait(AGAIN)
+
+    def _reconnect(self) -> None:
+        self.services = Services(self.address, motion=self._joints)
+        self._find_packed()
+        self._before, self._stiffness_due = None, -np.inf
+        self.latest = self._ask()
+        self.trouble = ""
+        self.counts["reconnections"] += 1
+        self.generation += 1
+
+    def _find_packed(self) -> None:
+        """Which patches come as text as well."""
+        texts = self._memory([words.packed_key(key) for key in self.keys.values()], timeout=1.0)
+        for patch, text in zip(self.keys, texts, strict=True):
+            self._packed[patch] = isinstance(text, str)
+
+    def _memory(self, keys: list[str], *, timeout: float = ANSWER) -> list[Any]:
+        if not keys:
+            return []
+        return self._values(self.services.memory.getListData(keys, _async=True), keys, timeout)
+
+    @staticmethod
+    def _values(future: Any, keys: list[str], timeout: float) -> list[Any]:
+        values = answer(future, "ALMemory.getListData", timeout=timeout)
+        if not isinstance(values, list | tuple) or len(values) != len(keys):
+            raise LinkError(f"ALMemory answers {str(values)[:60]!r} for {len(keys)} keys")
+        return list(values)
+
+    def _ask(self) -> Sensed:
+        """One question. Raises LinkError."""
+        begin = self.clock.now()
+        motion, memory = self.services.motion, self.services.memory
+        due = [
+            patch
+            for patch in self.keys
+            if self._packed[patch] or begin >= self._plain_due.get(patch, -np.inf)
+        ]
+        keys = [*words.TOUCH.values()]
+        for patch in due:
+            key = self.keys[patch]
+            keys += [words.packed_key(key)] if self._packed[patch] else [key, words.sequence_key(key)]
+        angles = motion.getAngles(self.names, True, _async=True) if self._joints else None
+        values = memory.getListData(keys, _async=True)
+        stiff = None
+        if self._joints and begin >= self._stiffness_due:
+            stiff = motion.getStiffnesses(self.names, _async=True)
+            self._stiffness_due = begin + SLOW
+        joints = self._read_joints(angles, begin)
+        answers = iter(self._values(values, keys, ANSWER))
+        touched = {name: bool(value) for name, value in zip(words.TOUCH, answers, strict=False)
+                   if isinstance(value, int | float)}  # fmt: skip
+        for patch in due:
+            packed = self._packed[patch]
+            try:
+                frame = self._frame(patch, begin, next(answers), None if packed else next(answers))
+            except FrameError:
+                self.counts["bad"] += 1
+                continue
+            if frame is not None:
+                self._frames[patch] = frame
+        if stiff is not None:
+            self._stiffness = self._numbers(
+                answer(stiff, "ALMotion.getStiffnesses", timeout=ANSWER), "stiffness"
+            )
+        self.counts["polls"] += 1
+        self.trips.append(self.clock.now() - begin)
+        reading = Reading(joints, tuple(self._frames[name] for name in self.keys if name in self._frames))
+        return Sensed(reading, self._stiffness, touched)
+
+    def _read_joints(self, angles: Any, begin: float) -> JointReading:
+        count = len(self.robot.servos)
+        if angles is None:
+            return JointReading(begin, self.counts["polls"], np.zeros(count), np.zeros(count))
+        position = self._numbers(answer(angles, "ALMotion.getAngles", timeout=ANSWER), "angles")
+        before, velocity = self._before, np.zeros(count)
+        if before is not None and begin > before.stamp:
+            velocity = (position - before.position) / (begin - before.stamp)
+        # The stamp is when it was asked for: data is never younger than it says.
+        joints = JointReading(begin, self.counts["polls"], read_only(position), read_only(velocity))
+        self._before = joints
+        return joints
+
+    def _numbers(self, values: Any, what: str) -> Array:
+        try:
+            numbers = np.array(values, dtype=float)
+        except (TypeError, ValueError):
+            numbers = np.zeros(0)
+        if numbers.shape != (len(self.robot.servos),):
+            raise LinkError(
+                f"ALMotion sends {str(values)[:60]!r} as {what} of {len(self.robot.servos)} joints"
+            )
+        return numbers
+
+    def _frame(self, patch: str, stamp: float, value: Any, number: Any) -> SkinFrame | None:
+        """The frame, if it is a new one. Raises FrameError for what is none."""
+        old = self._frames.get(patch)
+        if isinstance(value, str):
+            if old is not None and value.startswith(f"{old.sequence} "):
+                return None
+            sequence, values = words.unpack(value, self._channels[patch])
+            return SkinFrame(patch, stamp, sequence, read_only(values, values.dtype))
+        if not isinstance(value, list | tuple):
+            return None
+        self._plain_due[patch] = stamp + 0.5 * self._every[patch]
+        values = _vector(patch, value)
+        if isinstance(number, int):
+            new = old is None or number != old.sequence
+            return SkinFrame(patch, stamp, number, values) if new else None
+        if old is not None and np.array_equal(values, old.values):
+            return None
+        return SkinFrame(patch, stamp, 0 if old is None else old.sequence + 1, values)
+
+
+def _vector(patch: str, value: list[Any] | tuple[Any, ...]) -> NDArray[np.generic]:
+    """A plain vector of ALMemory. Its length is checked where all frames are."""
+    try:
+        values = np.array(value)
+    except ValueError:
+        values = np.array([""])
+    if values.ndim != 1 or values.dtype.kind not in "uif":
+        raise FrameError(f"{patch}: {str(value)[:60]!r}; valid: a vector of numbers")
+    return read_only(values, values.dtype)

@@ -1,0 +1,130 @@
+"""Sessions with NAOqi: addresses, credentials, and errors in words."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from typing import Any
+from urllib.parse import parse_qsl, urlsplit
+
+import qi
+
+from tci.errors import LinkError
+
+PORT = 9559
+"""Of NAOqi until 2.8, and of our own server."""
+SECURE_PORT = 9503
+"""Of NAOqi 2.9, with credentials and encryption."""
+PASSWORD = "TCI_NAOQI_PASSWORD"
+"""Environment variable that the password comes from: command lines are seen by others."""
+TIMEOUT = 3.0
+"""Longest time [s] to connect, and for answers while connecting. Ours."""
+VALID = "valid: naoqi://HOST[:PORT], or naoqi://USER@HOST for NAOqi 2.9"
+
+# It logs to standard output, among what programs read there.
+qi.logging.setLevel(qi.logging.SILENT)
+
+
+@dataclass(frozen=True, slots=True)
+class Address:
+    """Where NAOqi is."""
+
+    host: str
+    port: int
+    user: str = ""
+    """Who logs in; empty for NAOqi until 2.8, which asks nobody."""
+    life: str = "refuse"
+    """What an armed link does when autonomous life or the like moves joints: `refuse`, or switch it `off`."""
+
+    @property
+    def url(self) -> str:
+        """As `qi` wants it."""
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"{'tcps' if self.user else 'tcp'}://{host}:{self.port}"
+
+
+def parse_address(text: str) -> Address:
+    """An address as it follows `naoqi:`, such as `//10.0.0.5`, `10.0.0.5:9559` or `//nao@10.0.0.5`.
+
+    Raises LinkError.
+    """
+    parts = urlsplit(text if text.startswith("//") else f"//{text}")
+    try:
+        host, port, user = parts.hostname or "", parts.port, parts.username or ""
+    except ValueError as error:
+        raise LinkError(f"address {text!r}: {error}; {VALID}") from error
+    if parts.password is not None:
+        raise LinkError(f"a password is seen by everybody on a command line; put it into ${PASSWORD}")
+    if not host or parts.path not in ("", "/") or parts.fragment:
+        raise LinkError(f"address {text!r}; {VALID}")
+    options = dict(parse_qsl(parts.query, keep_blank_values=True))
+    if options.pop("life", "refuse") not in ("refuse", "off") or options:
+        raise LinkError(f"address {text!r}: ?{parts.query}; valid: ?life=refuse, ?life=off")
+    life = "off" if "life=off" in parts.query else "refuse"
+    return Address(host, port if port is not None else SECURE_PORT if user else PORT, user, life)
+
+
+class _Login:
+    """What `qi` asks for credentials; it wants a factory and what the factory makes."""
+
+    def __init__(self, user: str, password: str) -> None:
+        self._words = {"user": user, "token": password}
+
+    def newAuthenticator(self) -> _Login:
+        return self
+
+    def initialAuthData(self) -> dict[str, str]:
+        return self._words
+
+
+def open_session(address: Address, *, timeout: float = TIMEOUT) -> Any:
+    """A connected `qi.Session`. Raises LinkError when there is none within `timeout` [s]."""
+    session = qi.Session()
+    if address.user:
+        password = os.environ.get(PASSWORD)
+        if password is None:
+            raise LinkError(f"the password of {address.user!r} is missing; valid: set ${PASSWORD}")
+        session.setClientAuthenticatorFactory(_Login(address.user, password))
+    try:
+        session.connect(address.url, _async=True).value(int(1e3 * timeout))
+    except RuntimeError as error:
+        raise LinkError(
+            f"no NAOqi at {address.url}: {first_line(error)}; {_advice(address, error)}"
+        ) from None
+    return session
+
+
+def service(session: Any, name: str) -> Any:
+    """A service by name; a robot that has just been switched on may need a moment.
+
+    Raises LinkError when it does not have it within TIMEOUT.
+    """
+    try:
+        session.waitForService(name, _async=True).value(int(1e3 * TIMEOUT))
+    except RuntimeError:
+        raise LinkError(f"NAOqi has no service {name}; is the robot still starting?") from None
+    return answer(session.service(name, _async=True), f"service {name}", timeout=TIMEOUT)
+
+
+def answer(future: Any, what: str, *, timeout: float) -> Any:
+    """What a call returns. Raises LinkError when it fails, or takes longer than `timeout` [s]."""
+    try:
+        return future.value(int(1e3 * timeout))
+    except RuntimeError as error:
+        raise LinkError(f"NAOqi, {what}: {first_line(error)}") from None
+
+
+def first_line(error: Exception) -> str:
+    """The words of an error of `qi`, without the lines of Python or C++ that follow."""
+    return (str(error).strip().splitlines() or ["no reason given"])[0][:200].rstrip(".:")
+
+
+def _advice(address: Address, error: Exception) -> str:
+    text = str(error)
+    if "refused" in text:
+        return f"is the robot on, and is {address.port} its port? {VALID}"
+    if "not found" in text:
+        return "is the name of the host right?"
+    if address.user:
+        return f"are user and ${PASSWORD} right?"
+    return f"a robot with NAOqi 2.9 wants credentials: naoqi://USER@{address.host}"

@@ -1,0 +1,79 @@
+"""Angles to ALMotion, one period after the other, without stutter.
+
+ALMotion comes to rest at each target unless the next one is there before (libqi issue 29). So a moving servo
+is sent where it will be one of ALMotion's own periods later, with the share of its top speed that takes it
+there; the last target is the place where it stops. If the stream breaks, the robot goes no further than that.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+
+from tci.frames import Array
+from tci.interface.gate import SafeCommand
+from tci.middleware.naoqi.words import CYCLE
+
+HEADROOM = 1.3
+"""A servo is allowed this much more than its reference's speed. Ours."""
+CATCH_UP = 0.05
+"""Time [s] in which a servo makes up for what it is behind. Ours."""
+LEAST = 0.02
+"""Smallest share of the top speed that is sent: with none it would never arrive. Ours."""
+EVERY = 0.01
+"""Shortest time [s] between two targets of a servo that moves: NAO's device cycle."""
+SAME = 1e-5
+"""Targets closer [rad] than this are the same."""
+
+
+class Stream:
+    """What was sent to each servo, and what is to be sent next."""
+
+    def __init__(self, names: list[str], lower: Array, upper: Array, fastest: Array) -> None:
+        """Of each servo (n,): its name, limits [rad] and top speed [rad/s], as the robot says them."""
+        self._names, self.lower, self.upper, self.fastest = names, lower, upper, fastest
+        self.errors: Counter[str] = Counter()
+        """What the robot answered to targets that it did not take."""
+        self.forget()
+
+    def forget(self) -> None:
+        """All servos are sent their targets anew."""
+        count = len(self._names)
+        self._target = np.full(count, np.nan)
+        self._share = np.zeros(count)
+        self._sent = np.full(count, -np.inf)
+        self._running: dict[int, Any] = {}
+
+    def send(self, motion: Any, safe: SafeCommand, measured: Array) -> None:
+        """Send the servos of a command on their way; `measured` (n,) [rad] is where all of them are."""
+        servos, position, velocity, now = safe.servos, safe.position, safe.velocity, safe.stamp
+        target = np.clip(position + CYCLE * velocity, self.lower[servos], self.upper[servos])
+        behind = np.abs(target - measured[servos]) / CATCH_UP
+        share = np.clip(np.maximum(HEADROOM * np.abs(velocity), behind) / self.fastest[servos], LEAST, 1.0)
+        known = np.abs(target - self._target[servos]) < SAME
+        known &= share <= self._share[servos]
+        moving = self._share[servos] > LEAST
+        due = ~known & (~moving | (now - self._sent[servos] >= EVERY - 1e-4))
+        for place in np.flatnonzero(due).tolist():
+            servo = int(servos[place])
+            if not self._free(servo):
+                continue
+            self._target[servo], self._share[servo] = target[place], share[place]
+            self._sent[servo] = now
+            self._running[servo] = motion.setAngles(
+                self._names[servo], float(target[place]), float(share[place]), _async=True
+            )
+
+    def _free(self, servo: int) -> bool:
+        """Whether the robot has taken the target before; if not, this one waits: only the latest counts."""
+        running = self._running.get(servo)
+        if running is None:
+            return True
+        if not running.isFinished():
+            return False
+        if running.hasError():
+            self.errors[f"setAngles of {self._names[servo]}: {running.error().splitlines()[0][:120]}"] += 1
+        del self._running[servo]
+        return True

@@ -6,15 +6,20 @@ comparisons lets NaN pass.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import CommandError
+from tci.frames import Array
 from tci.messages import CONTROL_MODES, JointReading, Mode, PlatformCommand, PlatformSwitch
 from tci.model.description import Robot, Servo
 
 NEEDED = ("lower", "upper", "velocity", "acceleration", "jerk")
 """Limits without which no servo is moved."""
+OUTSIDE = float(np.deg2rad(20.0))
+"""How far [rad] outside its limits a servo may be measured when it comes under command. Ours."""
 SLOWEST = 1e-6
 """Smallest speed [rad/s] that may be asked for; below it ruckig finds no way. Ours."""
 
@@ -23,11 +28,13 @@ def fault_of_reading(robot: Robot, joints: JointReading, now: float, stale_after
     """Why joint data can't be used at time `now` [s]; empty when it can.
 
     Data may be as much too new as too old, since a reading is taken after its tick began. Velocities
-    are not looked at: the gate needs none, and not every robot sends them.
+    may be NaN: not every robot sends them.
     """
     expected = (len(robot.servos),)
     if joints.position.shape != expected:
         return f"joint reading of shape {joints.position.shape}; valid: {expected}"
+    if joints.velocity.shape != expected:
+        return f"joint velocities of shape {joints.velocity.shape}; valid: {expected}"
     finite = np.isfinite(joints.position)
     if not finite.all():
         return f"the angle of {robot.servos[int(np.argmin(finite))].name} is not finite"
@@ -71,7 +78,8 @@ def check_switch(robot: Robot, switch: PlatformSwitch) -> None:
             valid = ", ".join(mode.value for mode in servo.modes)
             raise CommandError(f"{robot.name}: {servo.name} has no {switch.mode.value} mode; valid: {valid}")
         check_limits(servo)
-        if switch.mode is Mode.TORQUE and servo.limits.torque is None:
+        torque = servo.limits.torque
+        if switch.mode is Mode.TORQUE and not (torque is not None and 0.0 < torque < np.inf):
             raise CommandError(f"{servo.name} has no torque mode: its description has no limit of torque")
 
 
@@ -98,6 +106,22 @@ def _check_each(
         raise CommandError(f"{what} {', '.join(bad)}; valid: {valid}")
 
 
+def check_start(robot: Robot, servos: Sequence[int], position: Array) -> None:
+    """Raises CommandError for a servo that is measured too far outside its limits, at `position` (n_servos,)
+    [rad], to be told to stay there: such an angle is rather a fault of the encoder."""
+    for servo in (robot.servos[index] for index in servos):
+        lower, upper = servo.limits.lower, servo.limits.upper
+        assert lower is not None
+        assert upper is not None
+        angle = float(position[servo.index])
+        if not lower - OUTSIDE <= angle <= upper + OUTSIDE:
+            raise CommandError(
+                f"{servo.name} is measured at {np.rad2deg(angle):.1f} degrees, its limits are "
+                f"{np.rad2deg(lower):.1f} .. {np.rad2deg(upper):.1f}; valid: at most "
+                f"{np.rad2deg(OUTSIDE):.0f} outside"
+            )
+
+
 def check_limits(servo: Servo) -> None:
     """Raises CommandError for a servo without the limits that moving it needs."""
     limits = servo.limits
@@ -108,13 +132,13 @@ def check_limits(servo: Servo) -> None:
         )
     for name in NEEDED[2:]:
         value = getattr(limits, name)
-        if not value > 0.0:
+        if not 0.0 < value < np.inf:
             raise CommandError(
-                f"{servo.name} can't be moved: its limit of {name} is {value:g}; valid: above 0"
+                f"{servo.name} can't be moved: its limit of {name} is {value:g}; valid: above 0 and finite"
             )
     assert limits.lower is not None
     assert limits.upper is not None
-    if limits.lower > limits.upper:
+    if not -np.inf < limits.lower <= limits.upper < np.inf:
         raise CommandError(
             f"{servo.name} can't be moved: its limits are {limits.lower:g} .. {limits.upper:g} rad; "
             "valid: lower first"

@@ -52,19 +52,37 @@ class Gate:
         """
         if not 0.0 < period < np.inf or not 0.0 < stale_after < np.inf:
             raise TciError(f"period {period} s, stale_after {stale_after} s; valid: above 0 and finite")
-        self.robot = robot
-        self.period = period
-        self.stale_after = stale_after
-        self.settings = settings or GateSettings()
+        self._robot, self._period, self._stale_after = robot, period, stale_after
+        self._settings = settings or GateSettings()
         self.state = GateState.RUN
         self._seal = Seal(robot.name)
         self._issued: SafeCommand | None = None
         self._tally = Tally()
-        self._motion = Motion(robot, period=period, settings=self.settings, tally=self._tally)
-        self._watch = Watch(robot, self.settings.watch)
+        self._motion = Motion(robot, period=period, settings=self._settings, tally=self._tally)
+        self._watch = Watch(robot, self._settings.watch)
         self._told = self._motion.reference
         self._stopped = self._held = ""
         self._credit, self._before = 1.0, -np.inf
+
+    @property
+    def robot(self) -> Robot:
+        """The robot whose limits it keeps."""
+        return self._robot
+
+    @property
+    def period(self) -> float:
+        """Time [s] from one step to the next. It does not change: the limits count for it."""
+        return self._period
+
+    @property
+    def stale_after(self) -> float:
+        """Age [s] of joint data beyond which it holds."""
+        return self._stale_after
+
+    @property
+    def settings(self) -> GateSettings:
+        """What the description does not say."""
+        return self._settings
 
     @property
     def counts(self) -> GateCounts:
@@ -94,8 +112,11 @@ class Gate:
     def reset(self) -> None:
         """For an operator: leave STOP. Nothing moves: each servo waits for a command, where it is then.
 
-        Control modes stay; what servos were asked for before is forgotten.
+        Control modes stay; what servos were asked for before is forgotten. Raises CommandError while
+        the robot is still told to move: it would lose the rest of its stop.
         """
+        if self._motion.moves:
+            raise CommandError("the robot has not come to rest yet; valid: reset at rest")
         self._stopped = ""
         self.drop()
 
@@ -165,9 +186,12 @@ class Gate:
 
     def _judge(self, joints: JointReading, now: float) -> str:
         """Why nothing may move now; empty when all is well. Sets the state."""
+        if -np.inf < now < self._before - self.period:
+            self.stop(f"time went back by {self._before - now:.3f} s")
+            self._before = now - self.period
         reason = fault_of_reading(self.robot, joints, now, self.stale_after)
         if not reason:
-            self._motion.see(joints.position, joints.velocity)
+            self._motion.see(joints)
             if not self._stopped and (fault := self._watch.step(joints, self._told)):
                 self.stop(fault)
         reason, self._held = reason or self._held, ""
@@ -184,8 +208,11 @@ class Gate:
 
     def _is_due(self, now: float) -> bool:
         """Whether a step is due at `now` [s]: there are no more of them than periods, and no burst."""
+        if not np.isfinite(now):
+            return False
         if self._before > -np.inf:
-            self._credit = min(self._credit + (now - self._before) / self.period, 1.0 + CATCH_UP)
+            passed = max(0.0, now - self._before) / self.period
+            self._credit = min(self._credit + passed, 1.0 + CATCH_UP)
         self._before = max(self._before, now)
         if self._credit < 1.0 - EARLY:
             return False
@@ -195,6 +222,8 @@ class Gate:
     def _set_share(self, command: PlatformCommand, shares: dict[int, float]) -> list[str]:
         """Stiffness or damping: shares 0..1, clamped and reported. Raises CommandError."""
         check_command(self.robot, command)
+        if command.mode is Mode.STIFFNESS:
+            self._motion.check_stiffness(command)
         sent = np.clip(command.values, 0.0, 1.0)
         shares.update(zip(command.servos.tolist(), sent.tolist(), strict=True))
-        return self._motion.clamps(command, sent, command.mode.value, 1.0)
+        return self._motion.clamps(command, sent, command.mode.value)

@@ -9,27 +9,30 @@ from ruckig import Trajectory
 
 from tci.errors import CommandError
 from tci.frames import Array
-from tci.interface.acceptance import check_command, check_limits, check_switch
+from tci.interface.acceptance import check_command, check_limits, check_start, check_switch
 from tci.interface.bounds import MARGIN
 from tci.interface.chain import Chain, groups_of, make_chain
 from tci.interface.gate_settings import GateSettings, Tally
 from tci.interface.limiter import Guard
 from tci.interface.self_collision import SelfCollision
+from tci.interface.speeds import Speeds
 from tci.interface.torque import TorqueLimiter
 from tci.interface.watch import Reference
-from tci.messages import Mode, PlatformCommand, PlatformOrder, PlatformSwitch
+from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch
 from tci.model.description import Robot
 
 REST = float(np.deg2rad(3.0))
 """Measured speed [rad/s] below which a servo is at rest. Ours."""
 STILL = 1e-6
 """Commanded speed [rad/s] that is only rounding."""
+FASTEST = 1e6
+"""No servo is asked for more [rad/s]: larger numbers overflow where they are divided."""
 LOOKS = 16
 """Points of a stop, beside its ends, at which the robot's body is looked at. Ours: others lie between."""
 
 
 class Motion:
-    """Moves the servos under command, each in its own control mode, one step per control period."""
+    """Moves the servos under command, each in its own mode, one step per control period."""
 
     def __init__(self, robot: Robot, *, period: float, settings: GateSettings, tally: Tally) -> None:
         """`period` [s] of the control loop. Raises what SelfCollision raises."""
@@ -41,7 +44,10 @@ class Motion:
         self._chains: dict[int, Chain] = {}
         self._torque = TorqueLimiter(robot, period, speed_share=settings.speed_share)
         self._fed = np.full(len(robot.servos), -np.inf)
-        self._measured = self._speed = np.zeros(len(robot.servos))
+        self._measured = self._velocity = self._speed = np.zeros(len(robot.servos))
+        self._speeds = Speeds(len(robot.servos))
+        self._switched: set[int] = set()
+        self._shares = np.zeros(len(robot.servos))
         margin = settings.self_collision
         solid = robot.model is not None and margin is not None
         self._body = SelfCollision(robot, margin=margin) if solid and margin is not None else None
@@ -69,11 +75,17 @@ class Motion:
         targets = [chain.limiter.target for chain in self._chains.values()]
         return np.concatenate([*targets, self._measured[self._torque.servos]])
 
-    def see(self, position: Array, velocity: Array) -> None:
-        """Where all servos were measured (n_servos,) [rad], and how fast [rad/s] they were."""
-        self._measured, self._speed = position, velocity
+    @property
+    def moves(self) -> bool:
+        """Whether any servo is told to move now."""
+        return any((np.abs(chain.limiter.state[1]) > STILL).any() for chain in self._chains.values())
+
+    def see(self, joints: JointReading) -> None:
+        """Where all servos were measured, and how fast they were."""
+        self._measured, self._velocity = joints.position, joints.velocity
+        self._speed = self._speeds.step(joints)
         for chain in self._chains.values():
-            chain.look_outside(position)
+            chain.look_outside(joints.position)
 
     def halt(self) -> None:
         """Stop all servos within their limits; targets, velocities and torques are forgotten."""
@@ -106,6 +118,7 @@ class Motion:
 
     def step(self, now: float) -> list[str]:
         """Move by one period; says which motions were ended so that the robot does not hit itself."""
+        self._switched.clear()
         old = now - self._fed > self._settings.command_timeout
         for chain in self._chains.values():
             late = [place for place in chain.driven if old[chain.servos[place]]]
@@ -119,14 +132,14 @@ class Motion:
 
     def torques(self) -> Array:
         """Torque (k,) [N m] of each servo of `reference`; 0 for those in another mode."""
-        torque = self._torque.step(self._measured, self._speed)
+        torque = self._torque.step(self._measured, self._velocity)
         others = sum(len(chain.servos) for chain in self._chains.values())
         return np.concatenate([np.zeros(others), torque])
 
     def _push(self, command: PlatformCommand) -> list[str]:
         """Torques for servos in torque mode."""
         sent = self._torque.ask(command.servos, command.values)
-        return self.clamps(command, sent, "N m", 1.0)
+        return self.clamps(command, sent, "N m")
 
     def _aim(self, command: PlatformCommand) -> list[str]:
         """Give servos in position or impedance mode new targets."""
@@ -142,28 +155,44 @@ class Motion:
             nearest = limiter.bounds.nearest(target, free)
             limiter.aim(nearest, speed)
             reached.update(zip(chain.servos, nearest.tolist(), strict=True))
-        return self.clamps(command, np.array([reached[servo] for servo in servos]), "degrees", np.rad2deg(1))
+        return self.clamps(command, np.array([reached[servo] for servo in servos]), "degrees")
 
     def _drive(self, command: PlatformCommand) -> list[str]:
         """Drive servos in velocity mode; where one can't be as fast, all slow down by the same share."""
         servos = command.servos.tolist()
         limits = np.array([self.robot.servos[servo].limits.velocity for servo in servos], dtype=float)
         most = np.minimum(command.speed, self._settings.speed_share * limits)
-        fastest = np.max(np.abs(command.values) / most, initial=1.0)
-        sent = command.values / fastest
+        values = command.values.astype(float)
+        fastest = np.max(np.minimum(np.abs(values), FASTEST) / most, initial=1.0)
+        sent = np.clip(values, -FASTEST, FASTEST) / fastest
         wanted = dict(zip(servos, sent.tolist(), strict=True))
         for chain in self._chains_with(servos):
             mine = [servo for servo in chain.servos if servo in wanted]
             chain.limiter.drive_at(chain.places(mine), np.array([wanted[servo] for servo in mine]))
-        return self.clamps(command, sent, "degrees/s", np.rad2deg(1))
+        return self.clamps(command, sent, "degrees/s")
 
-    def clamps(self, command: PlatformCommand, sent: Array, unit: str, factor: float) -> list[str]:
+    def check_stiffness(self, command: PlatformCommand) -> None:
+        """Raises CommandError where more stiffness would throw a compliant joint back to its equilibrium."""
+        told = self.reference
+        place = {servo: index for index, servo in enumerate(told.servos.tolist())}
+        for servo, share in zip(command.servos.tolist(), command.values.tolist(), strict=True):
+            if servo not in place or self.modes[servo] is not Mode.IMPEDANCE or share <= self._shares[servo]:
+                continue
+            away = abs(float(told.position[place[servo]] - self._measured[servo]))
+            if away > self._settings.watch.following_error:
+                raise CommandError(
+                    f"{self.robot.servos[servo].name} is {np.rad2deg(away):.1f} degrees from its "
+                    f"equilibrium; valid: no more stiffness than {self._shares[servo]:.2f} there"
+                )
+        self._shares[command.servos] = np.clip(command.values, 0.0, 1.0)
+
+    def clamps(self, command: PlatformCommand, sent: Array, unit: str) -> list[str]:
         """Count and name the servos for which another value counts than the one asked for."""
-        clamped = []
+        clamped, factor = [], float(np.rad2deg(1.0)) if unit.startswith("degrees") else 1.0
         for place in np.flatnonzero(np.abs(command.values - sent) > 2 * MARGIN):
             name = self.robot.servos[command.servos[place]].name
             self._tally.clamps[name] += 1
-            asked, allowed = command.values[place] * factor, sent[place] * factor
+            asked, allowed = float(command.values[place]) * factor, float(sent[place]) * factor
             clamped.append(f"{name}: {asked:.2f} {unit} asked, clamped to {allowed:.2f}")
         return clamped
 
@@ -174,9 +203,13 @@ class Motion:
         told = self.reference
         moving = {
             *told.servos[np.abs(told.velocity) > STILL].tolist(),
-            *np.flatnonzero(np.abs(self._speed) > REST),
+            *np.flatnonzero(np.abs(self._speed) > REST).tolist(),
         }
         for servo in servos:
+            if servo in self._switched:
+                raise CommandError(
+                    f"{self.robot.servos[servo].name} was switched in this period; valid: one mode at a time"
+                )
             if servo in moving:
                 raise CommandError(
                     f"{self.robot.servos[servo].name} is moving; valid: switch to {switch.mode.value} at rest"
@@ -194,6 +227,7 @@ class Motion:
             chains[group] = self._chain(group, kept - loose, fresh) if kept - loose else None
         for servo in servos:
             self.modes[servo] = switch.mode
+        self._switched.update(servos)
         self._torque.set_servos(sorted(loose))
         for group, chain in chains.items():
             if chain is not None:
@@ -219,11 +253,13 @@ class Motion:
 
     def _chain(self, group: int, servos: set[int], fresh: Sequence[int] = ()) -> Chain:
         """A chain for the group. Raises CommandError when some servos can't join its motion now."""
+        old = self._chains.get(group)
+        check_start(self.robot, {*servos} - ({*old.servos} - {*fresh} if old else set()), self._measured)
         chain = make_chain(
             self.robot,
             sorted(servos),
             self._measured,
-            old=self._chains.get(group),
+            old=old,
             fresh=fresh,
             period=self._period,
             speed_share=self._settings.speed_share,

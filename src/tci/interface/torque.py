@@ -20,6 +20,9 @@ RISE = 0.02
 """Time [s] in which a torque may go from zero to its limit. Ours."""
 BAND = 0.1
 """Share of the allowed speed over which braking takes over beyond it. Ours."""
+SETTLE = 2.0
+"""Speeds that could be taken away in this many periods are braked in proportion: with all of its torque a
+servo that rests at a limit would tremble with the noise of its velocity. Ours."""
 FADE = float(np.deg2rad(2.0))
 """Distance [rad] before a limit over which a torque towards it fades out. Ours."""
 
@@ -82,8 +85,8 @@ class TorqueLimiter:
 
         At rest far from limits it is what was asked for, which rises within RISE. A servo that is faster
         than it could stop before its limit, by what it may accelerate, is braked at once with up to its
-        full torque; near a limit a torque towards it fades out, and beyond there is none. A velocity that
-        is not finite counts as no torque wanted.
+        full torque, in proportion where it is nearly at rest; near a limit a torque towards it fades out,
+        and beyond there is none. A velocity that is not finite counts as no torque wanted.
         """
         s = self._servos
         if not s.index.size:
@@ -92,15 +95,18 @@ class TorqueLimiter:
         wanted = np.where(np.isfinite(v), wanted, 0.0)
         v = np.nan_to_num(v)
         above, below = np.maximum(s.upper - q, 0.0), np.maximum(q - s.lower, 0.0)
-        # What is left of the way after this period counts.
-        room = np.maximum(np.where(v > 0.0, above, below) - np.abs(v) * self._period, 0.0)
+        # What is left of the way after this period counts, less what slow speeds take to settle.
+        slow = SETTLE * s.acceleration * self._period
+        way = np.abs(v) * self._period + slow * SETTLE * self._period
+        room = np.maximum(np.where(v > 0.0, above, below) - way, 0.0)
         most = np.minimum((1.0 - BAND) * s.velocity, np.sqrt(2.0 * APPROACH * s.acceleration * room))
         braking = np.clip((np.abs(v) - most) / np.maximum(BAND * most, MARGIN), 0.0, 1.0)
         rise = s.torque * self._period / RISE
         before = self._sent[s.index]
         self._sent[s.index] = rising = np.clip(wanted, before - rise, before + rise)
         wanted = rising * np.minimum(np.where(rising > 0.0, above, below) / FADE, 1.0)
-        result: Array = (1.0 - braking) * wanted - braking * np.sign(v) * s.torque
+        against = np.clip(v / slow, -1.0, 1.0) * s.torque
+        result: Array = (1.0 - braking) * wanted - braking * against
         return result
 
 

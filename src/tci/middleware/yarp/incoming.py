@@ -61,8 +61,8 @@ class Delivery:
         return np.array(items, dtype=float)
 
 
-Answer = Sequence[Any] | str | None
-"""A Bottle, or raw lines, or nothing."""
+Answer = Sequence[Any] | str | bytes | None
+"""A Bottle, or raw lines, or raw bytes, or nothing."""
 
 
 class Incoming:
@@ -134,7 +134,7 @@ class Incoming:
             if command.kind != message.QUIT:
                 answer = self._handle(command, body)
                 if command.kind != message.DATA and answer is not None:
-                    reply = encode_bottle([answer] if isinstance(answer, str) else answer, self._dialect)
+                    reply = self._encode(answer)
             if reply or acknowledge:
                 self._socket.sendall(reply + acknowledge)
             if command.kind == message.QUIT:
@@ -152,7 +152,7 @@ class Incoming:
             if command.kind in (message.DATA, message.CALL, message.ADMIN):
                 answer = self._handle(command, self._source.line())
                 if command.kind != message.DATA and answer is not None:
-                    reply = (answer if isinstance(answer, str) else to_text(answer)) + "\r\n"
+                    reply = (answer if isinstance(answer, str) else to_text(list(answer))) + "\r\n"
             elif command.kind != message.QUIT:
                 answer = self._handle(command, "")
                 reply = f"{answer}\r\n" if isinstance(answer, str) else ""
@@ -160,6 +160,11 @@ class Incoming:
                 self._socket.sendall((reply + end).encode())
             if command.kind == message.QUIT:
                 return
+
+    def _encode(self, answer: Sequence[Any] | str | bytes) -> bytes:
+        if isinstance(answer, bytes):
+            return answer
+        return encode_bottle([answer] if isinstance(answer, str) else answer, self._dialect)
 
     def _open_datagrams(self) -> int:
         sock = self._datagrams = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

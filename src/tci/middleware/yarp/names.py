@@ -71,8 +71,10 @@ def config_file(space: str) -> Path:
 def parse_address(text: str, *, port: int = 10000) -> tuple[str, int]:
     """`HOST:PORT` or `HOST`. Raises LinkError."""
     host, _, digits = text.partition(":")
-    if digits and not (digits.isascii() and digits.isdigit() and 0 < int(digits[:6]) < 65536):
-        raise LinkError(f"port {digits!r} in {text!r}; valid: HOST:PORT with a port from 1 to 65535")
+    if digits and not (digits.isascii() and digits.isdigit() and 0 <= int(digits[:6]) < 65536):
+        raise LinkError(
+            f"port {digits!r} in {text!r}; valid: HOST:PORT, port 1 to 65535, 0 to serve at a free one"
+        )
     return host, int(digits) if digits else port
 
 

@@ -1,0 +1,221 @@
+"""A control board seen from a client: what it has, what it may do, and how it is commanded.
+
+Calls differ between the dialects; the commands that stream to `command:i` nearly do not. Degrees.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+from tci.errors import LinkError, UnknownNameError, WireError
+from tci.frames import Array
+from tci.middleware.yarp.dialect import V3, V4, Dialect
+from tci.middleware.yarp.names import Contact, Names
+from tci.middleware.yarp.rpc import Rpc
+from tci.middleware.yarp.values import Int16, Vocab
+
+IDLE, POSITION, DIRECT = Vocab("idl"), Vocab("pos"), Vocab("posd")
+VELOCITY, TORQUE = Vocab("vel"), Vocab("torq")
+STIFF, COMPLIANT = Vocab("stif"), Vocab("comp")
+OK = Vocab("ok")
+
+
+class Stream(Enum):
+    """What a streamed command sets."""
+
+    POSITION = ("ipod", "dpog")
+    """Angles [deg] to be at: position-direct."""
+    VELOCITY = ("ivel", "vmog")
+    """Velocities [deg/s]."""
+    TORQUE = ("itrq", "dtqg")
+    """Torques [N m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class AxisLimits:
+    """What a board lets a joint do."""
+
+    lower: float
+    """[deg]"""
+    upper: float
+    """[deg]"""
+
+
+def find_board(names: Names, prefix: str, sender: str, dialect: Dialect | None = None) -> Board:
+    """The board whose ports begin with `prefix`, in the dialect that it speaks: its call port's name tells.
+
+    Raises UnknownNameError when there is none, LinkError when the name server doesn't answer.
+    """
+    there = {contact.name: contact for contact in names.list()}
+    for kind in (BoardV3, BoardV4):
+        contact = there.get(prefix + kind.port)
+        if contact is not None and dialect in (None, kind.dialect):
+            return kind(prefix, contact, sender, names.key)
+    boards = [
+        name.removesuffix(port)
+        for name in there
+        for port in (BoardV4.port, BoardV3.port)
+        if name.endswith(port)
+    ]
+    spoken = f" of YARP {dialect.name}" if dialect is not None else ""
+    raise UnknownNameError(f"control board{spoken}", prefix, sorted(set(boards)))
+
+
+class Board(ABC):
+    """Calls to one control board. All raise LinkError when it does not answer or refuses."""
+
+    dialect: Dialect
+    port: str
+    """What the name of its call port ends with."""
+
+    def __init__(self, prefix: str, contact: Contact, sender: str, key: bytes | None = None) -> None:
+        self.prefix = prefix
+        """Its ports' common beginning: `/icub/left_arm`."""
+        self._rpc = Rpc(contact, sender, self.dialect, key=key)
+
+    def close(self) -> None:
+        """Let go of the connection."""
+        self._rpc.close()
+
+    @abstractmethod
+    def axes(self) -> int:
+        """How many joints it has."""
+
+    @abstractmethod
+    def name(self, joint: int) -> str:
+        """Its name of a joint."""
+
+    @abstractmethod
+    def limits(self, joint: int) -> AxisLimits:
+        """How far a joint may go."""
+
+    @abstractmethod
+    def impedance(self, joint: int) -> tuple[float, float]:
+        """Stiffness [N m/deg] and damping [N m s/deg] of a joint when it is compliant."""
+
+    @abstractmethod
+    def set_modes(self, joints: Sequence[int], mode: Vocab) -> None:
+        """Switch joints to a control mode."""
+
+    @abstractmethod
+    def set_interaction(self, joint: int, mode: Vocab) -> None:
+        """Make a joint stiff or compliant."""
+
+    @abstractmethod
+    def set_impedance(self, joint: int, stiffness: float, damping: float) -> None:
+        """Set stiffness [N m/deg] and damping [N m s/deg] of a joint."""
+
+    @abstractmethod
+    def head(self, stream: Stream, joints: Sequence[int]) -> list[Any]:
+        """What a streamed command to some joints begins with. No joint that isn't named is touched."""
+
+    def command(self, stream: Stream, joints: Sequence[int], values: Array) -> list[Any]:
+        """A streamed command: its head and its numbers."""
+        return [self.head(stream, joints), values]
+
+    def _numbers(self, found: Sequence[Any], count: int, what: Sequence[Any]) -> list[float]:
+        if len(found) != count or not all(isinstance(value, int | float) for value in found):
+            raise LinkError(f"{self.prefix} answers {str(found)[:80]} to {what}; valid: {count} numbers")
+        return [float(value) for value in found]
+
+
+class BoardV3(Board):
+    """YARP 3.12: calls of vocabularies. `[is] [x] data [tsta] n t [ok]`, `[fail]` or `[nak]`."""
+
+    dialect = V3
+    port = "/rpc:i"
+
+    def axes(self) -> int:
+        return int(self._numbers(self._get("axes"), 1, ("axes",))[0])
+
+    def name(self, joint: int) -> str:
+        return " ".join(str(item) for item in self._get("name", joint))
+
+    def limits(self, joint: int) -> AxisLimits:
+        return AxisLimits(*self._numbers(self._get("llim", joint), 2, ("llim", joint)))
+
+    def impedance(self, joint: int) -> tuple[float, float]:
+        found = self._get("iimp", "ipr", joint)
+        pair = found[0] if len(found) == 1 and isinstance(found[0], list) else found
+        stiffness, damping = self._numbers(pair, 2, ("iimp", "ipr", joint))
+        return stiffness, damping
+
+    def set_modes(self, joints: Sequence[int], mode: Vocab) -> None:
+        self._set("icmd", "cmog", len(joints), list(joints), [mode] * len(joints))
+
+    def set_interaction(self, joint: int, mode: Vocab) -> None:
+        self._set("intm", "mode", joint, mode)
+
+    def set_impedance(self, joint: int, stiffness: float, damping: float) -> None:
+        self._set("iimp", "ipr", joint, [float(stiffness), float(damping)])
+
+    def head(self, stream: Stream, joints: Sequence[int]) -> list[Any]:
+        return [Vocab(stream.value[1]), len(joints), list(joints)]
+
+    def _get(self, *words: Any) -> list[Any]:
+        """Data in the answer, without its words and its time."""
+        answer = self._call("get", words)
+        if answer[0] != Vocab("is") or len(answer) < 6 or answer[-4] != Vocab("tsta"):
+            raise LinkError(
+                f"{self.prefix} answers {str(answer)[:80]} to {words}; valid: [is] ... [tsta] n t [ok]"
+            )
+        return answer[2:-4]
+
+    def _set(self, *words: Any) -> None:
+        self._call("set", words)
+
+    def _call(self, verb: str, words: Sequence[Any]) -> list[Any]:
+        items = [Vocab(word) if isinstance(word, str) else word for word in words]
+        answer = self._rpc.call(Vocab(verb), *items)
+        if not answer or answer[-1] != OK:
+            raise LinkError(f"{self.prefix} refuses [{verb}] {words}: {answer or 'no answer'}")
+        return answer
+
+
+class BoardV4(Board):
+    """YARP 4.0: calls by name. `([ok]) data`, `[ok]`, or another vocabulary for a failure."""
+
+    dialect = V4
+    port = "/nws/rpc:i"
+
+    def axes(self) -> int:
+        return int(self._numbers(self._call("getAxesRPC"), 1, ("getAxesRPC",))[0])
+
+    def name(self, joint: int) -> str:
+        return " ".join(str(item) for item in self._call("getAxisNameRPC", joint))
+
+    def limits(self, joint: int) -> AxisLimits:
+        found = self._call("getPosLimitsRPC", Int16(joint))
+        return AxisLimits(*self._numbers(found, 2, ("getPosLimitsRPC", joint)))
+
+    def impedance(self, joint: int) -> tuple[float, float]:
+        found = self._call("getImpedanceRPC", joint)
+        stiffness, damping = self._numbers(found, 2, ("getImpedanceRPC", joint))
+        return stiffness, damping
+
+    def set_modes(self, joints: Sequence[int], mode: Vocab) -> None:
+        self._call("setControlModeGroupRPC", list(joints), [int(mode)] * len(joints))
+
+    def set_interaction(self, joint: int, mode: Vocab) -> None:
+        self._call("setInteractionModeOneRPC", joint, int(mode))
+
+    def set_impedance(self, joint: int, stiffness: float, damping: float) -> None:
+        self._call("setImpedanceRPC", joint, float(stiffness), float(damping))
+
+    def head(self, stream: Stream, joints: Sequence[int]) -> list[Any]:
+        interface, word = stream.value
+        return [Vocab(interface), Vocab(word), len(joints), list(joints)]
+
+    def _call(self, method: str, *arguments: Any) -> list[Any]:
+        try:
+            answer = self._rpc.call(method, *arguments)
+        except WireError as error:
+            raise LinkError(f"{self.prefix}: {error}") from error
+        head = answer[0] if answer else None
+        if head != OK and head != [OK]:
+            raise LinkError(f"{self.prefix} refuses {method} {arguments}: {answer or 'no answer'}")
+        return answer[1:]

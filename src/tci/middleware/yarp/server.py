@@ -1,0 +1,199 @@
+"""`tci serve ROBOT --via yarp`: any robot as YARP control boards and skin ports.
+
+YARP's own tools and iCub's software drive it then. Each robot part is a board, `/ROBOT/PART/...`; each patch
+a port, `/ROBOT/skin/PATCH`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from tci.errors import CommandError, LinkError
+from tci.frames import Array
+from tci.interface.safe_command import SafeCommand
+from tci.messages import Order, Perception, Reading, SkinFrame
+from tci.middleware.link import Link
+from tci.middleware.server import Server
+from tci.middleware.yarp import address as addresses
+from tci.middleware.yarp.address import YarpAddress
+from tci.middleware.yarp.calls_v3 import answer_v3
+from tci.middleware.yarp.calls_v4 import answer_v4
+from tci.middleware.yarp.dialect import V3, V4, Dialect
+from tci.middleware.yarp.incoming import Answer, Delivery
+from tci.middleware.yarp.message import CALL, Stamp
+from tci.middleware.yarp.name_server import NameServer
+from tci.middleware.yarp.names import Names, config_file, find_server, namespace, read_key
+from tci.middleware.yarp.port import Port
+from tci.middleware.yarp.served_board import ServedBoard
+from tci.middleware.yarp.skin_events import encode_events
+from tci.middleware.yarp.state import encode_state
+from tci.middleware.yarp.streams import obey
+from tci.model.description import Robot
+
+PERIOD = 0.01
+"""Time [s] between two states of a board, as on iCub."""
+DEFAULT = ("127.0.0.1", 10000)
+"""Where a name server of our own listens unless an address is given."""
+REGISTER_AGAIN = 1.0
+"""How often [s] it is looked whether the name server forgot us. Ours."""
+
+
+def patch_port(robot: Robot, prefix: str, patch: str) -> str:
+    """The port of a patch's raw skin; the binding may say which."""
+    usual = f"skin/{patch}"
+    bindings = {binding.middleware: binding for binding in robot.bindings}
+    return f"/{prefix}/{bindings['yarp'].address(patch, usual) if 'yarp' in bindings else usual}"
+
+
+class YarpServer(Server):
+    """A robot on YARP. Commands need a link that is armed."""
+
+    def __init__(self, link: Link, address: str = "") -> None:
+        """Open all ports. Without a name server, one of our own is started.
+
+        Raises LinkError for a port that is taken and for a name server that doesn't answer.
+        """
+        super().__init__(link, address)
+        options = addresses.parse(address)
+        self.dialect: Dialect = options.dialect or V3
+        self.prefix = options.robot or link.robot.name
+        self._key = read_key()
+        self._own, self.names = self._name_server(options)
+        parts = dict.fromkeys(servo.robot_part for servo in link.robot.servos)
+        self.boards = {part: ServedBoard(part, link.robot.servos_of(part)) for part in parts}
+        self.last_error = ""
+        """Why the latest command was not obeyed."""
+        self.refused = 0
+        """Commands that were not obeyed."""
+        self._ports: dict[str, Port] = {}
+        self._sequences: dict[str, int] = {}
+        self._stamps: dict[str, int] = {}
+        self._due = 0.0
+        self._closed = threading.Event()
+        try:
+            for part, board in self.boards.items():
+                self._open_board(part, board)
+            for patch in link.robot.patches:
+                name = patch_port(link.robot, self.prefix, patch.name)
+                self._open(name)
+                self._open(f"{name}_comp")
+            self._events = self._open("/skinManager/skin_events:o")
+        except LinkError:
+            self.close()
+            raise
+        threading.Thread(target=self._keep_registered, name="yarp register", daemon=True).start()
+
+    def where(self) -> str:
+        host, port = self.names.address
+        file = config_file(namespace())
+        hint = "" if file.is_file() else f"; for YARP's tools: yarp conf {host} {port}"
+        return f"yarp:{host}:{port}, ports /{self.prefix}/... of YARP {self.dialect.name}{hint}"
+
+    def orders(self) -> Sequence[Order]:
+        for board in self.boards.values():
+            board.mind_silence()
+        return [order for board in self.boards.values() for order in board.book.take()]
+
+    def refuse(self, order: Order, reason: str) -> None:
+        self._refuse(reason)
+        for board in self.boards.values():
+            board.book.refuse(order, reason)
+
+    def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
+        for board in self.boards.values():
+            board.book.judge(sent.orders, sent.refusals)
+        offset = time.time() - self.link.clock.now()
+        for frame in reading.skin:
+            if self._sequences.get(frame.patch) != frame.sequence:
+                self._sequences[frame.patch] = frame.sequence
+                self._publish_skin(frame, offset)
+        now = time.monotonic()
+        if now < self._due:
+            return
+        self._due = max(self._due + PERIOD, now)
+        for part, board in self.boards.items():
+            board.see(reading.joints, self.link.gate.modes)
+            stamp = self._stamp(part, reading.joints.stamp + offset)
+            self._write(f"/{self.prefix}/{part}/state:o", board.state.position, stamp)
+            extended = f"/{self.prefix}/{part}/stateExt:o"
+            if self._ports[extended].outputs:
+                self._write(extended, encode_state(board.state, self.dialect), stamp)
+        if self._events.outputs:
+            self._events.write(
+                encode_events(perception.contacts), self._stamp("events", offset + perception.stamp)
+            )
+
+    def close(self) -> None:
+        self._closed.set()
+        for port in self._ports.values():
+            port.close()
+        if self._own is not None:
+            self._own.close()
+
+    def _name_server(self, options: YarpAddress) -> tuple[NameServer | None, Names]:
+        try:
+            names = Names(options.server or find_server(), key=self._key)
+            names.ask("query", namespace())
+            return None, names
+        except LinkError:
+            own = NameServer(*(options.server or DEFAULT), key=self._key, space=namespace())
+            return own, Names(own.address, key=self._key)
+
+    def _open_board(self, part: str, board: ServedBoard) -> None:
+        calls = "nws/rpc:i" if self.dialect is V4 else "rpc:i"
+        answer = answer_v4 if self.dialect is V4 else answer_v3
+
+        def call(delivery: Delivery) -> Answer:
+            return answer(board, delivery.items(self.dialect)) if delivery.command.kind == CALL else None
+
+        def command(delivery: Delivery) -> None:
+            try:
+                obey(board, delivery.items(self.dialect), self.dialect)
+            except CommandError as error:
+                self._refuse(str(error))
+
+        board.armed = self.link.armed
+        for name, receive in ((calls, call), ("command:i", command), ("state:o", None), ("stateExt:o", None)):
+            self._open(f"/{self.prefix}/{part}/{name}", receive)
+
+    def _open(self, name: str, receive: Callable[[Delivery], Answer] | None = None) -> Port:
+        port = self._ports[name] = Port(name, self.names, self.dialect, receive=receive)
+        return port
+
+    def _publish_skin(self, frame: SkinFrame, offset: float) -> None:
+        name = patch_port(self.link.robot, self.prefix, frame.patch)
+        raw, compensated = self._ports[name], self._ports[f"{name}_comp"]
+        stamp = self._stamp(frame.patch, frame.stamp + offset)
+        if raw.outputs:
+            raw.write(np.asarray(frame.values, dtype=float), stamp)
+        if compensated.outputs:
+            sensor = self.link.robot.patch(frame.patch).sensor
+            sign = 1.0 if sensor.pascal_per_count > 0 else -1.0
+            away = np.clip(sign * (np.asarray(frame.values, dtype=float) - sensor.rest), 0.0, 255.0)
+            compensated.write(away)
+
+    def _stamp(self, what: str, stamp: float) -> Stamp:
+        count = self._stamps[what] = self._stamps.get(what, -1) + 1
+        return Stamp(count, stamp)
+
+    def _write(self, name: str, value: Array | list[Any], stamp: Stamp) -> None:
+        self._ports[name].write(value, stamp)
+
+    def _refuse(self, reason: str) -> None:
+        self.refused += 1
+        self.last_error = reason
+
+    def _keep_registered(self) -> None:
+        """A name server that restarts forgets its ports; what flows between ports goes on meanwhile."""
+        while not self._closed.wait(REGISTER_AGAIN):
+            with contextlib.suppress(LinkError):
+                known = {contact.name for contact in self.names.list()}
+                for port in list(self._ports.values()):
+                    if port.name not in known and not self._closed.is_set():
+                        port.register()

@@ -1,0 +1,90 @@
+"""The contacts that iCub's skinManager publishes: `((id body link skin) (CoP) (F) (M) (centre) (normal)
+(taxels ..) pressure)`, one list per contact, in the frame of its link.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from tci.errors import WireError
+from tci.frames import Array, read_only
+from tci.messages import Contact
+
+NEWTON = 0.05
+"""Force [N] per taxel and unit of pressure, by skinManager's own formula."""
+BODY_PARTS = {"torso": 1, "head": 2, "left_arm": 3, "right_arm": 4, "left_leg": 5, "right_leg": 6}
+SEGMENTS = {"hand": (6, 1), "forearm": (4, 2), "upper_arm": (2, 3)}
+"""Number of the link and of the skin part; the right side's skin parts are three more."""
+MOST = 1000
+"""Contacts in one event at most. Ours."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SkinEvent:
+    """One contact as skinManager says it."""
+
+    id: int
+    body_part: int
+    """1 torso, 2 head, 3 and 4 left and right arm, 5 and 6 legs."""
+    link: int
+    """Number of the link in its body part."""
+    skin_part: int
+    """1 to 3 left hand, forearm, upper arm; 4 to 6 the right ones; 7 chest."""
+    cop: Array
+    """Centre of pressure (3,) [m] in the link."""
+    force: Array
+    """Force (3,) [N] by skinManager's formula."""
+    normal: Array
+    """Weighted normal (3,), not always of length 1."""
+    taxels: tuple[int, ...]
+    """Taxels by their number in the skin part."""
+    pressure: float
+    """Mean pressure, in the sensor's units."""
+
+
+def encode_events(contacts: Sequence[Contact]) -> list[Any]:
+    """The Bottle for contacts; those on parts that skinManager does not know are left out."""
+    return [_encode(number, contact) for number, contact in enumerate(contacts) if contact.part in BODY_PARTS]
+
+
+def _encode(number: int, contact: Contact) -> list[Any]:
+    link, skin = SEGMENTS.get(contact.segment, (0, 7 if contact.part == "torso" else 0))
+    skin += 3 * contact.part.startswith("right") if skin in (1, 2, 3) else 0
+    where, push = contact.p_L.tolist(), (-contact.force * contact.n_L).tolist()
+    pressure = contact.force / (NEWTON * max(len(contact.taxels), 1))
+    return [
+        [number, BODY_PARTS[contact.part], link, skin], where, push, [0.0, 0.0, 0.0], where,
+        contact.n_L.tolist(), contact.taxels.tolist(), pressure,
+    ]  # fmt: skip
+
+
+def decode_events(items: Sequence[Any]) -> tuple[SkinEvent, ...]:
+    """Contacts in a Bottle of skinManager. Raises WireError for one that is none."""
+    if len(items) > MOST:
+        raise WireError(f"{len(items)} contacts at once; valid: up to {MOST}")
+    return tuple(_decode(item) for item in items)
+
+
+def _decode(item: Any) -> SkinEvent:
+    if not isinstance(item, list) or len(item) != 8 or not all(isinstance(part, list) for part in item[:7]):
+        raise WireError(f"{str(item)[:60]} is no contact; valid: seven lists and a pressure")
+    ids, cop, force, _, _, normal, taxels, pressure = item
+    vectors = [np.array([_number(value) for value in vector]) for vector in (cop, force, normal)]
+    if len(ids) != 4 or any(len(vector) != 3 for vector in vectors):
+        raise WireError(f"{str(item)[:60]} is no contact; valid: 4 numbers, then vectors of 3")
+    whole = [int(_number(value)) for value in (*ids, *taxels)]
+    return SkinEvent(
+        id=whole[0], body_part=whole[1], link=whole[2], skin_part=whole[3],
+        cop=read_only(vectors[0]), force=read_only(vectors[1]), normal=read_only(vectors[2]),
+        taxels=tuple(whole[4:]), pressure=_number(pressure),
+    )  # fmt: skip
+
+
+def _number(value: Any) -> float:
+    if not isinstance(value, int | float) or not np.isfinite(value):
+        raise WireError(f"{value!r} in a contact; valid: finite numbers")
+    return float(value)

@@ -1,0 +1,261 @@
+"""A robot shown as YARP control boards and skin ports, commanded through real sockets."""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tci
+from tci.errors import LinkError
+from tci.interface.places import find_place
+from tci.messages import Mode
+from tci.middleware.simulated import SimulatedLink
+from tci.middleware.yarp.board import COMPLIANT, DIRECT, POSITION, VELOCITY, Stream, find_board
+from tci.middleware.yarp.dialect import DIALECTS, V3, V4, Dialect
+from tci.middleware.yarp.incoming import Delivery
+from tci.middleware.yarp.name_server import NameServer
+from tci.middleware.yarp.names import Names
+from tci.middleware.yarp.port import Port
+from tci.middleware.yarp.rpc import Rpc
+from tci.middleware.yarp.server import YarpServer
+from tci.middleware.yarp.skin_events import decode_events
+from tci.middleware.yarp.state import decode_state
+from tci.middleware.yarp.values import Vocab
+from tci.runtime.serve import Served, serve
+
+ELBOW = 3
+
+
+class Show:
+    """A simulated NAO served over YARP by a thread, with a name server of its own."""
+
+    def __init__(self, dialect: Dialect, *, arm: bool = True) -> None:
+        self.dialect = dialect
+        self.link = SimulatedLink(tci.load_robot("nao"), paced=True, arm=arm)
+        self.server = YarpServer(self.link, f"127.0.0.1:0,dialect={dialect.name}")
+        self.names: Names = self.server.names
+        self.served = Served()
+        self._stop = False
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+
+    def _serve(self) -> None:
+        class Stop(Exception):
+            pass
+
+        def see(tick: object) -> None:
+            if self._stop:
+                raise Stop
+
+        with contextlib.suppress(Stop):
+            serve(self.server, observe=see, served=self.served)
+
+    def listen(self, port: str, receive: Callable[[Delivery], None]) -> Port:
+        reader = Port(f"/test{port}", self.names, self.dialect, receive=receive)
+        reader.listen_to(port)
+        return reader
+
+    def close(self) -> None:
+        self._stop = True
+        self._thread.join(10)
+        self.server.close()
+
+
+@pytest.fixture(scope="module", params=list(DIALECTS))
+def show(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Show]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("YARP_CONFIG_HOME", str(tmp_path_factory.mktemp("yarp")))
+        running = Show(DIALECTS[request.param])
+        yield running
+        running.close()
+
+
+def until(condition: Callable[[], bool], *, within: float = 10.0) -> bool:
+    end = time.monotonic() + within
+    while not condition() and time.monotonic() < end:
+        time.sleep(0.005)
+    return condition()
+
+
+def elbow(show: Show) -> float:
+    return float(show.server.boards["LArm"].state.position[ELBOW])
+
+
+def test_every_part_is_a_board_with_its_joints_names_and_limits(show: Show) -> None:
+    robot = show.link.robot
+    for part in ("LArm", "RArm", "Head"):
+        board = find_board(show.names, f"/nao/{part}", "/test/calls")
+        assert board.dialect is show.dialect
+        servos = robot.servos_of(part)
+        assert board.axes() == len(servos)
+        assert [board.name(number) for number in range(len(servos))] == [servo.name for servo in servos]
+        for number, servo in enumerate(servos):
+            if servo.limits.lower is not None:
+                found = board.limits(number)
+                assert found.lower == pytest.approx(np.rad2deg(servo.limits.lower))
+        with pytest.raises(LinkError, match="refuses"):
+            board.limits(99)
+        board.close()
+
+
+def _words(*items: object) -> list[object]:
+    return [Vocab(item) if isinstance(item, str) else item for item in items]
+
+
+def test_positions_by_call(show: Show) -> None:
+    port = find_board(show.names, "/nao/LArm", "/x").port
+    rpc = Rpc(show.names.query(f"/nao/LArm{port}"), "/test/pos", show.dialect)
+    calls, done = {
+        V3: ([_words("set", "vel", ELBOW, 100.0), _words("set", "pos", ELBOW, -50.0)], _words("get", "dons")),
+        V4: (
+            [["setTrajSpeedOneRPC", ELBOW, 100.0], ["positionMoveOneRPC", ELBOW, -50.0]],
+            ["checkMotionDoneAllRPC"],
+        ),
+    }[show.dialect]
+    for call in calls:
+        assert rpc.call(*call) == [Vocab("ok")]
+    assert until(lambda: abs(elbow(show) + 50.0) < 0.5)
+    assert until(lambda: rpc.call(*done)[2 if show.dialect is V3 else 1] in (1, Vocab("ok")))
+    refused = rpc.call("nonsense") if show.dialect is V4 else rpc.call(Vocab("set"), Vocab("pos"), 99, 0.0)
+    assert refused == [Vocab("fail")]
+    rpc.close()
+
+
+def test_streamed_groups_move_their_joints_and_no_other(show: Show) -> None:
+    board = find_board(show.names, "/nao/LArm", "/test/modes")
+    board.set_modes([ELBOW], DIRECT)
+    writer = Port("/test/command:o", show.names, show.dialect)
+    writer.connect("/nao/LArm/command:i")
+    before = show.server.boards["LArm"].state.position.copy()
+    writer.write(board.command(Stream.POSITION, [ELBOW], np.array([-70.0])))
+    assert until(lambda: abs(elbow(show) + 70.0) < 0.5)
+    moved = np.abs(show.server.boards["LArm"].state.position - before) > 0.5
+    assert moved.nonzero()[0].tolist() == [ELBOW]
+    refused = show.server.refused
+    writer.write(board.command(Stream.VELOCITY, [ELBOW], np.array([10.0])))
+    assert until(lambda: show.server.refused == refused + 1)
+    assert "needs [vel]" in show.server.last_error
+    board.set_modes([ELBOW], POSITION)
+    writer.close()
+    board.close()
+
+
+def test_a_commander_of_velocities_that_falls_silent_leaves_the_arm_at_rest(show: Show) -> None:
+    board = find_board(show.names, "/nao/LArm", "/test/velocity")
+    assert until(lambda: abs(show.server.boards["LArm"].state.velocity[ELBOW]) < 0.01)  # type: ignore[index]
+    board.set_modes([ELBOW], VELOCITY)
+    writer = Port("/test/velocity:o", show.names, show.dialect)
+    writer.connect("/nao/LArm/command:i")
+    begun = elbow(show)
+    for _ in range(20):
+        writer.write(board.command(Stream.VELOCITY, [ELBOW], np.array([30.0])))
+        time.sleep(0.02)
+    assert elbow(show) > begun + 5.0
+    assert until(lambda: abs(show.server.boards["LArm"].state.velocity[ELBOW]) < 0.5)  # type: ignore[index]
+    rest = elbow(show)
+    time.sleep(0.3)
+    assert elbow(show) == pytest.approx(rest, abs=0.5)
+    board.set_modes([ELBOW], POSITION)
+    writer.close()
+    board.close()
+
+
+def test_a_mode_that_the_gate_refuses_is_refused_on_the_wire(show: Show) -> None:
+    board = find_board(show.names, "/nao/LArm", "/test/refused")
+    with pytest.raises(LinkError, match="refuses"):
+        board.set_modes([ELBOW], Vocab("idl"))
+    with pytest.raises(LinkError, match="refuses"):
+        board.set_interaction(ELBOW, Vocab("soft"))
+    board.close()
+
+
+def test_compliance_and_impedance(show: Show) -> None:
+    board = find_board(show.names, "/nao/LArm", "/test/impedance")
+    if Mode.IMPEDANCE in show.link.robot.servos_of("LArm")[ELBOW].modes:
+        board.set_interaction(ELBOW, COMPLIANT)
+        assert until(lambda: show.server.boards["LArm"].state.interactions[ELBOW] == COMPLIANT)  # type: ignore[index]
+        board.set_interaction(ELBOW, Vocab("stif"))
+    else:
+        with pytest.raises(LinkError, match="refuses"):
+            board.set_interaction(ELBOW, COMPLIANT)
+    board.set_impedance(ELBOW, 0.5, 0.02)
+    assert board.impedance(ELBOW) == (0.5, 0.02)
+    board.close()
+
+
+def test_state_and_skin_flow_with_their_stamps(show: Show) -> None:
+    states: queue.Queue[Delivery] = queue.Queue()
+    skins: queue.Queue[Delivery] = queue.Queue()
+    ports = [
+        show.listen("/nao/LArm/stateExt:o", states.put),
+        show.listen("/nao/skin/left_forearm", skins.put),
+    ]
+    state = decode_state(states.get(timeout=5).items(show.dialect), show.dialect)
+    assert state.position.shape == (6,)
+    assert state.modes is not None
+    first, second = skins.get(timeout=5), skins.get(timeout=5)
+    assert first.stamp is not None
+    assert second.stamp is not None
+    assert second.stamp.count == first.stamp.count + 1
+    assert 0.0 < second.stamp.time - first.stamp.time < 0.1
+    assert abs(second.stamp.time - time.time()) < 5.0
+    assert second.vector(show.dialect).tolist() == [240.0] * 240
+    for port in ports:
+        port.close()
+
+
+def test_contacts_are_published_as_skin_events(show: Show) -> None:
+    came: queue.Queue[Delivery] = queue.Queue()
+    skin: queue.Queue[Delivery] = queue.Queue()
+    events = show.listen("/skinManager/skin_events:o", came.put)
+    compensated = show.listen("/nao/skin/left_forearm_comp", skin.put)
+    world = show.link.world
+    place = find_place(tci.Skin(show.link.robot), "left_arm", "forearm", 0.5, 0.0, show.link.world.joints())
+    world.finger.poke(place.patch, place.p_L, place.n_L, speed=0.25, depth=0.01, gap=0.05)
+    found = []
+    end = time.monotonic() + 5
+    while not found and time.monotonic() < end:
+        found = list(decode_events(came.get(timeout=5).items(show.dialect)))
+    assert found[0].body_part == 3
+    assert (found[0].link, found[0].skin_part) == (4, 2)
+    assert np.linalg.norm(found[0].force) > 0.1
+    assert until(lambda: skin.get(timeout=5).vector(show.dialect).max() > 0.0)
+    events.close()
+    compensated.close()
+
+
+def test_55_a_link_that_is_not_armed_is_read_only(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("YARP_CONFIG_HOME", str(tmp_path))
+    link = SimulatedLink(tci.load_robot("nao"), arm=False)
+    with YarpServer(link, "127.0.0.1:0") as server:
+        board = find_board(server.names, "/nao/LArm", "/test/unarmed")
+        with pytest.raises(LinkError, match="refuses"):
+            board.set_modes([ELBOW], DIRECT)
+        assert server.orders() == []
+        assert board.axes() == 6
+
+
+def test_29_a_name_server_that_restarts_hears_of_every_port_again(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("YARP_CONFIG_HOME", str(tmp_path))
+    first = NameServer()
+    with YarpServer(SimulatedLink(tci.load_robot("nao")), "{}:{}".format(*first.address)) as server:
+        ports = {contact.name for contact in server.names.list()}
+        first.close()
+        with NameServer(*first.address) as second:
+            assert until(lambda: {c.name for c in Names(second.address).list()} == ports)
+
+
+def test_an_address_that_is_none_names_what_is_valid() -> None:
+    link = SimulatedLink(tci.load_robot("nao"))
+    for address in ("host:99999999", "127.0.0.1,dialect=5", "127.0.0.1,colour=red", "127.0.0.1,nonsense"):
+        with pytest.raises(LinkError, match="valid: "):
+            YarpServer(link, address)

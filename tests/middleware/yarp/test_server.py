@@ -77,7 +77,7 @@ def show(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
         running.close()
 
 
-def until(condition: Callable[[], bool], *, within: float = 10.0) -> bool:
+def until(condition: Callable[[], bool], *, within: float = 40.0) -> bool:
     end = time.monotonic() + within
     while not condition() and time.monotonic() < end:
         time.sleep(0.005)

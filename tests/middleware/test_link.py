@@ -49,8 +49,8 @@ def drive(link: Link, *commands: object, duration: float = 1.0) -> None:
 
 
 def drive_until(link: Link, arrived: Callable[[], bool], *commands: object) -> bool:
-    """Whether the robot gets there: at once in a simulation; when a busy machine keeps it from being real time,
-    the gate stops it on the way."""
+    """Whether the robot gets there: at once in a simulation. Where a busy machine keeps it from being real
+    time, the gate stops it on the way."""
     for _ in range(PATIENCE):
         drive(link, *commands)
         if arrived():

@@ -101,7 +101,8 @@ class NaoqiLink(Link):
                 # Angles must not overtake the stiffness that they need.
                 answer(motion.setStiffnesses(names, values, _async=True), "setStiffnesses", timeout=1.0)
                 self._on[list(safe.stiffness)] = self.clock.now()
-            self._stream.send(motion, safe, self._poller.latest.reading.joints.position)
+            measured = self._poller.latest.reading.joints.position
+            self._stream.send(motion, safe, self.gate.targets, measured)
         except (LinkError, RuntimeError) as error:
             if self._poller.services.session.isConnected():
                 raise LinkError(f"{self.robot.name} does not take a command: {error}") from error

@@ -10,11 +10,12 @@ import math
 import threading
 import time
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import qi
 
-from tci.model.description import Robot, Servo
+from tci.middleware.naoqi.board import Board
+from tci.model.description import Servo
 
 SETTLED = 0.01
 """Distance [rad] from its target at which a blocking motion has arrived. Ours."""
@@ -22,34 +23,13 @@ LONGEST = 1000
 """Most joints or keys in one call."""
 
 
-class Desk(Protocol):
-    """What the services need of the robot; `server.NaoqiServer` is one."""
-
-    robot: Robot
-
-    def measured(self) -> list[float]:
-        """Angles [rad] of all servos, measured."""
-
-    def told(self) -> list[float]:
-        """Angles [rad] that all servos were told last."""
-
-    def stiffness(self) -> list[float]:
-        """Share 0..1 of all servos."""
-
-    def move(self, servos: Sequence[Servo], angles: Sequence[float], speeds: Sequence[float]) -> None:
-        """Let servos go to angles [rad] at speeds [rad/s]."""
-
-    def stiffen(self, servos: Sequence[Servo], shares: Sequence[float]) -> None:
-        """Set shares 0..1 of full stiffness."""
-
-
 @qi.multiThreaded()
 class ALMotion:
     """Joints: angles, stiffness, limits, blocking motions."""
 
-    def __init__(self, desk: Desk) -> None:
-        self._desk = desk
-        self._servos = {servo.name: servo for servo in desk.robot.servos}
+    def __init__(self, board: Board) -> None:
+        self._board = board
+        self._servos = {servo.name: servo for servo in board.robot.servos}
         self._breath: dict[str, bool] = {}
 
     def getBodyNames(self, name: str) -> list[str]:
@@ -59,13 +39,13 @@ class ALMotion:
     @qi.bind(qi.List(qi.Float), [qi.Dynamic, qi.Bool])
     def getAngles(self, names: Any, useSensors: bool) -> list[float]:
         """Angles [rad], measured or told."""
-        angles = self._desk.measured() if useSensors else self._desk.told()
+        angles = self._board.measured if useSensors else self._board.told
         return [angles[servo.index] for servo in self._find(names)]
 
     @qi.bind(qi.List(qi.Float), [qi.Dynamic])
     def getStiffnesses(self, names: Any) -> list[float]:
         """Shares 0..1."""
-        shares = self._desk.stiffness()
+        shares = self._board.stiffness
         return [shares[servo.index] for servo in self._find(names)]
 
     def getLimits(self, name: Any) -> list[list[float]]:
@@ -77,7 +57,7 @@ class ALMotion:
         """Shares 0..1, one for all or one for each."""
         servos = self._find(names)
         shares = _numbers(stiffnesses, len(servos), "stiffness", 0.0, 1.0)
-        self._desk.stiffen(servos, shares)
+        self._board.stiffen(servos, shares)
 
     @qi.bind(qi.Void, [qi.Dynamic, qi.Dynamic, qi.Float])
     def setAngles(self, names: Any, angles: Any, fractionMaxSpeed: float) -> None:
@@ -85,14 +65,14 @@ class ALMotion:
         servos = self._find(names)
         wanted = _numbers(angles, len(servos), "angle [rad]", -7.0, 7.0)
         share = _numbers(fractionMaxSpeed, 1, "fractionMaxSpeed", 1e-6, 1.0)[0]
-        self._desk.move(servos, wanted, [share * _limits(servo)[2] for servo in servos])
+        self._board.move(servos, wanted, [share * _limits(servo)[2] for servo in servos])
 
     @qi.bind(qi.Void, [qi.Dynamic, qi.Dynamic, qi.Float])
     def changeAngles(self, names: Any, changes: Any, fractionMaxSpeed: float) -> None:
         """The same from where they were told to be."""
         servos = self._find(names)
         changed = _numbers(changes, len(servos), "change [rad]", -7.0, 7.0)
-        told = self._desk.told()
+        told = self._board.told
         wanted = [told[servo.index] + change for servo, change in zip(servos, changed, strict=True)]
         self.setAngles([servo.name for servo in servos], wanted, fractionMaxSpeed)
 
@@ -109,7 +89,7 @@ class ALMotion:
     def angleInterpolation(self, names: Any, angleLists: Any, timeLists: Any, isAbsolute: bool) -> None:
         """One target for each joint, reached after that time [s]; returns when they are there."""
         servos = self._find(names)
-        told = self._desk.told()
+        told = self._board.told
         wanted = _numbers(angleLists, len(servos), "angle [rad] (one for each joint)", -7.0, 7.0)
         if not isAbsolute:
             wanted = [told[s.index] + change for s, change in zip(servos, wanted, strict=True)]
@@ -118,14 +98,14 @@ class ALMotion:
             max(abs(angle - told[servo.index]) / duration, 1e-3)
             for servo, angle, duration in zip(servos, wanted, times, strict=True)
         ]
-        self._desk.move(servos, wanted, speeds)
+        self._board.move(servos, wanted, speeds)
         self._wait(servos, wanted, 2.0 + max(times))
 
     def stopMove(self) -> None:
         """All joints stay where they were told to be."""
-        servos, told = self._desk.robot.servos, self._desk.told()
+        servos, told = self._board.robot.servos, self._board.told
         movable = [servo for servo in servos if servo.limits.velocity is not None]
-        self._desk.move(movable, [told[s.index] for s in movable], [_limits(s)[2] for s in movable])
+        self._board.move(movable, [told[s.index] for s in movable], [_limits(s)[2] for s in movable])
 
     killAll = stopMove
 
@@ -139,7 +119,7 @@ class ALMotion:
 
     def robotIsWakeUp(self) -> bool:
         """Whether joints are stiff."""
-        return max(self._desk.stiffness()) > 0.0
+        return max(self._board.stiffness) > 0.0
 
     def getBreathEnabled(self, chain: str) -> bool:
         """Whether the chain breathes: moves slightly when idle."""
@@ -172,7 +152,7 @@ class ALMotion:
     def _wait(self, servos: Sequence[Servo], wanted: Sequence[float], longest: float) -> None:
         end = time.monotonic() + longest
         while time.monotonic() < end:
-            here = self._desk.measured()
+            here = self._board.measured
             if all(abs(here[s.index] - w) < SETTLED for s, w in zip(servos, wanted, strict=True)):
                 return
             time.sleep(0.01)
@@ -238,8 +218,8 @@ class ALMemory:
 class ALAutonomousLife:
     """Autonomous life is a state here; it moves nothing."""
 
-    def __init__(self, state: str) -> None:
-        self._state = state
+    def __init__(self) -> None:
+        self._state = "disabled"
 
     def getState(self) -> str:
         """The state."""
@@ -260,6 +240,16 @@ class ALSystem:
     def systemVersion(self) -> str:
         """Of NAOqi: it says that this is none."""
         return "2.8 (served by TCI)"
+
+
+def all_services(board: Board) -> dict[str, object]:
+    """Every service by its name, ALMotion last: who has that, has all."""
+    return {
+        "ALMemory": ALMemory(board.keys()),
+        "ALAutonomousLife": ALAutonomousLife(),
+        "ALSystem": ALSystem(),
+        "ALMotion": ALMotion(board),
+    }
 
 
 def _limits(servo: Servo) -> list[float]:

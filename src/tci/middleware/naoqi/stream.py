@@ -1,8 +1,8 @@
 """Angles to ALMotion, one period after the other, without stutter.
 
 ALMotion comes to rest at each target unless the next one is there before (libqi issue 29). So a moving servo
-is sent where it will be one of ALMotion's own periods later, with the share of its top speed that takes it
-there; the last target is the place where it stops. If the stream breaks, the robot goes no further than that.
+is sent where it will be two of ALMotion's own periods later, at the speed that does not take it there before;
+the last target is the place where it stops. If the stream breaks, the robot goes no further than that.
 """
 
 from __future__ import annotations
@@ -14,12 +14,14 @@ import numpy as np
 
 from tci.frames import Array
 from tci.interface.gate import SafeCommand
+from tci.messages import Mode
 from tci.middleware.naoqi.words import CYCLE
 
-HEADROOM = 1.3
-"""A servo is allowed this much more than its reference's speed. Ours."""
+AHEAD = 2.0 * CYCLE
+"""How far ahead [s] of its reference a servo is sent, but not beyond the end of its way. Ours."""
 CATCH_UP = 0.05
-"""Time [s] in which a servo makes up for what it is behind. Ours."""
+"""A servo gets the speed that takes it to its target in this time [s]: a little more than AHEAD, so that it
+is neither there before the next target comes, nor far behind. Ours."""
 LEAST = 0.02
 """Smallest share of the top speed that is sent: with none it would never arrive. Ours."""
 EVERY = 0.01
@@ -46,12 +48,19 @@ class Stream:
         self._sent = np.full(count, -np.inf)
         self._running: dict[int, Any] = {}
 
-    def send(self, motion: Any, safe: SafeCommand, measured: Array) -> None:
-        """Send the servos of a command on their way; `measured` (n,) [rad] is where all of them are."""
-        servos, position, velocity, now = safe.servos, safe.position, safe.velocity, safe.stamp
-        target = np.clip(position + CYCLE * velocity, self.lower[servos], self.upper[servos])
-        behind = np.abs(target - measured[servos]) / CATCH_UP
-        share = np.clip(np.maximum(HEADROOM * np.abs(velocity), behind) / self.fastest[servos], LEAST, 1.0)
+    def send(self, motion: Any, safe: SafeCommand, ends: Array, measured: Array) -> None:
+        """Send the servos (k,) of a command on their way.
+
+        `ends` (k,) [rad] is where they are going, `measured` (n,) [rad] where all servos are.
+        """
+        servos, now = safe.servos, safe.stamp
+        ahead = AHEAD * safe.velocity
+        driven = np.array([mode is Mode.VELOCITY for mode in safe.modes], dtype=bool)
+        left = np.where(driven, ahead, ends - safe.position)
+        ahead = np.where(ahead * left > 0.0, np.sign(ahead) * np.minimum(np.abs(ahead), np.abs(left)), 0.0)
+        target = np.clip(safe.position + ahead, self.lower[servos], self.upper[servos])
+        speed = np.abs(target - measured[servos]) / CATCH_UP
+        share = np.clip(speed / self.fastest[servos], LEAST, 1.0)
         known = np.abs(target - self._target[servos]) < SAME
         known &= share <= self._share[servos]
         moving = self._share[servos] > LEAST

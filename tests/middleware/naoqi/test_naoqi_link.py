@@ -1,0 +1,268 @@
+"""The link to NAO: skin, touch, autonomy, and a robot that goes away and comes back."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from middleware.naoqi.still_nao import StillNao
+from middleware.served import Served
+from tci.errors import LinkError
+from tci.interface.gate import GateState
+from tci.messages import Mode, Reading
+from tci.middleware.diagnosis import Level
+from tci.middleware.link import Link
+from tci.model.catalogue import load_robot
+from tci.model.description import Address, Robot
+from tci.runtime.registry import connect
+
+ROBOT = load_robot("nao")
+ELBOW = next(servo.index for servo in ROBOT.servos if servo.name == "LElbowRoll")
+PATIENCE = 60.0
+"""Seconds that a busy machine may take for what is at once elsewhere."""
+
+
+def wait_for(what: Callable[[], bool], link: Link | None = None) -> None:
+    """Until something is the case, reading `link` meanwhile."""
+    end = time.monotonic() + PATIENCE
+    while not what():
+        assert time.monotonic() < end, "it never came"
+        if link is not None:
+            link.read()
+        time.sleep(0.005)
+
+
+def with_binding(robot: Robot, **changes: Any) -> Robot:
+    bindings = [b.model_copy(update=changes) if b.middleware == "naoqi" else b for b in robot.bindings]
+    return robot.model_copy(update={"bindings": tuple(bindings)})
+
+
+def frame(reading: Reading, patch: str) -> Any:
+    return next(frame for frame in reading.skin if frame.patch == patch)
+
+
+@pytest.mark.parametrize("packed", [True, False], ids=["text", "vectors"])
+def test_skin_comes_as_text_or_as_plain_vectors_and_only_new_frames_count(packed: bool) -> None:
+    with StillNao() as nao:
+        if not packed:
+            memory = nao.services["ALMemory"]
+            for key in [key for key in memory._live if key.endswith("/Packed")]:
+                del memory._live[key]
+        with connect(ROBOT, nao.via) as link:
+            first = frame(link.read(), "left_forearm")
+            values = np.full(240, 240, np.uint8)
+            values[7] = 31
+            nao.touch("left_forearm", 1, values)
+            wait_for(lambda: frame(link.read(), "left_forearm").sequence == 1)
+            later = frame(link.read(), "left_forearm")
+            np.testing.assert_array_equal(later.values, values)
+            assert first.stamp < later.stamp <= link.clock.now()
+            again = frame(link.read(), "left_forearm")
+            assert (again.sequence, again.stamp) == (later.sequence, later.stamp)
+
+
+def test_a_vector_of_another_publisher_without_numbers_counts_when_it_changes() -> None:
+    with StillNao() as nao:
+        memory = nao.services["ALMemory"]
+        memory._live.clear()
+        memory.insertData("My/Skin", [0.5] * 240)
+        robot = with_binding(ROBOT, addresses=(Address(of="left_forearm", to="My/Skin"),))
+        with connect(robot, nao.via) as link:
+            assert [(f.patch, f.sequence) for f in link.read().skin] == [("left_forearm", 0)]
+            memory.insertData("My/Skin", [0.75] * 240)
+            wait_for(lambda: frame(link.read(), "left_forearm").sequence == 1)
+            for rubbish in ("text", [[1.0], [2.0, 3.0]], ["a"] * 240, {"a": 1}, 3.0):
+                memory.insertData("My/Skin", rubbish)
+                polls = link._poller.counts["polls"]  # type: ignore[attr-defined]
+                wait_for(lambda polls=polls: link._poller.counts["polls"] > polls + 3, link)  # type: ignore[misc,attr-defined]
+            assert frame(link.read(), "left_forearm").values[0] == 0.75
+            assert link._poller.counts["bad"] > 0  # type: ignore[attr-defined]
+
+
+def test_head_and_hand_touch() -> None:
+    with StillNao() as nao, connect(ROBOT, nao.via) as link:
+        assert not any(link.touched.values())  # type: ignore[attr-defined]
+        nao.services["ALMemory"].raiseEvent("FrontTactilTouched", 1.0)
+        nao.services["ALMemory"].raiseEvent("HandLeftBackTouched", 1.0)
+        wait_for(lambda: link.touched["head_front"], link)  # type: ignore[attr-defined]
+        pressed = {name for name, down in link.touched.items() if down}  # type: ignore[attr-defined]
+        assert pressed == {"head_front", "left_hand_back"}
+
+
+def test_a_robot_that_moves_by_itself_is_not_armed_unless_that_is_switched_off_and_on_again() -> None:
+    with StillNao() as nao:
+        life, motion = nao.services["ALAutonomousLife"], nao.services["ALMotion"]
+        life.setState("solitary")
+        motion.setBreathEnabled("LArm", True)
+        with connect(ROBOT, nao.via) as link:
+            found = {finding.what for finding in link.diagnose() if finding.subject == "autonomy"}
+            assert any("autonomous life (solitary)" in what for what in found)
+        with pytest.raises(LinkError, match=r"autonomous life \(solitary\), Breath of LArm.*life=off"):
+            connect(ROBOT, nao.via, arm=True)
+        assert life.getState() == "solitary"
+        with connect(ROBOT, f"{nao.via}?life=off", arm=True):
+            assert life.getState() == "disabled"
+            assert not motion.getBreathEnabled("LArm")
+        assert life.getState() == "solitary"
+        assert motion.getBreathEnabled("LArm")
+
+
+def test_a_robot_without_the_descriptions_joints_is_named() -> None:
+    servos = tuple(servo for servo in ROBOT.servos if "Wrist" not in servo.name and "Hand" not in servo.name)
+    servos = tuple(servo.model_copy(update={"index": i}) for i, servo in enumerate(servos))
+    h21 = ROBOT.model_copy(update={"servos": servos, "parts": ()})
+    with StillNao(h21) as nao, pytest.raises(LinkError, match=r"LWristYaw|ALMotion.getAngles"):
+        connect(ROBOT, nao.via)
+
+
+def test_stiffness_shares_and_power() -> None:
+    with StillNao() as nao:
+        nao.board.stiffness = [0.0] * 14
+        with connect(ROBOT, nao.via, arm=True) as link:
+            assert not link.read().joints.powered.any()  # type: ignore[union-attr]
+            share = link.native("LArm").command({"LElbowRoll": 0.8}, mode=Mode.STIFFNESS)
+            link.write(link.gate.step([share], link.read().joints, link.clock.now()))
+            (order,) = nao.obey()
+            assert (order.servos.tolist(), order.values.tolist()) == ([ELBOW], pytest.approx([0.8]))
+            assert link.read().joints.powered[ELBOW]  # type: ignore[index]
+            wait_for(lambda: bool(link._poller.latest.stiffness[ELBOW] > 0.7), link)  # type: ignore[attr-defined]
+
+
+def test_what_robot_and_description_disagree_about_is_found() -> None:
+    def narrow(servo: Any) -> Any:
+        if servo.name != "LElbowYaw":
+            return servo
+        return servo.model_copy(
+            update={"limits": servo.limits.model_copy(update={"upper": 1.0, "velocity": 2.0})}
+        )
+
+    other = ROBOT.model_copy(update={"servos": tuple(map(narrow, ROBOT.servos))})
+    with StillNao(other) as nao, connect(ROBOT, nao.via) as link:
+        findings = [finding for finding in link.diagnose() if finding.subject == "LElbowYaw"]
+        assert [finding.level for finding in findings] == [Level.WARNING, Level.WARNING]
+        assert "57.3 in the robot" in findings[0].what
+        assert "352 degrees/s in the description, the robot takes 115" in findings[1].what
+        subjects = {finding.subject for finding in link.diagnose()}
+        assert {"NAOqi", "questions", "clock", "touch"} <= subjects
+
+
+def test_answers_that_are_none_do_not_reach_the_gate() -> None:
+    with StillNao() as nao, connect(ROBOT, nao.via) as link:
+        before = link.read()
+        motion = nao.services["ALMotion"]
+        for rubbish in ([], [0.1] * 13, [float("nan")] * 14):
+            nao.board.measured = rubbish + [0.0] * (14 - len(rubbish)) if len(rubbish) == 14 else rubbish
+            time.sleep(0.05)
+            joints = link.read().joints
+            assert joints.position.shape == (14,)
+        nao.board.measured = before.joints.position.tolist()
+        assert motion.getAngles("Body", True)
+        wait_for(lambda: bool(np.isfinite(link.read().joints.position).all() and not link._poller.trouble))  # type: ignore[attr-defined]
+
+
+def test_without_a_stream_nothing_goes_further_than_the_last_target() -> None:
+    with StillNao() as nao, connect(ROBOT, nao.via, arm=True) as link:
+        command = [link.native("LArm").command({"LElbowRoll": -0.2}, speed=1.0)]
+        for tick, now in enumerate(link.ticks(duration=10.0)):
+            safe = link.write(link.gate.step(command, link.read().joints, now))
+            command = []
+            nao.obey()
+            if tick > 30 and abs(safe.velocity[safe.servos.tolist().index(ELBOW)]) > 0.5:
+                break
+        reference = safe.position[safe.servos.tolist().index(ELBOW)]
+        time.sleep(0.2)  # the commander is silent
+        nao.obey()
+        assert abs(nao.board.measured[ELBOW] - reference) < np.deg2rad(4.0)
+        assert nao.obey() == []
+
+
+COMMANDER = """
+import sys, tci
+with tci.connect(tci.load_robot("nao"), sys.argv[1], arm=True) as link:
+    command = [link.native("LArm").command({"LElbowRoll": -0.1}, speed=0.1)]
+    for now in link.ticks():
+        safe = link.write(link.gate.step(command, link.read().joints, now))
+        command = []
+        print(safe.velocity.tolist(), flush=True)
+"""
+
+
+@pytest.mark.timeout(300)
+def test_43_killed_with_minus_9_the_commander_leaves_a_robot_that_stands() -> None:
+    served = Served("nao", "naoqi:127.0.0.1:0")
+    via = f"naoqi://127.0.0.1:{served.port}"
+    commander = subprocess.Popen([sys.executable, "-c", COMMANDER, via], stdout=subprocess.PIPE, text=True)
+    try:
+        assert commander.stdout is not None
+        with connect(ROBOT, via) as link:
+            start = link.read().joints.position[ELBOW]
+            # It would take eight seconds to get there; it is killed on its way.
+            wait_for(lambda: link.read().joints.position[ELBOW] > start + 0.05)
+            commander.kill()
+            here = [link.read().joints.position[ELBOW]]
+            wait_for(lambda: here.append(link.read().joints.position[ELBOW]) or np.ptp(here[-40:]) < 1e-4)
+            assert here[-1] - here[0] < np.deg2rad(3.0)
+            assert here[-1] < -0.3
+    finally:
+        commander.kill()
+        commander.communicate()
+        served.kill()
+
+
+@pytest.mark.timeout(300)
+def test_34_a_robot_killed_in_motion_holds_the_gate_and_comes_back_without_a_replay() -> None:
+    served = Served("nao", "naoqi:127.0.0.1:0")
+    port = served.port
+    with connect(ROBOT, f"naoqi://127.0.0.1:{port}", arm=True) as link:
+        command = [link.native("LArm").command({"LElbowRoll": -0.2}, speed=0.3)]
+        states = set()
+        killed = None
+        for tick, now in enumerate(link.ticks(duration=PATIENCE)):
+            safe = link.write(link.gate.step(command, link.read().joints, now))
+            command = []
+            states.add(safe.state)
+            if tick == 40:
+                served.kill()
+                killed = link.clock.now()
+            if killed is not None and safe.state is not GateState.RUN and not safe.velocity.any():
+                break
+        assert killed is not None
+        assert GateState.HOLD in states or GateState.STOP in states
+        assert link._poller.trouble  # type: ignore[attr-defined]
+        link.gate.reset()
+        served = Served("nao", f"naoqi:127.0.0.1:{port}")
+        try:
+            wait_for(lambda: link._poller.generation == 1, link)  # type: ignore[attr-defined]
+            start = link.read().joints.position[ELBOW]
+            for now in link.ticks(duration=0.5):
+                safe = link.write(link.gate.step([], link.read().joints, now))
+                assert safe.servos.size == 0, "an old target came back"
+            assert link.read().joints.position[ELBOW] == pytest.approx(start, abs=1e-3)
+            again = link.native("LArm").command({"LElbowRoll": float(start) + 0.1})
+            for now in link.ticks(duration=1.0):
+                safe = link.write(link.gate.step([again] if again else [], link.read().joints, now))
+                again = None
+            assert safe.servos.size > 0
+        finally:
+            served.kill()
+
+
+def test_36_a_port_that_is_taken_is_one_clear_error() -> None:
+    with (
+        StillNao() as nao,
+        pytest.raises(AssertionError, match="the port is taken; valid: --via naoqi:HOST:PORT"),
+    ):
+        Served("nao", f"naoqi:127.0.0.1:{nao.port}")
+
+
+def test_two_links_of_one_process_share_no_robot_twice() -> None:
+    with StillNao() as nao, connect(ROBOT, nao.via) as one, connect(ROBOT, nao.via) as two:
+        assert one.lease_name == two.lease_name
+        assert str(os.getpid()) not in one.lease_name

@@ -71,7 +71,7 @@ def test_skin_goes_around_the_arm() -> None:
 
 def test_what_is_no_humanoid_is_refused() -> None:
     dog = model_file("example-robot-data", "a1_description/urdf/a1.urdf")
-    with pytest.raises(DescriptionError, match="valid: a humanoid whose z is up"):
+    with pytest.raises(DescriptionError, match="valid: a humanoid whose z or y is up"):
         find_limbs(Model(format="urdf", path=str(dog), torso_link="base"))
 
 

@@ -4,18 +4,56 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
 from tci.cli.console import console, print_json
 from tci.model.description import Robot
 from tci.model.xml import read_robot
+from tci.trials.proof import POSTURES, Proof, prove
 
 
-def check(file: Path, *, as_json: bool) -> None:
-    """Read a description. Raises DescriptionError with every fault; prints what to know otherwise."""
+def check(file: Path, *, simulate: bool, as_json: bool) -> None:
+    """Read a description, and try it in simulation if asked to: then exit status 1 when it fails.
+
+    Raises DescriptionError with every fault; prints what to know otherwise.
+    """
     robot = read_robot(file)
     notes = list(remarks(robot))
+    proof = _prove(robot, quiet=as_json) if simulate else None
     if as_json:
-        print_json({"robot": robot.name, "valid": True, "remarks": notes})
-        return
+        told = {} if proof is None else {"simulated": proof.to_json()}
+        print_json({"robot": robot.name, "valid": True, "remarks": notes, **told})
+    else:
+        _say(file, robot, notes)
+        if proof is not None:
+            _say_proof(proof)
+    if proof is not None and proof.faults:
+        raise SystemExit(1)
+
+
+def _prove(robot: Robot, *, quiet: bool) -> Proof:
+    columns = (TextColumn("{task.description:<32}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=console, disable=quiet, transient=True) as progress:
+        task = progress.add_task("reading the model", total=14)
+        return prove(robot, progress=lambda what: progress.update(task, advance=1, description=what))
+
+
+def _say_proof(proof: Proof) -> None:
+    for axes in proof.axes:
+        console.print(
+            f"{axes.part}: axes within {axes.worst_deg:.2g} degrees of the generic arm's, in "
+            f"{axes.within_limits} of {POSTURES} postures that the limits allow",
+            highlight=False,
+        )
+    answered = sum(trial.responded for trial in proof.trials)
+    console.print(f"reflexes: {answered} of {len(proof.trials)} pokes answered", highlight=False)
+    for fault in proof.faults:
+        console.print(f"  [red]{fault}[/]", highlight=False)
+    end = f"[red]{len(proof.faults)} faults[/]" if proof.faults else "[green]proved in simulation[/]"
+    console.print(f"{proof.robot}: {end}")
+
+
+def _say(file: Path, robot: Robot, notes: list[str]) -> None:
     console.print(
         f"[green]{file} is valid[/]: {robot.name}, {len(robot.parts)} generic parts, "
         f"{len(robot.servos)} servos, {len(robot.patches)} patches of skin"

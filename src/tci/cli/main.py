@@ -221,17 +221,23 @@ def new_robot(
 @app.command()
 def check(
     file: Annotated[Path, typer.Argument(help="Robot description (XML).")],
+    simulate: Annotated[
+        bool, typer.Option("--simulate", help="Prove it in simulation: axes, limits, reflexes.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Check a robot description: every fault at once, each with its line and what would be valid.
 
-    Exit status 0 when the file is valid, 1 when it is not.
+    With --simulate the axes of its arms are compared with the generic arm's, both arms are sent far outside
+    their limits, and every field of the withdrawal reflex is poked.
 
-    Example:  tci check my-robot.xml
+    Exit status 0 when the file is valid and proved, 1 when it is not.
+
+    Example:  tci check my-robot.xml --simulate
     """
     from tci.cli.check import check as command
 
-    command(file, as_json=as_json)
+    command(file, simulate=simulate, as_json=as_json)
 
 
 @app.command()

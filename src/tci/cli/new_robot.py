@@ -46,7 +46,7 @@ def new_robot(
         console.print(f"  {line}", highlight=False, markup=False)
     for note in remarks(robot):
         console.print(f"  note: {note}", style="yellow", highlight=False, markup=False)
-    console.print(f"next: look it over, then [bold]tci demo --robot {target}[/]", highlight=False)
+    console.print(f"next: look it over, then [bold]tci check --simulate {target}[/]", highlight=False)
 
 
 def _plain(stem: str) -> str:

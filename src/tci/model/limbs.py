@@ -6,6 +6,7 @@ fourth is square to the third, which lies along the limb (the generic arm, and a
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -13,11 +14,10 @@ import mujoco
 import numpy as np
 
 from tci.errors import DescriptionError, Fault
-from tci.frames import Array, rotation_z
+from tci.frames import Array, rotation_x, rotation_z
 from tci.model.description import Model
 from tci.model.kinematics import bare_model
 from tci.model.shoulder import SLANT, nearest_point
-from tci.model.xml_parts import side_of
 
 PARALLEL = 0.9
 """Cosine from which two successive axes of a ball joint are too much alike."""
@@ -95,21 +95,27 @@ class Body:
 def find_limbs(model: Model) -> Body:
     """Arms, legs, trunk and head of a model.
 
-    Its root may look along x, -x, y or -y; the names of the joints tell left from right where they say.
+    The z axis of its root is up, or else y. The names of the joints tell left from right where they say.
     Raises DescriptionError when it has no two mirrored arms of the generic kind, and what `load_spec`
     raises.
     """
     compiled = bare_model(model)
     data = mujoco.MjData(compiled)
     mujoco.mj_kinematics(compiled, data)
-    for yaw in (0.0, np.pi, np.pi / 2.0, -np.pi / 2.0):
-        R_RH = np.round(rotation_z(yaw))
+    ways = [
+        np.round(up @ rotation_z(yaw))
+        for up in (np.eye(3), rotation_x(-np.pi / 2.0))
+        for yaw in (0.0, np.pi, np.pi / 2.0, -np.pi / 2.0)
+    ]
+    for R_RH in ways:
         joints, moved = _joints(compiled, data, R_RH)
         pairs = [pair for pair in _mirrored(_all_limbs(joints)) if _is_named_so(joints, pair)]
         if pairs:
             break
     else:
-        message = "no mirrored pair of limbs with a ball joint and a bend; valid: a humanoid whose z is up"
+        message = (
+            "no mirrored limbs with a ball joint and a bend; valid: a humanoid whose z or y is up"
+        )
         raise DescriptionError(model.path, [Fault(0, message)])
     pairs.sort(key=lambda pair: -float(pair["left"].centre[2]))
     arms, legs = pairs[0], pairs[-1] if len(pairs) > 1 else {}
@@ -144,7 +150,13 @@ def _all_limbs(joints: list[Joint]) -> list[Limb]:
 
 def _is_named_so(joints: list[Joint], pair: Mapping[str, Limb]) -> bool:
     """Whether the names of the joints don't say the other side."""
-    return all(side_of(joints[limb.ball[0]].name) in (None, side) for side, limb in pair.items())
+    return all(_named_side(joints[limb.ball[0]].name) in (None, side) for side, limb in pair.items())
+
+
+def _named_side(name: str) -> str | None:
+    """The side that a joint's name begins with, or says first: `LARM_SHOULDER_R` is one of the left."""
+    found = re.search(r"(?i)(?<![a-z])(left|right|[lr](?=arm|leg|hip|sho|[^a-z]))", name)
+    return None if found is None else {"l": "left", "r": "right"}[found[1][0].lower()]
 
 
 def _joints(model: mujoco.MjModel, data: mujoco.MjData, R_RH: Array) -> tuple[list[Joint], list[int]]:

@@ -5,12 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 
 import mujoco
+import numpy as np
 from lxml import etree
 
 from tci.errors import DescriptionError, Fault
 from tci.model.description import Model
+from tci.model.mesh_files import binary_stl, is_readable
 
 _PACKAGE = "package://"
+SMALLEST = 1e-12
+"""[kg m2]; a smaller inertia is a placeholder."""
+LEAST_MASS, LEAST_INERTIA = 1e-3, 1e-6
+"""[kg] and [kg m2] of a moving link whose file gives none that can be. Ours."""
 
 
 def load_spec(model: Model) -> mujoco.MjSpec:
@@ -24,9 +30,8 @@ def load_spec(model: Model) -> mujoco.MjSpec:
         raise DescriptionError(model.path, [Fault(0, "no such file; a kinematic model belongs here")])
     try:
         if model.format == "urdf":
-            spec = mujoco.MjSpec.from_string(_urdf_for_mujoco(path))
-            for mesh in spec.meshes:  # a URDF says its masses, and MuJoCo refuses flat meshes otherwise
-                mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+            spec = _read_urdf(path)
+            _mend_masses(spec)
         else:
             spec = mujoco.MjSpec.from_file(str(path))
     except (ValueError, etree.XMLSyntaxError) as error:
@@ -42,13 +47,19 @@ def load_spec(model: Model) -> mujoco.MjSpec:
     return spec
 
 
-def _urdf_for_mujoco(path: Path) -> str:
-    """Text of a URDF with absolute mesh files, and with the settings that MuJoCo needs at parsing."""
+def _read_urdf(path: Path) -> mujoco.MjSpec:
+    """A URDF with its meshes found and converted, and with the settings that MuJoCo needs at parsing."""
     parser = etree.XMLParser(resolve_entities=False, no_network=True, remove_comments=True)
     root = etree.parse(str(path), parser).getroot()
+    converted: dict[str, bytes] = {}
     for mesh in root.iter("mesh"):
         if filename := mesh.get("filename"):
-            mesh.set("filename", str(_mesh_file(path, filename)))
+            file = _mesh_file(path, filename)
+            if not is_readable(file):
+                file = Path(str(file).lstrip("/").replace("/", "_")).with_suffix(".stl")
+                if file.name not in converted:
+                    converted[file.name] = binary_stl(_mesh_file(path, filename))
+            mesh.set("filename", str(file))
     for extension in root.findall("mujoco"):
         root.remove(extension)
     extension = etree.SubElement(root, "mujoco")
@@ -60,7 +71,26 @@ def _urdf_for_mujoco(path: Path) -> str:
         strippath="false",
         balanceinertia="true",
     )
-    return str(etree.tostring(root, encoding="unicode"))
+    return mujoco.MjSpec.from_string(str(etree.tostring(root, encoding="unicode")), assets=converted)
+
+
+def _mend_masses(spec: mujoco.MjSpec) -> None:
+    """What MuJoCo refuses and URDFs hold: flat meshes, moving links without a mass, impossible inertias."""
+    for mesh in spec.meshes:
+        mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
+    for body in spec.bodies:
+        full = np.array(body.fullinertia)
+        if np.isfinite(full).all():
+            xx, yy, zz, xy, xz, yz = full
+            values, axes = np.linalg.eigh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+            if values[0] < SMALLEST:
+                mended = axes @ np.diag(np.maximum(values, LEAST_INERTIA)) @ axes.T
+                body.fullinertia = mended[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+        elif body.joints and body.explicitinertial:
+            body.inertia = np.maximum(body.inertia, SMALLEST)
+        if body.joints and not body.mass > 0.0 and (body.explicitinertial or not body.geoms):
+            body.fullinertia = np.full(6, np.nan)
+            body.mass, body.inertia, body.explicitinertial = LEAST_MASS, [LEAST_INERTIA] * 3, True
 
 
 def _mesh_file(urdf: Path, filename: str) -> Path:

@@ -241,9 +241,11 @@ def _with_initial(draft: Robot, part: GenericPart) -> GenericPart:
         return float(np.minimum(angles - lower, upper - angles).min() - 10.0 * missed)
 
     rooms = [room(posture) for posture in POSTURES]
-    best = next(
-        (p for p, r in zip(POSTURES, rooms, strict=True) if r >= ROOM), POSTURES[int(np.argmax(rooms))]
-    )
+    best = POSTURES[int(np.argmax(np.minimum(rooms, ROOM)))]
+    if max(rooms) < 0.0:
+        inside = np.array(start)
+        inside[joints.servos] = np.clip(joints.to_robot(best, start), lower, upper)
+        best = joints.to_generic(inside)
     servos = [j.model_copy(update={"initial": float(a)}) for j, a in zip(part.servos, best, strict=True)]
     return part.model_copy(update={"servos": tuple(servos)})
 

@@ -1,0 +1,66 @@
+"""A description is proved in simulation; humanoids that TCI does not describe are, as they are proposed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from tci.model.catalogue import load_robot
+from tci.model.description import Robot
+from tci.model.proposal import propose
+from tci.model.xml import read_robot
+from tci.model.xml_model import packaged
+from tci.model.xml_writer import write_robot
+from tci.trials.proof import compare_axes, limit_faults, prove
+
+PACKAGE = "example-robot-data"
+UNKNOWN = {
+    "human": "human_description/robots/human.urdf",
+    "romeo": "romeo_description/urdf/romeo.urdf",
+    "centauro": "centauro_description/urdf/centauro.urdf",
+}
+
+
+def proposed(name: str, file: str, folder: Path) -> Robot:
+    path = packaged(PACKAGE, file)
+    assert path is not None
+    target = folder / "robot.xml"
+    target.write_text(write_robot(propose(path, name=name, package=PACKAGE), file=file))
+    return read_robot(target)
+
+
+@pytest.mark.parametrize("name", UNKNOWN)
+def test_a_proposed_robot_is_proved_as_it_is(name: str, tmp_path: Path) -> None:
+    """Not one line is changed by hand."""
+    proof = prove(proposed(name, UNKNOWN[name], tmp_path))
+    print(proof.axes)
+    assert not proof.faults
+    assert len(proof.trials) == 10
+
+
+def test_a_robot_without_shapes_and_with_wrong_limits_is_found_out(tmp_path: Path) -> None:
+    file = "simple_humanoid_description/urdf/simple_humanoid.urdf"
+    proof = prove(proposed("simple", file, tmp_path))
+    assert any("Are signs and offsets right?" in fault for fault in proof.faults)
+    assert any("nothing to poke" in fault for fault in proof.faults)
+
+
+def test_a_wrong_sign_is_found_out() -> None:
+    """Each of the elbow's and the pronation's signs, and an offset of 5 degrees."""
+    robot = load_robot("g1")
+    arm = robot.part("left_arm")
+    good = compare_axes(robot, arm)
+    assert good.worst_deg < 1e-6
+    for id, change in ((3, {"scale": 1.0}), (4, {"scale": -arm.servos[4].scale}), (3, {"offset": 1.66})):
+        servos = list(arm.servos)
+        servos[id] = servos[id].model_copy(update=change)
+        wrong = arm.model_copy(update={"servos": tuple(servos)})
+        spoilt = robot.model_copy(update={"parts": (wrong, *robot.parts[1:])})
+        bad = compare_axes(spoilt, wrong)
+        assert bad.worst_deg > 0.5 or bad.within_limits < 100, (id, change)
+
+
+def test_limits_are_held_by_every_packaged_robot_that_is_sent_outside_them() -> None:
+    for name in ("g1", "alex"):
+        assert not limit_faults(load_robot(name))

@@ -30,8 +30,8 @@ lint: dev-env  ## ruff and strict types
 docs: dev-env  ## build the documentation; a warning is an error
 	@$(VENV)/python -m sphinx -q -W --keep-going -b html docs docs/_build/html
 
-bench: dev-env  ## gate and contacts beside a bare peer, as ratios
-	@$(VENV)/python tools/bench.py
+bench: dev-env  ## every part beside its peers, as ratios; writes bench.json (CASES="kernel_4000 gate ...": some)
+	@OUT=$(OUT) $(VENV)/python tools/bench $(CASES)
 
 soak: dev-env  ## hostile commands through the gate, and a day of noise and drift on a skin (TCI_SOAK=cycles)
 	@TCI_SOAK=$${TCI_SOAK:-200000} $(VENV)/python -m pytest -q tests/interface/test_gate.py tests/interface/test_long_conditioning.py -k "hostile or conditioning"

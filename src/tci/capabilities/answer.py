@@ -5,40 +5,42 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numba import boolean, float64, int64, njit
+from numba import boolean, float64, int64
 
 from tci.capabilities import discounts
 from tci.capabilities.fields import ReceptiveField
 from tci.frames import Array, read_only
+from tci.interface.generic_limb import generic_limb_point
 from tci.interface.kernels.arrays import reads, returns, views
-from tci.interface.kernels.weighted_force import limb_distance, mean_force
+from tci.interface.kernels.compiled import compiled, inlined
+from tci.interface.kernels.weighted_force import limb_point, mean_force
 from tci.model.generic_arm import SEGMENTS
 
-_SEGMENT, _U, _THETA, _RADIUS, _THRESHOLD, _SATURATION, _MEASURE = range(7)
+_SEGMENT, _X, _Y, _Z, _RADIUS, _THRESHOLD, _SATURATION, _MEASURE = range(8)
 _MEASURES = ("weighted", "sum", "peak")
 PLACE = {segment: place for place, segment in enumerate(SEGMENTS)}
 """Number of a segment in the table of fields."""
 
-_phi = njit(cache=True, error_model="numpy")(discounts.phi)
-_psi = njit(cache=True, error_model="numpy")(discounts.psi)
-_psi_cosine = njit(cache=True, error_model="numpy")(discounts.psi_cosine)
+_phi, _psi, _psi_cosine = [inlined(f) for f in (discounts.phi, discounts.psi, discounts.psi_cosine)]
 
 
 def field_table(fields: Sequence[ReceptiveField]) -> Array:
-    """The fields in numbers (m, 7), as `find_answer` reads them."""
+    """The fields in numbers (m, 8), as `find_answer` reads them."""
     rows = [
-        (PLACE[f.segment], f.u, f.theta, f.radius, f.threshold, f.saturation, _MEASURES.index(f.measure))
+        (
+            PLACE[f.segment], *generic_limb_point(f.u, f.theta), f.radius, f.threshold, f.saturation,
+            _MEASURES.index(f.measure),
+        )
         for f in fields
-    ]
-    return read_only(np.array(rows, dtype=np.float64).reshape(-1, 7))
+    ]  # fmt: skip
+    return read_only(np.array(rows, dtype=np.float64).reshape(-1, 8))
 
 
-@njit(  # type: ignore[untyped-decorator]
+@compiled(
     returns(int64, float64)(
         reads(2), boolean, int64, float64, float64, float64, float64, views(1), views(1), views(1)
     ),
-    cache=True,
-    error_model="numpy",
+    calls=(discounts,),
 )  # fmt: skip
 def find_answer(
     fields: Array,
@@ -52,14 +54,16 @@ def find_answer(
     taxel_theta: Array,
     taxel_forces: Array,
 ) -> tuple[int, float]:
-    """The closest of the `fields` (m, 7) that a contact lies in, -1 for none, and phi(F) psi(d).
+    """The closest of the `fields` (m, 8) that a contact lies in, -1 for none, and phi(F) psi(d).
 
     The contact is at `u`, `theta` [rad] of a `segment`; its forces [N] and taxels (k,) are as in `Contact`.
     """
     closest, least = -1, np.inf
+    y, z = limb_point(theta)
     for i in range(len(fields)):
         if int(fields[i, _SEGMENT]) == segment:
-            apart = limb_distance(u, theta, fields[i, _U], fields[i, _THETA])
+            dx, dy, dz = fields[i, _X] - u, fields[i, _Y] - y, fields[i, _Z] - z
+            apart = np.sqrt(dx * dx + dy * dy + dz * dz)
             if apart < fields[i, _RADIUS] and apart < least:
                 closest, least = i, apart
     if closest < 0:

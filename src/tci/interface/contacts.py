@@ -107,9 +107,10 @@ def weighted_force(contact: Contact, radius: float, *, measure: Measure = "weigh
         return contact.peak_force
     if measure != "weighted":
         raise UnknownNameError("force measure", measure, ("weighted", "sum", "peak"))
-    return mean_force(
+    force: float = mean_force(
         contact.u, contact.theta, contact.taxel_u, contact.taxel_theta, contact.taxel_forces, radius
     )
+    return force
 
 
 def _contacts(

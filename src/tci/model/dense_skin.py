@@ -12,14 +12,15 @@ from tci.model.kinematics import Kinematics
 from tci.model.surfaces import build_surface
 
 PITCH = 0.004
-"""Least distance [m] between taxels. Ours: an iCub's fingertips have about that."""
+"""Usual least distance [m] between taxels. Ours: an iCub's fingertips have about that."""
 
 
-def with_dense_skin(robot: Robot, taxels: int, *, patches: int | None = None) -> Robot:
+def with_dense_skin(robot: Robot, taxels: int, *, patches: int | None = None, pitch: float = PITCH) -> Robot:
     """The robot with about `taxels` taxels in `patches` patches: truncated cones fitted to its own skin.
 
-    More patches than the robot has share its limbs lengthwise. Where taxels would be closer than PITCH, the
-    cones are larger than the limbs. Raises TciError for a robot without skin, or less than 9 taxels a patch.
+    More patches than the robot has share its limbs lengthwise. Where taxels would be closer than `pitch`
+    [m], the cones are larger than the limbs. Raises TciError for a robot without skin, or less than 9 taxels
+    in a patch.
     """
     own = robot.patches
     count = len(own) if patches is None else patches
@@ -32,14 +33,14 @@ def with_dense_skin(robot: Robot, taxels: int, *, patches: int | None = None) ->
     fits = [cone_of(robot, build_surface(robot, patch, kinematics), kinematics) for patch in own]
     shares = [len(range(place, count, len(own))) for place in range(len(own))]
     made = [
-        _piece(own[place], fits[place], index // len(own), shares[place], taxels // count)
+        _piece(own[place], fits[place], index // len(own), shares[place], taxels // count, pitch)
         for index in range(count)
         for place in [index % len(own)]
     ]
     return robot.model_copy(update={"patches": tuple(made)})
 
 
-def _piece(patch: Patch, fit: ConeFit, number: int, of: int, taxels: int) -> Patch:
+def _piece(patch: Patch, fit: ConeFit, number: int, of: int, taxels: int, pitch: float) -> Patch:
     """One of `of` pieces of a limb's cone, with about so many taxels."""
     gap = 0.05 if number + 1 < of else 0.0
     begin, end = fit.length * number / of, fit.length * (number + 1 - gap) / of
@@ -47,7 +48,7 @@ def _piece(patch: Patch, fit: ConeFit, number: int, of: int, taxels: int) -> Pat
     around, along = np.pi * (r1 + r2), end - begin
     rings = max(2, round(float(np.sqrt(taxels * along / around))))
     per_ring = max(3, round(taxels / rings))
-    scale = max(1.0, PITCH * per_ring / around, PITCH * rings / along)
+    scale = max(1.0, pitch * per_ring / around, pitch * rings / along)
     cone = TruncatedCone(
         origin=tuple((fit.origin + begin * fit.axis).tolist()),
         rpy=_towards(fit.axis),

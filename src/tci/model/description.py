@@ -27,7 +27,7 @@ class Words(BaseModel):
 
     # Only fields count: cached arrays lie beside them, and an array has no single truth value.
     def __eq__(self, other: object) -> bool:
-        return type(self) is type(other) and self._values() == other._values()
+        return self is other or (type(self) is type(other) and self._values() == other._values())
 
     def __hash__(self) -> int:
         return hash(self._values())
@@ -373,6 +373,12 @@ class Robot(Words):
             row[list(coupling.servos)] = coupling.coefficients
         lower, upper = [c.lower for c in self.couplings], [c.upper for c in self.couplings]
         return read_only(rows), read_only(lower), read_only(upper)
+
+    @cached_property
+    def kept(self) -> dict[tuple[str, str], Any]:
+        """What others worked out from this robot and need again in each period. Looked up here, since a
+        robot as a key is compared field by field with every other one of the same file."""
+        return {}
 
     def part(self, name: str) -> GenericPart:
         """The generic part of that name. Raises UnknownNameError."""

@@ -9,7 +9,6 @@ retarget  the three joints of a shoulder, by the rotation of the upper arm in th
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -191,10 +190,13 @@ KINDS = ("linear", "table", "coupled", "retarget")
 """Transforms of a joint."""
 
 
-@lru_cache(maxsize=256)
 def joint_map(robot: Robot, name: str) -> JointMap:
     """The map of a generic part by name. Raises UnknownNameError, and what the transforms raise."""
-    return JointMap(robot, robot.part(name))
+    key = ("joint_map", name)
+    found: JointMap | None = robot.kept.get(key)
+    if found is None:
+        found = robot.kept[key] = JointMap(robot, robot.part(name))
+    return found
 
 
 def _piece(values: Array, nodes: Array) -> NDArray[np.intp]:

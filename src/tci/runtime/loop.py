@@ -74,6 +74,7 @@ def run(
     loop = _Loop(link, capability, observe, guard, report if report is not None else LoopReport())
     with lease(link.lease_name), interruptions() as interruption, frozen_garbage():
         try:
+            loop.begin(link.clock.now())
             for now in link.ticks(duration=duration):
                 loop.tick(now)
                 interruption.raise_it()
@@ -111,6 +112,10 @@ class _Loop(Generic[Memory]):
         self._perception: Perception | None = None
         self._joints: JointReading | None = None
 
+    def begin(self, now: float) -> None:
+        """The first period is due `now` [s]; its own tick may already be late."""
+        self._start = now
+
     def tick(self, now: float) -> None:
         """One period, at `now` [s] on the link's clock."""
         begin = time.perf_counter()
@@ -140,9 +145,11 @@ class _Loop(Generic[Memory]):
 
     def _timing(self, now: float) -> str:
         """Count the periods before this one that were missed; why to hold, if there were too many."""
-        if self._before is None:
-            self._before = self._start = now
         period = self.link.period
+        if self._before is None:
+            self._before = now
+            if not 0.0 <= now - self._start < period:
+                self._start = now
         missed = int((now - self._start) / period + 1e-6) - int((self._before - self._start) / period + 1e-6)
         self._before = now
         self.report.lateness.add(max(0.0, (now - self._start + period * 1e-6) % period))

@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import boolean, float32, float64, int64, njit, uint8
+from numba import boolean, float32, float64, int64, uint8
 from numpy.typing import NDArray
 
 from tci.frames import Array
 from tci.interface.kernels.arrays import reads, returns, writes
+from tci.interface.kernels.compiled import compiled, inlined
 
 Single = NDArray[np.float32]
 
@@ -22,7 +23,7 @@ LOWEST, HIGHEST, REST, SIGN, FULL = range(5)
 _BLOCK = 64
 
 
-@njit(cache=True, error_model="numpy")
+@inlined
 def _note(
     sensor: Single,
     offset: Single,
@@ -61,7 +62,7 @@ def _note(
     return int(dropped), int(saturated)
 
 
-@njit(cache=True, error_model="numpy")
+@inlined
 def _response(counts: float, nodes: Array) -> float:
     last = nodes.shape[1] - 1
     k = 1
@@ -79,7 +80,7 @@ def _signature(raw: Any) -> Any:
     )  # fmt: skip
 
 
-@njit([_signature(uint8), _signature(float64)], cache=True, error_model="numpy")
+@compiled(_signature(uint8), _signature(float64))
 def condition(
     values: NDArray[np.generic],
     channels: NDArray[np.intp],
@@ -110,9 +111,10 @@ def condition(
     n = len(pressure)
     for block in range(0, n, _BLOCK):
         end = min(block + _BLOCK, n)
+        part = active[block:end]
         some = np.uint8(0)
-        for i in range(block, end):
-            some |= active[i]
+        for i in range(len(part)):
+            some |= part[i]
         if some:
             for i in range(block, end):
                 if active[i]:
@@ -121,7 +123,7 @@ def condition(
     if share < 1.0:
         for i in range(n):
             pressure[i] = before[i] + share * (pressure[i] - before[i])
-    return counted
+    return counted  # type: ignore[no-any-return]
 
 
 def empty_memory(taxels: int) -> Single:

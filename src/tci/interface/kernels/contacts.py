@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import float64, int32, int64, njit, void
+from numba import float64, int32, int64, void
 
 from tci.frames import Array
 from tci.interface.kernels.arrays import reads, views, writes
+from tci.interface.kernels.compiled import compiled, inlined
 from tci.interface.kernels.flat import Indices
 from tci.interface.kernels.limb import limb_pose
 from tci.interface.kernels.nearest import nearest
@@ -20,7 +21,7 @@ VECTORS = 5
 _BLOCK = 64
 
 
-@njit(cache=True)
+@inlined
 def _deal(active: Indices, label: Indices, bounds: Indices, members: Indices, count: int) -> None:
     for taxel in active:
         mine = label[taxel]
@@ -34,7 +35,7 @@ def _deal(active: Indices, label: Indices, bounds: Indices, members: Indices, co
     bounds[0] = 0
 
 
-@njit(int64(reads(1), float64, float64, reads(1, int32), writes(1, int32)), cache=True)
+@compiled(int64(reads(1), float64, float64, reads(1, int32), writes(1, int32)))
 def cluster(force: Array, floor: float, touch: float, graph: Indices, work: Indices) -> int:
     """Single-link clusters of taxels with `force` (n,) >= floor, those with one >= touch; their number.
 
@@ -47,13 +48,15 @@ def cluster(force: Array, floor: float, touch: float, graph: Indices, work: Indi
     active = 0
     for block in range(0, n, _BLOCK):
         end = min(block + _BLOCK, n)
+        # A slice, since its indices are known to count up from 0: the processor compares four at once.
+        part = force[block:end]
         some = 0
-        for i in range(block, end):
-            some += force[i] >= floor
+        for i in range(len(part)):
+            some += part[i] >= floor
         if some:
-            for i in range(block, end):
-                if force[i] >= floor:
-                    members[active] = i
+            for i in range(len(part)):
+                if part[i] >= floor:
+                    members[active] = block + i
                     active += 1
     if active == 0:
         return 0
@@ -90,22 +93,20 @@ def cluster(force: Array, floor: float, touch: float, graph: Indices, work: Indi
     return count
 
 
-@njit(cache=True, error_model="numpy")
-def _on_limb(T_SL: Array, point: Array, length: float, side: float) -> tuple[float, float]:
+@inlined
+def _on_limb(T_SL: Array, x: float, y: float, z: float, length: float, side: float) -> tuple[float, float]:
     """u and theta [rad] of a point of the link (eq. 4), see `limb_coordinates`."""
-    x = T_SL[0, 0] * point[0] + T_SL[0, 1] * point[1] + T_SL[0, 2] * point[2] + T_SL[0, 3]
-    y = T_SL[1, 0] * point[0] + T_SL[1, 1] * point[1] + T_SL[1, 2] * point[2] + T_SL[1, 3]
-    z = T_SL[2, 0] * point[0] + T_SL[2, 1] * point[1] + T_SL[2, 2] * point[2] + T_SL[2, 3]
-    return -z / length, np.arctan2(side * y, x)
+    x_S = T_SL[0, 0] * x + T_SL[0, 1] * y + T_SL[0, 2] * z + T_SL[0, 3]
+    y_S = T_SL[1, 0] * x + T_SL[1, 1] * y + T_SL[1, 2] * z + T_SL[1, 3]
+    z_S = T_SL[2, 0] * x + T_SL[2, 1] * y + T_SL[2, 2] * z + T_SL[2, 3]
+    return -z_S / length, np.arctan2(side * y_S, x_S)
 
 
-@njit(
+@compiled(
     void(
         reads(1), reads(1, int32), reads(2), reads(2, int32), reads(1), reads(1, int32), views(2), views(2),
         reads(1), views(1), writes(2), writes(3), writes(1, int64), writes(2),
     ),
-    cache=True,
-    error_model="numpy",
 )  # fmt: skip
 def describe(
     force: Array,
@@ -148,7 +149,7 @@ def describe(
                 mean[axis] += f * taxels[i, axis]
             indices[place] = i
             places[0, place] = f
-            u, theta = _on_limb(T_SL, taxels[i], length, side)
+            u, theta = _on_limb(T_SL, taxels[i, 0], taxels[i, 1], taxels[i, 2], length, side)
             places[1, place] = u
             places[2, place] = theta
         mean /= total
@@ -160,7 +161,7 @@ def describe(
             vectors[c, P_T, row] = at + T_TL[row, 3]
             vectors[c, N_T, row] = n_T
             vectors[c, F_T, row] = -total * n_T
-        u, theta = _on_limb(T_SL, p_L, length, side)
+        u, theta = _on_limb(T_SL, p_L[0], p_L[1], p_L[2], length, side)
         numbers[c, FORCE] = total
         numbers[c, PEAK] = peak
         numbers[c, AREA] = area

@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
+from numba import int32, int64
 from numpy.typing import NDArray
 
 from tci.frames import Array, read_only
+from tci.interface.kernels.arrays import reads, writes
+from tci.interface.kernels.compiled import compiled, inlined
 from tci.interface.kernels.limb import limb_numbers
 from tci.model.description import GenericPart, Patch
 from tci.model.surfaces import Surface
@@ -82,7 +84,15 @@ def _grid(positions: Array, faces: Indices) -> tuple[Array, Indices]:
     return box, _fill(positions, faces, box, int(shape.prod()))
 
 
-@njit(cache=True)
+@inlined
+def _span(a: float, b: float, c: float, low: float, scale: float, cells: float) -> tuple[int, int]:
+    first = int((min(a, b, c) - low) * scale)
+    last = int((max(a, b, c) - low) * scale)
+    most = int(cells) - 1
+    return min(first, most), min(last, most)
+
+
+@compiled(writes(1, int32)(reads(2), reads(2, int32), reads(1), int64))
 def _fill(positions: Array, faces: Indices, box: Array, count: int) -> Indices:
     """`FlatSurface.cells`: every face in each cell that its bounding box reaches into."""
     starts = np.zeros(count + 1, np.int64)
@@ -110,11 +120,3 @@ def _fill(positions: Array, faces: Indices, box: Array, count: int) -> Indices:
                             entries[ends[cell]] = f
                             ends[cell] += 1
     return entries
-
-
-@njit(cache=True)
-def _span(a: float, b: float, c: float, low: float, scale: float, cells: float) -> tuple[int, int]:
-    first = int((min(a, b, c) - low) * scale)
-    last = int((max(a, b, c) - low) * scale)
-    most = int(cells) - 1
-    return min(first, most), min(last, most)

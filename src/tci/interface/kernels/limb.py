@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from tci.frames import Array
+from tci.interface.kernels.compiled import inlined
 from tci.model.description import GenericPart, Segment
 from tci.model.generic_arm import SEGMENTS, side_sign
 
@@ -17,7 +17,7 @@ def limb_numbers(part: GenericPart, segment: Segment) -> Array:
     return np.concatenate([part.R_TM.ravel(), segment.origin, place])
 
 
-@njit(cache=True, error_model="numpy")
+@inlined
 def limb_pose(T_TL: Array, T_TG: Array, limb: Array, posture: Array, T_SL: Array) -> None:
     """Write `T_SL` (4, 4) of a link at `T_TL`, seen from the frame S that `segment_pose` gives a segment.
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from tci.frames import Array
+from tci.interface.kernels.compiled import inlined
 from tci.interface.kernels.flat import Indices
 
 
-@njit(cache=True, error_model="numpy")
+@inlined
 def nearest(
     point: Array, taxels: Array, faces: Indices, box: Array, cells: Indices, p_L: Array, n_L: Array
 ) -> None:
@@ -51,25 +51,31 @@ def nearest(
                         continue
                     cell = (i * ny + j) * nz + k
                     for entry in range(cells[cell], cells[cell + 1]):
-                        best = _closer(point, taxels, faces[cells[entry]], best, p_L, n_L)
+                        f = cells[entry]
+                        best = _closer(point, taxels, faces[f, 0], faces[f, 1], faces[f, 2], best, p_L, n_L)
     length = np.sqrt(_square(n_L[0], n_L[1], n_L[2]))
     n_L[0] /= length
     n_L[1] /= length
     n_L[2] /= length
 
 
-@njit(cache=True, error_model="numpy")
-def _closer(point: Array, taxels: Array, face: Indices, best: float, p_L: Array, n_L: Array) -> float:
-    """Write point and normal (not of length 1) of a face that is nearer than `best` [m2]; its distance."""
-    a, b, c = face[0], face[1], face[2]
-    ux, uy, uz = _minus(taxels[b], taxels[a])
-    vx, vy, vz = _minus(taxels[c], taxels[a])
-    wx, wy, wz = point[0] - taxels[a, 0], point[1] - taxels[a, 1], point[2] - taxels[a, 2]
+@inlined
+def _closer(
+    point: Array, taxels: Array, a: int, b: int, c: int, best: float, p_L: Array, n_L: Array
+) -> float:
+    """Write point and normal (not of length 1) of face a b c if nearer than `best` [m2]; the least distance.
+
+    Coordinates one by one: a slice of an array costs more than what is done with it here.
+    """
+    ax, ay, az = taxels[a, 0], taxels[a, 1], taxels[a, 2]
+    ux, uy, uz = taxels[b, 0] - ax, taxels[b, 1] - ay, taxels[b, 2] - az
+    vx, vy, vz = taxels[c, 0] - ax, taxels[c, 1] - ay, taxels[c, 2] - az
+    wx, wy, wz = point[0] - ax, point[1] - ay, point[2] - az
     s, t = _corner_weights(
         ux * ux + uy * uy + uz * uz, ux * vx + uy * vy + uz * vz, vx * vx + vy * vy + vz * vz,
         wx * ux + wy * uy + wz * uz, wx * vx + wy * vy + wz * vz,
     )  # fmt: skip
-    apart = _square(wx - s * ux - t * vx, wy - s * uy - t * vy, wz - s * uz - t * vz)
+    apart: float = _square(wx - s * ux - t * vx, wy - s * uy - t * vy, wz - s * uz - t * vz)
     if not apart < best:
         return best
     r = 1.0 - s - t
@@ -79,7 +85,7 @@ def _closer(point: Array, taxels: Array, face: Indices, best: float, p_L: Array,
     return apart
 
 
-@njit(cache=True, error_model="numpy")
+@inlined
 def _corner_weights(uu: float, uv: float, vv: float, wu: float, wv: float) -> tuple[float, float]:
     """Weights of the second and third corner of the nearest point of a triangle (Ericson 2004, 5.1.5).
 
@@ -107,11 +113,6 @@ def _corner_weights(uu: float, uv: float, vv: float, wu: float, wv: float) -> tu
     return vb / total, vc / total
 
 
-@njit(cache=True)
-def _minus(one: Array, other: Array) -> tuple[float, float, float]:
-    return one[0] - other[0], one[1] - other[1], one[2] - other[2]
-
-
-@njit(cache=True)
+@inlined
 def _square(x: float, y: float, z: float) -> float:
     return x * x + y * y + z * z

@@ -3,30 +3,31 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import float64, njit
+from numba import float64
 
 from tci.frames import Array
 from tci.interface.generic_limb import RHO
 from tci.interface.kernels.arrays import views
+from tci.interface.kernels.compiled import compiled, inlined
 
 
-@njit(cache=True, error_model="numpy")
-def limb_distance(u: float, theta: float, u_other: float, theta_other: float) -> float:
-    """See `generic_limb_distance`."""
-    x = u - u_other
-    y = RHO * (np.sin(theta) - np.sin(theta_other))
-    z = RHO * (np.cos(theta) - np.cos(theta_other))
-    return np.sqrt(x * x + y * y + z * z)  # type: ignore[no-any-return]
+@inlined
+def limb_point(theta: float) -> tuple[float, float]:
+    """y and z of a point of the generic limb, see `generic_limb_point`."""
+    return RHO * np.sin(theta), RHO * np.cos(theta)
 
 
-@njit(float64(float64, float64, views(1), views(1), views(1), float64), cache=True, error_model="numpy")
+@compiled(float64(float64, float64, views(1), views(1), views(1), float64))
 def mean_force(
     u: float, theta: float, taxel_u: Array, taxel_theta: Array, forces: Array, radius: float
 ) -> float:
     """See `tci.interface.contacts.weighted_force`."""
     total, weights = 0.0, 0.0
+    y, z = limb_point(theta)
     for i in range(len(forces)):
-        weight = 2.0 * radius - limb_distance(taxel_u[i], taxel_theta[i], u, theta)
+        taxel_y, taxel_z = limb_point(taxel_theta[i])
+        dy, dz, dx = taxel_y - y, taxel_z - z, taxel_u[i] - u
+        weight = 2.0 * radius - np.sqrt(dx * dx + dy * dy + dz * dz)
         if weight > 0.0:
             total += weight * forces[i]
             weights += weight

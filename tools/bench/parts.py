@@ -1,32 +1,22 @@
-"""How long the parts of the loop take, each beside a bare peer in the same run.
-
-    python tools/bench.py [--json]
-
-Each figure is the median of 7 rounds, in microseconds; the ratio is ours to the peer's. Timings of the two
-take turns, so that a machine that slows down slows both.
-"""
+"""Parts of the pipeline: contacts, gate, kinematics, inverse kinematics."""
 
 from __future__ import annotations
 
 import json
-import statistics
 import subprocess
-import sys
-import time
-from collections.abc import Callable
 
 import mujoco
 import numpy as np
 import pinocchio
-from rich.console import Console
-from rich.table import Table
+from measured import ROUNDS, Measured, Work, each, in_turn, row
 from ruckig import InputParameter, OutputParameter, Ruckig
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 import tci
-from tci.interface.contacts import ContactSettings, find_clusters
+from tci.interface.contacts import ContactSettings
+from tci.interface.kernels.contacts import cluster
 from tci.interface.part import to_platform
 from tci.messages import GenericCommand, JointReading, Mode
 from tci.model.chain import chain_to
@@ -35,17 +25,8 @@ from tci.model.kinematics import Kinematics
 from tci.model.mujoco_model import load_spec
 from tci.model.urdf import to_urdf
 
-ROUNDS, CALLS = 7, 400
 
-
-def microseconds(work: Callable[[], object]) -> float:
-    start = time.perf_counter()
-    for _ in range(CALLS):
-        work()
-    return (time.perf_counter() - start) / CALLS * 1e6
-
-
-def gate_and_ruckig(robot: tci.Robot) -> tuple[Callable[[], object], Callable[[], object]]:
+def gate_and_ruckig(robot: tci.Robot) -> tuple[Work, Work]:
     """Five joints in motion: the whole gate, with its check that it can stop, and one ruckig update."""
     gate = tci.Gate(robot, period=0.002, stale_after=0.05)
     position = np.array(robot.initial_position)
@@ -81,12 +62,16 @@ def gate_and_ruckig(robot: tci.Robot) -> tuple[Callable[[], object], Callable[[]
     return ours, peer
 
 
-def clusters_and_scipy(robot: tci.Robot) -> tuple[Callable[[], object], Callable[[], object]]:
+def clusters_and_scipy(robot: tci.Robot) -> tuple[Work, Work]:
     """Single-link clusters of one touch: ours on the surface's neighbours, and SciPy's on a k-d tree."""
-    surface = tci.Skin(robot).surfaces["left_forearm"]
+    skin = tci.Skin(robot)
+    surface, flat = skin.surfaces["left_forearm"], skin.flat("left_forearm")
     distance = np.linalg.norm(surface.positions - surface.positions[100], axis=1)
     forces = np.where(distance < 0.015, 0.5, 0.0)
     settings = ContactSettings()
+
+    def ours() -> object:
+        return cluster(forces, settings.floor, settings.touch, flat.graph, flat.work)
 
     def peer() -> object:
         active = np.flatnonzero(forces > settings.floor)
@@ -95,10 +80,10 @@ def clusters_and_scipy(robot: tci.Robot) -> tuple[Callable[[], object], Callable
         graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(size, size))
         return connected_components(graph, directed=False)
 
-    return lambda: find_clusters(forces, surface.neighbours, settings), peer
+    return ours, peer
 
 
-def kinematics_and_mujoco(robot: tci.Robot) -> tuple[Callable[[], object], Callable[[], object]]:
+def kinematics_and_mujoco(robot: tci.Robot) -> tuple[Work, Work]:
     """Poses of four links: ours from joint angles to torso frame, and MuJoCo's mj_kinematics alone."""
     kinematics, position = Kinematics(robot), robot.initial_position
     links = [patch.link for patch in robot.patches]
@@ -108,7 +93,7 @@ def kinematics_and_mujoco(robot: tci.Robot) -> tuple[Callable[[], object], Calla
     return lambda: kinematics.poses(position, links), lambda: mujoco.mj_kinematics(model, data)
 
 
-def kinematics_and_pinocchio(robot: tci.Robot) -> tuple[Callable[[], object], Callable[[], object]]:
+def kinematics_and_pinocchio(robot: tci.Robot) -> tuple[Work, Work]:
     """Pose and Jacobian of a hand: ours relative to the torso, Pinocchio's in the world."""
     kinematics, position = Kinematics(robot), robot.initial_position
     model = pinocchio.buildModelFromXML(to_urdf(robot))
@@ -120,7 +105,7 @@ def kinematics_and_pinocchio(robot: tci.Robot) -> tuple[Callable[[], object], Ca
     )
 
 
-def inverse_and_kdl(robot: tci.Robot) -> tuple[Callable[[], object], Callable[[], object]] | None:
+def inverse_and_kdl(robot: tci.Robot) -> tuple[Work, Work] | None:
     """Poses of a hand: our inverse kinematics within limits, and KDL's LMA without, in Debian's Python.
 
     None where python3-pykdl is not installed.
@@ -194,44 +179,30 @@ for _ in sys.stdin:
 """
 
 
-def main() -> None:
-    rows = []
-    robot = tci.load_robot("nao")
-    kdl = inverse_and_kdl(robot)
-    for name, peer_name, pair in (
-        ("gate, 5 joints moving", "one ruckig update", gate_and_ruckig(robot)),
-        ("clusters of one touch", "SciPy k-d tree and components", clusters_and_scipy(robot)),
-        ("forward kinematics, 4 links", "mj_kinematics", kinematics_and_mujoco(robot)),
-        ("pose and Jacobian of a hand", "Pinocchio", kinematics_and_pinocchio(robot)),
-        ("inverse kinematics, poses of a hand", "KDL (LMA, no limits)", kdl),
-    ):
-        if pair is None:
-            print(f"not measured: {name} beside {peer_name}; as root: apt-get install python3-pykdl")
-            continue
-        ours_work, peer_work = pair
-        if pair is kdl:
-            rounds = [(microseconds(ours_work), float(peer_work())) for _ in range(ROUNDS)]  # type: ignore[arg-type]
-        else:
-            rounds = [(microseconds(ours_work), microseconds(peer_work)) for _ in range(ROUNDS)]
-        ours, peer = (statistics.median(times) for times in zip(*rounds, strict=True))
-        ratios = sorted(a / b for a, b in rounds)
-        rows.append(
-            {
-                "what": name, "peer": peer_name, "ours_us": ours, "peer_us": peer,
-                "ratio": statistics.median(ratios), "ratio_min": ratios[0], "ratio_max": ratios[-1],
-            }
-        )  # fmt: skip
-    if "--json" in sys.argv:
-        print(json.dumps(rows, indent=2))
-        return
-    table = Table("what", "us", "peer", "us", "ratio", "spread", title="NAO, medians of 7 rounds")
-    for row in rows:
-        table.add_row(
-            str(row["what"]), f"{row['ours_us']:.1f}", str(row["peer"]), f"{row['peer_us']:.1f}",
-            f"{row['ratio']:.2f}", f"{row['ratio_min']:.2f} to {row['ratio_max']:.2f}",
-        )  # fmt: skip
-    Console().print(table)
+def contacts() -> list[Measured]:
+    pairs = in_turn(*clusters_and_scipy(tci.load_robot("nao")))
+    return [row("clusters of one touch", "SciPy k-d tree and components", pairs, most_ratio=1.0)]
 
 
-if __name__ == "__main__":
-    main()
+def gate() -> list[Measured]:
+    return [
+        row("gate, 5 joints moving", "one ruckig update", in_turn(*gate_and_ruckig(tci.load_robot("nao"))))
+    ]
+
+
+def kinematics() -> list[Measured]:
+    nao = tci.load_robot("nao")
+    return [
+        row("forward kinematics, 4 links", "mj_kinematics", in_turn(*kinematics_and_mujoco(nao))),
+        row("pose and Jacobian of a hand", "Pinocchio", in_turn(*kinematics_and_pinocchio(nao))),
+    ]
+
+
+def inverse() -> list[Measured]:
+    """KDL measures itself: it runs in Debian's Python."""
+    found = inverse_and_kdl(tci.load_robot("nao"))
+    if found is None:
+        raise SystemExit("KDL is not installed; as root: apt-get install python3-pykdl")
+    ours, peer = found
+    pairs = [(each(ours, calls=100), float(str(peer()))) for _ in range(ROUNDS)]
+    return [row("inverse kinematics, poses of a hand", "KDL (LMA, no limits)", pairs)]

@@ -1,0 +1,100 @@
+"""How fast TCI is, each part beside a peer in the same run.
+
+    python tools/bench [CASE ...]
+
+Each case runs in a process of its own. A table for people, and out/bench.json ($OUT) for machines.
+"""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import platform
+import subprocess
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+HERE = Path(__file__).parent
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # it threads small matrices, to no good
+sys.path[:0] = [str(HERE), str(HERE.parents[1] / "tests")]
+
+from rich.console import Console  # noqa: E402
+from rich.progress import track  # noqa: E402
+from rich.table import Table  # noqa: E402
+
+CASES = {
+    "kernel_30": "frame:kernel_30",
+    "kernel_230": "frame:kernel_230",
+    "kernel_768": "frame:kernel_768",
+    "kernel_4000": "frame:kernel_4000",
+    "kernel_10000": "frame:kernel_10000",
+    "kernel_100000": "frame:kernel_100000",
+    "kernel_1000000": "frame:kernel_1000000",
+    "pipeline": "pipeline:pipeline",
+    "contacts": "parts:contacts",
+    "gate": "parts:gate",
+    "kinematics": "parts:kinematics",
+    "inverse": "parts:inverse",
+    "loop": "loop:loop",
+    "start": "start:start",
+}
+"""Module and function of each case; a function returns rows."""
+MARK = "bench rows: "
+
+
+def child(case: str) -> None:
+    """Measure here, and print the rows for the parent."""
+    module, function = CASES[case].split(":")
+    rows = getattr(importlib.import_module(module), function)()
+    print(MARK + json.dumps([asdict(row) for row in rows]), flush=True)
+
+
+def measure(case: str) -> list[dict[str, Any]]:
+    """The rows of a case, from a process of its own."""
+    command = [sys.executable, str(HERE), "--child", case]
+    answer = subprocess.run(command, capture_output=True, text=True, check=False)
+    lines = [line for line in answer.stdout.splitlines() if line.startswith(MARK)]
+    if answer.returncode or not lines:
+        raise SystemExit(f"case {case} failed:\n{answer.stdout}{answer.stderr}")
+    rows: list[dict[str, Any]] = json.loads(lines[-1].removeprefix(MARK))
+    return [{"case": case, **row} for row in rows]
+
+
+def show(rows: list[dict[str, Any]]) -> None:
+    table = Table(title="Beside peers, in the same run: median, and spread of the ratio over all rounds")
+    for head in ("what", "ours", "peer", "its", "unit", "ratio", "spread", "target", "met"):
+        table.add_column(head, justify="left" if head in ("what", "peer", "target") else "right")
+    for row in rows:
+        table.add_row(
+            row["name"], f"{row['ours']:.4g}", row["peer"], f"{row['theirs']:.4g}", row["unit"],
+            f"{row['ratio']:.2f}", f"{row['ratio_min']:.2f}-{row['ratio_max']:.2f}", row["target"],
+            {True: "[green]yes[/]", False: "[red]no[/]", None: ""}[row["met"]],
+        )  # fmt: skip
+    console = Console(width=None if sys.stdout.isatty() else 150)
+    console.print(table)
+    for row in rows:
+        if row["note"]:
+            console.print(f"{row['name']}: {row['note']}", highlight=False)
+
+
+def main() -> None:
+    cases = sys.argv[1:] or list(CASES)
+    unknown = [case for case in cases if case not in CASES]
+    if unknown:
+        raise SystemExit(f"no case {', '.join(unknown)}; valid: {', '.join(CASES)}")
+    rows = [row for case in track(cases, "measuring", disable=None) for row in measure(case)]
+    show(rows)
+    out = Path(os.environ.get("OUT", "out"))
+    out.mkdir(parents=True, exist_ok=True)
+    machine = {"machine": platform.machine(), "cores": os.cpu_count(), "python": platform.python_version()}
+    (out / "bench.json").write_text(json.dumps({"on": machine, "rows": rows}, indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["--child"]:
+        child(sys.argv[2])
+    else:
+        main()

@@ -1,0 +1,83 @@
+"""The loop at 1 kHz with 4000 taxels, beside a bare sleep loop in another process at the same time."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+from measured import Measured, row
+from pipeline import Pipeline
+
+import tci
+from tci.clock import MonotonicClock
+from tci.messages import JointReading, Reading, SkinFrame
+from tci.middleware.link import Link
+from tci.runtime.loop_report import LoopReport
+
+SECONDS = float(os.environ.get("TCI_BENCH_LOOP", "60"))
+RUNS = 5
+BARE = """
+import json, sys, time
+from tci.clock import MonotonicClock, ticks
+from tci.runtime.loop_report import Histogram
+late, clock = Histogram(), MonotonicClock()
+start = clock.now()
+for now in ticks(clock, 0.001, duration=float(sys.argv[1])):
+    late.add((now - start + 1e-9) % 0.001)
+print(json.dumps([late.quantile(q) for q in (0.5, 0.99, 0.999)]))
+"""
+
+
+class Echo(Link):
+    """A robot that is where it was told to be, with frames that change 50 times a second."""
+
+    def __init__(self, parts: Pipeline) -> None:
+        robot = parts.robot
+        binding = robot.binding("sim").model_copy(update={"rate": 1000.0})
+        robot = robot.model_copy(update={"bindings": (binding,)})
+        super().__init__(robot, middleware="sim", clock=MonotonicClock(), armed=True)
+        self._values = parts.values
+        self._angles, self._count = np.array(robot.initial_position), 0
+        self._still = np.zeros(len(self._angles))
+        self._skin: tuple[SkinFrame, ...] = ()
+
+    def _receive(self) -> Reading:
+        self._count += 1
+        now = self.clock.now()
+        if self._count % 20 == 1:
+            frame = self._count // 20
+            self._skin = tuple(SkinFrame(name, now, frame, raw) for name, raw in self._values.items())
+        return Reading(JointReading(now, self._count, self._angles.copy(), self._still), self._skin)
+
+    def _send(self, safe: tci.SafeCommand) -> None:
+        self._angles[safe.servos] = safe.position
+
+    def _close(self) -> None:
+        return
+
+
+def loop() -> list[Measured]:
+    """TCI_BENCH_LOOP=seconds in all, in five runs."""
+    parts, late, work, missed, ticks = Pipeline(4000, 16, 30), [], [], 0, 0
+    for _ in range(RUNS):
+        bare = subprocess.Popen(
+            [sys.executable, "-c", BARE, str(SECONDS / RUNS)], stdout=subprocess.PIPE, text=True
+        )
+        report = LoopReport()
+        tci.run(Echo(parts), tci.WithdrawalReflex(), duration=SECONDS / RUNS, report=report)
+        theirs = json.loads(bare.communicate()[0])
+        ours = [report.lateness.quantile(q) for q in (0.5, 0.99, 0.999)]
+        late.append([(1e6 * own, 1e6 * bare_s) for own, bare_s in zip(ours, theirs, strict=True)])
+        work.append([1e6 * report.work.quantile(q) for q in (0.5, 0.99, 0.999)])
+        missed, ticks = missed + report.missed, ticks + report.ticks
+    took = [f"{name} {np.median([run[i] for run in work]):.0f} us" for i, name in enumerate(("p50", "p99"))]
+    note = f"{ticks} ticks and {missed} missed of {1000 * SECONDS:.0f}; work per tick {', '.join(took)}"
+    name = "1 kHz, 4000 taxels: wake-up late,"
+    return [
+        row(f"{name} p50", "bare loop beside it", [run[0] for run in late], most=5.0, note=note),
+        row(f"{name} p99", "bare loop beside it", [run[1] for run in late], most_ratio=1.5),
+        row(f"{name} p99.9", "bare loop beside it", [run[2] for run in late]),
+    ]

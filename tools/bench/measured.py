@@ -1,0 +1,89 @@
+"""How a figure is taken: ours and the peer's in turn, so that a machine that slows down slows both."""
+
+from __future__ import annotations
+
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+ROUNDS = 7
+SPAN = 0.05
+"""How long [s] a round calls one of the two."""
+
+Work = Callable[[], object]
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One row of the table."""
+
+    name: str
+    peer: str
+    unit: str
+    ours: float
+    """Median over the rounds."""
+    theirs: float
+    ratio: float
+    """Median of the ratios of each round: below 1, ours is less."""
+    ratio_min: float
+    ratio_max: float
+    rounds: int
+    target: str = ""
+    """What the ratio or our figure should be; empty where there is none."""
+    met: bool | None = None
+    note: str = ""
+
+
+def row(
+    name: str,
+    peer: str,
+    pairs: Sequence[tuple[float, float]],
+    *,
+    unit: str = "us",
+    most: float | None = None,
+    most_ratio: float | None = None,
+    least_ratio: float | None = None,
+    note: str = "",
+) -> Measured:
+    """A row of pairs (ours, theirs), one per round, with its target: the most that our median may be, or
+    the most or least that the median ratio may be."""
+    ours = statistics.median(a for a, _ in pairs)
+    ratios = sorted(a / b for a, b in pairs)
+    ratio = statistics.median(ratios)
+    target, met = "", None
+    if most is not None:
+        target, met = f"<= {most:g} {unit}", ours <= most
+    if most_ratio is not None:
+        target, met = f"{target} <= {most_ratio:g} x".strip(), ratio <= most_ratio and met is not False
+    if least_ratio is not None:
+        target, met = f">= {least_ratio:g} x", ratio >= least_ratio
+    theirs = statistics.median(b for _, b in pairs)
+    return Measured(
+        name, peer, unit, ours, theirs, ratio, ratios[0], ratios[-1], len(pairs), target, met, note
+    )
+
+
+def each(work: Work, *, calls: int) -> float:
+    """Microseconds of one call."""
+    start = time.perf_counter()
+    for _ in range(calls):
+        work()
+    return (time.perf_counter() - start) / calls * 1e6
+
+
+def in_turn(ours: Work, peer: Work, *, rounds: int = ROUNDS) -> list[tuple[float, float]]:
+    """Microseconds of one call of each, per round."""
+    calls = [max(1, int(SPAN * 1e6 / max(each(work, calls=3), 0.1))) for work in (ours, peer)]
+    return [(each(ours, calls=calls[0]), each(peer, calls=calls[1])) for _ in range(rounds)]
+
+
+def cold(work: Work, *, calls: int = 200) -> float:
+    """Median microseconds of a call after 1 ms of sleep, when caches belong to others."""
+    times = []
+    for _ in range(calls):
+        time.sleep(0.001)
+        start = time.perf_counter()
+        work()
+        times.append(time.perf_counter() - start)
+    return statistics.median(times) * 1e6

@@ -1,0 +1,69 @@
+"""Raw frames to a safe command, through public parts only: Body, WithdrawalReflex, Gate."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+from frame import Frame, InC
+from measured import Measured, cold, in_turn, row
+
+import tci
+from tci.messages import JointReading, Reading, SkinFrame
+from tci.model.dense_skin import with_dense_skin
+
+PERIOD = 0.002
+
+
+class Pipeline:
+    """A robot with so many taxels; every call is the next frame of all patches."""
+
+    def __init__(self, taxels: int, patches: int, contacts: int) -> None:
+        self.robot = with_dense_skin(tci.load_robot("icub"), max(taxels, 9 * patches), patches=patches)
+        self.body = tci.Body(self.robot)
+        self.gate = tci.Gate(self.robot, period=PERIOD, stale_after=0.1)
+        self.reflex = tci.WithdrawalReflex()
+        self.memory = self.reflex.init()
+        self.values = {}
+        for number, patch in enumerate(self.robot.patches):
+            surface = self.body.skin.surfaces[patch.name]
+            values = np.full(patch.channels, patch.sensor.rest, np.uint8)
+            share = contacts // patches + (number < contacts % patches)
+            pitch = float(np.sqrt(surface.areas.mean()))
+            for i in range(share):
+                at = surface.positions[int((i + 0.5) * len(surface.positions) / share)]
+                values[surface.channels[np.linalg.norm(surface.positions - at, axis=1) < 1.6 * pitch]] = 120
+            self.values[patch.name] = values
+        self.position = np.array(self.robot.initial_position)
+        self.count = itertools.count(1)
+        self.taxels = sum(patch.channels for patch in self.robot.patches)
+        self()
+        self.found = len(self.seen.contacts)
+
+    def __call__(self) -> object:
+        k = next(self.count)
+        now = PERIOD * k
+        joints = JointReading(now, k, self.position.copy(), np.zeros(len(self.position)))
+        skin = tuple(SkinFrame(name, now, k, values) for name, values in self.values.items())
+        self.seen = self.body.perceive(Reading(joints, skin), now)
+        commands, self.memory = self.reflex.step(self.memory, self.seen)
+        safe = self.gate.step(self.body.to_platform(commands, joints), joints, now)
+        self.position[safe.servos] = safe.position
+        return safe
+
+
+def pipeline() -> list[Measured]:
+    rows = []
+    for taxels, patches, contacts in ((40, 4, 1), (230, 4, 1), (768, 4, 5), (4000, 16, 30), (4000, 16, 0)):
+        ours = Pipeline(taxels, patches, contacts)
+        peer = InC(Frame(ours.taxels, 5, contacts))
+        rows.append(
+            row(
+                f"frame to safe command, {ours.taxels} taxels in {patches} patches, {ours.found} contacts",
+                "C kernel, no gate",
+                in_turn(ours, peer),
+                most=100.0 if taxels == 4000 and contacts else None,
+                note=f"after 1 ms of sleep {cold(ours):.0f} us",
+            )
+        )
+    return rows

@@ -1,0 +1,285 @@
+/* The same equations as tci's compiled loops, in straightforward C: raw frame to gains of the fields.
+   cc -O3 -march=native -fno-trapping-math -fno-math-errno -shared -fPIC response.c -o response.so -lm */
+#include <math.h>
+#include <stdint.h>
+#include <string.h>
+
+#define RHO 0.3
+
+typedef struct {
+    int64_t n, fields_n, repeats;
+    const uint8_t *values; const int64_t *channels; const float *sensor, *offset, *threshold;
+    const uint8_t *silent; const double *gain; float *memory; uint8_t *active;
+    double *force; double floor, touch;
+    const int32_t *graph; int32_t *work; const double *taxels; const int32_t *faces; const double *box;
+    const int32_t *cells; const double *T_TL, *T_TG, *limb, *posture;
+    double *numbers, *vectors; int64_t *indices; double *places;
+    const double *fields; double *gains; int64_t stride;
+} frame_t;
+
+static void note(int64_t n, const float *restrict sensor, const float *restrict offset,
+                 const float *restrict threshold, const uint8_t *restrict silent, float *restrict signals,
+                 float *restrict befores, float *restrict totals, float *restrict peaks, float *restrict bends,
+                 float *restrict changes, const float *restrict raws, uint8_t *restrict active, int32_t *dropped,
+                 int32_t *saturated) {
+    const float lowest = sensor[0], highest = sensor[1], rest = sensor[2], sign = sensor[3], full = sensor[4];
+    int32_t d = 0, s = 0;
+    for (int64_t i = 0; i < n; i++) {
+        float raw = raws[i], zero = offset[i], last = signals[i];
+        int good = (raw >= lowest) & (raw <= highest);
+        float signal = sign * (raw - rest);
+        s += good & (signal >= full);
+        d += !good;
+        signal = good ? signal : zero;
+        float deviation = signal - zero;
+        active[i] = (deviation > 0.0f) & (deviation >= threshold[i]) & !silent[i];
+        bends[i] += fabsf(signal - 2.0f * last + befores[i]);
+        changes[i] += signal != last ? 1.0f : 0.0f;
+        float size = fabsf(deviation);
+        peaks[i] = size > peaks[i] ? size : peaks[i];
+        totals[i] += signal;
+        befores[i] = last;
+        signals[i] = signal;
+    }
+    *dropped = d;
+    *saturated = s;
+}
+
+static int64_t cluster(int64_t n, const double *restrict force, double floor, double touch,
+                       const int32_t *restrict graph, int32_t *restrict work) {
+    int32_t *members = work, *bounds = work + n, *label = work + 2 * n + 1, *queue = work + 3 * n + 1;
+    int64_t active = 0, count = 0;
+    for (int64_t b = 0; b < n; b += 64) {
+        int64_t end = b + 64 < n ? b + 64 : n;
+        int some = 0;
+        for (int64_t i = b; i < end; i++) some += force[i] >= floor;
+        if (some)
+            for (int64_t i = b; i < end; i++)
+                if (force[i] >= floor) members[active++] = (int32_t)i;
+    }
+    if (!active) return 0;
+    bounds[0] = 0;
+    for (int64_t p = 0; p < active; p++) {
+        int32_t seed = members[p];
+        if (label[seed]) continue;
+        label[seed] = (int32_t)count + 1;
+        queue[0] = seed;
+        int64_t done = 0, size = 1;
+        double peak = force[seed];
+        while (done < size) {
+            int32_t t = queue[done++];
+            if (force[t] > peak) peak = force[t];
+            for (int32_t e = graph[t]; e < graph[t + 1]; e++) {
+                int32_t o = graph[e];
+                if (!label[o] && force[o] >= floor) {
+                    label[o] = (int32_t)count + 1;
+                    queue[size++] = o;
+                }
+            }
+        }
+        if (peak >= touch) {
+            count++;
+            bounds[count] = bounds[count - 1] + (int32_t)size;
+        } else
+            for (int64_t i = 0; i < size; i++) label[queue[i]] = -1;
+    }
+    memcpy(queue, members, active * sizeof(int32_t));
+    for (int64_t p = 0; p < active; p++) {
+        int32_t t = queue[p], mine = label[t];
+        label[t] = 0;
+        if (mine > 0) members[bounds[mine - 1]++] = t;
+    }
+    for (int64_t i = count; i > 0; i--) bounds[i] = bounds[i - 1];
+    bounds[0] = 0;
+    return count;
+}
+
+static void limb_pose(const double *L, const double *G, const double *limb, const double *q, double *S) {
+    double side = limb[13], c0 = cos(q[0]), s0 = -sin(q[0]), c1 = cos(side * q[1]), s1 = sin(side * q[1]);
+    double R[9] = {c0, s0 * s1, s0 * c1, 0.0, c1, -s1, -s0, c0 * s1, c0 * c1};
+    if (limb[14] > 0.0) {
+        double c2 = cos(side * q[2]), s2 = -sin(side * q[2]), c3 = cos(q[3]), s3 = -sin(q[3]);
+        for (int r = 0; r < 3; r++) {
+            double x = R[3 * r] * c2 + R[3 * r + 1] * s2, y = R[3 * r + 1] * c2 - R[3 * r] * s2, z = R[3 * r + 2];
+            R[3 * r] = x * c3 - z * s3;
+            R[3 * r + 1] = y;
+            R[3 * r + 2] = x * s3 + z * c3;
+        }
+    }
+    memset(S, 0, 16 * sizeof(double));
+    for (int k = 0; k < 3; k++) {
+        double p = L[4 * k + 3] - G[4 * k + 3];
+        for (int a = 0; a < 3; a++) p -= G[4 * k + a] * limb[9 + a];
+        for (int r = 0; r < 3; r++) {
+            double m = limb[3 * k] * R[r] + limb[3 * k + 1] * R[3 + r] + limb[3 * k + 2] * R[6 + r];
+            for (int c = 0; c < 3; c++) S[4 * r + c] += m * L[4 * k + c];
+            S[4 * r + 3] += m * p;
+        }
+    }
+}
+
+static void weights_of(double uu, double uv, double vv, double wu, double wv, double *s, double *t) {
+    if (wu <= 0 && wv <= 0) { *s = 0; *t = 0; return; }
+    double bu = wu - uu, bv = wv - uv;
+    if (bu >= 0 && bv <= bu) { *s = 1; *t = 0; return; }
+    double vc = wu * bv - bu * wv;
+    if (vc <= 0 && wu >= 0 && bu <= 0) { *s = wu / uu; *t = 0; return; }
+    double cu = wu - uv, cv = wv - vv;
+    if (cv >= 0 && cu <= cv) { *s = 0; *t = 1; return; }
+    double vb = cu * wv - wu * cv;
+    if (vb <= 0 && wv >= 0 && cv <= 0) { *s = 0; *t = wv / vv; return; }
+    double va = bu * cv - cu * bv;
+    if (va <= 0 && bv - bu >= 0 && cu - cv >= 0) {
+        double share = (bv - bu) / ((bv - bu) + (cu - cv));
+        *s = 1 - share; *t = share; return;
+    }
+    double total = va + vb + vc;
+    *s = vb / total; *t = vc / total;
+}
+
+static double closer(const double *p, const double *taxels, const int32_t *face, double best, double *p_L, double *n_L) {
+    const double *a = taxels + 7 * (int64_t)face[0], *b = taxels + 7 * (int64_t)face[1], *c = taxels + 7 * (int64_t)face[2];
+    double u[3], v[3], w[3], s, t, uu = 0, uv = 0, vv = 0, wu = 0, wv = 0, apart = 0;
+    for (int i = 0; i < 3; i++) {
+        u[i] = b[i] - a[i]; v[i] = c[i] - a[i]; w[i] = p[i] - a[i];
+        uu += u[i] * u[i]; uv += u[i] * v[i]; vv += v[i] * v[i]; wu += w[i] * u[i]; wv += w[i] * v[i];
+    }
+    weights_of(uu, uv, vv, wu, wv, &s, &t);
+    for (int i = 0; i < 3; i++) { double d = w[i] - s * u[i] - t * v[i]; apart += d * d; }
+    if (!(apart < best)) return best;
+    double r = 1 - s - t;
+    for (int i = 0; i < 3; i++) {
+        p_L[i] = r * a[i] + s * b[i] + t * c[i];
+        n_L[i] = r * a[3 + i] + s * b[3 + i] + t * c[3 + i];
+    }
+    return apart;
+}
+
+#define MIN(a, b) ((a) < (b) ? (a) : (b))
+#define MAX(a, b) ((a) > (b) ? (a) : (b))
+
+static void nearest(const double *p, const double *taxels, const int32_t *faces, const double *box,
+                    const int32_t *cells, double *p_L, double *n_L) {
+    double best = INFINITY, scale = box[3];
+    int64_t nx = (int64_t)box[4], ny = (int64_t)box[5], nz = (int64_t)box[6];
+    double x = (p[0] - box[0]) * scale, y = (p[1] - box[1]) * scale, z = (p[2] - box[2]) * scale;
+    int64_t cx = (int64_t)floor(x), cy = (int64_t)floor(y), cz = (int64_t)floor(z);
+    int64_t last = MAX(MAX(MAX(cx, nx - cx), MAX(cy, ny - cy)), MAX(cz, nz - cz)) + 1;
+    int64_t first = MAX(MAX(MAX(0, -cx), MAX(cx - nx + 1, -cy)), MAX(MAX(cy - ny + 1, -cz), cz - nz + 1));
+    double margin = MIN(MIN(MIN(x - cx, cx + 1 - x), MIN(y - cy, cy + 1 - y)), MIN(z - cz, cz + 1 - z));
+    for (int64_t shell = first; shell <= last; shell++) {
+        double least = (shell - 1 + margin) / scale;
+        if (shell > 0 && best <= least * least) break;
+        for (int64_t i = MAX(cx - shell, 0); i <= MIN(cx + shell, nx - 1); i++)
+            for (int64_t j = MAX(cy - shell, 0); j <= MIN(cy + shell, ny - 1); j++) {
+                int edge = i == cx - shell || i == cx + shell || j == cy - shell || j == cy + shell;
+                int64_t step = edge ? 1 : MAX(2 * shell, 1), begin = edge ? MAX(cz - shell, 0) : cz - shell;
+                for (int64_t k = begin; k <= MIN(cz + shell, nz - 1); k += step) {
+                    if (k < 0) continue;
+                    int64_t cell = (i * ny + j) * nz + k;
+                    for (int32_t e = cells[cell]; e < cells[cell + 1]; e++)
+                        best = closer(p, taxels, faces + 3 * (int64_t)cells[e], best, p_L, n_L);
+                }
+            }
+    }
+    double length = sqrt(n_L[0] * n_L[0] + n_L[1] * n_L[1] + n_L[2] * n_L[2]);
+    for (int i = 0; i < 3; i++) n_L[i] /= length;
+}
+
+static void on_limb(const double *S, const double *p, double length, double side, double *u, double *theta) {
+    double q[3];
+    for (int r = 0; r < 3; r++) q[r] = S[4 * r] * p[0] + S[4 * r + 1] * p[1] + S[4 * r + 2] * p[2] + S[4 * r + 3];
+    *u = -q[2] / length;
+    *theta = atan2(side * q[1], q[0]);
+}
+
+static double limb_distance(double u, double a, double v, double b) {
+    double x = u - v, y = RHO * (sin(a) - sin(b)), z = RHO * (cos(a) - cos(b));
+    return sqrt(x * x + y * y + z * z);
+}
+
+static void describe(int64_t count, const frame_t *f) {
+    int32_t *members = f->work, *bounds = f->work + f->n;
+    double S[16], length = f->limb[12], side = f->limb[13];
+    const double *L = f->T_TL;
+    limb_pose(L, f->T_TG, f->limb, f->posture, S);
+    int64_t all = bounds[count];
+    for (int64_t c = 0; c < count; c++) {
+        double total = 0, peak = 0, area = 0, mean[3] = {0, 0, 0}, u, theta;
+        for (int64_t p = bounds[c]; p < bounds[c + 1]; p++) {
+            int64_t i = members[p];
+            const double *t = f->taxels + 7 * i;
+            double force = f->force[i];
+            total += force;
+            peak = MAX(peak, force);
+            area += t[6];
+            for (int a = 0; a < 3; a++) mean[a] += force * t[a];
+            f->indices[p] = i;
+            f->places[p] = force;
+            on_limb(S, t, length, side, f->places + all + p, f->places + 2 * all + p);
+        }
+        for (int a = 0; a < 3; a++) mean[a] /= total;
+        double *V = f->vectors + 15 * c, *p_L = V, *n_L = V + 3;
+        nearest(mean, f->taxels, f->faces, f->box, f->cells, p_L, n_L);
+        for (int r = 0; r < 3; r++) {
+            double n = L[4 * r] * n_L[0] + L[4 * r + 1] * n_L[1] + L[4 * r + 2] * n_L[2];
+            V[6 + r] = L[4 * r] * p_L[0] + L[4 * r + 1] * p_L[1] + L[4 * r + 2] * p_L[2] + L[4 * r + 3];
+            V[9 + r] = n;
+            V[12 + r] = -total * n;
+        }
+        on_limb(S, p_L, length, side, &u, &theta);
+        double *N = f->numbers + 5 * c;
+        N[0] = total; N[1] = peak; N[2] = area; N[3] = u; N[4] = theta;
+    }
+}
+
+static void answer(int64_t c, const frame_t *f) {
+    const int32_t *bounds = f->work + f->n;
+    const double *N = f->numbers + 5 * c, *closest = 0;
+    double least = INFINITY, u = N[3], theta = N[4];
+    for (int64_t i = 0; i < f->fields_n; i++) {
+        const double *field = f->fields + 8 * i;
+        if (field[0] != f->limb[14]) continue;
+        double dx = field[1] - u, dy = field[2] - RHO * sin(theta), dz = field[3] - RHO * cos(theta);
+        double apart = sqrt(dx * dx + dy * dy + dz * dz);
+        if (apart < field[4] && apart < least) { least = apart; closest = field; }
+    }
+    if (!closest) return;
+    double total = 0, weights = 0, radius = closest[4];
+    for (int64_t p = bounds[c]; p < bounds[c + 1]; p++) {
+        double weight = 2 * radius - limb_distance(f->places[f->stride + p], f->places[2 * f->stride + p], u, theta);
+        if (weight > 0) { total += weight * f->places[p]; weights += weight; }
+    }
+    double felt = weights > 0 ? total / weights : 0;
+    if (!(felt > closest[5])) return;
+    double gain = MIN((felt - closest[5]) / (closest[6] - closest[5]), 1.0) * (1.0 - least / radius);
+    double *best = f->gains + (closest - f->fields) / 8;
+    *best = MAX(*best, gain);
+}
+
+int64_t respond(const frame_t *f) {
+    int64_t count = 0, n = f->n;
+    int32_t dropped, saturated;
+    for (int64_t again = 0; again < f->repeats; again++) {
+        float *m = f->memory, *raws = m + 6 * n;
+        memset(f->force, 0, n * sizeof(double));
+        memset(f->gains, 0, f->fields_n * sizeof(double));
+        for (int64_t i = 0; i < n; i++) raws[i] = f->values[f->channels[i]];
+        note(n, f->sensor, f->offset, f->threshold, f->silent, m, m + n, m + 2 * n, m + 3 * n, m + 4 * n, m + 5 * n,
+             raws, f->active, &dropped, &saturated);
+        for (int64_t b = 0; b < n; b += 64) {
+            int64_t end = MIN(b + 64, n);
+            uint8_t some = 0;
+            for (int64_t i = b; i < end; i++) some |= f->active[i];
+            if (some)
+                for (int64_t i = b; i < end; i++)
+                    if (f->active[i]) f->force[i] = f->gain[i] * (double)(m[i] - f->offset[i]);
+        }
+        count = cluster(n, f->force, f->floor, f->touch, f->graph, f->work);
+        if (!count) continue;
+        ((frame_t *)f)->stride = (f->work + n)[count];
+        describe(count, f);
+        for (int64_t c = 0; c < count; c++) answer(c, f);
+    }
+    return count;
+}

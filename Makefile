@@ -45,7 +45,7 @@ reliability: dev-env  ## the scoreboard of docs/reliability.md (FULL=1: full siz
 
 lock:  ## renew requirements/*.txt (needs uv)
 	uv pip compile --universal --python-version 3.11 --generate-hashes --index-url https://pypi.org/simple --no-emit-index-url \
-	  --extra icub --extra naoqi --no-header pyproject.toml requirements/build.in -o requirements/demo.txt
+	  --extra icub --extra naoqi --extra viewer --no-header pyproject.toml requirements/build.in -o requirements/demo.txt
 	uv pip compile --universal --python-version 3.11 --generate-hashes --index-url https://pypi.org/simple --no-emit-index-url \
 	  --extra icub --extra naoqi --extra robots --group dev --no-header pyproject.toml -c requirements/demo.txt -o requirements/dev.txt
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 from functools import cache
 
@@ -24,6 +25,14 @@ def needs_debian_module(module: str, package: str) -> None:
     """Go on only where Debian's Python can import `module`; elsewhere the test is named as not run."""
     if not _imports(module):
         pytest.skip(f"did not run: needs {module}; to get it, as root: apt-get install {package}")
+
+
+def needs_program(name: str, package: str) -> str:
+    """Path of a Debian program; where there is none the test is named as not run."""
+    path = shutil.which(name)
+    if path is None:
+        pytest.skip(f"did not run: needs {name}; to get it, as root: apt-get install {package}")
+    return path
 
 
 def debian_python(script: str, stdin: str) -> str:

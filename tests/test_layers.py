@@ -20,6 +20,7 @@ LAYERS = (
     "middleware",
     "runtime",
     "trials",
+    "viewer",
     "cli",
 )
 RANK = {**dict.fromkeys(WORDS, 0), **{name: rank for rank, name in enumerate(LAYERS, start=1)}}

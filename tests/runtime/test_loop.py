@@ -7,6 +7,7 @@ import os
 import signal
 import threading
 from collections.abc import Callable
+from contextlib import ExitStack
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from tci.errors import LinkError
 from tci.interface.gate import GateState
 from tci.messages import GenericCommand, Mode, Perception
 from tci.middleware.simulated import SimulatedLink
-from tci.runtime.guards import frozen_garbage
+from tci.runtime.guards import frozen_garbage, interruptions
 from tci.runtime.lease import lease
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport
@@ -180,3 +181,19 @@ def test_the_report_tells_quantiles_in_milliseconds() -> None:
     figures = report.to_json()["work_ms"]
     assert figures["p50"] == pytest.approx(0.512)
     assert figures["p99"] == figures["max"] == pytest.approx(1.0)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_45_loops_side_by_side_all_see_a_failing_thread() -> None:
+    before = threading.excepthook
+    with ExitStack() as first:
+        one = first.enter_context(interruptions())
+        with interruptions() as other:
+            first.close()  # the first one ends while the second goes on
+            thread = threading.Thread(target=lambda: 1 / 0, name="helper")
+            thread.start()
+            thread.join()
+            assert one.failure is None
+            with pytest.raises(ZeroDivisionError):
+                other.raise_it()
+    assert threading.excepthook is before

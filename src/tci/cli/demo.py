@@ -41,7 +41,7 @@ def demo(
 
     Raises UnknownNameError for a mode that the reflex does not have.
     """
-    robots = _load(names)
+    robots = load_robots(names)
     if skin_rate is not None:
         robots = [with_skin_rate(robot, skin_rate) for robot in robots]
     reflex = WithdrawalReflex(mode=_mode(mode))
@@ -81,7 +81,7 @@ def _mode(name: str) -> Mode:
     raise UnknownNameError("mode of the withdrawal reflex", name, [mode.value for mode in MODES])
 
 
-def _load(names: Sequence[str]) -> list[Robot]:
+def load_robots(names: Sequence[str]) -> list[Robot]:
     """The robots asked for, or those of the paper that are installed."""
     if names:
         return [load_robot(name) for name in names]

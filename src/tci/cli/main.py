@@ -59,6 +59,9 @@ def demo(
         float | None, typer.Option(help="Skin frames per second instead of the robot's own \\[Hz].")
     ] = None,
     fault: Faults = None,
+    view: Annotated[
+        bool, typer.Option("--view", help="Then show the robots in the browser, to poke them yourself.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Poke simulated robots and watch the same withdrawal reflex answer on each of them.
@@ -81,9 +84,58 @@ def demo(
         return
     from tci.cli.demo import demo as command
 
+    if view:
+        from tci.cli.view import needs_viewer
+
+        needs_viewer()
     command(
         robot or [], mode=mode, out=out, seed=seed, headless=headless, skin_rate=skin_rate, as_json=as_json
     )
+    if view:
+        from tci.cli.view import view as show
+
+        show(robot or [], [], folder=out / "recordings", browser=not headless)
+
+
+@app.command()
+def view(
+    robot: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--robot",
+            "-r",
+            help="Robot by name or description file; repeat for several. "
+            "[default: every packaged robot that is installed]",
+        ),
+    ] = None,
+    via: Annotated[
+        list[str] | None,
+        typer.Option(help="Link, NAME or NAME:ADDRESS: one for all robots, or one for each. [default: sim]"),
+    ] = None,
+    capability: Annotated[
+        str, typer.Option("--run", help="Capability that runs on every robot.")
+    ] = "withdrawal",
+    arm: Annotated[bool, typer.Option("--arm", help="Let it move; a simulated robot always may.")] = False,
+    host: Annotated[
+        str, typer.Option(help="Address to listen on; off this machine a token is asked for.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="Port; 0 takes a free one.")] = 8080,
+    out: Annotated[Path, typer.Option(help="Folder for recordings.")] = Path("recordings"),
+    duration: Annotated[float | None, typer.Option(help="How long \\[s]; else until interrupted.")] = None,
+    headless: Annotated[bool, typer.Option("--headless", help="Do not open the browser.")] = False,
+) -> None:
+    """Show robots in the browser, side by side: poke their skin, move their arms, make faults happen, record.
+
+    Needs the extra: pip install 'tci\\[viewer]'. A real robot is read-only without --arm.
+
+    Example:  tci view --robot nao --robot icub
+    """
+    from tci.cli.view import view as command
+
+    command(
+        robot or [], via or [], capability=capability, arm=arm, host=host, port=port,
+        folder=out, duration=duration, browser=not headless,
+    )  # fmt: skip
 
 
 @app.command()

@@ -76,6 +76,11 @@ class Skin:
         self._state = SkinState(patches=MappingProxyType({}), link_poses=MappingProxyType({}))
 
     @property
+    def state(self) -> SkinState:
+        """What `update` returned last; without patches before the first call."""
+        return self._state
+
+    @property
     def counts(self) -> dict[str, int]:
         """What was not used until now: `values_dropped` and `frames_late`."""
         dropped = sum(conditioner.dropped for conditioner in self._conditioners.values())

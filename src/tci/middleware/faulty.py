@@ -65,6 +65,17 @@ class FaultyLink(Link):
         self._start: float | None = None
         self._open = True
 
+    def inject(self, plan: FaultPlan) -> None:
+        """One more fault; its time counts from now on. Call it from the loop's own thread."""
+        since = 0.0 if self._start is None else self.clock.now() - self._start
+        self._waiting.append(replace(plan, at=plan.at + since))
+        self._waiting.sort(key=lambda waiting: waiting.at)
+
+    @property
+    def active(self) -> tuple[FaultPlan, ...]:
+        """Faults that go on now."""
+        return tuple(plan for plan, _ in self._active)
+
     def ticks(self, *, duration: float | None = None) -> Iterator[float]:
         return self.inner.ticks(duration=duration)
 

@@ -41,28 +41,51 @@ def interruptions() -> Iterator[Interruption]:
     once, for a capability that hangs.
     """
     found = Interruption()
-    hook = threading.excepthook
-
-    def in_thread(told: threading.ExceptHookArgs) -> None:
-        if found.failure is None and told.exc_value is not None and told.exc_type is not SystemExit:
-            found.failure = told.exc_value
-            found.thread = told.thread.name if told.thread else "a thread"
-        hook(told)
 
     def on_signal(number: int, frame: FrameType | None) -> None:
         if found.signal is not None:
             raise KeyboardInterrupt
         found.signal = number
 
-    threading.excepthook = in_thread
+    _watch_threads(found)
     here = threading.current_thread() is threading.main_thread()
     before = {number: signal.signal(number, on_signal) for number in SIGNALS} if here else {}
     try:
         yield found
     finally:
-        threading.excepthook = hook
+        _leave_threads(found)
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+_threads = threading.Lock()
+_watching: list[Interruption] = []
+"""Every block that is open: loops of several robots may run in threads of one process."""
+_hook = threading.excepthook
+
+
+def _in_thread(told: threading.ExceptHookArgs) -> None:
+    if told.exc_value is not None and told.exc_type is not SystemExit:
+        for found in _watching:
+            if found.failure is None:
+                found.failure = told.exc_value
+                found.thread = told.thread.name if told.thread else "a thread"
+    _hook(told)
+
+
+def _watch_threads(found: Interruption) -> None:
+    global _hook
+    with _threads:
+        if not _watching:
+            _hook, threading.excepthook = threading.excepthook, _in_thread
+        _watching.append(found)
+
+
+def _leave_threads(found: Interruption) -> None:
+    with _threads:
+        _watching.remove(found)
+        if not _watching:
+            threading.excepthook = _hook
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from tci.capabilities.capability import Capability
 from tci.errors import CommandError, FrameError, LinkError
 from tci.interface.body import Body
 from tci.interface.gate import SafeCommand
-from tci.messages import JointReading, Order, Perception, Reading
+from tci.messages import JointReading, Order, Perception, Reading, SkinState
 from tci.middleware.link import Link
 from tci.runtime.guards import frozen_garbage, interruptions
 from tci.runtime.lease import lease
@@ -50,6 +50,8 @@ class Tick:
     """What the capability wanted."""
     sent: SafeCommand
     """What the gate let pass and the link sent."""
+    skin: SkinState
+    """What the skin felt, of which the contacts were made."""
 
 
 def run(
@@ -139,7 +141,7 @@ class _Loop(Generic[Memory]):
             raise CommandError(f"{type(self.capability).__name__} can't begin: {'; '.join(sent.refusals)}")
         self._begun |= seen is not None
         if self.observe is not None and self._perception is not None:
-            self.observe(Tick(now, reading, self._perception, commands, sent))
+            self.observe(Tick(now, reading, self._perception, commands, sent, self.body.skin.state))
         self.report.ticks += 1
         self.report.work.add(time.perf_counter() - begin)
 

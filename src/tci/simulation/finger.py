@@ -89,6 +89,7 @@ class Finger:
         self._physics = physics
         self._skin = skin
         self._geom = model.geom(_TIP).id
+        self._tip = model.body(_TIP).id
         self._mocap = int(model.body(FINGER).mocapid[0])
         self._qpos = int(model.joint(_TIP).qposadr[0])
         self._dof = int(model.joint(_TIP).dofadr[0])
@@ -116,6 +117,11 @@ class Finger:
         self.peak_force = 0.0
         """Largest contact force of this poke [N]."""
         self._trace: deque[tuple[float, float, float]] = deque(maxlen=TRACE)
+
+    @property
+    def pose(self) -> Array | None:
+        """`T_WF` (4, 4) of the tip's centre in the world, z into the skin; None while there is no finger."""
+        return self._physics.pose(self._tip) if self._active else None
 
     @property
     def touching(self) -> bool:

@@ -17,6 +17,14 @@ from tci.simulation.cast import Hits
 # All looks are ours.
 PRESSURE_COLOURS = ((0.50, 0.58, 0.67), (0.87, 0.34, 0.29), (0.97, 0.58, 0.16), (1.00, 0.94, 0.50))
 """From no pressure to full scale, evenly spaced: ever warmer and lighter on the dark skin."""
+FIELD_COLOURS = (
+    (0.25, 0.60, 0.95), (0.45, 0.80, 0.30), (0.10, 0.80, 0.76), (0.74, 0.55, 0.98), (0.85, 0.88, 0.92)
+)  # fmt: skip
+"""Of the receptive fields, in their order and again: cool, since pressure is warm."""
+SKIN_COLOUR = (0.30, 0.32, 0.36)
+"""Of links that carry skin."""
+FULL_SCALE = 40e3
+"""Pressure [Pa] at the end of the colours."""
 _SWELL = 1.0
 """A taxel's dot grows by this share up to full scale, so that a small contact is seen."""
 _LEVEL = 0.010

@@ -17,13 +17,12 @@ from tci.messages import Reading
 from tci.model.generic_arm import SEGMENTS
 from tci.simulation.camera import Camera
 from tci.simulation.finger import FINGER
-from tci.simulation.paint import FieldLook, FieldPaint, TaxelPaint
+from tci.simulation.paint import SKIN_COLOUR, FieldLook, FieldPaint, TaxelPaint
 from tci.simulation.render import Painter, model_colours, render
 from tci.simulation.touch import skin_geom
 from tci.simulation.world import World
 
 # All looks are ours.
-_SKIN_COLOUR = (0.30, 0.32, 0.36, 1.0)
 _FINGER_ALPHA = 0.6
 """The finger is glass, so that it does not hide the taxels it presses."""
 
@@ -139,7 +138,7 @@ def _colours(world: World) -> Array:
     colours = model_colours(model)
     bodies = [model.geom_bodyid[model.geom(skin_geom(name)).id] for name in world.surfaces]
     covered = np.isin(model.geom_bodyid, bodies) & (colours[:, 3] > 0.0)
-    colours[covered] = _SKIN_COLOUR
+    colours[covered] = (*SKIN_COLOUR, 1.0)
     finger = _below(model, [model.body(FINGER).id])[model.geom_bodyid]
     colours[finger, 3] = _FINGER_ALPHA
     return colours

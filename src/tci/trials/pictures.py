@@ -14,7 +14,7 @@ from tci.frames import Array, apply
 from tci.model.description import Robot
 from tci.runtime.loop import Tick
 from tci.simulation.camera import Camera, fit, look_at, project
-from tci.simulation.paint import FieldLook
+from tci.simulation.paint import FIELD_COLOURS, FULL_SCALE, FieldLook
 from tci.simulation.portrait import Moment, Portrait, keep_moment
 from tci.simulation.world import World
 from tci.trials.figure import Panel, draw_figure
@@ -24,10 +24,6 @@ from tci.trials.poke import Stimulus, Trace, poke
 PART = "left_arm"
 VIEWS = {"forearm_extensor": (0.95, 0.0), "forearm_medial": (-0.30, 0.30)}
 """Sites that are poked, as in the paper's Figure 6 (below, and inside), and from where [rad] we look."""
-COLOURS = ((0.25, 0.60, 0.95), (0.45, 0.80, 0.30), (0.10, 0.80, 0.76), (0.74, 0.55, 0.98), (0.85, 0.88, 0.92))
-"""Of the receptive fields: cool, since pressure is warm."""
-FULL_SCALE = 40e3
-"""Pressure [Pa] at the end of the colour bar."""
 WIDTH, HEIGHT = 440, 480
 CLOSE_UP = 170
 """Size of a close-up [pixels]."""
@@ -38,7 +34,9 @@ TILT = np.deg2rad(55.0)
 def draw_demo(robots: Sequence[Robot], reflex: WithdrawalReflex, path: Path, *, seed: int) -> None:
     """Write the figure: a row for each robot, before and after each of two pokes."""
     looks = [
-        FieldLook(field.segment, field.u, field.theta, field.radius, COLOURS[index % len(COLOURS)])
+        FieldLook(
+            field.segment, field.u, field.theta, field.radius, FIELD_COLOURS[index % len(FIELD_COLOURS)]
+        )
         for index, field in enumerate(reflex.fields)
     ]
     sites = [field for field in reflex.fields if field.name in VIEWS]

@@ -1,0 +1,243 @@
+"""The viewer: puts robots, controls and plots together and keeps them up to date."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import viser
+
+from tci.capabilities.fields import ReceptiveField
+from tci.errors import TciError
+from tci.frames import Array, apply, invert
+from tci.interface.part import generic_posture
+from tci.interface.places import Place, find_place
+from tci.model.generic_arm import limb_coordinates
+from tci.viewer.controls import Controls
+from tci.viewer.figure import Figure
+from tci.viewer.guard import close_server, open_server
+from tci.viewer.pick import pick
+from tci.viewer.plots import Plots
+from tci.viewer.session import Session
+from tci.viewer.words import badge, event_list
+
+RATE = 30.0
+"""Pictures per second [Hz]."""
+SLOW = 6
+"""Pictures between two updates of plots, sliders and words."""
+SPACE = 0.25
+"""Free space [m] between two robots."""
+FOV = 0.7
+"""Vertical angle of view [rad]."""
+HINT = "**Click the skin of an arm** to poke it there. Drag to turn, scroll to come nearer."
+
+
+class Viewer:
+    """A page with all robots side by side. `run` until told to stop."""
+
+    def __init__(
+        self,
+        sessions: Sequence[Session],
+        *,
+        fields: Sequence[ReceptiveField] = (),
+        host: str = "127.0.0.1",
+        port: int = 8080,
+        folder: Path = Path("recordings"),
+    ) -> None:
+        """Open the page; recordings go into `folder`. Raises LinkError for a port that is taken."""
+        self.sessions: Mapping[str, Session] = _by_key(sessions)
+        self.server, self.guard, self.address = open_server(host, port, label="TCI")
+        self._stop = threading.Event()
+        self._clicks: list[tuple[Array, Array]] = []
+        self.figures = {
+            key: Figure(self.server, session.robot, key) for key, session in self.sessions.items()
+        }
+        for figure in self.figures.values():
+            figure.show_fields(fields)
+        self._stand_side_by_side()
+        self._set_scene()
+        self._add_panels(folder)
+
+    def run(self, *, duration: float | None = None) -> None:
+        """Show what happens until `stop`, or for `duration` [s]."""
+        begin = due = time.monotonic()
+        count = 0
+        while not self._stop.is_set() and (duration is None or time.monotonic() - begin < duration):
+            self.update(words=count % SLOW == 0)
+            count += 1
+            due = max(due + 1.0 / RATE, time.monotonic())
+            self._stop.wait(due - time.monotonic())
+
+    def stop(self) -> None:
+        """End `run`. From any thread."""
+        self._stop.set()
+
+    def close(self) -> None:
+        """Bring the robots to rest and close the page."""
+        for session in self.sessions.values():
+            session.close()
+        close_server(self.server)
+
+    def update(self, *, words: bool) -> None:
+        """One picture; with `words` also plots, sliders and texts."""
+        for key, session in self.sessions.items():
+            if session.view is not None:
+                self.figures[key].show(session.view)
+        while self._clicks:
+            self._clicked(*self._clicks.pop(0))
+        if words:
+            self._tell()
+            self._plots.update({key: session.history for key, session in self.sessions.items()})
+            for controls in self._controls:
+                controls.update()
+
+    def poke(self, key: str, place: Place) -> None:
+        """Poke a robot's skin as the sliders say, and where asked for the same place on the others."""
+        touched = self.sessions[key]
+        self._poke(touched, place)
+        if self._everywhere is None or not self._everywhere.value or touched.view is None:
+            return
+        figure, joints = self.figures[key], touched.view.joints
+        patch = figure.robot.patch(place.patch)
+        part = figure.robot.part(patch.part)
+        T_TS = figure.skin.segment_pose(
+            part.name, patch.segment, joints, generic_posture(figure.robot, joints)[part.name]
+        )
+        T_SL = invert(T_TS) @ figure.skin.link_pose(patch.link, joints)
+        assert part.side is not None  # Skin
+        u, theta = limb_coordinates(apply(T_SL, place.p_L), part.segment(patch.segment).length, part.side)
+        for other, session in self.sessions.items():
+            if other == key or session.view is None:
+                continue
+            try:
+                there = find_place(
+                    self.figures[other].skin, part.name, patch.segment,
+                    float(u), float(theta), session.view.joints,
+                )  # fmt: skip
+                self._poke(session, there)
+            except TciError as error:
+                session.say(str(error))
+
+    def _poke(self, session: Session, place: Place) -> None:
+        try:
+            session.poke(place, force=float(self._force.value), speed=float(self._speed.value))
+        except TciError as error:
+            session.say(str(error))
+
+    def _clicked(self, origin: Array, direction: Array) -> None:
+        found = []
+        for key, figure in self.figures.items():
+            hit = pick(figure, origin, direction)
+            if hit is not None:
+                found.append((hit[1], key, hit[0]))
+        if found:
+            _, key, place = min(found, key=lambda hit: hit[0])
+            self.poke(key, place)
+        else:
+            self._hint.content = "No skin there. " + HINT
+
+    def _stand_side_by_side(self) -> None:
+        """Robots in a row, the first on the left of the picture."""
+        total = sum(figure.width for figure in self.figures.values()) + SPACE * (len(self.figures) - 1)
+        left = -total / 2.0
+        for figure in self.figures.values():
+            figure.stand(left + figure.width / 2.0)
+            left += figure.width + SPACE
+        self._width = total
+
+    def _set_scene(self) -> None:
+        scene = self.server.scene
+        scene.configure_default_lights(enabled=False)
+        scene.configure_environment_map(hdri=None)
+        scene.add_light_ambient("/light/ambient", intensity=1.7)
+        scene.add_light_directional("/light/sun", intensity=1.6, position=(3.0, 1.5, 4.0))
+        scene.add_light_directional("/light/sky", intensity=0.5, position=(1.0, -4.0, 2.0))
+        scene.add_grid(
+            "/floor", width=12.0, height=12.0, cell_size=0.1, section_size=0.5,
+            cell_color=(228, 230, 233), section_color=(205, 209, 214), shadow_opacity=0.0,
+        )  # fmt: skip
+        tallest = max(figure.height for figure in self.figures.values())
+        distance = 1.05 * max(tallest / np.tan(FOV / 2.0) / 2.0, 0.75 * self._width / np.tan(FOV / 2.0))
+        aim = np.array([0.0, 0.0, 0.55 * tallest])
+        camera = self.server.initial_camera
+        camera.position = tuple(aim + distance * np.array([0.94, 0.15, 0.3]))
+        camera.look_at = tuple(aim)
+        camera.up = (0.0, 0.0, 1.0)
+        camera.fov = FOV
+
+        @scene.on_click()
+        def _(event: viser.SceneClickEvent) -> None:
+            # Figures belong to the thread that draws.
+            self._clicks.append((np.array(event.ray_origin), np.array(event.ray_direction)))
+
+    def _add_panels(self, folder: Path) -> None:
+        gui = self.server.gui
+        gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(28, 126, 214))
+        self._badges = {key: gui.add_html("") for key in self.sessions}
+        self._hint = gui.add_markdown(HINT)
+        simulated = any(session.world is not None for session in self.sessions.values())
+        with gui.add_folder("poke"):
+            self._force = gui.add_slider("force [N]", 0.5, 10.0, 0.5, 5.0, disabled=not simulated)
+            self._speed = gui.add_slider("speed [m/s]", 0.05, 0.5, 0.05, 0.25, disabled=not simulated)
+            self._everywhere = (
+                gui.add_checkbox("same place on every robot", True) if len(self.sessions) > 1 else None
+            )
+            if simulated:
+                self._pace = gui.add_slider("pace: 1 is real time", 0.0, 1.0, 0.05, 1.0)
+                self._pace.on_update(lambda _: self._set_pace(float(self._pace.value)))
+        tabs = gui.add_tab_group()
+        self._controls = []
+        for key, session in self.sessions.items():
+            with tabs.add_tab(_title(session)):
+                self._controls.append(Controls(self.server, session, key, folder))
+        with gui.add_folder("what happened"):
+            self._events = gui.add_html("")
+        gui.main_panel.dock_right()
+        panel = gui.add_panel()
+        titles = {key: _title(session) for key, session in self.sessions.items()}
+        arms = dict.fromkeys(
+            part.name for session in self.sessions.values() for part in session.robot.parts
+            if part.kind == "arm"
+        )  # fmt: skip
+        with panel.add_tab("last seconds"):
+            self._plots = Plots(self.server, titles, tuple(arms))
+        panel.dock_left()
+        panel.set_width(330)
+
+    def _set_pace(self, pace: float) -> None:
+        for session in self.sessions.values():
+            session.pace = pace
+
+    def _tell(self) -> None:
+        told: list[tuple[str, float, str]] = []
+        for key, session in self.sessions.items():
+            report = session.report
+            loop = (
+                f"loop: {report.ticks} periods, {report.overruns} overruns, "
+                f"work {1e3 * report.work.quantile(0.5):.2f} ms" if session.armed else ""
+            )  # fmt: skip
+            _set(self._badges[key], badge(_title(session), session.view, session.ended, loop))
+            told += [(_title(session), stamp, words) for stamp, words in list(session.events)[-6:]]
+        _set(self._events, event_list(sorted(told, key=lambda event: -event[1])[:8]))
+
+
+def _set(handle: viser.GuiHtmlHandle, content: str) -> None:
+    if handle.content != content:
+        handle.content = content
+
+
+def _by_key(sessions: Sequence[Session]) -> dict[str, Session]:
+    found: dict[str, Session] = {}
+    for session in sessions:
+        key, number = session.robot.name, 2
+        while key in found:
+            key, number = f"{session.robot.name}-{number}", number + 1
+        found[key] = session
+    return found
+
+
+def _title(session: Session) -> str:
+    return (session.robot.title or session.robot.name).split()[0]

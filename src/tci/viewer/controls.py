@@ -1,0 +1,145 @@
+"""What a person can do to one robot: its posture, faults, reset, recording."""
+
+from __future__ import annotations
+
+import time
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import viser
+
+from tci.errors import TciError
+from tci.middleware.injectors import INJECTORS
+from tci.middleware.query import generic_limits
+from tci.model.generic_arm import JOINTS
+from tci.recording.names import inside
+from tci.viewer.session import Session
+
+LEFT_OUT = ("sigterm",)
+"""Faults that would end the viewer itself."""
+MINE = 1.0
+"""How long [s] a slider stays where a person put it before it follows the robot again. Ours."""
+STEP = 0.5
+"""Finest step of a slider [deg]."""
+FULL_TURN = 180.0
+
+
+class Controls:
+    """The controls of one session, inside the container that is open."""
+
+    def __init__(self, server: viser.ViserServer, session: Session, key: str, folder: Path) -> None:
+        """Recordings go into `folder`."""
+        self._gui = server.gui
+        self._session = session
+        self._key = key
+        self._folder = folder
+        self._sliders: dict[str, list[tuple[int, viser.GuiSliderHandle[float]]]] = {}
+        self._touched: dict[str, float] = {}
+        self._add_posture()
+        self._add_faults()
+        self._add_recording()
+
+    def update(self) -> None:
+        """Let the sliders follow the robot, unless a person has them."""
+        view = self._session.view
+        if view is None:
+            return
+        now = time.monotonic()
+        for part, sliders in self._sliders.items():
+            if now - self._touched.get(part, -np.inf) < MINE or part not in view.posture:
+                continue
+            degrees = np.rad2deg(view.posture[part])
+            for joint, slider in sliders:
+                value = float(np.clip(round(degrees[joint] / STEP) * STEP, slider.min, slider.max))
+                if abs(value - slider.value) > 1e-6:
+                    slider.value = value  # type: ignore[misc] # viser's types say read-only
+
+    def _add_posture(self) -> None:
+        robot = self._session.robot
+        for part in robot.parts:
+            if part.kind != "arm":
+                continue
+            sliders: list[tuple[int, viser.GuiSliderHandle[float]]] = []
+            with self._gui.add_folder(part.name.replace("_", " "), expand_by_default=part.side == "left"):
+                for joint, limit in enumerate(generic_limits(robot, part.name)):
+                    if part.servos[joint].servo is None:
+                        continue
+                    low = -FULL_TURN if limit.lower is None else float(np.rad2deg(limit.lower))
+                    high = FULL_TURN if limit.upper is None else float(np.rad2deg(limit.upper))
+                    start = float(np.clip(np.rad2deg(part.initial_posture[joint]), low, high))
+                    name = JOINTS[joint] if joint < len(JOINTS) else limit.joint
+                    slider = self._gui.add_slider(
+                        f"{name.replace('_', ' ')} [deg]", low, high, STEP, start,
+                        disabled=not self._session.armed,
+                    )  # fmt: skip
+                    slider.on_update(partial(self._moved, part.name))
+                    sliders.append((joint, slider))
+            self._sliders[part.name] = sliders
+        buttons = self._gui.add_button_group("arms", ("Home", "Reset"), disabled=not self._session.armed)
+
+        @buttons.on_click
+        def _(event: viser.GuiEvent[Any]) -> None:
+            if event.target.value == "Home":
+                self._session.home()
+            else:
+                self._session.reset()
+
+    def _moved(self, part: str, event: viser.GuiEvent[Any]) -> None:
+        view = self._session.view
+        if event.client is None or view is None:
+            return  # the viewer itself has set it
+        self._touched[part] = time.monotonic()
+        posture = np.array(view.posture[part])
+        for joint, slider in self._sliders[part]:
+            posture[joint] = np.deg2rad(slider.value)
+        self._session.move(part, posture)
+
+    def _add_faults(self) -> None:
+        names = [name for name in INJECTORS if name not in LEFT_OUT]
+        with self._gui.add_folder("faults", expand_by_default=False):
+            menu = self._gui.add_dropdown("fault", names)
+            lasts = self._gui.add_number("for [s]", 1.0, min=0.1, max=600.0, step=0.1)
+            says = self._gui.add_markdown(INJECTORS[names[0]].says)
+            button = self._gui.add_button("Inject", disabled=not self._session.armed)
+
+        @menu.on_update
+        def _(_: object) -> None:
+            says.content = INJECTORS[menu.value].says
+
+        @button.on_click
+        def _(_: object) -> None:
+            self._session.inject(menu.value, lasts=float(lasts.value))
+
+    def _add_recording(self) -> None:
+        with self._gui.add_folder("recording", expand_by_default=False):
+            name = self._gui.add_text("file", self._free_name())
+            button = self._gui.add_button("Record", color="red")
+            told = self._gui.add_markdown(f"goes to `{self._folder}`")
+
+        @button.on_click
+        def _(_: object) -> None:
+            try:
+                if self._session.recorder is None:
+                    path = inside(self._folder, name.value)
+                    self._folder.mkdir(parents=True, exist_ok=True)
+                    self._session.record(path)
+                    button.label, told.content = "Stop recording", f"recording to `{path}`"
+                else:
+                    button.disabled, told.content = True, "packing ..."
+                    recorder = self._session.stop_recording()
+                    button.disabled, button.label = False, "Record"
+                    if recorder is not None:
+                        size = recorder.path.stat().st_size / 1e6
+                        words = recorder.failed or f"{recorder.ticks} periods, {size:.2f} MB"
+                        told.content = f"`{recorder.path}`: {words}"
+                    name.value = self._free_name()  # type: ignore[misc]
+            except (TciError, OSError) as error:
+                told.content = f"**{error}**"
+
+    def _free_name(self) -> str:
+        number = 1
+        while (self._folder / f"{self._key}-{number}.mcap").exists():
+            number += 1
+        return f"{self._key}-{number}.mcap"

@@ -1,0 +1,271 @@
+"""One robot in the scene: its links, its skin coloured by pressure, contacts, the finger."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+import mujoco
+import numpy as np
+import viser
+
+from tci.capabilities.fields import ReceptiveField
+from tci.errors import DescriptionError, Fault
+from tci.frames import Array, apply, invert, rotation_z, transform
+from tci.interface.generic_limb import generic_limb_distance
+from tci.interface.skin import Skin
+from tci.messages import JointReading
+from tci.model.collisions import NO_MODEL, solid_spec
+from tci.model.description import Robot
+from tci.model.generic_arm import SEGMENTS
+from tci.simulation.finger import RADIUS
+from tci.simulation.paint import FIELD_COLOURS, FULL_SCALE, SKIN_COLOUR, pressure_colours
+from tci.viewer.meshes import body_meshes
+from tci.viewer.view import View
+
+# All looks are ours.
+FADE = 0.15
+"""Time constant [s] with which a shown pressure fades: a touch of 50 ms would not be seen."""
+ARROW = 0.02
+"""Length of a contact's arrow [m/N]."""
+LONGEST = 0.15
+"""Of an arrow [m]."""
+GAMMA = 2.2
+"""viser takes the colours of a batch as linear light."""
+TINT = 0.6
+"""How strongly a receptive field tints its taxels."""
+MOVED = 1e-5
+"""A body that moved less than this [m, or share of a turn] is not sent again."""
+TURNED = np.deg2rad(1.0)
+"""How far a joint turns [rad] before the fields are found anew."""
+_INK = (225, 60, 50)
+_FINGER = (215, 140, 115)
+
+
+class Figure:
+    """Draws the views of one robot. One thread uses it."""
+
+    def __init__(self, server: viser.ViserServer, robot: Robot, key: str) -> None:
+        """Add the robot as `key`. Raises DescriptionError for one without a model."""
+        if robot.model is None:
+            raise DescriptionError(robot.source, [Fault(0, NO_MODEL)])
+        self.robot = robot
+        self.skin = Skin(robot)
+        self._server = server
+        self._model = solid_spec(robot).compile()
+        self._data = mujoco.MjData(self._model)
+        self._addresses = [
+            (servo.index, int(self._model.joint(servo.joint).qposadr[0]))
+            for servo in robot.servos
+            if servo.joint is not None
+        ]
+        self._torso_body = self._model.body(robot.model.torso_link).id
+        self._T_LT = robot.model.T_LT
+        self._links = {name: self._model.body(s.link).id for name, s in self.skin.surfaces.items()}
+        self._move(robot.initial_position)
+        self._root = server.scene.add_frame(f"/{key}", show_axes=False)
+        covered = set(self._links.values())
+        meshes = body_meshes(self._model, covered)
+        self._turn = self._facing()
+        low, high = self._extent()
+        middle = (low + high) / 2.0
+        self.width, self.height = float(high[1] - low[1]), float(high[2] - low[2])
+        """Of the robot [m]."""
+        self._standing = -np.array([middle[0], middle[1], low[2]])
+        self.T_SW = transform(self._turn, self._standing)
+        """The model's world in the scene (4, 4)."""
+        self.stand(0.0)
+        self._bodies: dict[int, viser.FrameHandle] = {}
+        self._sent: dict[int, Array] = {}
+        for body in sorted(covered | {mesh.body for mesh in meshes}):
+            self._bodies[body] = server.scene.add_frame(f"/{key}/{body}", show_axes=False)
+        for index, mesh in enumerate(meshes):
+            server.scene.add_mesh_simple(
+                f"/{key}/{mesh.body}/mesh{index}",
+                mesh.vertices, mesh.faces, color=mesh.colour,
+                flat_shading=len(mesh.faces) > 4000, cast_shadow=False, receive_shadow=False,
+            )  # fmt: skip
+        self._taxels = {name: self._add_taxels(key, name) for name in self.skin.surfaces}
+        self._shown = {name: np.zeros(len(s.positions)) for name, s in self.skin.surfaces.items()}
+        self._tints: dict[str, Array] = {}
+        self._fields: tuple[ReceptiveField, ...] = ()
+        self._tinted: Array | None = None
+        self._drawn: dict[str, bytes] = {}
+        self._before = time.monotonic()
+        self._arrows = server.scene.add_arrows(
+            f"/{key}/contacts", np.zeros((1, 2, 3)), _INK,
+            shaft_radius=0.0025, head_radius=0.007, head_length=0.016, visible=False,
+        )  # fmt: skip
+        self._finger = server.scene.add_frame(f"/{key}/finger", show_axes=False, visible=False)
+        server.scene.add_icosphere(f"/{key}/finger/tip", RADIUS, color=_FINGER, cast_shadow=False)
+        server.scene.add_cylinder(
+            f"/{key}/finger/shaft", RADIUS, 0.06, color=_FINGER, opacity=0.7, position=(0.0, 0.0, -0.03),
+            cast_shadow=False,
+        )  # fmt: skip
+        name = (robot.title or robot.name).split()[0]
+        above = self._turn.T @ np.array([middle[0], middle[1], high[2] + 0.06])
+        server.scene.add_label(f"/{key}/name", name, position=above)
+        self._pose_bodies()
+        self._draw_taxels(robot.initial_position)
+
+    def stand(self, y: float) -> None:
+        """Put the robot on the floor, its middle `y` [m] to its left."""
+        self.T_SW = transform(self._turn, self._standing + np.array([0.0, y, 0.0]))
+        self._root.position = self.T_SW[:3, 3]
+        self._root.wxyz = _quaternion(self._turn)
+
+    def show_fields(self, fields: Sequence[ReceptiveField]) -> None:
+        """The receptive fields that tint the skin; none for no tint."""
+        self._fields = tuple(fields)
+        self._tinted = None
+
+    def show(self, view: View) -> None:
+        """Draw a view; only what changed is sent."""
+        position = view.joints.position
+        self._move(position)
+        now = time.monotonic()
+        share = float(np.exp(-(now - self._before) / FADE))
+        self._before = now
+        for name, shown in self._shown.items():
+            felt = view.pressure.get(name)
+            shown *= share
+            shown[shown < 0.002 * FULL_SCALE] = 0.0
+            if felt is not None:
+                np.maximum(shown, felt, out=shown)
+        with self._server.atomic():
+            self._pose_bodies()
+            self._draw_taxels(position)
+            self._draw_contacts(view)
+            self._finger.visible = view.finger is not None
+            if view.finger is not None:
+                self._finger.position = view.finger[:3, 3]
+                self._finger.wxyz = _quaternion(view.finger[:3, :3])
+
+    def pose(self, link: str) -> Array:
+        """`T_SL` (4, 4): a link in the scene, as shown. For one thread as all else."""
+        pose: Array = self.T_SW @ self._pose(self._model.body(link).id)
+        return pose
+
+    def distance(self, origin: Array, direction: Array) -> float:
+        """Distance [m] at which a ray of the scene meets a link as shown; infinite where it meets none."""
+        groups = np.array([1, 1, 1, 0, 0, 0], dtype=np.uint8)
+        geom = np.zeros(1, dtype=np.int32)
+        T_WS = invert(self.T_SW)
+        start, along = apply(T_WS, origin), T_WS[:3, :3] @ direction
+        found = mujoco.mj_ray(self._model, self._data, start, along, groups, 1, -1, geom, None)
+        return float(found) if found >= 0.0 else np.inf
+
+    def _move(self, position: Array) -> None:
+        for servo, address in self._addresses:
+            self._data.qpos[address] = position[servo]
+        mujoco.mj_kinematics(self._model, self._data)
+
+    def _pose(self, body: int) -> Array:
+        return transform(self._data.xmat[body].reshape(3, 3), np.array(self._data.xpos[body]))
+
+    def _facing(self) -> Array:
+        """`R_SW` (3, 3): the turn around z after which the torso looks along x."""
+        forward = (self._pose(self._torso_body) @ self._T_LT)[:3, 0]
+        return rotation_z(-float(np.arctan2(forward[1], forward[0])))
+
+    def _extent(self) -> tuple[Array, Array]:
+        """Lowest and highest coordinates (3,) [m] of what is shown of the model at its present posture."""
+        reach = self._model.geom_rbound[:, None]
+        shown = (self._model.geom_group < 3) & (self._model.geom_rbound > 0.0)
+        rotation = self._turn @ self._data.geom_xmat.reshape(-1, 3, 3)
+        boxes = self._model.geom_aabb
+        across = np.minimum(np.einsum("gij,gj->gi", np.abs(rotation), boxes[:, 3:]), reach)
+        centre = self._data.geom_xpos @ self._turn.T + np.einsum("gij,gj->gi", rotation, boxes[:, :3])
+        return (centre - across)[shown].min(axis=0), (centre + across)[shown].max(axis=0)
+
+    def _pose_bodies(self) -> None:
+        for body, frame in self._bodies.items():
+            pose = np.concatenate([self._data.xpos[body], self._data.xquat[body]])
+            before = self._sent.get(body)
+            if before is None or np.abs(pose - before).max() > MOVED:
+                frame.position, frame.wxyz = pose[:3], pose[3:]
+                self._sent[body] = pose
+
+    def _add_taxels(self, key: str, name: str) -> viser.BatchedMeshHandle:
+        surface = self.skin.surfaces[name]
+        body = self._links[name]
+        dark = np.round(255.0 * np.array(SKIN_COLOUR)).astype(np.uint8)
+        self._server.scene.add_mesh_simple(
+            f"/{key}/{body}/{name}_skin", surface.positions, surface.faces, color=dark,
+            side="double", cast_shadow=False, receive_shadow=False,
+        )  # fmt: skip
+        disc, faces = _disc(0.52 * float(np.sqrt(np.median(surface.areas))))
+        return self._server.scene.add_batched_meshes_simple(
+            f"/{key}/{body}/{name}_taxels", disc, faces,
+            np.array([_towards(normal) for normal in surface.normals]),
+            surface.positions + 0.0008 * surface.normals,
+            batched_colors=np.zeros((len(surface.positions), 3), dtype=np.uint8),
+            lod="off", side="double", cast_shadow=False, receive_shadow=False,
+        )  # fmt: skip
+
+    def _draw_taxels(self, position: Array) -> None:
+        if self._tinted is None or np.abs(position - self._tinted).max() > TURNED:
+            self._tint(position)
+        for name, handle in self._taxels.items():
+            felt = self._shown[name]
+            weight = np.clip(felt / FULL_SCALE * 8.0, 0.0, 1.0)[:, None]
+            colours = self._tints[name] * (1.0 - weight) + weight * pressure_colours(felt, FULL_SCALE)
+            sent = np.round(255.0 * colours**GAMMA).astype(np.uint8)
+            if self._drawn.get(name) != (raw := sent.tobytes()):
+                handle.batched_colors = sent
+                self._drawn[name] = raw
+
+    def _tint(self, position: Array) -> None:
+        """Colours of the taxels at rest: those of the receptive field that they lie in."""
+        joints = JointReading(0.0, 0, position, np.zeros_like(position))
+        rest = np.array([0.42, 0.45, 0.50])
+        for name, surface in self.skin.surfaces.items():
+            colours = self._tints[name] = np.repeat(rest[None], len(surface.positions), axis=0)
+            if self.robot.patch(name).segment not in SEGMENTS:
+                continue
+            u, theta, _ = self.skin.limb(name, joints)
+            nearest = np.full(len(u), np.inf)
+            for index, field in enumerate(self._fields):
+                if field.segment != self.robot.patch(name).segment:
+                    continue
+                away = generic_limb_distance(u, theta, field.u, field.theta)
+                inside = (away < field.radius) & (away < nearest)
+                nearest[inside] = away[inside]
+                colour = np.array(FIELD_COLOURS[index % len(FIELD_COLOURS)])
+                colours[inside] = rest + TINT * (colour - rest)
+        self._tinted = np.array(position)
+
+    def _draw_contacts(self, view: View) -> None:
+        self._arrows.visible = bool(view.contacts)
+        if not view.contacts:
+            return
+        T_WT = self._pose(self._torso_body) @ self._T_LT
+        points = []
+        for contact in view.contacts:
+            force = T_WT[:3, :3] @ contact.f_T
+            length = min(ARROW * contact.force, LONGEST)
+            tip = apply(T_WT, contact.p_T)
+            size = max(float(np.linalg.norm(force)), 1e-9)
+            points.append([tip - length * force / size, tip])
+        self._arrows.points = np.array(points, dtype=np.float32)
+
+
+def _disc(radius: float) -> tuple[Array, np.ndarray]:
+    """A hexagon of `radius` [m] across z."""
+    angle = np.arange(6) * np.pi / 3.0
+    rim = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(6)])
+    faces = np.array([[0, k, k + 1] for k in range(1, 5)])
+    return rim, faces
+
+
+def _towards(normal: Array) -> Array:
+    """Quaternion (4,) that turns z to `normal`."""
+    quaternion = np.zeros(4)
+    mujoco.mju_quatZ2Vec(quaternion, normal)
+    return quaternion
+
+
+def _quaternion(rotation: Array) -> Array:
+    quaternion = np.zeros(4)
+    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(rotation).ravel())
+    return quaternion

@@ -1,0 +1,157 @@
+"""Who may look: the web server answers to its own page only, and from elsewhere only with a token.
+
+A page of somebody else in the same browser could talk to a server on the loopback, by its own name or
+through DNS rebinding. So every request must name a host that is this machine, and every web socket must
+come from a page of that host.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import logging
+import os
+import secrets
+import socket
+import threading
+from collections.abc import Callable
+from contextlib import redirect_stdout
+from http import HTTPStatus
+from io import StringIO
+from typing import Any
+from urllib.parse import parse_qs, urlsplit
+
+import viser
+import websockets.asyncio.server
+from websockets.datastructures import Headers, MultipleValuesError
+from websockets.http11 import Request, Response
+
+from tci.errors import LinkError, TciError
+
+LOOPBACK = ("127.0.0.1", "::1", "localhost")
+_patching = threading.Lock()
+
+Answer = Callable[[Any, Request], Response | None]
+
+
+class Guard:
+    """Judges requests before anything else sees them."""
+
+    def __init__(self, host: str, token: str) -> None:
+        """`host` that the server listens on; `token` that everybody needs, empty for none."""
+        self.local = host in LOOPBACK
+        self.token = token
+        self.refused = 0
+        """Requests that were refused."""
+        self._names = {"localhost"} if self.local else {"localhost", host, socket.gethostname()}
+        self._cookie = f"tci_{secrets.token_hex(4)}"
+
+    def wrap(self, answer: Answer) -> Answer:
+        """`answer`, for those requests only that may pass."""
+
+        def judge(connection: Any, request: Request) -> Response | None:
+            reason = self.refusal(request)
+            if reason:
+                self.refused += 1
+                body = f"{reason}\n".encode()
+                headers = Headers({"Content-Type": "text/plain", "Content-Length": str(len(body))})
+                return Response(HTTPStatus.FORBIDDEN, "Forbidden", headers, body)
+            response = answer(connection, request)
+            if response is not None:
+                response.headers["X-Frame-Options"] = "DENY"
+                response.headers["Referrer-Policy"] = "no-referrer"
+                if self.token and _query_token(request):
+                    cookie = f"{self._cookie}={self.token}; HttpOnly; SameSite=Strict; Path=/"
+                    response.headers["Set-Cookie"] = cookie
+            return response
+
+        return judge
+
+    def refusal(self, request: Request) -> str:
+        """Why a request may not pass; empty when it may."""
+        try:
+            host, origin = request.headers.get("Host"), request.headers.get("Origin")
+            socket_wanted = (request.headers.get("Upgrade") or "").lower() == "websocket"
+            cookies = request.headers.get("Cookie") or ""
+        except MultipleValuesError:
+            return "a header came twice"
+        if host is None or not self._is_here(host):
+            return "this host name is not the viewer's"
+        if (origin is not None or socket_wanted) and origin not in (f"http://{host}", f"https://{host}"):
+            return "this page is not the viewer's"
+        if self.token and not self._knows_token(_query_token(request), cookies):
+            return "a token is needed: open the whole address that tci view printed"
+        return ""
+
+    def _is_here(self, host: str) -> bool:
+        """Whether a Host header names this machine. An address has no DNS that could be rebound."""
+        try:
+            name = urlsplit(f"//{host}").hostname or ""
+        except ValueError:
+            return False
+        if name in self._names:
+            return True
+        try:
+            address = ipaddress.ip_address(name)
+        except ValueError:
+            return False
+        return address.is_loopback or not self.local
+
+    def _knows_token(self, query: str, cookies: str) -> bool:
+        given = [query]
+        for cookie in cookies.split(";"):
+            name, _, value = cookie.strip().partition("=")
+            if name == self._cookie:
+                given.append(value)
+        return any(secrets.compare_digest(text.encode(), self.token.encode()) for text in given)
+
+
+def close_server(server: viser.ViserServer) -> None:
+    """Close the page without a word."""
+    with redirect_stdout(StringIO()):
+        server.stop()
+
+
+def _query_token(request: Request) -> str:
+    return parse_qs(urlsplit(request.path).query).get("token", [""])[0]
+
+
+def open_server(host: str, port: int, *, label: str) -> tuple[viser.ViserServer, Guard, str]:
+    """A viser server behind a guard, the guard, and the address to open.
+
+    Off the loopback a token is made. Raises LinkError for a port that is taken or a host that is not
+    this machine's.
+    """
+    # Strangers' broken requests are refused by the library; users need no traceback of each.
+    logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
+    guard = Guard(host, "" if host in LOOPBACK else secrets.token_urlsafe(24))
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        listener = socket.create_server((host, port), family=family)
+    except OSError as error:
+        raise LinkError(
+            f"port {port} of {host}: {os.strerror(error.errno or 0)}; valid: a free port, or 0"
+        ) from error
+    bound = listener.getsockname()[1]
+    serve = websockets.asyncio.server.serve
+    guarded: list[bool] = []
+
+    def serve_guarded(
+        handler: Any, _host: str, _port: int, *, process_request: Answer, **options: Any
+    ) -> Any:
+        guarded.append(True)
+        return serve(handler, sock=listener, process_request=guard.wrap(process_request), **options)
+
+    # viser has no place for a check of its own, and takes the next port when one is taken.
+    with _patching:
+        websockets.asyncio.server.serve = serve_guarded  # type: ignore[assignment,misc]
+        try:
+            with redirect_stdout(StringIO()):  # its banner names an address without the token
+                server = viser.ViserServer(host=host, port=bound, label=label, verbose=False)
+        finally:
+            websockets.asyncio.server.serve = serve  # type: ignore[misc]
+    if not guarded:
+        server.stop()
+        raise TciError("this version of viser opens its server unguarded; install the one that tci names")
+    shown = f"[{host}]" if ":" in host else {"0.0.0.0": socket.gethostname()}.get(host, host)
+    suffix = f"/?token={guard.token}" if guard.token else ""
+    return server, guard, f"http://{shown}:{bound}{suffix}"

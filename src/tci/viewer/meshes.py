@@ -1,0 +1,98 @@
+"""The shapes of a robot's links as triangles, light enough for a browser."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from tci.frames import Array, transform
+from tci.simulation.paint import SKIN_COLOUR
+from tci.simulation.render import model_colours
+
+CELL = 0.003
+"""Vertices within a cube of this size [m] become one. Ours: an iCub's 270 000 triangles become a tenth."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BodyMesh:
+    """Triangles of one colour on one body."""
+
+    body: int
+    """Body of the MuJoCo model."""
+    vertices: Array
+    """Corners (n, 3) [m] in the body's frame."""
+    faces: NDArray[np.intp]
+    """Triangles (m, 3)."""
+    colour: tuple[int, int, int]
+    """Red, green, blue, 0 to 255."""
+
+
+def body_meshes(model: mujoco.MjModel, covered: set[int]) -> list[BodyMesh]:
+    """What is shown of a model. Bodies in `covered` carry skin and have its colour."""
+    colours = model_colours(model)
+    found: dict[tuple[int, tuple[int, int, int]], list[tuple[Array, NDArray[np.intp]]]] = {}
+    for geom in range(model.ngeom):
+        if colours[geom, 3] <= 0.0:
+            continue
+        shape = _triangles(model, geom)
+        if shape is None:
+            continue
+        vertices, faces = shape
+        rotation = np.zeros(9)
+        mujoco.mju_quat2Mat(rotation, model.geom_quat[geom])
+        vertices = vertices @ rotation.reshape(3, 3).T + model.geom_pos[geom]
+        body = int(model.geom_bodyid[geom])
+        colour = SKIN_COLOUR if body in covered else colours[geom, :3]
+        red, green, blue = (round(255 * float(value)) for value in colour)
+        found.setdefault((body, (red, green, blue)), []).append((vertices, faces))
+    return [BodyMesh(body, *_lighter(*_joined(shapes)), colour) for (body, colour), shapes in found.items()]
+
+
+def _triangles(model: mujoco.MjModel, geom: int) -> tuple[Array, NDArray[np.intp]] | None:
+    """Vertices (n, 3) and faces (m, 3) of a geom in its own frame; None for what has no shape here."""
+    kind, size = int(model.geom_type[geom]), model.geom_size[geom]
+    kinds = mujoco.mjtGeom
+    if kind == kinds.mjGEOM_MESH:
+        mesh = int(model.geom_dataid[geom])
+        first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+        begin, faces = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
+        return np.array(model.mesh_vert[first : first + count], dtype=float), np.array(
+            model.mesh_face[begin : begin + faces], dtype=np.intp
+        )
+    if kind == kinds.mjGEOM_BOX:
+        shape = trimesh.creation.box(extents=2.0 * size)
+    elif kind == kinds.mjGEOM_SPHERE:
+        shape = trimesh.creation.icosphere(subdivisions=3, radius=float(size[0]))
+    elif kind == kinds.mjGEOM_ELLIPSOID:
+        shape = trimesh.creation.icosphere(subdivisions=3, radius=1.0)
+        shape.apply_transform(transform(np.diag(size), np.zeros(3)))
+    elif kind == kinds.mjGEOM_CAPSULE:
+        shape = trimesh.creation.capsule(height=2.0 * float(size[1]), radius=float(size[0]), count=[24, 24])
+    elif kind == kinds.mjGEOM_CYLINDER:
+        shape = trimesh.creation.cylinder(radius=float(size[0]), height=2.0 * float(size[1]), sections=32)
+    else:
+        return None
+    return np.asarray(shape.vertices, dtype=float), np.asarray(shape.faces, dtype=np.intp)
+
+
+def _joined(shapes: list[tuple[Array, NDArray[np.intp]]]) -> tuple[Array, NDArray[np.intp]]:
+    starts = np.cumsum([0] + [len(vertices) for vertices, _ in shapes[:-1]])
+    faces = [faces + start for start, (_, faces) in zip(starts, shapes, strict=True)]
+    return np.concatenate([vertices for vertices, _ in shapes]), np.concatenate(faces)
+
+
+def _lighter(vertices: Array, faces: NDArray[np.intp]) -> tuple[Array, NDArray[np.intp]]:
+    """Fewer triangles: the vertices in each cube of `CELL` become their mean (Rossignac and Borrel 1993)."""
+    if len(faces) < 4000:
+        return vertices, faces
+    _, cell = np.unique(np.floor(vertices / CELL).astype(np.int64), axis=0, return_inverse=True)
+    cell = cell.ravel()
+    count = np.bincount(cell)
+    means = np.stack([np.bincount(cell, vertices[:, axis]) / count for axis in range(3)], axis=1)
+    merged = cell[faces]
+    flat = (merged[:, 0] == merged[:, 1]) | (merged[:, 1] == merged[:, 2]) | (merged[:, 2] == merged[:, 0])
+    return means, np.unique(merged[~flat], axis=0)

@@ -1,0 +1,295 @@
+"""One robot that goes on in a thread of its own: the loop, what a person wants of it, what is seen of it."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from typing import Any
+
+import numpy as np
+
+from tci.capabilities.capability import Capability
+from tci.errors import CommandError, TciError
+from tci.interface.body import Body
+from tci.interface.gate import GateState
+from tci.interface.places import Place
+from tci.messages import GenericCommand, Mode
+from tci.middleware.faulty import FaultPlan, FaultyLink
+from tci.middleware.link import Link
+from tci.middleware.simulated import SimulatedLink
+from tci.recording.recorder import Recorder
+from tci.runtime.loop import Tick, run
+from tci.runtime.loop_report import LoopReport
+from tci.simulation.finger import STIFFNESS
+from tci.viewer.steered import Steered
+from tci.viewer.view import History, View
+from tci.viewer.words import touch
+
+AHEAD = 0.03
+"""How far [s] a simulation may run ahead of real time before it waits. Ours."""
+LATE = 0.1
+"""How far [s] it may fall behind before it stops catching up. Ours."""
+FRESH = 0.01
+"""Time [s] between two views, unless something happened."""
+IDLE = 0.02
+"""Time [s] between two looks at a robot whose loop has ended. Ours."""
+QUIET = 0.3
+"""A touch or a command is news after this time [s] without one. Ours."""
+GAP = 0.01
+"""Distance [m] from which a poke comes. Ours."""
+LEAVE, STAY = 0.3, 1.5
+"""How long [s] after the touch ended, or began, the finger goes away. Ours."""
+
+
+class _Closed(Exception):
+    """The session is over: the loop brings the robot to rest and ends."""
+
+
+class Session:
+    """A robot, live or simulated. Methods may be called from any thread."""
+
+    def __init__(self, link: Link, capability: Capability[Any], *, about: dict[str, str]) -> None:
+        """`about` goes into recordings. `start` begins; `close` ends."""
+        self.robot = link.robot
+        self.link = FaultyLink(link, [])
+        self.world = link.world if isinstance(link, SimulatedLink) else None
+        self.armed = link.armed
+        self.view: View | None = None
+        """The latest view."""
+        self.history = History()
+        self.report = LoopReport()
+        self.events: deque[tuple[float, str]] = deque(maxlen=50)
+        """What happened, in words, with its time [s]."""
+        self.ended = ""
+        """Why the loop ended; empty while it runs."""
+        self.pace = 1.0
+        """Seconds of simulation per second; 0 for a pause. A live robot takes no notice."""
+        self.pokes = 0
+        """Pokes that began."""
+        self.recorder: Recorder | None = None
+        self._about = about
+        self.capability = capability
+        self._steered = Steered(capability)
+        self._inbox: SimpleQueue[Callable[[], None]] = SimpleQueue()
+        self._again, self._closing = threading.Event(), threading.Event()
+        self._recording = threading.Lock()
+        self._noted: dict[str, float] = {}
+        self._due: tuple[float, float] | None = None
+        self._leave = np.inf
+        self._state: tuple[GateState, str] = (GateState.RUN, "")
+        self._thread = threading.Thread(target=self._work, name=f"loop of {self.robot.name}", daemon=True)
+
+    def start(self) -> None:
+        """Begin the loop."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """Bring the robot to rest, end the loop, close recording and link."""
+        self._closing.set()
+        self._again.set()
+        if self._thread.ident is not None:
+            self._thread.join(timeout=5.0)
+        self.stop_recording()
+        self.link.close()
+
+    def post(self, action: Callable[[], None]) -> None:
+        """Do something between two periods, in the loop's thread. What it raises becomes an event."""
+        self._inbox.put(action)
+
+    def poke(self, place: Place, *, force: float, speed: float) -> None:
+        """Let the finger press the skin with up to `force` [N], arriving at `speed` [m/s].
+
+        Raises CommandError for a robot that is not simulated.
+        """
+        world = self.world
+        if world is None:
+            raise CommandError(f"{self.robot.name} is not simulated, so there is no finger")
+
+        def begin() -> None:
+            world.finger.retire()
+            depth = force / STIFFNESS
+            world.finger.poke(place.patch, place.p_L, place.n_L, speed=speed, depth=depth, gap=GAP)
+            self._leave = world.time + STAY + GAP / speed
+            self.pokes += 1
+            self.say(f"poke of {place.patch}: up to {force:g} N at {speed:g} m/s")
+
+        self.post(begin)
+
+    def move(self, part: str, posture: np.ndarray) -> None:
+        """Send a generic part to a posture (n,) [rad], through the gate."""
+        self._steered.orders.put(GenericCommand(part, Mode.POSITION, np.array(posture, dtype=float)))
+
+    def home(self) -> None:
+        """Send every part to its initial posture."""
+        for part in self.robot.parts:
+            if any(servo.servo is not None for servo in part.servos):
+                self.move(part.name, part.initial_posture)
+
+    def inject(self, name: str, *, lasts: float) -> None:
+        """Let a fault happen now for `lasts` [s]."""
+        plan = FaultPlan(name, 0.0, lasts)
+
+        def begin() -> None:
+            self.link.inject(plan)
+            self.say(f"fault: {plan}")
+
+        self.post(begin)
+
+    def reset(self) -> None:
+        """For an operator: leave STOP, or begin again after the loop ended."""
+        if self.ended:
+            self.link.gate.reset()
+            self._again.set()
+        else:
+            self.post(self.link.gate.reset)
+        self.say("reset by the operator")
+
+    def record(self, path: Path) -> None:
+        """Record from now on. Raises RecordingError."""
+        about = {"recorded_by": "tci view", **self._about}
+        middleware = self._about.get("middleware", "sim")
+        self.recorder = Recorder(
+            path, self.robot, middleware=middleware, period=self.link.period, about=about
+        )
+        self.say(f"recording to {path}")
+
+    def stop_recording(self) -> Recorder | None:
+        """Close the recording; the one that was closed. Packing it does not hold up the loop."""
+        with self._recording:
+            recorder, self.recorder = self.recorder, None
+        if recorder is not None:
+            recorder.close()
+            self.say(f"recorded {recorder.path}: {recorder.failed or f'{recorder.ticks} periods'}")
+        return recorder
+
+    def say(self, words: str) -> None:
+        """Note an event."""
+        self.events.append((self.view.time if self.view else 0.0, words))
+
+    def _work(self) -> None:
+        while not self._closing.is_set():
+            self.ended = ""
+            self._due = None
+            try:
+                if self.armed:
+                    run(self.link, self._steered, observe=self._see, report=self.report)
+                else:
+                    self._watch()
+            except _Closed:
+                return
+            except Exception as error:
+                self._again.clear()
+                self.ended = f"{type(error).__name__}: {error}"
+                self.say(f"the loop ended: {self.ended}")
+                while not (self._closing.is_set() or self._again.wait(IDLE)):
+                    if self.world is not None:
+                        self.world.advance(self.world.time + IDLE * self.pace)
+
+    def _watch(self) -> None:
+        """A robot that nobody commands from here."""
+        body = Body(self.robot)
+        for now in self.link.ticks():
+            reading = self.link.read()
+            perception = body.perceive(reading, now)
+            with self._recording:
+                if self.recorder is not None:
+                    self.recorder.tick(now, reading)
+            felt = {name: patch.pressure for name, patch in body.skin.state.patches.items()}
+            self._publish(
+                View(now, reading.joints, perception.posture, felt, perception.contacts, None, "", 0.0)
+            )
+            self._between(now)
+
+    def _see(self, tick: Tick) -> None:
+        with self._recording:
+            if self.recorder is not None:
+                self.recorder.tick(tick.now, tick.reading, tick.commands, tick.sent)
+        sent = tick.sent
+        state = (sent.state, sent.reason)
+        if state[0] is not self._state[0]:
+            self.say(f"{sent.state.name}: {sent.reason or 'commands pass again'}")
+        for refusal in sent.refusals:
+            if not sent.reason:
+                self.say(f"refused: {refusal}")
+        self._tell_moves(tick)
+        changed, self._state = state != self._state, state
+        if not changed and self.view is not None and 0.0 <= tick.now - self.view.time < FRESH:
+            self._between(tick.now)
+            return
+        self._publish(
+            View(
+                time=tick.now,
+                joints=tick.reading.joints,
+                posture=tick.perception.posture,
+                pressure={name: patch.pressure for name, patch in tick.skin.patches.items()},
+                contacts=tick.perception.contacts,
+                state=sent.state,
+                reason=sent.reason,
+                response=float(np.abs(sent.velocity).max(initial=0.0)),
+                finger=self.world.finger.pose if self.world and self._leave < np.inf else None,
+            )
+        )
+        self._between(tick.now)
+
+    def _tell_moves(self, tick: Tick) -> None:
+        """Note a contact and a command that come after a pause."""
+        for contact in tick.perception.contacts:
+            if tick.now - self._noted.get(contact.patch, -np.inf) > QUIET:
+                self.say(f"touched: {touch(contact)}")
+            self._noted[contact.patch] = tick.now
+        for order in tick.commands:
+            if isinstance(order, GenericCommand):
+                if tick.now - self._noted.get(order.part, -np.inf) > QUIET:
+                    angles = ", ".join(f"{angle:.0f}" for angle in np.rad2deg(order.values))
+                    self.say(f"{order.part.replace('_', ' ')} goes to {angles} deg")
+                self._noted[order.part] = tick.now
+
+    def _publish(self, view: View) -> None:
+        self.view = view
+        self.history.add(view)
+
+    def _between(self, now: float) -> None:
+        """What is done between two periods, and the wait for real time."""
+        self._take_finger_away()
+        while True:
+            self._serve_inbox()
+            if self._closing.is_set():
+                raise _Closed
+            if self.world is None:
+                return
+            if self.pace > 0.0:
+                break
+            self._due = None
+            time.sleep(IDLE)
+        wall = time.monotonic()
+        if self._due is None or self._due[1] != self.pace:
+            self._due = (wall - now / self.pace, self.pace)
+        ahead = self._due[0] + now / self.pace - wall
+        if ahead > AHEAD:
+            time.sleep(ahead)
+        elif ahead < -LATE:
+            self._due = (self._due[0] - ahead, self.pace)
+
+    def _serve_inbox(self) -> None:
+        while True:
+            try:
+                action = self._inbox.get_nowait()
+            except Empty:
+                return
+            try:
+                action()
+            except TciError as error:
+                self.say(str(error))
+
+    def _take_finger_away(self) -> None:
+        world = self.world
+        if world is None or self._leave == np.inf:
+            return
+        lost = world.finger.contact_lost
+        if world.time >= self._leave or (lost is not None and world.time - lost > LEAVE):
+            world.finger.retire()
+            self._leave = np.inf

@@ -1,0 +1,36 @@
+"""A behaviour with a person beside it: what the person orders goes the same way, through the gate."""
+
+from __future__ import annotations
+
+from queue import Empty, SimpleQueue
+from typing import Any
+
+from tci.capabilities.capability import Capability
+from tci.messages import Order, Perception
+
+
+class Steered(Capability[Any]):
+    """Another capability, and orders from outside. They are recorded like the capability's own."""
+
+    def __init__(self, inner: Capability[Any]) -> None:
+        self.inner = inner
+        self.orders: SimpleQueue[Order] = SimpleQueue()
+        """What a person wants; the latest ones are given after the capability's own."""
+
+    def init(self) -> Any:
+        return self.inner.init()
+
+    def begin(self, perception: Perception) -> tuple[Order, ...]:
+        return self.inner.begin(perception)
+
+    def step(self, memory: Any, perception: Perception) -> tuple[tuple[Order, ...], Any]:
+        orders, memory = self.inner.step(memory, perception)
+        return (*orders, *self._given()), memory
+
+    def _given(self) -> list[Order]:
+        found: list[Order] = []
+        while True:
+            try:
+                found.append(self.orders.get_nowait())
+            except Empty:
+                return found

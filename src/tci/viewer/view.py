@@ -1,0 +1,76 @@
+"""What is shown of one robot at one instant, wherever it comes from, and what is kept for plots."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from tci.frames import Array
+from tci.interface.gate import GateState
+from tci.messages import Contact, JointReading
+
+WINDOW = 10.0
+"""Time [s] that plots show."""
+SAMPLE = 0.02
+"""Time [s] between two samples of them."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """One robot at one instant."""
+
+    time: float
+    """Time [s] on the link's clock."""
+    joints: JointReading
+    """Where the servos are."""
+    posture: Mapping[str, Array]
+    """Generic angles (n,) [rad] by part."""
+    pressure: Mapping[str, Array]
+    """Pressure (taxels,) [Pa] by patch; a patch that has not sent is absent."""
+    contacts: tuple[Contact, ...]
+    """Contacts on the skin."""
+    state: GateState | None
+    """State of the gate; None where nothing is commanded."""
+    reason: str
+    """Why the gate holds or has stopped, or why the loop ended."""
+    response: float
+    """Largest speed [rad/s] of a servo that was sent."""
+    finger: Array | None = None
+    """`T_WF` (4, 4) of the simulated finger's tip, z into the skin; None while there is none."""
+
+    @property
+    def force(self) -> float:
+        """Force [N] of all contacts."""
+        return float(sum(contact.force for contact in self.contacts))
+
+
+class History:
+    """The last seconds of a robot's views, for plots."""
+
+    def __init__(self) -> None:
+        self._rows: deque[tuple[float, float, float, Mapping[str, Array]]] = deque(
+            maxlen=int(WINDOW / SAMPLE)
+        )
+
+    def add(self, view: View) -> None:
+        """Keep a view, at most one per `SAMPLE`. Time that runs backwards begins anew."""
+        if self._rows and view.time < self._rows[-1][0]:
+            self._rows.clear()
+        if not self._rows or view.time >= self._rows[-1][0] + SAMPLE - 1e-9:
+            self._rows.append((view.time, view.force, view.response, view.posture))
+
+    def clear(self) -> None:
+        """Forget all."""
+        self._rows.clear()
+
+    def series(self, part: str) -> tuple[Array, Array, Array, Array]:
+        """Time (k,) [s], force (k,) [N], response (k,) [rad/s] and posture (n, k) [rad] of a part."""
+        rows = [row for row in list(self._rows) if part in row[3]]
+        if not rows:
+            return np.zeros(0), np.zeros(0), np.zeros(0), np.zeros((0, 0))
+        times, forces, responses, postures = zip(*rows, strict=True)
+        angles = np.array([posture[part] for posture in postures]).T
+        return np.array(times), np.array(forces), np.array(responses), angles

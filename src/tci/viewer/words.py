@@ -1,0 +1,60 @@
+"""What the page says of a robot, in words and colour."""
+
+from __future__ import annotations
+
+from html import escape
+
+import numpy as np
+
+from tci.interface.gate import GateState
+from tci.messages import Contact
+from tci.viewer.view import View
+
+COLOURS = {GateState.RUN: "#2b8a3e", GateState.HOLD: "#e8890c", GateState.STOP: "#c92a2a"}
+GREY = "#868e96"
+MEANING = {
+    GateState.RUN: "commands pass, within limits",
+    GateState.HOLD: "the robot keeps its position; clears by itself",
+    GateState.STOP: "the robot stays stopped until you reset it",
+}
+SIDES = ("flexor", "lateral", "extensor", "medial")
+
+
+def badge(title: str, view: View | None, ended: str, loop: str = "") -> str:
+    """State of a robot's gate and loop as HTML."""
+    if ended:
+        colour, name, words = COLOURS[GateState.STOP], "LOOP ENDED", ended
+    elif view is None:
+        colour, name, words = GREY, "WAITING", "nothing was read yet"
+    elif view.state is None:
+        colour, name, words = GREY, "READ ONLY", "nobody commands it from here"
+    else:
+        colour, name, words = COLOURS[view.state], view.state.name, view.reason or MEANING[view.state]
+    touched = ", ".join(touch(contact) for contact in view.contacts[:2]) if view else ""
+    lines = [
+        f'<b style="color:white;background:{colour};border-radius:4px;padding:1px 7px">{name}</b> '
+        f"<b>{escape(title)}</b>",
+        f'<span style="color:{colour}">{escape(words)}</span>',
+        escape(touched or "no touch"),
+    ]
+    if loop:
+        lines.append(f'<span style="color:{GREY}">{escape(loop)}</span>')
+    return f'<div style="font-size:13px;line-height:1.45;padding:3px 12px">{"<br>".join(lines)}</div>'
+
+
+def touch(contact: Contact) -> str:
+    """A contact in words: `left forearm, flexor side: 3.1 N`."""
+    side = SIDES[int(np.round(contact.theta / (np.pi / 2.0))) % 4]
+    limb = contact.part.split("_")[0] + " " + contact.segment.replace("_", " ")
+    return f"{limb}, {side} side: {contact.force:.1f} N"
+
+
+def event_list(events: list[tuple[str, float, str]]) -> str:
+    """The latest events of all robots as HTML, the newest first."""
+    rows = [
+        f'<div><span style="color:{GREY}">{time:.2f} s {escape(robot)}</span> {escape(words)}</div>'
+        for robot, time, words in events
+    ]
+    return (
+        f'<div style="font-size:12px;line-height:1.4;padding:3px 12px">{"".join(rows) or "nothing yet"}</div>'
+    )

@@ -1,0 +1,111 @@
+"""A real browser on a real page of the viewer, for tests."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import mujoco
+import numpy as np
+from playwright.sync_api import Locator, Page, sync_playwright
+
+from peers import needs_program
+from tci.capabilities.fields import default_fields
+from tci.frames import apply
+from tci.interface.generic_limb import generic_limb_distance
+from tci.interface.places import Place
+from tci.viewer.app import Viewer
+from tci.viewer.figure import Figure
+from tci.viewer.pick import pick
+
+PATIENCE = 60.0
+"""How long [s] to wait for something that must happen; nothing is timed."""
+
+
+def wait_for(what: Callable[[], object], said: str) -> None:
+    """Return when `what` is true. Fails with `said` when it does not become so."""
+    end = time.monotonic() + PATIENCE
+    while not what():
+        assert time.monotonic() < end, f"never happened: {said}"
+        time.sleep(0.05)
+
+
+@contextmanager
+def running(viewer: Viewer) -> Iterator[Viewer]:
+    """The viewer, with its sessions, while the block lasts."""
+    thread = threading.Thread(target=viewer.run, name="viewer")
+    for session in viewer.sessions.values():
+        session.start()
+    thread.start()
+    try:
+        yield viewer
+    finally:
+        viewer.stop()
+        thread.join()
+        viewer.close()
+
+
+@contextmanager
+def page_of(viewer: Viewer) -> Iterator[Page]:
+    """Headless Chromium with the viewer's page, ready to be clicked."""
+    chromium = needs_program("chromium", "chromium")
+    flags = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=flags)
+        page = browser.new_page(viewport={"width": 1400, "height": 1000})
+        page.set_default_timeout(PATIENCE * 1000.0)
+        page.goto(viewer.address)
+        page.wait_for_selector("canvas")
+        wait_for(viewer.server.get_clients, "the page says where its camera is")
+        yield page
+        browser.close()
+
+
+def skin_on_screen(viewer: Viewer, key: str, patch: str, page: Page) -> tuple[float, float, Place]:
+    """A pixel of the page under which a receptive field on `patch` is seen, and the place there."""
+    camera = next(iter(viewer.server.get_clients().values())).camera
+    box = page.locator("canvas").first.bounding_box()
+    assert box is not None
+    figure = viewer.figures[key]
+    rotation = np.zeros(9)
+    mujoco.mju_quat2Mat(rotation, camera.wxyz)
+    surface = figure.skin.surfaces[patch]
+    T_SL = figure.pose(surface.link)
+    points, normals = apply(T_SL, surface.positions), surface.normals @ T_SL[:3, :3].T
+    view = viewer.sessions[key].view
+    assert view is not None
+    u, theta, _ = figure.skin.limb(patch, view.joints)
+    fields = [field for field in default_fields() if field.segment == figure.robot.patch(patch).segment]
+    answers = np.min([generic_limb_distance(u, theta, f.u, f.theta) / f.radius for f in fields], axis=0) < 0.6
+    for taxel in np.argsort(np.einsum("ij,ij->i", normals, points - camera.position)):
+        if not answers[taxel]:
+            continue
+        seen = (points[taxel] - camera.position) @ rotation.reshape(3, 3)
+        ray = (points[taxel] - camera.position) / np.linalg.norm(points[taxel] - camera.position)
+        found = pick(figure, np.array(camera.position), ray)
+        others = [pick(other, np.array(camera.position), ray) for other in _others(viewer, figure)]
+        if found is None or found[0].patch != patch or any(others):
+            continue
+        focal = box["height"] / 2.0 / np.tan(camera.fov / 2.0)
+        x = box["x"] + box["width"] / 2.0 + focal * seen[0] / seen[2]
+        y = box["y"] + box["height"] / 2.0 + focal * seen[1] / seen[2]
+        return float(x), float(y), found[0]
+    raise AssertionError(f"{patch} of {key} is not seen from here")
+
+
+def _others(viewer: Viewer, figure: Figure) -> list[Figure]:
+    return [other for other in viewer.figures.values() if other is not figure]
+
+
+def field(page: Page, label: str) -> Locator:
+    """The input of the first control that is called `label`; of a slider its number."""
+    row = page.locator(f"xpath=(//label[text()='{label}'])[1]/ancestor::div[.//input][1]")
+    return row.locator("input").last
+
+
+def files(folder: Path) -> list[str]:
+    """Names of the recordings in a folder."""
+    return sorted(path.name for path in folder.glob("*.mcap"))

@@ -1,0 +1,122 @@
+"""Faults 53 and 54: who may talk to the viewer's server."""
+
+from __future__ import annotations
+
+import http.client
+import socket
+from collections.abc import Iterator
+from contextlib import closing
+
+import pytest
+import viser
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
+
+from tci.errors import LinkError
+from tci.viewer.guard import Guard, open_server
+
+PROTOCOL = f"viser-v{viser.__version__}"
+
+
+class Opened:
+    """A server and how to ask it."""
+
+    def __init__(self, host: str) -> None:
+        self.server, self.guard, self.address = open_server(host, 0, label="test")
+        self.port = int(self.address.split("?")[0].rstrip("/").rsplit(":", 1)[1])
+
+    def get(self, path: str = "/", **headers: str) -> http.client.HTTPResponse:
+        """What a GET with these headers is answered; Host is the loopback's unless given."""
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=30)
+        connection.putrequest("GET", path, skip_host=True)
+        for name, value in {"Host": f"127.0.0.1:{self.port}", **headers}.items():
+            connection.putheader(name, value)
+        connection.endheaders()
+        return connection.getresponse()
+
+    def socket_opens(self, *, origin: str | None, path: str = "/", **headers: str) -> bool:
+        """Whether a web socket from a page of `origin` is let in."""
+        try:
+            with connect(
+                f"ws://127.0.0.1:{self.port}{path}", origin=origin, subprotocols=[PROTOCOL],
+                additional_headers=headers,
+            ) as opened:  # fmt: skip
+                return bool(opened.recv(timeout=30))
+        except InvalidStatus as error:
+            return error.response.status_code != 403
+
+
+@pytest.fixture(scope="module")
+def local() -> Iterator[Opened]:
+    opened = Opened("127.0.0.1")
+    yield opened
+    opened.server.stop()
+
+
+@pytest.fixture(scope="module")
+def remote() -> Iterator[Opened]:
+    opened = Opened("0.0.0.0")
+    yield opened
+    opened.server.stop()
+
+
+def test_53_only_the_loopback_listens_by_default(local: Opened) -> None:
+    assert local.get().status == 200
+    assert "token" not in local.address
+    with closing(socket.socket(socket.AF_INET, socket.SOCK_STREAM)) as elsewhere:
+        # Another address of this machine, still on its loopback: nobody listens there.
+        assert elsewhere.connect_ex(("127.0.0.2", local.port)) != 0
+
+
+def test_53_elsewhere_a_token_is_needed(remote: Opened) -> None:
+    token = remote.address.split("token=")[1]
+    assert len(token) >= 32
+    here = f"http://127.0.0.1:{remote.port}"
+    assert remote.get().status == 403
+    assert remote.get("/?token=guess").status == 403
+    assert not remote.socket_opens(origin=here)
+    answer = remote.get(f"/?token={token}")
+    assert answer.status == 200
+    cookie = answer.getheader("Set-Cookie", "")
+    assert "HttpOnly" in cookie
+    assert "SameSite=Strict" in cookie
+    pair = cookie.split(";")[0]
+    assert remote.get("/index.html", Cookie=pair).status == 200
+    assert remote.socket_opens(origin=here, Cookie=pair)
+    assert not remote.socket_opens(origin=here, Cookie=pair.split("=")[0] + "=guess")
+
+
+def test_54_a_hostile_page_or_name_is_refused(local: Opened) -> None:
+    mine = f"http://127.0.0.1:{local.port}"
+    assert local.socket_opens(origin=mine)
+    refused = local.guard.refused
+    assert not local.socket_opens(origin="http://evil.example")
+    assert not local.socket_opens(origin="null")
+    assert not local.socket_opens(origin=None)
+    assert local.get(Host="evil.example").status == 403
+    assert local.get(Host=f"evil.example:{local.port}").status == 403
+    assert local.get(Host="").status == 403
+    assert local.get(Host=f"localhost:{local.port}").status == 200
+    assert local.get(Origin="http://evil.example").status == 403
+    assert local.guard.refused == refused + 7
+
+
+def test_54_a_rebound_name_is_refused_with_its_own_origin(remote: Opened) -> None:
+    token = remote.address.split("token=")[1]
+    path = f"/?token={token}"
+    assert remote.get(path, Host="evil.example", Origin="http://evil.example").status == 403
+    assert remote.get(path, Host="192.0.2.7:80").status == 200
+
+
+def test_the_page_can_not_be_framed(local: Opened) -> None:
+    assert local.get().getheader("X-Frame-Options") == "DENY"
+
+
+def test_36_a_port_that_is_taken_is_named(local: Opened) -> None:
+    with pytest.raises(LinkError, match=rf"port {local.port} of 127.0.0.1: .*in use; valid: a free port"):
+        open_server("127.0.0.1", local.port, label="test")
+
+
+@pytest.mark.parametrize("host", ["", "[", "::", "a b", "127.0.0.1.evil.example", "localhost.evil.example"])
+def test_hosts_that_are_none(host: str) -> None:
+    assert not Guard("127.0.0.1", "")._is_here(host)

@@ -1,0 +1,157 @@
+"""The page in a real browser: click the skin, move a slider, make a fault happen, record."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from playwright.sync_api import Page
+
+import tci
+from tci.interface.gate import GateState
+from tci.recording.recording import Recording
+from tci.viewer.app import Viewer
+from tci.viewer.session import Session
+from viewer.browser import field, files, page_of, running, skin_on_screen, wait_for
+
+pytestmark = pytest.mark.xdist_group("browser")
+ROBOTS = ("nao", "icub")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("recordings")
+
+
+@pytest.fixture(scope="module")
+def viewer(folder: Path) -> Iterator[Viewer]:
+    reflex = tci.WithdrawalReflex()
+    links = [tci.connect(tci.load_robot(name), "sim", step=0.002) for name in ROBOTS]
+    sessions = [
+        Session(link, reflex, about={"middleware": "sim", "capability": "withdrawal"}) for link in links
+    ]
+    with running(Viewer(sessions, fields=reflex.fields, port=0, folder=folder)) as viewer:
+        yield viewer
+
+
+@pytest.fixture(scope="module")
+def page(viewer: Viewer) -> Iterator[Page]:
+    with page_of(viewer) as page:
+        yield page
+
+
+def test_the_page_says_how_the_robots_are(page: Page) -> None:
+    for title in ("NAO", "iCub"):
+        page.get_by_text(title, exact=True).first.wait_for()
+    page.get_by_text("commands pass, within limits").first.wait_for()
+    page.get_by_text("force on the skin [N]").first.wait_for()
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_a_click_on_the_skin_is_answered_on_the_server_and_in_the_page(
+    viewer: Viewer, page: Page, name: str
+) -> None:
+    session = viewer.sessions[name]
+    others = [other.pokes for key, other in viewer.sessions.items() if key != name]
+    alone = page.get_by_label("same place on every robot")
+    if alone.is_checked():
+        alone.click()
+    wait_for(lambda: viewer._everywhere is not None and not viewer._everywhere.value, "the box is unticked")
+    view = session.view
+    assert view is not None
+    start, pokes = view.posture["left_arm"], session.pokes
+    x, y, _ = skin_on_screen(viewer, name, "left_forearm", page)
+    page.mouse.click(x, y)
+    wait_for(lambda: session.pokes == pokes + 1, "the click reaches the robot")
+    wait_for(lambda: session.history.series("left_arm")[1].max() > 0.1, "the skin feels it")
+
+    def moved() -> bool:
+        view = session.view
+        return view is not None and bool(np.abs(view.posture["left_arm"] - start).max() > np.deg2rad(3.0))
+
+    wait_for(moved, "the reflex moves the arm")
+    page.get_by_text("touched: left forearm").first.wait_for()
+    page.get_by_text("left arm goes to").first.wait_for()
+    assert [other.pokes for key, other in viewer.sessions.items() if key != name] == others
+
+
+def test_the_same_place_is_poked_on_every_robot(viewer: Viewer, page: Page) -> None:
+    page.get_by_label("same place on every robot").click()
+    wait_for(lambda: viewer._everywhere is not None and viewer._everywhere.value, "the box is ticked")
+    before = [session.pokes for session in viewer.sessions.values()]
+    x, y, _ = skin_on_screen(viewer, "nao", "left_forearm", page)
+    page.mouse.click(x, y)
+    wait_for(
+        lambda: [session.pokes for session in viewer.sessions.values()] == [count + 1 for count in before],
+        "both robots are poked",
+    )
+
+
+def test_a_click_beside_the_robots_pokes_nobody(viewer: Viewer, page: Page) -> None:
+    before = [session.pokes for session in viewer.sessions.values()]
+    box = page.locator("canvas").first.bounding_box()
+    assert box is not None
+    page.mouse.click(box["x"] + box["width"] / 2.0, box["y"] + box["height"] - 30.0)
+    page.get_by_text("No skin there.").wait_for()
+    assert [session.pokes for session in viewer.sessions.values()] == before
+
+
+def test_a_slider_moves_the_robot_through_the_gate(viewer: Viewer, page: Page) -> None:
+    session = viewer.sessions["nao"]
+    number = field(page, "shoulder roll [deg]")
+    number.fill("40")
+    number.press("Enter")
+
+    def there() -> bool:
+        view = session.view
+        return view is not None and bool(abs(np.rad2deg(view.posture["left_arm"][1]) - 40.0) < 1.0)
+
+    wait_for(there, "the arm goes where the slider says")
+    assert session.view is not None
+    assert session.view.state is GateState.RUN
+
+
+def test_a_fault_is_told_with_its_reason_and_reset(viewer: Viewer, page: Page) -> None:
+    session = viewer.sessions["nao"]
+    page.get_by_text("faults", exact=True).first.click()
+    page.get_by_label("fault", exact=True).first.click()
+    page.get_by_role("option", name="encoder-step").click()
+    page.get_by_text("the first encoder jumps by 10 degrees").first.wait_for()
+    page.get_by_role("button", name="Inject").first.click()
+    wait_for(lambda: session.view is not None and session.view.state is GateState.STOP, "the gate stops")
+    assert session.view is not None
+    assert session.view.reason
+    page.get_by_text(session.view.reason).first.wait_for()
+    page.get_by_text("STOP", exact=True).first.wait_for()
+    other = viewer.sessions["icub"].view
+    assert other is not None
+    assert other.state is GateState.RUN
+    wait_for(lambda: not session.link.active, "the fault ends")
+    page.get_by_text("Reset", exact=True).first.click()
+    wait_for(lambda: session.view is not None and session.view.state is GateState.RUN, "it runs again")
+
+
+def test_a_recording_is_made_and_its_name_stays_in_the_folder(
+    viewer: Viewer, page: Page, folder: Path
+) -> None:
+    page.get_by_text("recording", exact=True).first.click()
+    name = field(page, "file")
+    button = page.get_by_role("button", name="Record").first
+    name.fill("../outside.mcap")
+    name.press("Enter")
+    button.click()
+    page.get_by_text("no file may be named").wait_for()
+    assert not (folder.parent / "outside.mcap").exists()
+    name.fill("touch.mcap")
+    name.press("Enter")
+    wait_for(lambda: button.click() or viewer.sessions["nao"].recorder is not None, "it records")
+    wait_for(lambda: viewer.sessions["nao"].recorder.ticks > 20, "periods are written")  # type: ignore[union-attr]
+    page.get_by_role("button", name="Stop recording").first.click()
+    page.get_by_text("periods,").filter(has_text="MB").first.wait_for()
+    assert files(folder) == ["touch.mcap"]
+    recording = Recording(folder / "touch.mcap")
+    assert recording.counts()["/tci/tick"] > 20
+    assert recording.complete
+    assert recording.about["capability"] == "withdrawal"

@@ -1,0 +1,143 @@
+"""A robot in a thread of its own: pokes, orders, faults, pauses, recordings, and a second beginning."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tci
+from tci.errors import CommandError
+from tci.interface.gate import GateState
+from tci.interface.places import find_place
+from tci.interface.skin import Skin
+from tci.middleware.replay import ReplayLink
+from tci.viewer.session import Session
+
+PATIENCE = 60.0
+
+
+def wait_for(what: Callable[[], object]) -> None:
+    end = time.monotonic() + PATIENCE
+    while not what():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+@pytest.fixture
+def session() -> Iterator[Session]:
+    link = tci.connect(tci.load_robot("nao"), "sim", step=0.002)
+    session = Session(link, tci.WithdrawalReflex(), about={"middleware": "sim", "capability": "withdrawal"})
+    session.start()
+    wait_for(lambda: session.view)
+    yield session
+    session.close()
+
+
+def poke(session: Session) -> None:
+    view = session.view
+    assert view is not None
+    site = tci.WithdrawalReflex().fields[0]
+    place = find_place(Skin(session.robot), "left_arm", site.segment, site.u, site.theta, view.joints)
+    session.poke(place, force=5.0, speed=0.25)
+
+
+def words(session: Session) -> str:
+    return " | ".join(said for _, said in list(session.events))
+
+
+def test_a_poke_is_felt_answered_and_ends(session: Session) -> None:
+    poke(session)
+    wait_for(lambda: session.view.finger is not None)  # type: ignore[union-attr]
+    wait_for(lambda: "touched: left forearm" in words(session))
+    wait_for(lambda: "left arm goes to" in words(session))
+    wait_for(lambda: session.view.finger is None)  # type: ignore[union-attr]
+    time_, force, response, angles = session.history.series("left_arm")
+    assert force.max() > 0.1
+    assert response.max() > 0.1
+    assert np.ptp(angles, axis=1).max() > np.deg2rad(3.0)
+    assert np.all(np.diff(time_) > 0.0)
+
+
+def test_a_poke_without_room_is_told(session: Session) -> None:
+    place = find_place(Skin(session.robot), "left_arm", "forearm", 0.5, 0.0, session.view.joints)  # type: ignore[union-attr]
+    inward = type(place)(place.patch, place.p_L, -place.n_L)
+    session.poke(inward, force=5.0, speed=0.25)
+    wait_for(lambda: "no room for the finger" in words(session))
+
+
+def test_orders_of_a_person_pass_the_gate(session: Session) -> None:
+    target = session.view.posture["left_arm"] + np.array([0.0, 100.0, 0.0, 0.0, 0.0])  # type: ignore[union-attr]
+    session.move("left_arm", target)
+    upper = session.robot.servos[session.robot.part("left_arm").servos[1].servo].limits.upper  # type: ignore[index]
+    wait_for(lambda: session.view.posture["left_arm"][1] > np.deg2rad(60.0))  # type: ignore[union-attr]
+    assert upper is not None
+    assert session.link.gate.counts.clamps
+    session.home()
+    wait_for(lambda: abs(session.view.posture["left_arm"][1] - np.deg2rad(25.0)) < 0.02)  # type: ignore[union-attr]
+
+
+def test_a_pause_stops_time_and_pokes_still_arrive(session: Session) -> None:
+    session.pace = 0.0
+    world = session.world
+    assert world is not None
+    before = -1.0
+    while world.time != before:
+        before = world.time
+        time.sleep(0.2)
+    poke(session)
+    wait_for(lambda: session.pokes == 1)
+    assert world.time == before
+    session.pace = 0.5
+    wait_for(lambda: world.time > before)
+
+
+def test_a_fault_ends_the_loop_and_a_reset_begins_it_again(session: Session) -> None:
+    session.inject("link-lost", lasts=0.2)
+    wait_for(lambda: "LinkError" in session.ended)
+    world = session.world
+    assert world is not None
+    over = world.time + 0.3
+    wait_for(lambda: world.time > over)  # time goes on, and the fault ends
+    session.reset()
+    wait_for(lambda: not session.ended)
+    before = session.report.ticks
+    wait_for(lambda: session.report.ticks > before + 10)
+    assert session.view is not None
+    assert session.view.state is GateState.RUN
+
+
+def test_what_was_recorded_is_replayed_bit_for_bit(session: Session, tmp_path: Path) -> None:
+    session.record(tmp_path / "poke.mcap")
+    poke(session)
+    wait_for(lambda: "left arm goes to" in words(session))
+    recorder = session.stop_recording()
+    assert recorder is not None
+    assert not recorder.failed
+    assert recorder.ticks > 10
+    with ReplayLink(session.robot, str(tmp_path / "poke.mcap")) as link:
+        assert link.recording.about["recorded_by"] == "tci view"
+        assert sum(1 for _ in link.ticks()) == recorder.ticks
+
+
+def test_a_robot_that_is_not_armed_is_only_shown() -> None:
+    link = tci.connect(tci.load_robot("nao"), "sim", arm=False)
+    session = Session(link, tci.WithdrawalReflex(), about={})
+    session.start()
+    wait_for(lambda: session.view)
+    assert session.view is not None
+    assert session.view.state is None
+    session.close()
+
+
+def test_a_finger_needs_a_simulation() -> None:
+    link = tci.connect(tci.load_robot("nao"), "sim")
+    session = Session(link, tci.WithdrawalReflex(), about={})
+    session.world = None
+    place = find_place(Skin(session.robot), "left_arm", "forearm", 0.5, 0.0, link.read().joints)
+    with pytest.raises(CommandError, match="not simulated"):
+        session.poke(place, force=1.0, speed=0.1)
+    session.close()

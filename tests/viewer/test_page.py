@@ -141,12 +141,15 @@ def test_a_recording_is_made_and_its_name_stays_in_the_folder(
     button = page.get_by_role("button", name="Record").first
     name.fill("../outside.mcap")
     name.press("Enter")
+    wait_for(lambda: viewer.controls["nao"].file.value == "../outside.mcap", "the name reaches the server")
     button.click()
     page.get_by_text("no file may be named").wait_for()
     assert not (folder.parent / "outside.mcap").exists()
     name.fill("touch.mcap")
     name.press("Enter")
-    wait_for(lambda: button.click() or viewer.sessions["nao"].recorder is not None, "it records")
+    wait_for(lambda: viewer.controls["nao"].file.value == "touch.mcap", "the name reaches the server")
+    button.click()
+    wait_for(lambda: viewer.sessions["nao"].recorder is not None, "it records")
     wait_for(lambda: viewer.sessions["nao"].recorder.ticks > 20, "periods are written")  # type: ignore[union-attr]
     page.get_by_role("button", name="Stop recording").first.click()
     page.get_by_text("periods,").filter(has_text="MB").first.wait_for()

@@ -91,7 +91,7 @@ class Viewer:
         if words:
             self._tell()
             self._plots.update({key: session.history for key, session in self.sessions.items()})
-            for controls in self._controls:
+            for controls in self.controls.values():
                 controls.update()
 
     def poke(self, key: str, place: Place) -> None:
@@ -189,10 +189,10 @@ class Viewer:
                 self._pace = gui.add_slider("pace: 1 is real time", 0.0, 1.0, 0.05, 1.0)
                 self._pace.on_update(lambda _: self._set_pace(float(self._pace.value)))
         tabs = gui.add_tab_group()
-        self._controls = []
+        self.controls: dict[str, Controls] = {}
         for key, session in self.sessions.items():
             with tabs.add_tab(_title(session)):
-                self._controls.append(Controls(self.server, session, key, folder))
+                self.controls[key] = Controls(self.server, session, key, folder)
         with gui.add_folder("what happened"):
             self._events = gui.add_html("")
         gui.main_panel.dock_right()

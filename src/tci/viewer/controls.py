@@ -114,7 +114,7 @@ class Controls:
 
     def _add_recording(self) -> None:
         with self._gui.add_folder("recording", expand_by_default=False):
-            name = self._gui.add_text("file", self._free_name())
+            name = self.file = self._gui.add_text("file", self._free_name())
             button = self._gui.add_button("Record", color="red")
             told = self._gui.add_markdown(f"goes to `{self._folder}`")
 

@@ -47,7 +47,7 @@ lock:  ## renew requirements/*.txt (needs uv)
 	uv pip compile --universal --python-version 3.11 --generate-hashes --index-url https://pypi.org/simple --no-emit-index-url \
 	  --extra icub --extra naoqi --extra viewer --no-header pyproject.toml requirements/build.in -o requirements/demo.txt
 	uv pip compile --universal --python-version 3.11 --generate-hashes --index-url https://pypi.org/simple --no-emit-index-url \
-	  --extra icub --extra naoqi --extra robots --group dev --no-header pyproject.toml -c requirements/demo.txt -o requirements/dev.txt
+	  --all-extras --group dev --no-header pyproject.toml -c requirements/demo.txt -o requirements/dev.txt
 
 clean:  ## remove what was built
 	rm -rf .venv out docs/_build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -1,39 +1,56 @@
-"""What every link promises. A new middleware adds itself to `LINKS`."""
+"""What every link promises. A new middleware adds its other side to `PEERS` in `links`."""
 
 from __future__ import annotations
 
+import os
+import random
+import threading
+import time
 from collections.abc import Callable, Iterator
 
 import numpy as np
+import psutil
 import pytest
 
-from middleware.served import needs_qi, served
+from middleware.links import PEERS, Peer
 from tci.errors import CommandError, LinkError, UnknownNameError
 from tci.interface.gate import Gate
 from tci.interface.part import home, to_platform
+from tci.interface.safe_command import GateState, SafeCommand
+from tci.messages import PlatformOrder
 from tci.middleware.link import Link
-from tci.middleware.simulated import SimulatedLink
-from tci.model.catalogue import load_robot
-from tci.model.description import Robot
-from tci.runtime.registry import connect
 
-NAOQI = "naoqi:127.0.0.1:0"
 PATIENCE = 20
-"""Seconds that a robot may take to get where it goes."""
-LINKS: dict[str, Callable[[Robot, bool], Link]] = {
-    "sim": lambda robot, arm: SimulatedLink(robot, arm=arm),
-    "naoqi": lambda robot, arm: connect(robot, f"naoqi://127.0.0.1:{served('nao', NAOQI).port}", arm=arm),
-}
+"""Times that a robot is sent where it should go; a busy machine may stop it on the way."""
+
+pytestmark = pytest.mark.timeout(120)  # a peer that says nothing must not hang the run
+ALL = [pytest.param(name, marks=pytest.mark.xdist_group(f"link-{name}")) for name in PEERS]
+ELSEWHERE = [param for param in ALL if PEERS[str(param.values[0])].other_process]
 
 
-@pytest.fixture(params=[pytest.param(name, marks=pytest.mark.xdist_group(f"link {name}")) for name in LINKS])
-def open_link(request: pytest.FixtureRequest) -> Iterator[Callable[..., Link]]:
+@pytest.fixture(scope="module")
+def peers() -> Iterator[dict[str, Peer]]:
+    """Peers that run, by name; all tests share them."""
+    started: dict[str, Peer] = {}
+    yield started
+    for peer in started.values():
+        peer.stop()
+
+
+def running(peers: dict[str, Peer], name: str) -> Peer:
+    if name not in peers:
+        peer = PEERS[name]()
+        peer.start()
+        peers[name] = peer
+    return peers[name]
+
+
+@pytest.fixture(params=ALL)
+def open_link(request: pytest.FixtureRequest, peers: dict[str, Peer]) -> Iterator[Callable[..., Link]]:
     opened: list[Link] = []
-    if request.param == "naoqi":
-        needs_qi()
 
     def make(*, arm: bool = True) -> Link:
-        opened.append(LINKS[request.param](load_robot("nao"), arm))
+        opened.append(running(peers, request.param).open(arm=arm))
         return opened[-1]
 
     yield make
@@ -41,21 +58,37 @@ def open_link(request: pytest.FixtureRequest) -> Iterator[Callable[..., Link]]:
         link.close()
 
 
-def drive(link: Link, *commands: object, duration: float = 1.0) -> None:
-    pending = list(commands)
+@pytest.fixture(params=ELSEWHERE)
+def peer(request: pytest.FixtureRequest, peers: dict[str, Peer]) -> Peer:
+    """A peer in another process."""
+    return running(peers, request.param)
+
+
+def drive(
+    link: Link,
+    *orders: PlatformOrder,
+    duration: float = 1.0,
+    until: Callable[[SafeCommand], bool] = lambda sent: False,
+) -> SafeCommand:
+    """Run a loop for `duration` [s], or until what was sent is as wanted; returns that."""
+    pending = list(orders)
     for now in link.ticks(duration=duration):
-        link.write(link.gate.step(pending, link.read().joints, now))  # type: ignore[arg-type]
+        sent = link.write(link.gate.step(pending, link.read().joints, now))
         pending = []
+        if until(sent):
+            break
+    return sent
 
 
-def drive_until(link: Link, arrived: Callable[[], bool], *commands: object) -> bool:
-    """Whether the robot gets there: at once in a simulation. Where a busy machine keeps it from being real
+def drive_until(link: Link, arrived: Callable[[], bool], *orders: PlatformOrder) -> bool:
+    """Whether the robot gets there: at once in a simulation; when a busy machine keeps it from being real
     time, the gate stops it on the way."""
     for _ in range(PATIENCE):
-        drive(link, *commands)
+        drive(link, *orders)
         if arrived():
             return True
-        link.gate.reset()
+        if link.gate.state is GateState.STOP:
+            link.gate.reset()
     return False
 
 
@@ -69,6 +102,7 @@ def test_readings_are_complete_fresh_and_in_order(open_link: Callable[..., Link]
         assert {frame.patch for frame in reading.skin} == {patch.name for patch in link.robot.patches}
         for frame in reading.skin:
             assert frame.values.shape == (link.robot.patch(frame.patch).channels,)
+            assert abs(now - frame.stamp) <= link.gate.stale_after
         sequences.append(reading.joints.sequence)
     assert sequences == sorted(sequences)
     # A reading is taken after its tick began; a busy machine may be late, but not always.
@@ -140,3 +174,108 @@ def test_a_native_command_obeys_the_same_limits(open_link: Callable[..., Link]) 
     command = link.native("LArm").command({"LElbowRoll": 2.0})
     safe = link.gate.step([command], link.read().joints, link.clock.now())
     assert "LElbowRoll" in safe.clamped[0]
+
+
+def elbow(link: Link) -> float:
+    return link.native("LArm").positions(link.read().joints)["LElbowRoll"]
+
+
+def bend(link: Link, angle: float) -> PlatformOrder:
+    return link.native("LArm").command({"LElbowRoll": angle}, speed=0.3)
+
+
+def test_32_a_reader_that_was_away_gets_the_latest_and_no_backlog(open_link: Callable[..., Link]) -> None:
+    link = open_link()
+    before = link.read().joints.sequence
+    link.clock.sleep_until(link.clock.now() + 1.5)
+    reading, now = link.read(), link.clock.now()
+    assert abs(now - reading.joints.stamp) <= link.gate.stale_after
+    assert reading.joints.sequence > before + 10
+    assert link.read().joints.sequence - reading.joints.sequence <= 100
+
+
+def test_closing_leaves_nothing_behind(open_link: Callable[..., Link]) -> None:
+    found = []
+    for _ in range(3):
+        link = open_link()
+        drive(link, duration=0.1)
+        link.close()
+        time.sleep(0.1)
+        found.append((len(os.listdir("/proc/self/fd")), threading.active_count()))
+    assert found[2] <= found[0]
+
+
+def test_28_34_a_peer_that_falls_silent_means_hold_and_comes_back_without_replay(peer: Peer) -> None:
+    with peer.open(arm=True) as link:
+        drive(link, bend(link, -0.3), duration=3.0, until=lambda sent: abs(elbow(link) + 0.3) < 0.01)
+        drive(link, bend(link, -1.4), duration=1.0, until=lambda sent: elbow(link) < -0.5)
+        peer.freeze()
+        try:
+            held = drive(link, duration=5.0, until=lambda sent: sent.state is GateState.HOLD)
+            assert held.state is GateState.HOLD
+            assert "old" in held.reason
+            refused = link.gate.step([bend(link, -1.0)], link.read().joints, link.clock.now())
+            assert "hold" in refused.refusals[0]
+            link.write(refused)
+        finally:
+            peer.thaw()
+        back = drive(link, duration=10.0, until=lambda sent: sent.state is GateState.RUN)
+        assert back.state is GateState.RUN
+        there = elbow(link)
+        drive(link, duration=1.0)
+        assert elbow(link) == pytest.approx(there, abs=0.02)
+        assert drive_until(link, lambda: abs(elbow(link) + 0.3) < 0.03, bend(link, -0.3))
+
+
+def test_33_garbage_floods_and_wrong_types_change_nothing(peer: Peer) -> None:
+    with peer.open(arm=True) as link:
+        garbage = [bytes(random.Random(n).randbytes(n % 700)) for n in range(200)]
+        link.read()
+        sender = threading.Thread(target=peer.disturb, args=(garbage * 20,))
+        memory = psutil.Process().memory_info().rss
+        sender.start()
+        sent = drive(link, bend(link, -0.3), duration=2.0)
+        sender.join()
+        reading, now = link.read(), link.clock.now()
+        assert abs(now - reading.joints.stamp) <= link.gate.stale_after
+        assert sent.state is not GateState.STOP
+        assert reading.joints.position.shape == (len(link.robot.servos),)
+        assert np.isfinite(reading.joints.position).all()
+        for frame in reading.skin:
+            assert frame.values.shape == (link.robot.patch(frame.patch).channels,)
+        assert psutil.Process().memory_info().rss - memory < 50e6
+
+
+@pytest.mark.parametrize("name", ELSEWHERE)
+def test_a_peer_that_is_killed_means_hold_and_closing_works(name: str) -> None:
+    mine = PEERS[name]()
+    mine.start()
+    try:
+        with mine.open(arm=True) as link:
+            drive(link, bend(link, -1.2), duration=0.3)
+            mine.kill()
+            held = drive(link, duration=10.0, until=lambda sent: sent.state is not GateState.RUN)
+            assert held.state is not GateState.RUN
+            drive(link, duration=0.3)
+    finally:
+        mine.stop()
+
+
+@pytest.mark.parametrize("name", ELSEWHERE)
+def test_43_a_commander_that_is_killed_leaves_a_robot_at_rest(name: str) -> None:
+    mine = PEERS[name]()
+    mine.start()
+    try:
+        commander = mine.commander()
+        assert commander.stdout is not None
+        assert commander.stdout.readline() == "moving\n"
+        commander.kill()
+        commander.wait()
+        with mine.open(arm=False) as link:
+            link.clock.sleep_until(link.clock.now() + 2.0)
+            there = elbow(link)
+            assert -1.3 < there < -0.5  # still on its way
+            link.clock.sleep_until(link.clock.now() + 1.0)
+            assert elbow(link) == pytest.approx(there, abs=0.02)
+    finally:
+        mine.stop()

@@ -95,3 +95,14 @@ def test_a_paced_simulation_is_not_ahead_of_real_time() -> None:
         start = link.clock.now()
         for _ in link.ticks(duration=0.2):
             assert link.clock.now() - start <= clock.now() - begin + 1e-6
+
+
+def test_55_an_unarmed_robot_is_shown_and_refuses_every_order() -> None:
+    with SimulatedLink(tci.load_robot("nao"), arm=False) as unarmed:
+        before = unarmed.read().joints.position
+        desk = Desk(unarmed, {5: [turn_head(0.3)]})
+        done = serve(desk, duration=0.5)
+        np.testing.assert_allclose(unarmed.read().joints.position, before, atol=1e-3)
+    assert len(desk.shown) == round(0.5 / unarmed.period)
+    assert "read-only" in desk.refused[0][1]
+    assert (done.orders, sum(done.refusals.values())) == (1, 1)

@@ -59,7 +59,7 @@ class Gate:
         self._issued: SafeCommand | None = None
         self._tally = Tally()
         self._motion = Motion(robot, period=period, settings=self._settings, tally=self._tally)
-        self._watch = Watch(robot, self._settings.watch)
+        self._watch = Watch(robot, self._settings.watch) if self._settings.watch is not None else None
         self._told = self._motion.reference
         self._stopped = self._held = ""
         self._credit, self._before = 1.0, -np.inf
@@ -123,7 +123,8 @@ class Gate:
     def drop(self) -> None:
         """For a link whose robot was away: nothing is under command any more. Each servo waits for a command,
         where it is then; modes stay, and so does STOP."""
-        self._watch.reset()
+        if self._watch is not None:
+            self._watch.reset()
         self._motion.drop()
         self._told = self._motion.reference
 
@@ -192,7 +193,8 @@ class Gate:
         reason = fault_of_reading(self.robot, joints, now, self.stale_after)
         if not reason:
             self._motion.see(joints)
-            if not self._stopped and (fault := self._watch.step(joints, self._told)):
+            watch = None if self._stopped else self._watch
+            if watch is not None and (fault := watch.step(joints, self._told)):
                 self.stop(fault)
         reason, self._held = reason or self._held, ""
         if self._stopped:

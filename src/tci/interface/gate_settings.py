@@ -24,8 +24,8 @@ class GateSettings:
     """Age [s] beyond which a velocity or a torque no longer counts: the servo stops, or lets go."""
     self_collision: float | None = BODY_MARGIN
     """Distance [m] that the arms keep from the body and from each other; None: nobody looks."""
-    watch: WatchSettings = field(default_factory=WatchSettings)
-    """When the robot does not do what it is told."""
+    watch: WatchSettings | None = field(default_factory=WatchSettings)
+    """When the robot does not do what it is told; None: nobody looks, since another gate does."""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.speed_share <= 1.0:

@@ -179,7 +179,8 @@ class Motion:
             if servo not in place or self.modes[servo] is not Mode.IMPEDANCE or share <= self._shares[servo]:
                 continue
             away = abs(float(told.position[place[servo]] - self._measured[servo]))
-            if away > self._settings.watch.following_error:
+            watch = self._settings.watch
+            if watch is not None and away > watch.following_error:
                 raise CommandError(
                     f"{self.robot.servos[servo].name} is {np.rad2deg(away):.1f} degrees from its "
                     f"equilibrium; valid: no more stiffness than {self._shares[servo]:.2f} there"

@@ -11,7 +11,7 @@ import numpy as np
 
 from tci.clock import Clock, ticks
 from tci.errors import CommandError, LinkError, UnknownNameError
-from tci.interface.gate import Gate, SafeCommand
+from tci.interface.gate import Gate, GateSettings, SafeCommand
 from tci.messages import JointReading, Mode, PlatformCommand, Reading
 from tci.middleware.diagnosis import Finding
 from tci.model.description import Robot, Servo
@@ -24,15 +24,23 @@ class Link(ABC):
     robot. Reading is always allowed; writing needs an armed link and a command made by `gate`.
     """
 
-    def __init__(self, robot: Robot, *, middleware: str, clock: Clock, armed: bool) -> None:
-        """Raises UnknownNameError when the robot has no binding to `middleware`."""
+    def __init__(
+        self,
+        robot: Robot,
+        *,
+        middleware: str,
+        clock: Clock,
+        armed: bool,
+        settings: GateSettings | None = None,
+    ) -> None:
+        """`settings` are the gate's. Raises UnknownNameError for a robot without a binding to it."""
         binding = robot.binding(middleware)
         self.robot = robot
         self.clock = clock
         self.armed = armed
         self.period = 1.0 / binding.rate
         """Time between two commands [s]."""
-        self.gate = Gate(robot, period=self.period, stale_after=binding.stale_after)
+        self.gate = Gate(robot, period=self.period, stale_after=binding.stale_after, settings=settings)
         """The only maker of what `write` takes."""
         self.lease_name = f"{middleware}:{robot.name}"
         """Links of the same name reach the same robot; only one of them commands it at a time."""

@@ -112,7 +112,7 @@ def skin_bytes(frame: SkinFrame, number: int) -> bytes:
 
 def tick_bytes(now: float, joints: JointReading, skin: list[int]) -> bytes:
     """A Tick."""
-    modes = [] if joints.modes is None else [_mode_number(mode) for mode in joints.modes]
+    modes = [] if joints.modes is None else [mode_number(mode) for mode in joints.modes]
     powered = () if joints.powered is None else joints.powered
     return encode(
         TICK,
@@ -149,7 +149,7 @@ def decision_bytes(sent: SafeCommand) -> bytes:
         DECISION,
         (
             *header(sent.stamp), sent.stamp, sent.state.value, sent.reason, sent.servos,
-            [_mode_number(mode) for mode in sent.modes], sent.position, sent.velocity, sent.torque,
+            [mode_number(mode) for mode in sent.modes], sent.position, sent.velocity, sent.torque,
             list(sent.stiffness), list(sent.stiffness.values()),
             list(sent.damping), list(sent.damping.values()), sent.clamped, sent.refusals,
         ),
@@ -193,5 +193,5 @@ def to_joints(state: Mapping[str, Any], tick: Mapping[str, Any]) -> JointReading
     )
 
 
-def _mode_number(mode: Mode | None) -> int:
+def mode_number(mode: Mode | None) -> int:
     return UNKNOWN if mode is None else MODES.index(mode)

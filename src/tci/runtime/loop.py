@@ -62,18 +62,20 @@ def run(
     observe: Callable[[Tick], None] | None = None,
     guard: Callable[[], str] | None = None,
     report: LoopReport | None = None,
+    write: bool = True,
 ) -> Memory:
     """Run a capability on a robot for `duration` [s], or until interrupted, and return its memory.
 
     `observe` is called after each tick; the loop waits for it. `guard` is asked in each period for a
-    reason to hold, empty for none (`heartbeat.Listener.fault`). `report` is filled on the way.
+    reason to hold, empty for none (`heartbeat.Listener.fault`). `report` is filled on the way. Without
+    `write` nothing is sent, and the link need not be armed.
 
     SIGINT and SIGTERM bring the robot to rest and raise KeyboardInterrupt or SystemExit. Raises
     CommandError, before anything moves, when the robot refuses what the capability begins with;
     LinkError when somebody else commands the robot; and what link, capability, observer and threads
     raise, after the gate has stopped and the robot is at rest.
     """
-    loop = _Loop(link, capability, observe, guard, report if report is not None else LoopReport())
+    loop = _Loop(link, capability, observe, guard, report if report is not None else LoopReport(), write)
     with lease(link.lease_name), interruptions() as interruption, frozen_garbage():
         try:
             loop.begin(link.clock.now())
@@ -99,12 +101,14 @@ class _Loop(Generic[Memory]):
         observe: Callable[[Tick], None] | None,
         guard: Callable[[], str] | None,
         report: LoopReport,
+        write: bool,
     ) -> None:
         self.link = link
         self.capability = capability
         self.observe = observe
         self.guard = guard
         self.report = report
+        self.write = write
         self.body = Body(link.robot)
         self.memory = capability.init()
         self._begun = False
@@ -136,7 +140,9 @@ class _Loop(Generic[Memory]):
             if not opening:
                 commands, self.memory = self.capability.step(self.memory, seen)
         orders = self.body.to_platform(commands, reading.joints)
-        sent = self.link.write(gate.step(orders, reading.joints, now))
+        sent = gate.step(orders, reading.joints, now)
+        if self.write:
+            self.link.write(sent)
         if opening and sent.refusals:
             raise CommandError(f"{type(self.capability).__name__} can't begin: {'; '.join(sent.refusals)}")
         self._begun |= seen is not None

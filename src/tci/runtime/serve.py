@@ -36,7 +36,7 @@ def serve(
     report: LoopReport | None = None,
     served: Served | None = None,
 ) -> Served:
-    """Show the robot of `server.link` for `duration` [s], or until interrupted.
+    """Show the robot of `server.link` for `duration` [s], or until interrupted; read-only unless it is armed.
 
     An order that does not fit the robot is refused and changes nothing. Raises what `run` raises.
     """
@@ -47,7 +47,10 @@ def serve(
         if observe is not None:
             observe(tick)
 
-    run(server.link, orders, duration=duration, observe=see, guard=server.fault, report=report)
+    run(
+        server.link, orders, duration=duration, observe=see, guard=server.fault, report=report,
+        write=server.link.armed,
+    )  # fmt: skip
     return orders.served
 
 
@@ -68,6 +71,9 @@ class _Orders(Capability[None]):
             self.served.orders += 1
             if self._tick is None:
                 self._refuse(order, "the robot has not been read yet")
+                continue
+            if not self.server.link.armed:
+                self._refuse(order, "this robot is shown read-only; valid: tci serve --arm")
                 continue
             try:
                 position = self._tick.reading.joints.position

@@ -1,0 +1,177 @@
+"""The behaviour's side of `remote`, whatever carries the messages."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import socket
+import time
+from abc import abstractmethod
+from collections import deque
+from collections.abc import Iterable
+from dataclasses import replace
+
+from tci.clock import MonotonicClock
+from tci.errors import LinkError
+from tci.interface.gate import GateSettings
+from tci.interface.safe_command import GateState, SafeCommand
+from tci.messages import PlatformOrder, Reading, SkinFrame
+from tci.middleware.link import Link
+from tci.middleware.remote import MOST_ORDERS, Commander, Orders, State
+from tci.model.description import Robot
+
+TIMEOUT = 3.0
+"""Time [s] that a robot has to answer when a link is opened. Ours."""
+STARTING = 30.0
+"""The same while its process is there, which may still compile. Ours."""
+SKIN = 0.5
+"""Time [s] that the first frames of the skin have after that; a dead patch is for the skin to see. Ours."""
+WINDOW = 1.0
+"""Time [s] over which the shortest way of a state counts as its undelayed one. Ours."""
+
+
+class RemoteLink(Link):
+    """A robot that another TCI process owns and shows. The gate here is the behaviour's own: it refuses
+    early, and leaves the robot's body and whether it follows to the gate there. While one of them holds,
+    both do.
+
+    A subclass carries messages in `_poll` and `_put`, and calls `_wait` at the end of its `__init__`.
+    Stamps are on this process's clock: time on the way counts as age.
+    """
+
+    def __init__(self, robot: Robot, *, middleware: str, place: str, arm: bool) -> None:
+        """`place` says where the robot is, for people. Raises UnknownNameError without a binding."""
+        settings = GateSettings(self_collision=None, watch=None)
+        super().__init__(robot, middleware=middleware, clock=MonotonicClock(), armed=arm, settings=settings)
+        self.place = place
+        self.client = secrets.randbits(62) + 1
+        """Number of this link."""
+        self.lease_name = f"{middleware}:{robot.name}:{self.client}"  # the lease is there
+        self.name = f"{socket.gethostname()}, process {os.getpid()}"
+        self.refusals: deque[str] = deque(maxlen=100)
+        """What the robot's process refused, latest last."""
+        self.rejected = 0
+        """Messages that did not count: damaged, out of order, for another robot."""
+        self._state: State | None = None
+        self._delays: deque[tuple[float, float]] = deque()
+        self._shift = 0.0
+        self._skin: dict[str, SkinFrame] = {}
+        self._told = self._lost = ""
+        self._pending: deque[tuple[float, PlatformOrder]] = deque()
+        self._next, self._sequence, self._refused = 1, 0, 0
+
+    @abstractmethod
+    def _poll(self) -> Iterable[State | SkinFrame]:
+        """Messages that came, a bounded number of the latest."""
+
+    @abstractmethod
+    def _put(self, orders: Orders) -> None:
+        """Send orders to the robot's process."""
+
+    def _starting(self) -> bool:
+        """Whether the robot's process is known to be there, so that it pays to wait for it."""
+        return False
+
+    @abstractmethod
+    def _nobody(self) -> str:
+        """Why no state may have come, for the error."""
+
+    def _wait(self) -> None:
+        """Return when a state and all patches have come. Raises LinkError when no state comes in time."""
+        begin = time.monotonic()
+        while self._state is None:
+            self._take()
+            waited = time.monotonic() - begin
+            if self._state is None and waited > TIMEOUT and not (waited < STARTING and self._starting()):
+                raise LinkError(f"{self.robot.name} does not answer at {self.place}: {self._nobody()}")
+            time.sleep(0.002)
+        end = time.monotonic() + SKIN
+        while len(self._skin) < len(self.robot.patches) and time.monotonic() < end:
+            self._take()
+            time.sleep(0.002)
+
+    def _receive(self) -> Reading:
+        self._take()
+        state = self._state
+        assert state is not None
+        if self._lost:
+            self.gate.stop(self._lost)
+        running = state.gate == GateState.RUN.value
+        self._told = "" if running else f"the robot's process: {state.reason}"
+        for commander in state.commanders:
+            if commander.client == self.client:
+                self._heed(commander)
+        if self._told:
+            self.gate.hold(self._told)
+        joints = replace(state.joints, stamp=state.joints.stamp + self._shift)
+        skin = (replace(frame, stamp=frame.stamp + self._shift) for frame in self._skin.values())
+        return Reading(joints, tuple(skin))
+
+    def _send(self, safe: SafeCommand) -> None:
+        state = self._state
+        assert state is not None
+        now = self.clock.now()
+        if safe.state is not GateState.RUN:
+            self._pending.clear()
+            self.gate.drop()
+        self._pending.extend((now, order) for order in safe.orders)
+        self._next += len(safe.orders)
+        if self._pending and (
+            now - self._pending[0][0] > self.gate.stale_after or len(self._pending) > MOST_ORDERS
+        ):
+            self._pending.clear()
+            self.gate.hold(f"no answer of {self.robot.name} to orders")
+        halt = safe.reason if safe.state is not GateState.RUN and safe.reason != self._told else ""
+        self._say(state, halt, leaving=False)
+
+    def _close(self) -> None:
+        if self._state is not None and self._sequence:
+            self._pending.clear()
+            self._say(self._state, "", leaving=True)
+
+    def _say(self, state: State, halt: str, *, leaving: bool) -> None:
+        self._sequence += 1
+        self._put(
+            Orders(
+                session=state.session, seen=state.sent, client=self.client, name=self.name,
+                sequence=self._sequence, halt=halt, leaving=leaving,
+                first=self._next - len(self._pending),
+                orders=tuple(order for _, order in self._pending),
+            )
+        )  # fmt: skip
+
+    def _take(self) -> None:
+        for message in self._poll():
+            if isinstance(message, SkinFrame):
+                before = self._skin.get(message.patch)
+                if before is not None and message.sequence <= before.sequence:
+                    self.rejected += 1
+                else:
+                    self._skin[message.patch] = message
+            elif self._state is not None and message.session != self._state.session:
+                self._lost = f"the process that owns {self.robot.name} was restarted; connect again"
+            elif self._state is not None and message.sequence <= self._state.sequence:
+                self.rejected += 1
+            else:
+                self._accept(message)
+
+    def _accept(self, state: State) -> None:
+        self._state = state
+        arrival = self.clock.now()
+        delay = arrival - state.sent
+        while self._delays and (self._delays[0][0] < arrival - WINDOW or self._delays[-1][1] >= delay):
+            self._delays.popleft() if self._delays[0][0] < arrival - WINDOW else self._delays.pop()
+        self._delays.append((arrival, delay))
+        # Where the robot's time is here: when the state was sent, if its way was the shortest one.
+        self._shift = state.sent + self._delays[0][1] - state.now
+
+    def _heed(self, commander: Commander) -> None:
+        """What the robot's process says to this one."""
+        while self._pending and self._next - len(self._pending) <= commander.acknowledged:
+            self._pending.popleft()
+        if commander.refused > self._refused:
+            self._refused = commander.refused
+            self.refusals.append(commander.reason)
+            if "commanded by" in commander.reason:
+                raise LinkError(commander.reason)
+            self._told = f"refused by the robot's process: {commander.reason}"

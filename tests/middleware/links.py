@@ -1,0 +1,169 @@
+"""The other sides of links in the contract suite. A new middleware adds its own to `PEERS`."""
+
+from __future__ import annotations
+
+import signal
+import socket
+import subprocess
+import sys
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from pathlib import Path
+
+import zenoh
+
+import tci
+from middleware.patient import patient
+from middleware.served import needs_qi
+from tci.middleware.link import Link
+from tci.middleware.simulated import SimulatedLink
+from tci.middleware.zenoh_session import close_session, open_session, parse_address
+
+SERVED = Path(__file__).with_name("patient.py")
+
+
+class Peer(ABC):
+    """What is at the other end of a link."""
+
+    other_process = True
+    """Whether it can be lost."""
+
+    @abstractmethod
+    def start(self) -> None:
+        """Be there."""
+
+    @abstractmethod
+    def open(self, *, arm: bool) -> Link:
+        """A link to the NAO there."""
+
+    def freeze(self) -> None:
+        """Say nothing until `thaw`."""
+        raise NotImplementedError
+
+    def thaw(self) -> None:
+        """Go on."""
+        raise NotImplementedError
+
+    def kill(self) -> None:
+        """Die without a word."""
+        raise NotImplementedError
+
+    def commander(self) -> subprocess.Popen[str]:
+        """Another process, which moves the robot and says `moving`."""
+        raise NotImplementedError
+
+    def disturb(self, messages: list[bytes]) -> None:
+        """Send bytes to wherever the link listens."""
+        raise NotImplementedError
+
+    @abstractmethod
+    def stop(self) -> None:
+        """Be gone, with everything that was started."""
+
+
+class Simulated(Peer):
+    """The simulation in the same process."""
+
+    other_process = False
+
+    def start(self) -> None:
+        pass
+
+    def open(self, *, arm: bool) -> Link:
+        return SimulatedLink(tci.load_robot("nao"), arm=arm)
+
+    def stop(self) -> None:
+        pass
+
+
+class Process(Peer):
+    """A simulated NAO that another process serves."""
+
+    process: subprocess.Popen[str] | None = None
+
+    def __init__(self, via: Callable[[], str]) -> None:
+        self.make_via = via
+
+    def start(self) -> None:
+        self.via = self.link_via = self.make_via()
+        self.process = subprocess.Popen(
+            [sys.executable, str(SERVED), self.via],
+            stdout=subprocess.PIPE, text=True, cwd=SERVED.parents[1],
+        )  # fmt: skip
+        assert self.process.stdout is not None
+        assert self.process.stdout.readline() == "ready\n"
+
+    def open(self, *, arm: bool) -> Link:
+        return tci.connect(patient("nao"), self.link_via, arm=arm)
+
+    def freeze(self) -> None:
+        assert self.process is not None
+        self.process.send_signal(signal.SIGSTOP)
+
+    def thaw(self) -> None:
+        assert self.process is not None
+        self.process.send_signal(signal.SIGCONT)
+
+    def kill(self) -> None:
+        assert self.process is not None
+        self.process.kill()
+        self.process.wait()
+
+    def commander(self) -> subprocess.Popen[str]:
+        command = [sys.executable, str(SERVED.with_name("commander.py")), self.link_via]
+        return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=SERVED.parents[1])
+
+    def stop(self) -> None:
+        if self.process is not None and self.process.poll() is None:
+            self.thaw()
+            self.process.terminate()
+            try:
+                self.process.wait(10)
+            except subprocess.TimeoutExpired:
+                self.kill()
+
+
+class Zenoh(Process):
+    """Over Zenoh."""
+
+    def __init__(self) -> None:
+        super().__init__(lambda: f"zenoh:tcp/127.0.0.1:{free_port()}")
+
+    def disturb(self, messages: list[bytes]) -> None:
+        session = open_session(parse_address(self.via.removeprefix("zenoh:"), "nao"), "connect")
+        for key in ("state", "skin/left_forearm"):
+            publisher = session.declare_publisher(
+                f"tci/nao/{key}", congestion_control=zenoh.CongestionControl.BLOCK
+            )
+            for message in messages:
+                publisher.put(message)
+        close_session(session)
+
+
+class Naoqi(Process):
+    """Over NAOqi."""
+
+    def __init__(self) -> None:
+        super().__init__(lambda: f"naoqi:127.0.0.1:{free_port()}")
+
+    def start(self) -> None:
+        needs_qi()
+        super().start()
+        self.link_via = self.via.replace("naoqi:", "naoqi://")
+
+    def disturb(self, messages: list[bytes]) -> None:
+        for message in messages:
+            with socket.socket() as stranger:
+                stranger.connect(("127.0.0.1", int(self.via.rpartition(":")[2])))
+                stranger.sendall(message)
+
+
+def free_port() -> int:
+    """A TCP port of the loopback that nobody has."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+PEERS: dict[str, Callable[[], Peer]] = {"sim": Simulated, "zenoh": Zenoh, "naoqi": Naoqi}
+"""Every link, by name."""

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from tci.runtime.loop import run as run
     from tci.runtime.registry import connect as connect
     from tci.runtime.registry import link_names as link_names
+    from tci.trials.simulate import simulate as simulate
 
 __version__ = "0.1.0"
 
@@ -68,6 +69,7 @@ _NAMES = {
     "tci.model.description": ("Robot",),
     "tci.runtime.loop": ("Tick", "run"),
     "tci.runtime.registry": ("connect", "link_names"),
+    "tci.trials.simulate": ("simulate",),
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names}
 

@@ -113,9 +113,7 @@ def find_limbs(model: Model) -> Body:
         if pairs:
             break
     else:
-        message = (
-            "no mirrored limbs with a ball joint and a bend; valid: a humanoid whose z or y is up"
-        )
+        message = "no mirrored limbs with a ball joint and a bend; valid: a humanoid whose z or y is up"
         raise DescriptionError(model.path, [Fault(0, message)])
     pairs.sort(key=lambda pair: -float(pair["left"].centre[2]))
     arms, legs = pairs[0], pairs[-1] if len(pairs) > 1 else {}

@@ -95,8 +95,9 @@ class World:
         """Time since the start [s]."""
         return self._physics.time
 
-    def reset(self) -> None:
-        """Back to time 0, the initial posture, full stiffness, no finger, and the seed."""
+    def reset(self, *, seed: int | None = None) -> None:
+        """Back to time 0, the initial posture, full stiffness, no finger, and the seed, or another one."""
+        self._seed = self._seed if seed is None else seed
         self._generator.bit_generator.state = np.random.default_rng(self._seed).bit_generator.state
         self._physics.reset(self._servos.addresses, self._home[self._servos.moving])
         self._servos.reset()

@@ -122,13 +122,13 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
             if touch == "contacts"
             else spaces.Box(0.0, FORCE, (self._count(),), np.float64)
         )
-        self._bounds = {
+        self._bounds: dict[str, spaces.Box[Any]] = {
             "posture": spaces.Box(-2 * np.pi, 2 * np.pi, (n,), np.float64),
             "velocity": spaces.Box(-100.0, 100.0, (n,), np.float64),
             "task": spaces.Box(-2 * np.pi, 2 * np.pi, (n,), np.float64),
             touch: felt,
         }
-        self.observation_space = spaces.Dict(self._bounds)  # type: ignore[assignment]
+        self.observation_space = spaces.Dict({**self._bounds})  # type: ignore[assignment]
 
     def _count(self) -> int:
         return sum(len(self.world.surfaces[name].positions) for name in self.patches)
@@ -174,7 +174,7 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         info = {"harm": harm, "effort": effort, "task": task, "force": self.world.finger.force}
         return observation, reward, False, self.time >= self.duration - 1e-9, info
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8] | None:
         """A picture (240, 320, 3) of the world; None without `render_mode`."""
         if self.render_mode is None:
             return None

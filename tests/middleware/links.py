@@ -15,8 +15,13 @@ import zenoh
 import tci
 from middleware.patient import patient
 from middleware.served import needs_qi
+from tci.errors import LinkError
 from tci.middleware.link import Link
 from tci.middleware.simulated import SimulatedLink
+from tci.middleware.yarp.carrier import FAST_TCP
+from tci.middleware.yarp.names import Names
+from tci.middleware.yarp.names import parse_address as parse_names
+from tci.middleware.yarp.outgoing import dial
 from tci.middleware.zenoh_session import close_session, open_session, parse_address
 
 SERVED = Path(__file__).with_name("patient.py")
@@ -158,6 +163,37 @@ class Naoqi(Process):
                 stranger.sendall(message)
 
 
+class Yarp(Process):
+    """Over YARP 3.12."""
+
+    dialect = "3"
+
+    def __init__(self) -> None:
+        super().__init__(lambda: f"yarp:127.0.0.1:{free_port()},dialect={self.dialect}")
+
+    def start(self) -> None:
+        super().start()
+        self.link_via = self.via.partition(",")[0]
+
+    def disturb(self, messages: list[bytes]) -> None:
+        names = Names(parse_names(self.via.removeprefix("yarp:").partition(",")[0]))
+        ports = [contact for contact in names.list() if contact.name.startswith("/tci/")]
+        for number, message in enumerate(messages):
+            contact = ports[number % len(ports)]
+            try:
+                sock = dial(contact, f"/stranger/{number}", FAST_TCP, None)[0]
+                with sock:
+                    sock.sendall(message)
+            except (LinkError, OSError):
+                continue
+
+
+class Yarp4(Yarp):
+    """Over YARP 4.0."""
+
+    dialect = "4"
+
+
 def free_port() -> int:
     """A TCP port of the loopback that nobody has."""
     with socket.socket() as probe:
@@ -165,5 +201,11 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
-PEERS: dict[str, Callable[[], Peer]] = {"sim": Simulated, "zenoh": Zenoh, "naoqi": Naoqi}
+PEERS: dict[str, Callable[[], Peer]] = {
+    "sim": Simulated,
+    "zenoh": Zenoh,
+    "naoqi": Naoqi,
+    "yarp": Yarp,
+    "yarp4": Yarp4,
+}
 """Every link, by name."""

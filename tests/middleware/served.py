@@ -45,6 +45,13 @@ class Served:
         assert found is not None, self.where
         return int(found[1])
 
+    @property
+    def address(self) -> str:
+        """What a link connects to, where it is said as NAME:HOST:PORT."""
+        found = re.search(r"\w+:[\d.]+:\d+", self.where)
+        assert found is not None, self.where
+        return found[0]
+
     def stop(self) -> Sequence[str]:
         """End it as an operator does; returns what it said."""
         self.process.terminate()

@@ -8,6 +8,7 @@ from tci.errors import LinkError
 from tci.middleware.yarp.carrier import CARRIERS, FAST_TCP
 from tci.middleware.yarp.dialect import DIALECTS, Dialect
 from tci.middleware.yarp.names import parse_address
+from tci.model.description import Robot
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,3 +60,10 @@ def _valid() -> str:
         f"HOST:PORT first, then dialect={'|'.join(DIALECTS)}, robot=NAME, carrier={'|'.join(CARRIERS)}, "
         "skin=raw|comp, without=PATCH+PATCH, separated by commas"
     )
+
+
+def patch_port(robot: Robot, prefix: str, patch: str) -> str:
+    """The port of a patch's raw skin; the binding may say which."""
+    usual = f"skin/{patch}"
+    bindings = {binding.middleware: binding for binding in robot.bindings}
+    return f"/{prefix}/{bindings['yarp'].address(patch, usual) if 'yarp' in bindings else usual}"

@@ -29,8 +29,6 @@ ACCELERATION = 50.0
 """Acceleration [deg/s2] that is reported and kept; the gate has its own. Ours."""
 THERE = 0.5
 """How near [deg] to its target a joint's move counts as done. Ours."""
-SILENCE = 0.1
-"""How long [s] after a velocity or torque command the next may come; then the joint comes to rest. Ours."""
 MODES = {POSITION: Mode.POSITION, DIRECT: Mode.POSITION, VELOCITY: Mode.VELOCITY, TORQUE: Mode.TORQUE}
 STREAMS = {Stream.POSITION: DIRECT, Stream.VELOCITY: VELOCITY, Stream.TORQUE: TORQUE}
 COMMANDS = {Stream.POSITION: Mode.POSITION, Stream.VELOCITY: Mode.VELOCITY, Stream.TORQUE: Mode.TORQUE}
@@ -54,7 +52,6 @@ class ServedBoard:
         self._compliant = [False] * self.count
         self._impedance = np.tile([FULL_STIFFNESS, FULL_DAMPING], (self.count, 1))
         self._targets = np.full(self.count, np.nan)
-        self._heard = 0.0
         self.state = BoardState(np.zeros(self.count))
         """The latest state."""
         self.stamp = 0.0
@@ -98,18 +95,6 @@ class ServedBoard:
         wanted = self._words[number]
         return wanted if wanted in (POSITION, DIRECT) else POSITION
 
-    def mind_silence(self) -> None:
-        """Bring to rest what velocities or torques were streamed to by somebody who says no more."""
-        if not self._heard or time.monotonic() - self._heard <= SILENCE:
-            return
-        self._heard = 0.0
-        moving = [number for number, word in enumerate(self._words) if word == VELOCITY]
-        if moving:
-            self._order(moving, Mode.VELOCITY, np.zeros(len(moving)), np.full(len(moving), np.inf))
-        loose = [number for number, word in enumerate(self._words) if word == TORQUE]
-        if loose:
-            self._order(loose, Mode.TORQUE, np.zeros(len(loose)), np.full(len(loose), np.inf))
-
     def joints(self, numbers: Sequence[int] | None) -> list[int]:
         """Joints by number, all for None."""
         chosen = list(range(self.count)) if numbers is None else [int(number) for number in numbers]
@@ -133,8 +118,6 @@ class ServedBoard:
         self._need(chosen, (STREAMS[stream],))
         if stream is Stream.POSITION:
             self._targets[chosen] = values
-        else:
-            self._heard = time.monotonic()
         values = values if stream is Stream.TORQUE else np.deg2rad(values)
         modes = {Mode.IMPEDANCE if self._compliant[n] else COMMANDS[stream] for n in chosen}
         for mode in modes if stream is Stream.POSITION else {COMMANDS[stream]}:

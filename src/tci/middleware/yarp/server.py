@@ -21,7 +21,7 @@ from tci.messages import Order, Perception, Reading, SkinFrame
 from tci.middleware.link import Link
 from tci.middleware.server import Server
 from tci.middleware.yarp import address as addresses
-from tci.middleware.yarp.address import YarpAddress
+from tci.middleware.yarp.address import YarpAddress, patch_port
 from tci.middleware.yarp.calls_v3 import answer_v3
 from tci.middleware.yarp.calls_v4 import answer_v4
 from tci.middleware.yarp.dialect import V3, V4, Dialect
@@ -34,21 +34,15 @@ from tci.middleware.yarp.served_board import ServedBoard
 from tci.middleware.yarp.skin_events import encode_events
 from tci.middleware.yarp.state import encode_state
 from tci.middleware.yarp.streams import obey
-from tci.model.description import Robot
 
 PERIOD = 0.01
 """Time [s] between two states of a board, as on iCub."""
 DEFAULT = ("127.0.0.1", 10000)
 """Where a name server of our own listens unless an address is given."""
+AWAY = 0.1
+"""After standing still for so long [s], what had piled up meanwhile is read for as long and dropped. Ours."""
 REGISTER_AGAIN = 1.0
 """How often [s] it is looked whether the name server forgot us. Ours."""
-
-
-def patch_port(robot: Robot, prefix: str, patch: str) -> str:
-    """The port of a patch's raw skin; the binding may say which."""
-    usual = f"skin/{patch}"
-    bindings = {binding.middleware: binding for binding in robot.bindings}
-    return f"/{prefix}/{bindings['yarp'].address(patch, usual) if 'yarp' in bindings else usual}"
 
 
 class YarpServer(Server):
@@ -75,6 +69,7 @@ class YarpServer(Server):
         self._sequences: dict[str, int] = {}
         self._stamps: dict[str, int] = {}
         self._due = 0.0
+        self._asked = self._deaf = -np.inf
         self._closed = threading.Event()
         try:
             for part, board in self.boards.items():
@@ -96,9 +91,16 @@ class YarpServer(Server):
         return f"yarp:{host}:{port}, ports /{self.prefix}/... of YARP {self.dialect.name}{hint}"
 
     def orders(self) -> Sequence[Order]:
-        for board in self.boards.values():
-            board.mind_silence()
-        return [order for board in self.boards.values() for order in board.book.take()]
+        now = time.monotonic()
+        if now - self._asked > AWAY:
+            self._deaf = now + AWAY
+        self._asked = now
+        orders = [order for board in self.boards.values() for order in board.book.take()]
+        if now < self._deaf:
+            for order in orders:
+                self.refuse(order, "it is from before this process stood still")
+            return []
+        return orders
 
     def refuse(self, order: Order, reason: str) -> None:
         self._refuse(reason)

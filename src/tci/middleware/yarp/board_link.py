@@ -1,0 +1,234 @@
+"""One control board behind a link: its state comes in, set-points go out, to named joints only."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tci.errors import LinkError, WireError
+from tci.frames import Array
+from tci.interface.safe_command import SafeCommand
+from tci.messages import Mode
+from tci.middleware.yarp.board import (
+    COMPLIANT,
+    DIRECT,
+    POSITION,
+    STIFF,
+    TORQUE,
+    VELOCITY,
+    AxisLimits,
+    Board,
+    Stream,
+    find_board,
+)
+from tci.middleware.yarp.carrier import FAST_TCP
+from tci.middleware.yarp.dialect import Dialect
+from tci.middleware.yarp.feed import Feed
+from tci.middleware.yarp.incoming import Delivery
+from tci.middleware.yarp.names import Names
+from tci.middleware.yarp.outgoing import Outgoing
+from tci.middleware.yarp.state import BoardState, decode_state
+from tci.middleware.yarp.values import Vocab
+from tci.model.description import Servo
+
+MOVING = {
+    POSITION: Mode.POSITION, DIRECT: Mode.POSITION, Vocab("mix"): Mode.POSITION,
+    VELOCITY: Mode.VELOCITY, Vocab("veld"): Mode.VELOCITY, TORQUE: Mode.TORQUE,
+}  # fmt: skip
+"""Control modes in which a joint obeys; in any other (idle, faulty, calibrating) its servo counts as off."""
+WORDS = {Mode.POSITION: DIRECT, Mode.IMPEDANCE: DIRECT, Mode.VELOCITY: VELOCITY, Mode.TORQUE: TORQUE}
+STREAMS = {
+    Mode.POSITION: Stream.POSITION, Mode.IMPEDANCE: Stream.POSITION,
+    Mode.VELOCITY: Stream.VELOCITY, Mode.TORQUE: Stream.TORQUE,
+}  # fmt: skip
+
+
+class BoardLink:
+    """The joints of one robot part. Methods raise LinkError when the board refuses or is not there."""
+
+    def __init__(
+        self,
+        prefix: str,
+        servos: Sequence[Servo],
+        names: Names,
+        *,
+        own: str,
+        carrier: str,
+        dialect: Dialect | None,
+    ) -> None:
+        """Connect and see which axis is which joint: by name where the board has them, else by number."""
+        self.servos = tuple(servos)
+        self.prefix = prefix
+        self._names, self._own = names, own
+        self.board: Board = find_board(names, prefix, f"{own}/rpc:o", dialect)
+        self.axes: tuple[str, ...] = ()
+        """The board's own names, by axis."""
+        self.feed: Feed[BoardState] | None = None
+        self._output: Outgoing | None = None
+        try:
+            self.axes = tuple(self.board.name(axis) for axis in range(self.board.axes()))
+            self.axis = self._match()
+            self.feed = Feed(
+                f"{prefix}/stateExt:o",
+                names,
+                self.board.dialect,
+                self._decode,
+                own=f"{own}/stateExt:i",
+                carrier=carrier,
+            )
+            self._connect_commands()
+        except BaseException:
+            self.close()
+            raise
+        self._told = {servo.index: servo.modes[0] for servo in self.servos}
+        self._direct: dict[int, bool] = {}
+        self._impedance: dict[int, tuple[float, float]] = {}
+
+    def close(self) -> None:
+        """Let go of all connections."""
+        self.board.close()
+        if self.feed is not None:
+            self.feed.close()
+        if self._output is not None:
+            self._output.close()
+
+    def state(self) -> tuple[BoardState, float, int]:
+        """The latest state, in the board's own order and degrees, its time [s] and its number."""
+        latest = self.feed.latest if self.feed is not None else None
+        if latest is None:
+            raise LinkError(f"{self.prefix} has sent no state yet")
+        return latest.value, latest.stamp, latest.sequence
+
+    def modes(self, state: BoardState) -> list[tuple[Mode | None, bool]]:
+        """Control mode and whether it is on, of each servo."""
+        found: list[tuple[Mode | None, bool]] = []
+        for axis in self.axis:
+            word = Vocab(state.modes[axis]) if state.modes is not None else POSITION
+            mode = MOVING.get(word)
+            if (
+                mode is Mode.POSITION
+                and state.interactions is not None
+                and state.interactions[axis] == COMPLIANT
+            ):
+                mode = Mode.IMPEDANCE
+            found.append((mode, mode is not None))
+        return found
+
+    def limits(self) -> list[AxisLimits]:
+        """How far each servo may go, by the board [deg]."""
+        return [self.board.limits(axis) for axis in self.axis]
+
+    def send(self, safe: SafeCommand) -> None:
+        """Switch modes as the gate did, then send set-points to its servos that are under command."""
+        mine = {servo.index: axis for servo, axis in zip(self.servos, self.axis, strict=True)}
+        self._set_shares(safe, mine)
+        chosen = [(place, servo) for place, servo in enumerate(safe.servos.tolist()) if servo in mine]
+        if not chosen:
+            return
+        reported = dict(zip(mine, self.modes(self.state()[0]), strict=True))
+        wanted = {servo: safe.modes[place] for place, servo in chosen}
+        self._switch({s: m for s, m in wanted.items() if self._must_switch(s, m, *reported[s])}, mine)
+        for stream, values in (
+            (Stream.POSITION, np.rad2deg(safe.position)),
+            (Stream.VELOCITY, np.rad2deg(safe.velocity)),
+            (Stream.TORQUE, safe.torque),
+        ):
+            places = [
+                place for place, servo in chosen
+                if STREAMS[wanted[servo]] is stream and self._obeys(servo, wanted[servo], reported[servo][0])
+            ]  # fmt: skip
+            if places:
+                self._stream(stream, [mine[int(safe.servos[place])] for place in places], values[places])
+
+    def forget(self) -> None:
+        """The board was away: its joints are in whatever mode they started in."""
+        self._direct.clear()
+        self.board.close()
+
+    def reconnect(self) -> None:
+        """Connect again. Raises LinkError, UnknownNameError."""
+        assert self.feed is not None
+        fresh = find_board(self._names, self.prefix, f"{self._own}/rpc:o", self.board.dialect)
+        self.board.close()
+        self.board = fresh
+        self.forget()
+        self._connect_commands()
+        self.feed.reconnect()
+
+    def _must_switch(self, servo: int, mode: Mode, reported: Mode | None, on: bool) -> bool:
+        """By order of the gate, or from position to position-direct. A mode that somebody else set stays."""
+        if mode is not self._told[servo]:
+            return True
+        return (
+            on and reported is mode and mode in (Mode.POSITION, Mode.IMPEDANCE) and servo not in self._direct
+        )
+
+    def _obeys(self, servo: int, mode: Mode, reported: Mode | None) -> bool:
+        return reported is mode or servo in self._direct or mode in (Mode.VELOCITY, Mode.TORQUE)
+
+    def _switch(self, wanted: dict[int, Mode], mine: dict[int, int]) -> None:
+        for mode in dict.fromkeys(wanted.values()):
+            servos = [servo for servo, other in wanted.items() if other is mode]
+            for servo in servos:
+                if mode in (Mode.POSITION, Mode.IMPEDANCE) and mode is not self._told[servo]:
+                    self.board.set_interaction(mine[servo], COMPLIANT if mode is Mode.IMPEDANCE else STIFF)
+            self.board.set_modes([mine[servo] for servo in servos], WORDS[mode])
+            for servo in servos:
+                self._told[servo] = mode
+                self._direct.pop(servo, None)
+                if mode in (Mode.POSITION, Mode.IMPEDANCE):
+                    self._direct[servo] = True
+
+    def _set_shares(self, safe: SafeCommand, mine: dict[int, int]) -> None:
+        """Shares of the stiffness and damping that the board had when it was first asked."""
+        shares = [(0, safe.stiffness), (1, safe.damping)]
+        for servo in {servo for _, values in shares for servo in values if servo in mine}:
+            if Mode.IMPEDANCE not in next(s.modes for s in self.servos if s.index == servo):
+                continue
+            if servo not in self._impedance:
+                self._impedance[servo] = self.board.impedance(mine[servo])
+            full = self._impedance[servo]
+            now = list(full)
+            for place, values in shares:
+                if servo in values:
+                    now[place] = full[place] * values[servo]
+            self.board.set_impedance(mine[servo], *now)
+
+    def _stream(self, stream: Stream, joints: Sequence[int], values: Array) -> None:
+        if self._output is None:
+            return
+        try:
+            self._output.offer(self.board.command(stream, joints, values), self.board.dialect)
+        except LinkError:
+            self._output.close()
+            self._output = None  # the board is gone: its state grows old, the gate holds, and nothing queues
+
+    def _connect_commands(self) -> None:
+        contact = self._names.query(f"{self.prefix}/command:i")
+        if self._output is not None:
+            self._output.close()
+        self._output = Outgoing(contact, f"{self._own}/command:o", FAST_TCP, self._names.key)
+
+    def _decode(self, delivery: Delivery) -> BoardState:
+        dialect = self.board.dialect
+        state = decode_state(delivery.items(dialect), dialect)
+        if len(state.position) != len(self.axes):
+            raise WireError(f"{self.prefix} sends {len(state.position)} joints and has {len(self.axes)}")
+        return state
+
+    def _match(self) -> tuple[int, ...]:
+        """The board's axis of each servo. Raises LinkError when there is none for one."""
+        known = {name: axis for axis, name in enumerate(self.axes)}
+        names = [servo.name for servo in self.servos]
+        if len(known) == len(self.axes) and all(name in known for name in names):
+            return tuple(known[name] for name in names)
+        strangers = [servo for servo in self.servos if not 0 <= servo.id < len(self.axes)]
+        mixed = [s.name for s in self.servos if known.get(s.name, s.id) != s.id]
+        if strangers or mixed:
+            raise LinkError(
+                f"{self.prefix} has the axes {', '.join(self.axes)}; the description's "
+                f"{', '.join(mixed or [servo.name for servo in strangers])} is not where its id says; "
+                "valid: a description whose servos have the board's names, or its numbers"
+            )
+        return tuple(servo.id for servo in self.servos)

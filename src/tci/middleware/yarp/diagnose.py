@@ -1,0 +1,104 @@
+"""What `tci doctor` finds out about a robot on YARP."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tci.errors import TciError
+from tci.middleware.diagnosis import Finding, Level
+from tci.middleware.yarp import address as addresses
+from tci.middleware.yarp.address import patch_port
+from tci.middleware.yarp.board import find_board
+from tci.middleware.yarp.feed import Feed
+from tci.middleware.yarp.names import Names, find_server, read_key
+from tci.model.description import Robot
+
+if TYPE_CHECKING:
+    from tci.middleware.yarp.board_link import BoardLink
+    from tci.middleware.yarp.link import YarpLink
+
+NEAR = 0.5
+"""Limits that differ by no more [deg] count as the same. Ours."""
+CLOCK = 0.1
+"""Spread between the clocks [s] worth a note. Ours."""
+
+
+def probe(robot: Robot, address: str) -> tuple[Finding, ...]:
+    """Step by step: the name server, the boards, the skin."""
+    try:
+        options = addresses.parse(address)
+        names = Names(options.server or find_server(), key=read_key())
+        there = {contact.name for contact in names.list()}
+    except TciError as error:
+        advice = "start yarpserver, or say where it is: --via yarp:HOST:PORT; see docs/yarp.md"
+        return (Finding(Level.FAULT, "name server", str(error), advice),)
+    host, port = names.address
+    found = [Finding(Level.OK, "name server", f"{host}:{port} knows {len(there)} ports")]
+    prefix = options.robot or robot.name
+    for part in dict.fromkeys(servo.robot_part for servo in robot.servos):
+        try:
+            board = find_board(names, f"/{prefix}/{part}", f"/tci/probe/{part}", options.dialect)
+            axes = board.axes()
+            board.close()
+            found.append(
+                Finding(Level.OK, part, f"a control board of YARP {board.dialect.name}, {axes} axes")
+            )
+        except TciError as error:
+            advice = "is its device running (yarprobotinterface)? another name? --via yarp:...,robot=NAME"
+            found.append(Finding(Level.FAULT, part, str(error), advice))
+    for patch in robot.patches:
+        name = patch_port(robot, prefix, patch.name)
+        if name not in there:
+            advice = f"leave it out: --via yarp:...,without={patch.name}"
+            found.append(Finding(Level.FAULT, patch.name, f"no port {name}", advice))
+    return tuple(found)
+
+
+def examine(link: YarpLink) -> tuple[Finding, ...]:
+    """Dialect, joints and limits that differ from the description, lost and wrong messages, clocks."""
+    found = [
+        Finding(Level.OK, "dialect", f"YARP {link.dialect.name}", figures={"dialect": link.dialect.name})
+    ]
+    for part, board in link.boards.items():
+        found += _examine_board(part, board)
+    feeds: dict[str, Feed[Any]] = {
+        part: board.feed for part, board in link.boards.items() if board.feed is not None
+    }
+    for name, feed in {**feeds, **link.skin}.items():
+        level = Level.WARNING if feed.wrong or feed.lost else Level.OK
+        what = f"{feed.lost} messages lost, {feed.wrong} wrong"
+        advice = feed.last_error or (
+            "a faster carrier or network: yarp:...,carrier=fast_tcp" if feed.lost else ""
+        )
+        figures: dict[str, float | str] = {"lost": feed.lost, "wrong": feed.wrong}
+        if feed.offset.value is not None:
+            figures["clock_offset_s"] = feed.offset.value
+        found.append(Finding(level, name, what, advice if level is not Level.OK else "", figures=figures))
+    return tuple(found)
+
+
+def _examine_board(part: str, board: BoardLink) -> list[Finding]:
+    found = []
+    for servo, axis, limits in zip(board.servos, board.axis, board.limits(), strict=True):
+        if board.axes[axis] != servo.name:
+            what = f"axis {axis} is called {board.axes[axis]!r} by the board"
+            found.append(Finding(Level.NOTE, servo.name, what, "taken by its number; compare with the robot"))
+        ours = (servo.limits.lower, servo.limits.upper)
+        if ours[0] is None or ours[1] is None:
+            continue
+        lower, upper = np.rad2deg(np.array(ours))
+        if limits.lower > lower + NEAR or limits.upper < upper - NEAR:
+            what = (
+                f"the board allows {limits.lower:g} to {limits.upper:g} degrees, "
+                f"the description {lower:g} to {upper:g}"
+            )
+            advice = (
+                "put the board's limits into the description: set-points beyond them are cut by the board"
+            )
+            figures = {"lower_deg": limits.lower, "upper_deg": limits.upper}
+            found.append(Finding(Level.WARNING, servo.name, what, advice, figures=figures))
+    if not found:
+        found.append(Finding(Level.OK, part, f"{len(board.servos)} joints, named and limited as described"))
+    return found

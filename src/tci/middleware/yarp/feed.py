@@ -1,0 +1,115 @@
+"""What comes in from one port of the robot, and how it is got again after a restart."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from tci.errors import LinkError, UnknownNameError, WireError
+from tci.middleware.yarp.dialect import Dialect
+from tci.middleware.yarp.incoming import Delivery
+from tci.middleware.yarp.names import Names
+from tci.middleware.yarp.port import Port
+from tci.middleware.yarp.stamps import Offset
+
+RESTARTED = 100
+"""By so many a count may fall back before its sender counts as started anew. Ours."""
+Value = TypeVar("Value")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sample(Generic[Value]):
+    """The latest message of a port."""
+
+    value: Value
+    stamp: float
+    """When it was measured [s], on our monotonic clock."""
+    sequence: int
+    """Counts up with each message that was new."""
+
+
+class Feed(Generic[Value]):
+    """Reads one port. Only the latest message is kept; what can't be read is counted and dropped."""
+
+    def __init__(
+        self,
+        source: str,
+        names: Names,
+        dialect: Dialect,
+        decode: Callable[[Delivery], Value],
+        *,
+        own: str,
+        carrier: str,
+    ) -> None:
+        """Connect. Raises LinkError, UnknownNameError for a port that is not there."""
+        self.source = source
+        self.latest: Sample[Value] | None = None
+        self.offset = Offset()
+        """Their clock and ours."""
+        self.lost = 0
+        """Messages missing between those that came, by their count."""
+        self.wrong = 0
+        """Messages that were dropped because they can't be what they should."""
+        self.last_error = ""
+        """What was wrong with the last of them."""
+        self._names, self._decode, self._carrier = names, decode, carrier
+        self._count: int | None = None
+        self._arrived = 0.0
+        self._came = threading.Event()
+        names.query(source)
+        self.port = Port(own, names, dialect, receive=self._receive)
+        try:
+            self.port.listen_to(source, carrier)
+        except (LinkError, UnknownNameError):
+            self.port.close()
+            raise
+
+    def wait(self, seconds: float) -> bool:
+        """Whether something came, at the latest after so long."""
+        return self._came.wait(seconds)
+
+    def silent(self, now: float) -> float:
+        """How long [s] nothing has come."""
+        return now - self._arrived
+
+    def reconnect(self) -> None:
+        """Ask the source again. Raises LinkError, UnknownNameError."""
+        self.port.listen_to(self.source, self._carrier)
+
+    def close(self) -> None:
+        """Let go of the port."""
+        self.port.close()
+
+    def _receive(self, delivery: Delivery) -> None:
+        try:
+            if delivery.sender != self.source:
+                raise WireError(
+                    f"{delivery.sender[:60]} sends to {self.port.name}; valid: {self.source} alone"
+                )
+            value = self._decode(delivery)
+        except WireError as error:
+            self.wrong += 1
+            self.last_error = str(error)
+            return
+        stamp = delivery.stamp
+        self._arrived = delivery.arrived
+        measured = delivery.arrived
+        if stamp is not None:
+            if self._is_old(stamp.count):
+                return
+            measured = self.offset.map(stamp.time, delivery.arrived)
+        sequence = self.latest.sequence + 1 if self.latest is not None else 0
+        self.latest = Sample(value, measured, sequence)
+        self._came.set()
+
+    def _is_old(self, count: int) -> bool:
+        before, self._count = self._count, count
+        if before is None or count > before:
+            self.lost += 0 if before is None else count - before - 1
+            return False
+        if before - count > RESTARTED or count == 0:
+            return False
+        self._count = before
+        return True

@@ -1,0 +1,231 @@
+"""`yarp`: a robot behind YARP, such as iCub: its control boards and the ports of its skin."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import os
+import threading
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.clock import MonotonicClock
+from tci.errors import LinkError, UnknownNameError, WireError
+from tci.frames import read_only
+from tci.interface.gate import SafeCommand
+from tci.messages import JointReading, Mode, Reading, SkinFrame
+from tci.middleware.diagnosis import Finding
+from tci.middleware.link import Link
+from tci.middleware.yarp import address as addresses
+from tci.middleware.yarp.address import patch_port
+from tci.middleware.yarp.board_link import BoardLink
+from tci.middleware.yarp.diagnose import examine, probe
+from tci.middleware.yarp.dialect import Dialect
+from tci.middleware.yarp.feed import Feed
+from tci.middleware.yarp.incoming import Delivery
+from tci.middleware.yarp.names import Names, find_server, read_key
+from tci.middleware.yarp.skin_events import SkinEvent, decode_events
+from tci.model.description import Patch, Robot
+
+FIRST = 3.0
+"""How long [s] a port may take for its first message when the link is opened. Ours."""
+AWAY = 0.3
+"""How long [s] a port is silent before it is asked again. Ours."""
+LOOK = 0.25
+"""How often [s] it is looked whether somebody is silent. Ours."""
+EVENTS = "/skinManager/skin_events:o"
+_numbers = itertools.count()
+
+
+class YarpLink(Link):
+    """A link to a robot on YARP. It is armed only on request. After a restart of the name server, a board or
+    the robot it goes on by itself; meanwhile the joint data is old, and the gate holds."""
+
+    def __init__(self, robot: Robot, address: str = "", *, arm: bool = False) -> None:
+        """Connect to every board and every patch; `address` as in docs/yarp.md.
+
+        Raises LinkError when a port is not there, sends nothing, or sends what the description does not say.
+        """
+        options = addresses.parse(address)
+        clock = MonotonicClock()
+        super().__init__(robot, middleware="yarp", clock=clock, armed=arm)
+        self.names = Names(options.server or find_server(), key=read_key())
+        self.prefix = options.robot or robot.name
+        self.lease_name = "yarp:{}:{}/{}".format(*self.names.address, self.prefix)
+        own = f"/tci/{os.getpid()}/{next(_numbers)}"
+        self.boards: dict[str, BoardLink] = {}
+        self.skin: dict[str, Feed[NDArray[np.float64]]] = {}
+        self._events: Feed[tuple[SkinEvent, ...]] | None = None
+        self._own, self._carrier = own, options.carrier
+        self._compensated = options.skin == "comp"
+        self._reconnected = threading.Event()
+        self._closed = threading.Event()
+        try:
+            self._open_boards(options.dialect)
+            for patch in robot.patches:
+                if patch.name not in options.without:
+                    self._open_skin(patch)
+            self._wait_for_all()
+        except UnknownNameError as error:
+            self._close()
+            raise LinkError(
+                f"{error}; a patch that the robot lacks can be left out: yarp:...,without=PATCH"
+            ) from error
+        except BaseException:
+            self._close()
+            raise
+        threading.Thread(target=self._watch, name="yarp watch", daemon=True).start()
+
+    @property
+    def dialect(self) -> Dialect:
+        """What the robot speaks."""
+        return next(iter(self.boards.values())).board.dialect
+
+    def skin_events(self) -> tuple[SkinEvent, ...]:
+        """The contacts that the robot's own skinManager says now. Raises LinkError when it is not running."""
+        if self._events is None:
+            try:
+                self._events = Feed(
+                    EVENTS, self.names, self.dialect, lambda d: decode_events(d.items(self.dialect)),
+                    own=f"{self._own}/skin_events:i", carrier=self._carrier,
+                )  # fmt: skip
+            except UnknownNameError as error:
+                raise LinkError(f"no skinManager: {error}") from error
+            self._events.wait(AWAY)
+        latest = self._events.latest
+        return latest.value if latest is not None else ()
+
+    @classmethod
+    def probe(cls, robot: Robot, address: str) -> tuple[Finding, ...]:
+        return probe(robot, address)
+
+    def diagnose(self) -> tuple[Finding, ...]:
+        self._check_open()
+        return examine(self)
+
+    def _receive(self) -> Reading:
+        if self._reconnected.is_set():
+            self._reconnected.clear()
+            self.gate.drop()
+        count = len(self.robot.servos)
+        position, velocity = np.full(count, np.nan), np.full(count, np.nan)
+        torque = np.full(count, np.nan)
+        modes: list[Mode | None] = [None] * count
+        powered = np.ones(count, dtype=bool)
+        stamp, sequence = np.inf, None
+        for board in self.boards.values():
+            state, measured, number = board.state()
+            servos, axes = [servo.index for servo in board.servos], list(board.axis)
+            position[servos] = np.deg2rad(state.position[axes])
+            if state.velocity is not None:
+                velocity[servos] = np.deg2rad(state.velocity[axes])
+            if state.torque is not None:
+                torque[servos] = state.torque[axes]
+            for servo, (mode, on) in zip(servos, board.modes(state), strict=True):
+                modes[servo], powered[servo] = mode, on
+            stamp = min(stamp, measured)
+            sequence = number if sequence is None else min(sequence, number)
+        joints = JointReading(
+            stamp=float(stamp),
+            sequence=sequence or 0,
+            position=read_only(position),
+            velocity=read_only(velocity),
+            torque=None if np.isnan(torque).all() else read_only(torque),
+            modes=tuple(modes),
+            powered=read_only(powered, np.bool_),
+        )
+        return Reading(joints=joints, skin=tuple(self._frames()))
+
+    def _frames(self) -> list[SkinFrame]:
+        frames = []
+        for name, feed in self.skin.items():
+            if (latest := feed.latest) is not None:
+                frames.append(SkinFrame(name, latest.stamp, latest.sequence, latest.value))
+        return frames
+
+    def _send(self, safe: SafeCommand) -> None:
+        now = self.clock.now()
+        for board in self.boards.values():
+            if now - board.state()[1] <= self.gate.stale_after:
+                board.send(safe)
+
+    def _close(self) -> None:
+        self._closed.set()
+        for connection in (*self.boards.values(), *self.skin.values(), self._events):
+            if connection is not None:
+                connection.close()
+
+    def _open_boards(self, dialect: Dialect | None) -> None:
+        for part in dict.fromkeys(servo.robot_part for servo in self.robot.servos):
+            where = self.robot.binding("yarp").address(part, part)
+            self.boards[part] = BoardLink(
+                f"/{self.prefix}/{where}", self.robot.servos_of(part), self.names,
+                own=f"{self._own}/{part}", carrier=self._carrier, dialect=dialect,
+            )  # fmt: skip
+            dialect = self.boards[part].board.dialect
+
+    def _open_skin(self, patch: Patch) -> None:
+        source = patch_port(self.robot, self.prefix, patch.name) + ("_comp" if self._compensated else "")
+
+        def decode(delivery: Delivery) -> NDArray[np.float64]:
+            values = delivery.vector(self.dialect)
+            if len(values) != patch.channels:
+                raise WireError(f"{source} sends {len(values)} values; the description says {patch.channels}")
+            if self._compensated:
+                values = patch.sensor.rest + np.copysign(values, patch.sensor.pascal_per_count)
+            return read_only(values)
+
+        self.skin[patch.name] = Feed(
+            source,
+            self.names,
+            self.dialect,
+            decode,
+            own=f"{self._own}/skin/{patch.name}:i",
+            carrier=self._carrier,
+        )
+
+    def _wait_for_all(self) -> None:
+        until = time.monotonic() + FIRST
+        for board in self.boards.values():
+            assert board.feed is not None
+            self._wait_for(board.feed, until)
+        for feed in self.skin.values():
+            self._wait_for(feed, until)
+
+    def _wait_for(self, feed: Feed[Any], until: float) -> None:
+        if feed.wait(max(0.0, until - time.monotonic())):
+            return
+        why = feed.last_error or feed.port.last_error or f"nothing within {FIRST:g} s"
+        raise LinkError(
+            f"{feed.source}: {why}; valid: what the description of {self.robot.name} says, "
+            "or a patch left out: yarp:...,without=PATCH"
+        )
+
+    def _watch(self) -> None:
+        """Ask silent ports again, and tell a name server that restarted where ours are."""
+        while not self._closed.wait(LOOK):
+            now = time.monotonic()
+            for board in self.boards.values():
+                if board.feed is not None and board.feed.silent(now) > AWAY:
+                    with contextlib.suppress(LinkError, UnknownNameError):
+                        self._again(board.feed)
+                        board.reconnect()
+                        self._reconnected.set()
+            feeds: list[Feed[Any]] = [
+                *self.skin.values(),
+                *([self._events] if self._events is not None else []),
+            ]
+            for feed in feeds:
+                if feed.silent(now) > AWAY:
+                    with contextlib.suppress(LinkError, UnknownNameError):
+                        self._again(feed)
+                        feed.reconnect()
+
+    def _again(self, feed: Feed[Any]) -> None:
+        try:
+            self.names.query(feed.port.name)
+        except UnknownNameError:
+            feed.port.register()

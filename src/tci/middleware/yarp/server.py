@@ -39,7 +39,7 @@ PERIOD = 0.01
 """Time [s] between two states of a board, as on iCub."""
 DEFAULT = ("127.0.0.1", 10000)
 """Where a name server of our own listens unless an address is given."""
-AWAY = 0.1
+AWAY = 0.3
 """After standing still for so long [s], what had piled up meanwhile is read for as long and dropped. Ours."""
 REGISTER_AGAIN = 1.0
 """How often [s] it is looked whether the name server forgot us. Ours."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -153,9 +154,18 @@ class Counts:
 class Attack:
     """A gate, a robot that does what it is told, and somebody who wants it to go wrong."""
 
-    def __init__(self, robot: Robot, seed: int, *, period: float = 0.002, body: bool = True) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        seed: int,
+        *,
+        period: float = 0.002,
+        body: bool = True,
+        modes: Sequence[Mode] = CONTROL_MODES,
+    ) -> None:
+        """`body`: whether the gate keeps links apart; `modes`: those that are switched to."""
         settings = GateSettings() if body else GateSettings(self_collision=None)
-        self.robot, self.period = robot, period
+        self.robot, self.period, self.modes = robot, period, modes
         self.gate = Gate(robot, period=period, stale_after=0.05, settings=settings)
         self.judge = Judge(robot, period)
         self.random = np.random.default_rng(seed)
@@ -258,7 +268,7 @@ class Attack:
         count = int(random.integers(1, min(8, len(self.movable)) + 1))
         servos = random.choice(self.movable, count, replace=False)
         if random.random() < 0.15:
-            mode = CONTROL_MODES[random.integers(4)]
+            mode = self.modes[random.integers(len(self.modes))]
             able = [s for s in self.movable if mode in robot.servos[s].modes]
             if able:
                 servos = random.permutation(able)[: random.integers(1, len(able) + 1)]
@@ -276,12 +286,12 @@ class Attack:
     def _switches(self) -> list[PlatformOrder]:
         """At rest: each servo to one of its modes, and then some of them to another one in the same step."""
         random, servos = self.random, self.robot.servos
-        wanted = {s: servos[s].modes[random.integers(len(servos[s].modes))] for s in self.movable}
+        able = {s: [mode for mode in servos[s].modes if mode in self.modes] for s in self.movable}
+        wanted = {s: modes[random.integers(len(modes))] for s, modes in able.items()}
         orders: list[PlatformOrder] = []
         for mode in (*CONTROL_MODES, *CONTROL_MODES):
-            able = [s for s in self.movable if wanted[s] is mode]
-            if able:
-                orders.append(PlatformSwitch(np.array(able, dtype=np.intp), mode))
+            if chosen := [s for s in self.movable if wanted[s] is mode]:
+                orders.append(PlatformSwitch(np.array(chosen, dtype=np.intp), mode))
             if mode is CONTROL_MODES[-1]:
                 wanted = {s: servos[s].modes[0] for s in self.movable}
         return orders

@@ -1,0 +1,124 @@
+"""Hostile commands in every mode on every robot, judged without the gate's own code."""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from rich.progress import track
+from row import Row
+
+from interface.gate_checks import LIMITS, make_robot
+from interface.hostile import Attack
+from tci.frames import Array
+from tci.messages import CONTROL_MODES, Mode
+from tci.model.catalogue import load_robot, robot_names
+from tci.model.collisions import exclude_overlaps, solid_spec
+from tci.model.description import Robot
+
+CHUNK = 25_000
+"""Cycles of one attack; then a new one begins, with another seed."""
+LOOK = 25
+"""Cycles from one look at the robot's body to the next."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """What one attack came to."""
+
+    cycles: int
+    commands: int
+    malformed: int
+    passed: int
+    faults: tuple[str, ...]
+    peak: float
+    overlap: float = 0.0
+    """Deepest overlap [m] of two links that MuJoCo's own collision detection found."""
+    near: int = 0
+    """Motions that the gate ended because links came near each other."""
+
+
+def limits(full: bool) -> Row:
+    """Position, velocity, acceleration, jerk, torque, couplings."""
+    robots = ("tester", *robot_names())
+    done = _attack([(name, seed, False) for seed in range(_chunks(full, len(robots), 400)) for name in robots])
+    faults = [fault for result in done for fault in result.faults]
+    peak = max(result.peak for result in done)
+    good, bad = sum(result.commands for result in done), sum(result.malformed for result in done)
+    passed = sum(result.passed for result in done)
+    return Row(
+        f"hostile commands, {len(robots)} robots, all modes",
+        f"{sum(result.cycles for result in done)} cycles",
+        f"{good} commands, {bad} of them malformed, {passed} accepted; {len(faults)} outside; peak {peak:.0e}",
+        "1e7 cycles, 0 outside any limit, peak <= 1e-6",
+        not faults and not passed and peak <= 1e-6,
+    )
+
+
+def bodies(full: bool) -> Row:
+    """No two links overlap, whatever is asked for."""
+    robots = robot_names()
+    done = _attack([(name, seed, True) for seed in range(_chunks(full, len(robots), 40)) for name in robots])
+    faults = [fault for result in done for fault in result.faults]
+    deepest = max(result.overlap for result in done)
+    return Row(
+        f"the same, seen by MuJoCo's collision detection, {len(robots)} robots",
+        f"{sum(result.cycles for result in done)} cycles",
+        f"{sum(result.near for result in done)} motions ended; {len(faults)} outside; "
+        f"deepest overlap {deepest * 1e3:.2f} mm",
+        "0 outside, 0 overlaps",
+        not faults and deepest <= 0.0 < sum(result.near for result in done),
+    )
+
+
+def _chunks(full: bool, robots: int, chunks: int) -> int:
+    """Seeds for each robot; at CI size one that is short."""
+    return -(-chunks // robots) if full else 1
+
+
+def _attack(jobs: list[tuple[str, int, bool]]) -> list[Result]:
+    cycles = CHUNK if os.environ.get("FULL") == "1" else 3_200
+    with ProcessPoolExecutor(int(os.environ.get("JOBS", os.cpu_count() or 1))) as pool:
+        waiting = [pool.submit(_one, *job, cycles) for job in jobs]
+        return [job.result() for job in track(waiting, "hostile commands")]
+
+
+def _one(name: str, seed: int, body: bool, cycles: int) -> Result:
+    if name == "tester":
+        robot = make_robot(limits=LIMITS.model_copy(update={"torque": 5.0}), modes=CONTROL_MODES)
+    else:
+        robot = load_robot(name)
+    # Nobody controls where a servo in torque mode is.
+    modes = tuple(mode for mode in CONTROL_MODES if mode is not Mode.TORQUE or not body)
+    attack = Attack(robot, seed, body=body, modes=modes)
+    eyes = Eyes(robot) if body else None
+    overlap = 0.0
+    for cycle in range(cycles):
+        attack.step()
+        if eyes is not None and cycle % LOOK == 0:
+            overlap = max(overlap, eyes.overlap(attack.angles))
+    counts = attack.counts
+    return Result(
+        counts.steps, counts.commands, counts.malformed, counts.passed,
+        tuple(attack.judge.faults), attack.judge.peak, overlap, attack.gate.counts.near_misses,
+    )  # fmt: skip
+
+
+class Eyes:
+    """MuJoCo's collision detection on a robot's links."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._model = exclude_overlaps(solid_spec(robot), robot, robot.initial_position)
+        self._data = mujoco.MjData(self._model)
+        joints = [(s.index, self._model.joint(s.joint).qposadr[0]) for s in robot.servos if s.joint]
+        self._servos, self._addresses = (list(column) for column in zip(*joints, strict=True))
+
+    def overlap(self, angles: Array) -> float:
+        """How deep [m] any two links overlap at `angles` (n_servos,) [rad]."""
+        self._data.qpos[self._addresses] = angles[self._servos]
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_collision(self._model, self._data)
+        return float(np.max(-self._data.contact.dist[: self._data.ncon], initial=0.0))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -9,16 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 FINEST = 1e-6
-"""Upper edge [s] of the first bin; each further one is twice as long."""
-BINS = 32
+"""Upper edge [s] of the first bin."""
+PER_DOUBLING = 4
+"""Bins in which times double."""
+BINS = 128
 
 
 class Histogram:
-    """Times in bins that double, so that a microsecond and a minute have room."""
+    """Times in bins that grow by a fifth, so that a microsecond and an hour have room."""
 
     def __init__(self) -> None:
         self.counts: NDArray[np.int64] = np.zeros(BINS, dtype=np.int64)
-        """How many times (32,) fell into each bin."""
+        """How many times (BINS,) fell into each bin."""
         self.largest = 0.0
         """The longest time [s]."""
 
@@ -26,7 +29,8 @@ class Histogram:
         """Count a time [s]."""
         self.largest = max(self.largest, seconds)
         share = seconds / FINEST
-        self.counts[0 if share <= 1.0 else min(int(np.ceil(np.log2(share))), BINS - 1)] += 1
+        place = 0 if share <= 1.0 else math.ceil(PER_DOUBLING * math.log2(share))
+        self.counts[min(place, BINS - 1)] += 1
 
     def quantile(self, share: float) -> float:
         """The time [s] that `share` 0..1 of all do not exceed, to the upper edge of its bin."""
@@ -34,7 +38,7 @@ class Histogram:
         if not total:
             return 0.0
         bin_ = int(np.searchsorted(np.cumsum(self.counts), share * total))
-        return float(min(FINEST * 2.0**bin_, self.largest))
+        return float(min(FINEST * 2.0 ** (bin_ / PER_DOUBLING), self.largest))
 
     def to_json(self) -> dict[str, float]:
         """Milliseconds at the usual quantiles."""

@@ -26,3 +26,11 @@ def test_a_robot_that_can_not_be_reached_is_a_fault() -> None:
     assert "1 fault" in text
     assert "which robot" in tci("doctor", "--via", "sim", status=1)
     assert "valid: " in tci("doctor", "--robot", "nao", "--via", "smoke", status=1)
+
+
+def test_the_first_minutes_with_a_simulated_robot() -> None:
+    told = json.loads(tci("check", "nao", "--hardware", "--only", "left_arm", "--taxels", "2", "--json"))
+    assert told["sound"]
+    assert 1.7 < told["largest_motion_deg"] <= 2.0
+    assert {"left_arm", "LElbowRoll", "left_forearm taxel 239"} <= {f["subject"] for f in told["findings"]}
+    assert "valid: " in tci("check", "nao", "--hardware", "--only", "left_wing", status=1)

@@ -272,10 +272,21 @@ def new_robot(
 
 @app.command()
 def check(
-    file: Annotated[Path, typer.Argument(help="Robot description (XML).")],
+    file: Annotated[
+        Path, typer.Argument(help="Robot description (XML); with --hardware a robot's name will do.")
+    ],
     simulate: Annotated[
         bool, typer.Option("--simulate", help="Prove it in simulation: axes, limits, reflexes.")
     ] = False,
+    hardware: Annotated[
+        bool, typer.Option("--hardware", help="Prove it on the robot itself, joint by joint, taxel by taxel.")
+    ] = False,
+    via: Annotated[str, typer.Option(help="With --hardware: link to it, NAME or NAME:ADDRESS.")] = "sim",
+    only: Annotated[
+        list[str] | None,
+        typer.Option(help="With --hardware: a part, a joint or a patch; repeat for several."),
+    ] = None,
+    taxels: Annotated[int, typer.Option(help="With --hardware: taxels of each patch; -1: all.")] = 12,
     as_json: AsJson = False,
 ) -> None:
     """Check a robot description: every fault at once, each with its line and what would be valid.
@@ -283,10 +294,20 @@ def check(
     With --simulate the axes of its arms are compared with the generic arm's, both arms are sent far outside
     their limits, and every field of the withdrawal reflex is poked.
 
+    With --hardware the robot itself is looked at; then each joint moves by 2 degrees, slowly, after you were
+    asked, and you are asked what you saw; then you press its skin. Wrong signs, zeros, limits and units show.
+
     Exit status 0 when the file is valid and proved, 1 when it is not.
 
     Example:  tci check my-robot.xml --simulate
+
+    Example:  tci check nao --hardware --via naoqi://10.0.0.5 --only left_arm
     """
+    if hardware:
+        from tci.cli.hardware import check_hardware
+
+        check_hardware(str(file), via=via, parts=only or [], taxels=taxels, as_json=as_json)
+        return
     from tci.cli.check import check as command
 
     command(file, simulate=simulate, as_json=as_json)

@@ -101,5 +101,8 @@ class FaultyLink(Link):
     def _send(self, safe: SafeCommand) -> None:
         self.inner._send(safe)
 
+    def _halt(self) -> None:
+        self.inner._halt()
+
     def _close(self) -> None:
         self.inner.close()

@@ -96,6 +96,22 @@ class Link(ABC):
         self._send(safe)
         return safe
 
+    def halt(self) -> None:
+        """The robot's own stop, whatever its commands were taken for: all joints stay where they are now.
+
+        Then nothing is under command, until something is commanded again. Raises LinkError when the link is
+        closed or not armed.
+        """
+        self._check_open()
+        if not self.armed:
+            raise LinkError(f"the link to {self.robot.name} is read-only; connect with arm=True to stop it")
+        self._halt()
+        self.gate.drop()
+
+    def _halt(self) -> None:
+        """Stop the robot in its own terms. Without, it stops at the last target that it was sent."""
+        return
+
     def native(self, robot_part: str) -> NativePart:
         """The robot's own joints of `robot_part`, beside the generic ones and through the same gate.
 

@@ -88,5 +88,8 @@ class SimulatedLink(Link):
         for servo, share in safe.damping.items():
             self.world.set_damping([servo], [share])
 
+    def _halt(self) -> None:
+        self.world.halt()
+
     def _close(self) -> None:
         pass

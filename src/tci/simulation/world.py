@@ -144,6 +144,11 @@ class World:
         """Switch servos (k,) off, which leaves them limp, or on, where they are. Raises CommandError."""
         self._servos.set_power(servos, on)
 
+    def halt(self) -> None:
+        """All servos stay where they are now."""
+        joints = self._servos.positions()
+        self._servos.set_position_targets(np.arange(len(joints)), joints)
+
     @property
     def stiffness(self) -> Array:
         """Stiffness (n,) [N m/rad] of each servo at a share of 1. Ours: see `servos.TIME_CONSTANT`."""

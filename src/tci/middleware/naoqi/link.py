@@ -107,6 +107,11 @@ class NaoqiLink(Link):
             if self._poller.services.session.isConnected():
                 raise LinkError(f"{self.robot.name} does not take a command: {error}") from error
 
+    def _halt(self) -> None:
+        motion = self._poller.services.motion
+        answer(motion.killTasksUsingResources(self._poller.names, _async=True), "killing tasks", timeout=1.0)
+        self._stream.forget()
+
     def _close(self) -> None:
         autonomy.switch_on(self._switched)
         self._poller.close()

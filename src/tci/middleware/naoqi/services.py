@@ -101,13 +101,15 @@ class ALMotion:
         self._board.move(servos, wanted, speeds)
         self._wait(servos, wanted, 2.0 + max(times))
 
-    def stopMove(self) -> None:
-        """All joints stay where they were told to be."""
-        servos, told = self._board.robot.servos, self._board.told
+    def killTasksUsingResources(self, resourceNames: Any) -> None:
+        """Joints stay where they are."""
+        servos, here = self._find(resourceNames), self._board.measured
         movable = [servo for servo in servos if servo.limits.velocity is not None]
-        self._board.move(movable, [told[s.index] for s in movable], [_limits(s)[2] for s in movable])
+        self._board.move(movable, [here[s.index] for s in movable], [_limits(s)[2] for s in movable])
 
-    killAll = stopMove
+    def killAll(self) -> None:
+        """All joints stay where they are."""
+        self.killTasksUsingResources("Body")
 
     def wakeUp(self) -> None:
         """Full stiffness."""

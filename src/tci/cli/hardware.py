@@ -1,0 +1,123 @@
+"""`tci check ROBOT --hardware`: the first minutes with a real robot; its operator is asked before motions."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+from rich.markup import escape
+
+from tci.cli.console import console, print_json
+from tci.cli.doctor import MARKS
+from tci.errors import CommandError, TciError
+from tci.middleware.diagnosis import Finding, Level
+from tci.middleware.simulated import SimulatedLink
+from tci.model.catalogue import load_robot
+from tci.runtime.expected_motion import ExpectedMotion
+from tci.runtime.first_minutes import first_minutes, wanted
+from tci.runtime.registry import connect
+
+
+class Terminal:
+    """The operator at a keyboard."""
+
+    def may(self, what: str) -> bool:
+        return self._ask(f"{what}. Now? (y/n) ") == "y"
+
+    def saw(self, what: str, expected: ExpectedMotion | None) -> bool | None:
+        return {"y": True, "n": False}.get(self._ask(f"{what} (y/n/?) "))
+
+    def still(self, what: str) -> bool:
+        return self._ask(f"{what}. Did anything move that you could see? (y/n) ") == "n"
+
+    def press(self, patch: str, taxel: int, where: str) -> bool:
+        return self._ask(f"Press and hold taxel {taxel} of {patch}: {where}. Ready? (y/n) ") == "y"
+
+    def release(self) -> None:
+        console.print("  let go")
+
+    @staticmethod
+    def _ask(question: str) -> str:
+        try:
+            return console.input(f"[bold]?[/] {escape(question)}").strip().lower()[:1]
+        except EOFError:
+            raise CommandError("nobody answers; valid: run it in a terminal, beside the robot") from None
+
+
+class Simulation:
+    """The operator of a simulated robot: a finger presses; what its encoders say is what the physics does."""
+
+    def __init__(self, link: SimulatedLink) -> None:
+        self._link = link
+
+    def may(self, what: str) -> bool:
+        return True
+
+    def saw(self, what: str, expected: ExpectedMotion | None) -> bool | None:
+        return True
+
+    def still(self, what: str) -> bool:
+        return True
+
+    def press(self, patch: str, taxel: int, where: str) -> bool:
+        try:
+            self._link.world.finger.poke(patch, taxel, depth=0.004)
+        except TciError:
+            return False  # no room for the finger
+        return True
+
+    def release(self) -> None:
+        self._link.world.finger.retire()
+
+
+def check_hardware(name: str, *, via: str, parts: list[str], taxels: int, as_json: bool) -> None:
+    """Look, ask, move, touch; exit status 1 when something is wrong.
+
+    Raises LinkError when the robot can't be reached or armed, UnknownNameError, CommandError without answers.
+    """
+    robot = load_robot(name)
+    servos, patches = wanted(robot, parts)
+    with connect(robot, via, arm=True) as link:
+        operator = Simulation(link) if isinstance(link, SimulatedLink) else Terminal()
+        if not as_json:
+            console.print(
+                "Stand beside the robot, its own stop in reach. Nothing moves further than 2 degrees; "
+                "Ctrl-C ends it.",
+                style="bold",
+            )
+        found, largest = first_minutes(
+            link,
+            operator,
+            servos=servos,
+            patches=patches if taxels else (),
+            taxels=None if taxels < 0 else taxels,
+            tell=(lambda finding: None) if as_json else _tell,
+        )
+    counts = Counter(finding.level for finding in found)
+    if as_json:
+        print_json(
+            {
+                "robot": robot.name,
+                "via": via,
+                "sound": not counts[Level.FAULT],
+                "largest_motion_deg": float(np.rad2deg(largest)),
+                "findings": [finding.to_json() for finding in found],
+            }
+        )
+    else:
+        console.print(
+            f"{counts[Level.OK]} right, {counts[Level.FAULT]} wrong, "
+            f"{counts[Level.NOTE] + counts[Level.WARNING]} to look at; "
+            f"largest motion {np.rad2deg(largest):.2f} degrees",
+            highlight=False,
+        )
+    if counts[Level.FAULT]:
+        raise SystemExit(1)
+
+
+def _tell(finding: Finding) -> None:
+    console.print(
+        f"{MARKS[finding.level]} {escape(finding.subject)}: {escape(finding.what)}", highlight=False
+    )
+    if finding.advice and finding.level is not Level.OK:
+        console.print(f"   {escape(finding.advice)}", style="dim", highlight=False)

@@ -40,8 +40,8 @@ def first_minutes(
 
     `tell` is told each finding at once. Nothing is moved of a robot part about which a look finds anything
     wrong, and nothing at all after a general fault. Returns all findings, and the largest motion [rad] that
-    was measured. Raises LinkError when somebody else commands the robot or it goes away, and what the operator
-    raises.
+    was measured. Raises LinkError when somebody else commands the robot or it goes away, and what the
+    operator raises.
     """
     found: list[Finding] = []
 

@@ -148,6 +148,9 @@ def run(
     poke: Annotated[bool, typer.Option("--poke", help="A simulated finger pokes the left forearm.")] = False,
     fault: Faults = None,
     record: Annotated[Path | None, typer.Option(help="Record all of it to this new file (.mcap).")] = None,
+    film: Annotated[
+        Path | None, typer.Option(help="Film the simulated robot, three times slower: .gif, .webp or .png.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Run a capability on a robot, and tell what gate and loop do.
@@ -169,6 +172,7 @@ def run(
         poke=poke,
         faults=fault or [],
         record=record,
+        film=film,
         as_json=as_json,
     )
 
@@ -212,6 +216,29 @@ def serve(
     from tci.cli.serve import serve as command
 
     command(robot, via=via, source=source, arm=arm, duration=duration, as_json=as_json)
+
+
+@app.command()
+def plot(
+    file: Annotated[Path, typer.Argument(help="Recording (.mcap).")],
+    out: Annotated[
+        Path | None, typer.Option(help="File to write: png, pdf or svg. [default: beside the recording]")
+    ] = None,
+    robot: Annotated[
+        str | None, typer.Option("--robot", "-r", help="Its description, if it is not one that TCI knows.")
+    ] = None,
+    part: Annotated[str | None, typer.Option(help="Part to draw. [default: the one touched first]")] = None,
+    begin: Annotated[float, typer.Option("--from", help="Begin \\[s] on its clock.")] = float("-inf"),
+    end: Annotated[float, typer.Option("--to", help="End \\[s].")] = float("inf"),
+    as_json: AsJson = False,
+) -> None:
+    """Draw a recording for a paper: forces, response, joint angles, the skin unrolled, latencies.
+
+    Example:  tci plot touch.mcap --out touch.pdf
+    """
+    from tci.cli.plot import plot as command
+
+    command(file, out, robot=robot, part=part, begin=begin, end=end, as_json=as_json)
 
 
 @app.command()

@@ -6,7 +6,7 @@ import contextlib
 from collections.abc import Sequence
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.live import Live
 from rich.markup import escape
@@ -32,6 +32,9 @@ from tci.recording.recorder import Recorder
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport
 from tci.runtime.registry import connect
+
+if TYPE_CHECKING:
+    from tci.trials.film import Film
 
 GROUP = "tci.capabilities"
 HARMLESS = ("sim", "replay")
@@ -135,6 +138,7 @@ def run_capability(
     poke: bool = False,
     faults: Sequence[str] = (),
     record: Path | None = None,
+    film: Path | None = None,
     as_json: bool = False,
 ) -> None:
     """Run, tell, and exit with status 1 when the gate has stopped.
@@ -155,6 +159,7 @@ def run_capability(
             recorder = closing.enter_context(recorder_for(record, link, via, about))
         if poke:
             poke_forearm(link)
+        filmed = _film(inner, film) if film is not None else None
         if plans:
             link = FaultyLink(link, plans)
         shown: contextlib.AbstractContextManager[Live | None] = (
@@ -168,6 +173,8 @@ def run_capability(
             def see(tick: Tick) -> None:
                 if recorder is not None:
                     recorder.tick(tick.now, tick.reading, tick.commands, tick.sent)
+                if filmed is not None:
+                    filmed.see(tick)
                 teller.see(tick)
 
             try:
@@ -179,6 +186,8 @@ def run_capability(
                 words = f"{report.ended}; the robot was brought to rest"
                 teller.worst = GateState.STOP
                 teller.tell(now, "STOP", words, COLOURS[GateState.STOP])
+    if filmed is not None:
+        filmed.save()
     counts = link.gate.counts
     told: dict[str, Any] = {
         "state": link.gate.state.value,
@@ -223,6 +232,15 @@ def _said(recorder: Recorder | None, link: Link) -> list[str]:
         same = same if link.compared else "none was recorded"
         lines.append(f"replay: {link.compared} decisions compared: {same}")
     return lines
+
+
+def _film(link: Link, path: Path) -> Film:
+    """A film of a simulated arm. Raises CommandError for a real robot."""
+    from tci.trials.film import Film
+
+    if not isinstance(link, SimulatedLink):
+        raise CommandError("--film needs a simulated robot; valid: --via sim")
+    return Film(link.world, path, fields=default_fields(), part="left_arm")
 
 
 def poke_forearm(link: Link) -> None:

@@ -33,12 +33,7 @@ TILT = np.deg2rad(55.0)
 
 def draw_demo(robots: Sequence[Robot], reflex: WithdrawalReflex, path: Path, *, seed: int) -> None:
     """Write the figure: a row for each robot, before and after each of two pokes."""
-    looks = [
-        FieldLook(
-            field.segment, field.u, field.theta, field.radius, FIELD_COLOURS[index % len(FIELD_COLOURS)]
-        )
-        for index, field in enumerate(reflex.fields)
-    ]
+    looks = field_looks(reflex.fields)
     sites = [field for field in reflex.fields if field.name in VIEWS]
     panels = [panel for robot in robots for panel in _row(robot, reflex, sites, looks, seed)]
     names = [field.name.replace("_", " ") for field in reflex.fields]
@@ -50,6 +45,16 @@ def draw_demo(robots: Sequence[Robot], reflex: WithdrawalReflex, path: Path, *, 
         caption="The same reflex, from the same source, on each robot. Left of a pair: the largest force "
         "that the skin felt. Right: withdrawn.\nReceptive fields and base motions are ours.",
     )
+
+
+def field_looks(fields: Sequence[ReceptiveField]) -> list[FieldLook]:
+    """How receptive fields look in pictures."""
+    return [
+        FieldLook(
+            field.segment, field.u, field.theta, field.radius, FIELD_COLOURS[index % len(FIELD_COLOURS)]
+        )
+        for index, field in enumerate(fields)
+    ]
 
 
 def _row(

@@ -1,0 +1,60 @@
+"""`tci plot`: the figure of a recording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.progress import Progress
+
+from tci.capabilities.fields import default_fields
+from tci.cli.console import console, print_json
+from tci.errors import RecordingError
+from tci.recording.perceived import perceive, recorded_robot
+from tci.recording.recording import Recording
+from tci.trials.plot import collect, draw
+
+
+def plot(
+    file: Path,
+    out: Path | None,
+    *,
+    robot: str | None,
+    part: str | None,
+    begin: float,
+    end: float,
+    as_json: bool,
+) -> None:
+    """Draw a recording and say how long its answers took.
+
+    Raises RecordingError for a recording without a robot, and what `collect` and `draw` raise.
+    """
+    recording = Recording(file)
+    found = recorded_robot(recording, robot)
+    if found is None:
+        raise RecordingError(f"{file} has no robot; look at its raw frames with tci log export")
+    out = out or file.with_suffix(".png")
+    with Progress(console=console, transient=True, disable=as_json) as progress:
+        task = progress.add_task("feeling again what was felt", total=None)
+        periods = []
+        for period in perceive(recording, found):
+            periods.append(period)
+            progress.advance(task)
+        chosen, series = collect(found, periods, begin=begin, end=end, part=part)
+        progress.update(task, description="drawing")
+        about = recording.about
+        title = f"{found.title or found.name}, {about.get('capability') or 'no behaviour'}, {file.name}"
+        draw(found, series, chosen, out, fields=default_fields(), title=title)
+    touches = [touch.to_json() for touch in series.touches]
+    if as_json:
+        print_json({"file": str(out), "part": chosen, "periods": len(series.time), "touches": touches})
+        return
+    for touch in series.touches:
+        after = touch.to_json()
+        told = ", ".join(
+            f"{word} {after[key]:.0f} ms" if after[key] is not None else f"no {word}"
+            for word, key in (("command", "command_ms"), ("motion", "motion_ms"), ("lost", "lost_ms"))
+        )
+        console.print(
+            f"{touch.began:8.3f} s  {touch.patch}: {touch.peak_force:.1f} N, {told}", highlight=False
+        )
+    console.print(f"figure {out}", highlight=False, markup=False)

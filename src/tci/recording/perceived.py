@@ -1,0 +1,68 @@
+"""What a recorded robot felt: the interface worked out again from the raw frames, period by period."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from tci.errors import FrameError, RecordingError
+from tci.interface.body import Body
+from tci.messages import Perception, Reading, SkinState
+from tci.model.catalogue import load_robot
+from tci.model.description import Robot
+from tci.recording.cdr import decode
+from tci.recording.recording import Recording
+from tci.recording.schemas import DECISION
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Perceived:
+    """One recorded period."""
+
+    now: float
+    """Time [s] on the link's clock."""
+    reading: Reading
+    """What the robot sent."""
+    perception: Perception
+    """Posture and contacts; from before, when this reading did not fit the robot."""
+    skin: SkinState
+    """What the skin felt."""
+    commands: tuple[dict[str, Any], ...]
+    """What was wanted: the fields of `schemas.COMMAND`."""
+    decision: dict[str, Any] | None
+    """What was sent: the fields of `schemas.DECISION`; None where nothing was."""
+
+
+def recorded_robot(recording: Recording, robot: str | None = None) -> Robot | None:
+    """The robot of a recording, by its name or by `robot`; None for a recording without one.
+
+    Raises RecordingError when its description is not the one that was recorded.
+    """
+    name = recording.about.get("robot", "")
+    if not name:
+        return None
+    if robot is None and not name.replace("_", "").replace("-", "").isalnum():
+        raise RecordingError(f"{recording.path} names the robot {name[:40]!r}; give its description: --robot")
+    found = load_robot(robot or name)
+    digest = recording.about.get("description_sha256", "")
+    if found.digest != digest:
+        raise RecordingError(
+            f"{recording.path} was recorded with another description of {name!r} ({digest[:12]}; "
+            f"here {found.digest[:12]}); give the file of then: --robot FILE"
+        )
+    return found
+
+
+def perceive(recording: Recording, robot: Robot) -> Iterator[Perceived]:
+    """Every recorded period with what `robot` felt then. Raises RecordingError on the way."""
+    body = Body(robot)
+    perception: Perception | None = None
+    for tick in recording.ticks():
+        try:
+            perception = body.perceive(tick.reading, tick.now)
+        except FrameError:
+            if perception is None:
+                continue
+        decision = decode(DECISION, tick.decision) if tick.decision is not None else None
+        yield Perceived(tick.now, tick.reading, perception, body.skin.state, tick.commands, decision)

@@ -1,0 +1,104 @@
+"""What was felt, worked out again from a recording: equal to what the loop saw; touches and their answers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tci
+from tci.errors import RecordingError
+from tci.interface.places import find_place
+from tci.interface.skin import Skin
+from tci.middleware.simulated import SimulatedLink
+from tci.recording.perceived import perceive, recorded_robot
+from tci.recording.recorder import Recorder
+from tci.recording.recording import Recording
+from tci.recording.touches import find_touches
+from tci.runtime.loop import Tick
+
+
+class Poked:
+    """A recording of a poke, and what the loop saw then."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.robot = tci.load_robot("nao")
+        self.ticks: list[Tick] = []
+        reflex = tci.WithdrawalReflex()
+        site = reflex.fields[0]
+        with SimulatedLink(self.robot) as link, Recorder(path, self.robot, period=link.period) as recorder:
+            joints = link.read().joints
+            place = find_place(Skin(self.robot), "left_arm", site.segment, site.u, site.theta, joints)
+            link.world.finger.poke(place.patch, place.p_L, place.n_L, gap=0.02)
+
+            def see(tick: Tick) -> None:
+                self.ticks.append(tick)
+                recorder.tick(tick.now, tick.reading, tick.commands, tick.sent)
+
+            tci.run(link, reflex, duration=0.6, observe=see)
+
+
+@pytest.fixture(scope="module")
+def poked(tmp_path_factory: pytest.TempPathFactory) -> Poked:
+    return Poked(tmp_path_factory.mktemp("poked") / "poke.mcap")
+
+
+def test_all_is_felt_again_to_the_bit(poked: Poked) -> None:
+    periods = list(perceive(Recording(poked.path), poked.robot))
+    assert len(periods) == len(poked.ticks)
+    touched = 0
+    for period, tick in zip(periods, poked.ticks, strict=True):
+        assert period.now == tick.now
+        for name, patch in tick.skin.patches.items():
+            assert np.array_equal(period.skin.patches[name].pressure, patch.pressure)
+        assert [c.force for c in period.perception.contacts] == [c.force for c in tick.perception.contacts]
+        assert period.decision is not None
+        assert np.array_equal(period.decision["position"], tick.sent.position)
+        touched += bool(tick.perception.contacts)
+    assert touched > 5
+
+
+def test_a_touch_and_how_long_its_answers_took(poked: Poked) -> None:
+    touches = find_touches(perceive(Recording(poked.path), poked.robot))
+    assert [touch.part for touch in touches] == ["left_arm"]
+    touch = touches[0]
+    with_contact = [tick for tick in poked.ticks if tick.perception.contacts]
+    commanded = [tick.now for tick in poked.ticks if tick.commands and tick.now >= touch.began]
+    assert touch.began == with_contact[0].now
+    assert touch.ended == with_contact[-1].now
+    assert touch.commanded == commanded[0]
+    assert touch.peak_force == max(sum(c.force for c in tick.perception.contacts) for tick in with_contact)
+    start = next(tick.perception.posture["left_arm"] for tick in poked.ticks if tick.now == touch.began)
+    moved = [
+        tick.now for tick in poked.ticks
+        if tick.now >= touch.began
+        and np.abs(tick.perception.posture["left_arm"] - start).max() > np.deg2rad(0.5)
+    ]  # fmt: skip
+    assert touch.moved == moved[0]
+    assert touch.moved > touch.commanded
+
+
+def test_two_touches_are_told_apart(poked: Poked) -> None:
+    periods = list(perceive(Recording(poked.path), poked.robot))
+    later = [
+        type(period)(
+            period.now + 1.0, period.reading, period.perception, period.skin, period.commands, period.decision
+        )
+        for period in periods
+    ]
+    assert len(find_touches([*periods, *later])) == 2
+
+
+def test_only_the_recorded_description_will_do(poked: Poked) -> None:
+    recording = Recording(poked.path)
+    assert recorded_robot(recording) == poked.robot
+    recording.about["description_sha256"] = "0" * 64
+    with pytest.raises(RecordingError, match=r"another description of 'nao'.*--robot FILE"):
+        recorded_robot(recording)
+    recording.about["robot"] = "../etc/robot.xml"
+    with pytest.raises(RecordingError, match="give its description"):
+        recorded_robot(recording)
+    recording.about["robot"] = ""
+    assert recorded_robot(recording) is None

@@ -38,6 +38,14 @@ def upper_arm_rotation(posture: Array, side: Side, *, axial: bool) -> Array:
     return rotation @ rotation_z(-s * posture[2]) if axial else rotation
 
 
+def shoulder_angles(R_MU: Array, side: Side) -> Array:
+    """Generic angles (3,) [rad] of an upper arm at `R_MU` (3, 3): the inverse of `upper_arm_rotation`."""
+    s = side_sign(side)
+    roll = np.arcsin(np.clip(-R_MU[1, 2], -1.0, 1.0))
+    pitch, yaw = np.arctan2(-R_MU[0, 2], R_MU[2, 2]), -s * np.arctan2(R_MU[1, 0], R_MU[1, 1])
+    return np.array([pitch, s * roll, yaw])
+
+
 def forearm_rotation(posture: Array, side: Side, *, axial: bool) -> Array:
     """`R_MF` (3, 3): the forearm in the mount frame M, at generic angles (5,) [rad].
 

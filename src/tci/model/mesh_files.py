@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from tci.errors import DescriptionError, Fault, MissingExtraError
 
@@ -32,7 +33,7 @@ def binary_stl(path: Path) -> bytes:
     except ImportError as error:
         raise MissingExtraError(f"reading the mesh {path.name}", "robots") from error
     try:
-        mesh = trimesh.load(path, force="mesh")
+        mesh: Any = trimesh.load(path, force="mesh")
         if mesh.units not in (None, "meter", "meters", "m"):
             mesh.convert_units("meters")
         data: bytes = mesh.export(file_type="stl")

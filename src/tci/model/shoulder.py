@@ -13,7 +13,7 @@ import numpy as np
 from tci.errors import DescriptionError, Fault
 from tci.frames import Array
 from tci.model.description import GenericPart, Robot
-from tci.model.generic_arm import side_sign, upper_arm_rotation
+from tci.model.generic_arm import shoulder_angles, side_sign, upper_arm_rotation
 from tci.model.kinematics import Kinematics
 
 SLANT = 0.05
@@ -113,10 +113,7 @@ class Shoulder:
 
     def generic(self, R_TU: Array, R_TM: Array) -> Array:
         """Generic angles (3,) [rad] of the upper arm's rotation, on the mount `R_TM` (facts: R' = B^T R)."""
-        R = R_TM.T @ R_TU
-        s = side_sign(self.side)
-        roll = np.arcsin(np.clip(-R[1, 2], -1.0, 1.0))
-        return np.array([np.arctan2(-R[0, 2], R[2, 2]), s * roll, -s * np.arctan2(R[1, 0], R[1, 1])])
+        return shoulder_angles(R_TM.T @ R_TU, self.side)
 
     def wanted(self, generic: Array, R_TM: Array) -> Array:
         """`R_TU` (3, 3) of the upper arm at generic angles (3,) [rad] on the mount `R_TM`."""

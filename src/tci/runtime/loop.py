@@ -61,6 +61,7 @@ def run(
     duration: float | None = None,
     observe: Callable[[Tick], None] | None = None,
     guard: Callable[[], str] | None = None,
+    until: Callable[[Memory], bool] | None = None,
     report: LoopReport | None = None,
     write: bool = True,
 ) -> Memory:
@@ -69,6 +70,7 @@ def run(
     `observe` is called after each tick; the loop waits for it. `guard` is asked in each period for a
     reason to hold, empty for none (`heartbeat.Listener.fault`). `report` is filled on the way. Without
     `write` nothing is sent, and the link need not be armed.
+    The run ends early when `until` says so of the capability's memory.
 
     SIGINT and SIGTERM bring the robot to rest and raise KeyboardInterrupt or SystemExit. Raises
     CommandError, before anything moves, when the robot refuses what the capability begins with;
@@ -82,6 +84,8 @@ def run(
             for now in link.ticks(duration=duration):
                 loop.tick(now)
                 interruption.raise_it()
+                if until is not None and until(loop.memory):
+                    break
             loop.report.ended = "done"
         except BaseException as error:
             where = f" in thread {interruption.thread}" if error is interruption.failure else ""

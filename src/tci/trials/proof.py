@@ -123,7 +123,7 @@ def compare_axes(robot: Robot, part: GenericPart) -> Axes:
         within += 1
         position = np.array(robot.initial_position)
         position[command.servos] = command.values
-        upper_arm, bend, forearm = _axes(robot, part, kinematics, hand, position)
+        upper_arm, bend, forearm = arm_axes(robot, part, kinematics, hand, position)
         pairs = [
             (upper_arm, -upper_arm_rotation(posture, part.side, axial=False)[:, 2]),
             (bend, -upper_arm_rotation(posture, part.side, axial=True)[:, 1]),
@@ -134,7 +134,7 @@ def compare_axes(robot: Robot, part: GenericPart) -> Axes:
     return Axes(part.name, within, worst)
 
 
-def _axes(
+def arm_axes(
     robot: Robot, part: GenericPart, kinematics: Kinematics, hand: str, position: Array
 ) -> tuple[Array, Array, Array | None]:
     """Axes (3,) of internal rotation, towards the elbow, of flexion and of pronation, seen from the mount;

@@ -1,0 +1,169 @@
+"""`tci gesture`: record a gesture on one robot, play it on any other."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from tci.errors import CommandError
+
+if TYPE_CHECKING:
+    from tci.interface.gesture import Fitted, Gesture
+    from tci.model.description import Robot
+    from tci.trials.follow import Following
+
+app = typer.Typer(help="Record a gesture on one robot, play it on any other.", no_args_is_help=True)
+
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for programs instead of a table.")]
+RobotName = Annotated[str, typer.Option("--robot", "-r", help="Robot by name or description file.")]
+
+
+@app.command()
+def record(
+    file: Annotated[Path, typer.Argument(help="The gesture to write (.csv).")],
+    robot: RobotName,
+    via: Annotated[str, typer.Option(help="Link to it, NAME or NAME:ADDRESS; replay:FILE too.")] = "sim",
+    duration: Annotated[float | None, typer.Option(help="How long [s]; else until interrupted.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Record the posture of a robot that somebody moves. Nothing is commanded.
+
+    Example:  tci gesture record wave.csv --robot nao --via replay:wave.mcap
+    """
+    from contextlib import suppress
+
+    import numpy as np
+
+    from tci.cli.console import console, print_json
+    from tci.interface.gesture import SAMPLE, record
+    from tci.interface.gesture_files import write_csv
+    from tci.model.catalogue import load_robot
+    from tci.runtime.registry import connect
+
+    words = load_robot(robot)
+    times: list[float] = []
+    positions = []
+    with connect(words, via, arm=False) as link, suppress(KeyboardInterrupt):
+        for now in link.ticks(duration=duration):
+            joints = link.read().joints
+            if not times or now - times[-1] >= SAMPLE - 1e-9:
+                times.append(now)
+                positions.append(joints.position)
+    if len(times) < 2:
+        raise CommandError(f"{len(times)} postures came from {robot}; valid: 2 or more")
+    gesture = record(words, np.array(times), np.array(positions))
+    write_csv(gesture, file, {part.name: [joint.name for joint in part.servos] for part in words.parts})
+    told = {"file": str(file), "postures": len(times), "duration_s": gesture.duration,
+            "parts": list(gesture.postures)}  # fmt: skip
+    if as_json:
+        print_json(told)
+    else:
+        console.print(
+            f"{file}: {len(times)} postures of {', '.join(gesture.postures)} in {gesture.duration:.1f} s",
+            highlight=False,
+        )
+
+
+@app.command()
+def convert(
+    source: Annotated[Path, typer.Argument(help="Motion capture (.bvh) or a gesture (.csv).")],
+    target: Annotated[Path, typer.Argument(help="The gesture to write (.csv).")],
+) -> None:
+    """Turn motion capture into a gesture.
+
+    Example:  tci gesture convert wave.bvh wave.csv
+    """
+    from tci.cli.console import console
+    from tci.interface.gesture_files import write_csv
+
+    gesture, names = load(source)
+    write_csv(gesture, target, names)
+    console.print(f"{target}: {', '.join(gesture.postures)}, {gesture.duration:.1f} s", highlight=False)
+
+
+@app.command()
+def play(
+    file: Annotated[Path, typer.Argument(help="Gesture (.csv) or motion capture (.bvh).")],
+    robot: RobotName,
+    via: Annotated[str, typer.Option(help="Link to it, NAME or NAME:ADDRESS.")] = "sim",
+    plain: Annotated[
+        bool, typer.Option("--plain", help="Take generic angles as they are, instead of retargeting exactly.")
+    ] = False,
+    reflex: Annotated[bool, typer.Option("--reflex", help="Let the withdrawal reflex interrupt it.")] = False,
+    arm: Annotated[bool, typer.Option("--arm", help="Let it move; a simulated robot always may.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Play a gesture, in the time that the robot's limits allow, and tell how close it came.
+
+    Example:  tci gesture play wave.csv --robot icub --reflex
+    """
+    from tci.capabilities.gesture import Phase, PlayGesture
+    from tci.capabilities.withdrawal import WithdrawalReflex
+    from tci.cli.console import console, print_json
+    from tci.cli.run import HARMLESS
+    from tci.interface.gesture import fit
+    from tci.model.catalogue import load_robot
+    from tci.runtime.registry import connect
+    from tci.trials.follow import follow
+
+    words = load_robot(robot)
+    gesture, _ = load(file)
+    fitted = fit(words, gesture, exact=not plain)
+    if not as_json:
+        _announce(words, gesture, fitted)
+    link = connect(words, via, arm=arm or via.partition(":")[0] in HARMLESS)
+    with link:
+        following = follow(link, PlayGesture(fitted, WithdrawalReflex() if reflex else None))
+    done = following.phase is Phase.DONE
+    if as_json:
+        print_json({"done": done, **following.to_json(), "slower": fitted.slower,
+                    "missed_rad": dict(fitted.missed), "left_out": list(fitted.left_out)})  # fmt: skip
+    else:
+        console.print(_table(fitted, following))
+        again = f", interrupted {following.interruptions} times" if following.interruptions else ""
+        console.print(f"played in {following.duration:.1f} s{again}", highlight=False)
+    if not done:
+        raise SystemExit(1)
+
+
+def load(path: Path) -> tuple[Gesture, dict[str, list[str]]]:
+    """A gesture of any kind, and its joints' names by part. Raises CommandError, DescriptionError."""
+    from tci.interface.bvh import read_bvh
+    from tci.interface.gesture_files import read_csv
+    from tci.model.generic_arm import JOINTS
+
+    kind = path.suffix.lower()
+    if kind == ".csv":
+        return read_csv(path)
+    if kind == ".bvh":
+        gesture = read_bvh(path)
+        return gesture, {part: list(JOINTS) for part in gesture.postures}
+    raise CommandError(f"{path}: a gesture is a .csv or a .bvh file")
+
+
+def _announce(robot: Robot, gesture: Gesture, fitted: Fitted) -> None:
+    from tci.cli.console import console
+
+    console.print(
+        f"{robot.name}: {', '.join(fitted.gesture.postures)} in {fitted.gesture.duration:.1f} s, "
+        f"{fitted.slower:.2f} times the gesture's own {gesture.duration:.1f} s",
+        highlight=False,
+    )
+    for part in fitted.left_out:
+        console.print(f"  note: {robot.name} has no {part}; it is left out", style="yellow", highlight=False)
+
+
+def _table(fitted: Fitted, following: Following) -> object:
+    import numpy as np
+    from rich import box
+    from rich.table import Table
+
+    table = Table("joint", title="Errors [degrees]", box=box.SIMPLE_HEAD)
+    for column in ("limits take off", "following, RMS", "following, largest"):
+        table.add_column(column, justify="right")
+    for name in dict.fromkeys((*following.rms, *fitted.missed)):
+        values = (fitted.missed.get(name, 0.0), following.rms.get(name), following.largest.get(name))
+        table.add_row(name, *("" if v is None else f"{np.rad2deg(v):.2f}" for v in values))
+    return table

@@ -1,0 +1,194 @@
+"""Gestures: files, fitting to another robot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from tci.errors import CommandError, DescriptionError, TciError
+from tci.frames import Array, rotation_x
+from tci.interface.bvh import read_bvh
+from tci.interface.gesture import Gesture, TorsoView, fit, record
+from tci.interface.gesture_files import read_csv, write_csv
+from tci.interface.part import to_platform
+from tci.messages import GenericCommand, Mode
+from tci.model.catalogue import load_robot
+from tci.model.generic_arm import JOINTS, Side, forearm_rotation, upper_arm_rotation
+
+TIMES = np.linspace(0.0, 2.0, 41)
+
+
+def waving() -> Array:
+    t = TIMES
+    columns = (
+        40 + 25 * np.sin(t),
+        30 + 10 * np.sin(2 * t),
+        10 * np.sin(t),
+        55 + 20 * np.sin(2 * t),
+        25 * np.sin(2 * t),
+    )
+    return np.deg2rad(np.column_stack(columns))
+
+
+def test_csv_comes_back(tmp_path: Path) -> None:
+    gesture = Gesture(TIMES, {"left_arm": waving(), "head": np.zeros((41, 3))})
+    names = {"left_arm": list(JOINTS), "head": ["pitch", "roll", "yaw"]}
+    write_csv(gesture, tmp_path / "g.csv", names)
+    back, told = read_csv(tmp_path / "g.csv")
+    assert told == names
+    np.testing.assert_allclose(back.times, TIMES, atol=1e-6)
+    np.testing.assert_allclose(back.postures["left_arm"], waving(), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("", "line 1: the first line is time_s"),
+        ("time_s,left_arm\n0,1\n", "column 'left_arm'; valid: part.joint_deg"),
+        ("time_s,a.b_deg\n0,1\n1\n", "line 3: 1 values; valid: 2 numbers"),
+        ("time_s,a.b_deg\n0,1\n1,x\n", "line 3: 2 values; valid: 2 numbers"),
+        ("time_s,a.b_deg\n0,1\n0,1\n", "rising from 0"),
+        ("time_s,a.b_deg\n0,1\n1,nan\n", "finite"),
+    ],
+)
+def test_a_damaged_csv_is_refused(tmp_path: Path, text: str, told: str) -> None:
+    (tmp_path / "g.csv").write_text(text)
+    with pytest.raises(DescriptionError, match=told):
+        read_csv(tmp_path / "g.csv")
+
+
+def test_a_recording_is_in_the_torso_frame() -> None:
+    """The same way of both arms in space, recorded on iCub, whose shoulders are yawed by 15 degrees."""
+    icub, nao = load_robot("icub"), load_robot("nao")
+    gesture = Gesture(TIMES, {"left_arm": waving(), "right_arm": waving()})
+    fitted = fit(icub, gesture)
+    positions = np.array([icub.initial_position] * len(fitted.gesture.times))
+    for row, time in zip(positions, fitted.gesture.times, strict=True):
+        for part, angles in fitted.gesture.at(time).items():
+            command = to_platform(icub, GenericCommand(part, Mode.POSITION, angles), position=row)
+            row[command.servos] = command.values
+    back = record(icub, fitted.gesture.times, positions)
+    for part in gesture.postures:
+        np.testing.assert_allclose(back.postures[part][0], waving()[0], atol=1e-6)
+        np.testing.assert_allclose(back.postures[part][-1], waving()[-1], atol=1e-6)
+    again = fit(nao, back)
+    np.testing.assert_allclose(again.gesture.postures["left_arm"][-1], waving()[-1], atol=1e-6)
+    assert not again.missed
+
+
+def test_what_limits_take_off_is_told() -> None:
+    """An iCub's elbow does not stretch below 15 degrees."""
+    angles = waving()
+    angles[:, 3] = np.deg2rad(5.0)
+    fitted = fit(load_robot("icub"), Gesture(TIMES, {"left_arm": angles}))
+    assert fitted.missed["left_arm.elbow_pitch"] == pytest.approx(np.deg2rad(10.0), abs=1e-6)
+    assert "left_arm.upper_arm" not in fitted.missed
+    assert fitted.gesture.postures["left_arm"][:, 3].min() == pytest.approx(np.deg2rad(15.0), abs=1e-6)
+
+
+def test_a_fast_gesture_is_slowed_down_to_the_limits() -> None:
+    icub = load_robot("icub")
+    quick = Gesture(TIMES / 20.0, {"left_arm": waving()})
+    fitted = fit(icub, quick)
+    assert fitted.slower > 3.0
+    speed = np.abs(np.gradient(fitted.gesture.postures["left_arm"], fitted.gesture.times, axis=0)).max()
+    assert 0.5 * np.deg2rad(120.0) < speed < np.deg2rad(120.0)
+
+
+def test_plain_keeps_generic_angles() -> None:
+    fitted = fit(load_robot("icub"), Gesture(TIMES, {"left_arm": waving()}), exact=False)
+    np.testing.assert_allclose(fitted.gesture.postures["left_arm"][0], waving()[0], atol=1e-9)
+    exact = fit(load_robot("icub"), Gesture(TIMES, {"left_arm": waving()}))
+    assert np.abs(exact.gesture.postures["left_arm"][0] - waving()[0]).max() > np.deg2rad(3.0)
+
+
+def test_what_does_not_fit_is_refused() -> None:
+    with pytest.raises(CommandError, match="has none of tail"):
+        fit(load_robot("nao"), Gesture(TIMES, {"tail": np.zeros((41, 1))}))
+    with pytest.raises(CommandError, match="has 2 joints, the robot's 5"):
+        fit(load_robot("nao"), Gesture(TIMES, {"left_arm": np.zeros((41, 2))}))
+    with pytest.raises(TciError, match="rising from 0"):
+        Gesture(TIMES + 1.0, {"left_arm": waving()})
+
+
+FILE_FROM_TORSO = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+"""The axes of the BVH file below: x left, y up, z forward, as most of them have."""
+
+
+def bvh(angles: Array, *, rest: float) -> str:
+    """Motion capture of a person with both arms at generic `angles` (k, 5) [rad]; in the rest pose they are
+    `rest` [rad] from hanging."""
+    turning = "Zrotation Xrotation Yrotation"
+    lines = ["HIERARCHY", "ROOT Hips", "{", "OFFSET 0 90 0",
+             f"CHANNELS 6 Xposition Yposition Zposition {turning}",
+             "JOINT Spine", "{", "OFFSET 0 40 0", f"CHANNELS 3 {turning}"]  # fmt: skip
+    sides: dict[Side, float] = {"left": 1.0, "right": -1.0}
+    for side, sign in sides.items():
+        along = FILE_FROM_TORSO @ rotation_x(sign * rest) @ [0.0, 0.0, -1.0]
+        name = f"mixamorig:{side.title()}"
+        for bone, offset in (
+            ("Arm", [sign * 18.0, 8.0, 0.0]),
+            ("ForeArm", 28.0 * along),
+            ("Hand", 25.0 * along),
+        ):
+            lines += [f"JOINT {name}{bone}", "{", "OFFSET " + " ".join(f"{x:.9f}" for x in offset),
+                      "CHANNELS 3 Zrotation Xrotation Yrotation"]  # fmt: skip
+        lines += ["End Site", "{", "OFFSET " + " ".join(f"{x:.9f}" for x in 8.0 * along), "}", "}", "}", "}"]
+    lines += ["}", "}", "MOTION", f"Frames: {len(angles)}", "Frame Time: 0.05"]
+    for index, posture in enumerate(angles):
+        lean = Rotation.from_euler("ZXY", [3.0 * index, 10.0, -2.0 * index], degrees=True)
+        row = [1.0 * index, 90.0, 5.0, *lean.as_euler("ZXY", degrees=True), 0.0, 0.0, 0.0]
+        for side in sides:
+            zero = np.array([0.0, rest, 0.0, 0.0, 0.0])
+            turns = [
+                turned(posture, side, axial=axial) @ turned(zero, side, axial=axial).T
+                for turned, axial in (
+                    (upper_arm_rotation, True),
+                    (forearm_rotation, False),
+                    (forearm_rotation, True),
+                )
+            ]
+            before = np.eye(3)
+            for turn in turns:
+                whole = FILE_FROM_TORSO @ turn @ FILE_FROM_TORSO.T
+                row += Rotation.from_matrix(before.T @ whole).as_euler("ZXY", degrees=True).tolist()
+                before = whole
+        lines.append(" ".join(f"{value:.9f}" for value in row))
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize("rest", [0.0, np.pi / 2], ids=["arms hanging", "T-pose"])
+def test_motion_capture_becomes_a_gesture(tmp_path: Path, rest: float) -> None:
+    """A person who leans and turns while waving; only the arms against the chest count."""
+    angles = waving()
+    (tmp_path / "wave.bvh").write_text(bvh(angles, rest=rest))
+    gesture = read_bvh(tmp_path / "wave.bvh")
+    assert gesture.duration == pytest.approx(2.0)
+    for part in ("left_arm", "right_arm"):
+        np.testing.assert_allclose(gesture.postures[part], angles, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (("HIERARCHY", "<html>"), "line 1: '<html>'; valid: ROOT"),
+        (("LeftArm", "Tail"), "no left upper arm among the joints"),
+        (("Frame Time: 0.05", "Frame Time: 0"), "valid: 2 or more, each above 0 s"),
+        (("Xrotation", "Wrotation"), "valid: Xposition"),
+        (("OFFSET 0 40 0", "OFFSET 0 nan 0"), "line 8: 'nan'; valid: a finite number"),
+    ],
+)
+def test_damaged_motion_capture_is_refused(tmp_path: Path, change: tuple[str, str], told: str) -> None:
+    text = bvh(waving()[:3], rest=0.0)
+    (tmp_path / "wave.bvh").write_text(text.replace(*change))
+    with pytest.raises(DescriptionError, match=told):
+        read_bvh(tmp_path / "wave.bvh")
+
+
+def test_the_view_from_the_torso_of_a_robot_without_mount_is_its_generic_posture() -> None:
+    nao = load_robot("nao")
+    view = TorsoView(nao).posture(nao.initial_position)
+    np.testing.assert_allclose(view["left_arm"], nao.part("left_arm").initial_posture, atol=1e-12)

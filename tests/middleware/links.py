@@ -10,12 +10,14 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from pathlib import Path
 
+import lcm
 import zenoh
 
 import tci
 from middleware.patient import patient
 from middleware.served import needs_qi
 from tci.errors import LinkError
+from tci.middleware.lcm_datagrams import parse_url
 from tci.middleware.link import Link
 from tci.middleware.simulated import SimulatedLink
 from tci.middleware.yarp.carrier import FAST_TCP
@@ -145,6 +147,24 @@ class Zenoh(Process):
         close_session(session)
 
 
+class Lcm(Process):
+    """Over LCM."""
+
+    def __init__(self) -> None:
+        super().__init__(lambda: f"lcm:{lcm_url()}")
+
+    def disturb(self, messages: list[bytes]) -> None:
+        url = self.via.removeprefix("lcm:")
+        group, port = parse_url(url)
+        sound = lcm.LCM(url)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as raw:
+            raw.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
+            for message in messages:
+                raw.sendto(message, (group, port))
+                for channel in ("state", "skin"):
+                    sound.publish(f"tci/nao/{channel}", message)
+
+
 class Naoqi(Process):
     """Over NAOqi."""
 
@@ -201,9 +221,15 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
+def lcm_url() -> str:
+    """A group that nobody else is in, on this machine only."""
+    return f"udpm://239.255.76.67:{free_port()}?ttl=0"
+
+
 PEERS: dict[str, Callable[[], Peer]] = {
     "sim": Simulated,
     "zenoh": Zenoh,
+    "lcm": Lcm,
     "naoqi": Naoqi,
     "yarp": Yarp,
     "yarp4": Yarp4,

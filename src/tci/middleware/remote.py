@@ -14,6 +14,8 @@ from tci.messages import JointReading, PlatformOrder
 
 MOST_ORDERS = 64
 """Orders that one message may carry. Ours."""
+HIGHEST = 1 << 62
+"""Numbers of orders are below it."""
 MOST_COMMANDERS = 16
 """Processes that may command one robot at a time. Ours."""
 

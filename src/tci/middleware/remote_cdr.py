@@ -16,7 +16,7 @@ import numpy as np
 from tci.errors import FrameError, RecordingError
 from tci.frames import read_only
 from tci.messages import Mode, PlatformCommand, PlatformOrder, PlatformSwitch, SkinFrame
-from tci.middleware.remote import MOST_COMMANDERS, MOST_ORDERS, Commander, Orders, State
+from tci.middleware.remote import HIGHEST, MOST_COMMANDERS, MOST_ORDERS, Commander, Orders, State
 from tci.model.description import Robot
 from tci.recording.cdr import MessageType, decode, encode
 from tci.recording.schemas import MODES, SKIN, header, mode_number, skin_bytes, to_frame, to_joints
@@ -25,8 +25,6 @@ ENVELOPE = struct.Struct("<4sc8sI")
 MAGIC = b"TCI1"
 LONGEST = 1 << 16
 """Bytes that a message may have. Ours."""
-HIGHEST = 1 << 62
-"""Numbers of orders are below it."""
 Kind = Literal[b"S", b"F", b"O"]
 """A state, a frame of skin, orders."""
 

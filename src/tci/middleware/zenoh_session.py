@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import dataclass
 from typing import Literal
 
 import zenoh
 
 from tci.errors import LinkError
+from tci.middleware.remote_address import RemoteAddress, parse_remote
 
 ENDPOINT = "tcp/127.0.0.1:7447"
 """Where a robot is served unless the address says otherwise: this machine only."""
@@ -18,44 +18,27 @@ LEASE = 2000
 """Silence [ms] after which a connection counts as broken and is made anew. Ours."""
 
 
-@dataclass(frozen=True, slots=True)
-class Address:
-    """An address of Zenoh, `[NAME@][WHERE]`."""
-
-    robot: str
-    """Name of the robot on the network: its keys begin with `tci/NAME/`."""
-    where: str
-    """An endpoint, or a configuration file of Zenoh."""
-
-    @property
-    def is_file(self) -> bool:
-        """Whether `where` is a configuration file, which says all there is to say."""
-        return self.where.endswith((".json5", ".json"))
-
-    def __str__(self) -> str:
-        return f"zenoh:{self.robot}@{self.where}"
-
-
-def parse_address(text: str, robot: str) -> Address:
+def parse_address(text: str, robot: str) -> RemoteAddress:
     """An address; `robot` is the name where it gives none. Raises LinkError."""
-    name, at, where = text.rpartition("@")
-    name, where = name if at else robot, where or ENDPOINT
-    if not re.fullmatch(r"[A-Za-z0-9_-]{1,64}", name):
-        raise LinkError(f"zenoh: the robot's name {name!r}; valid: letters, digits, _ and -")
-    address = Address(name, where)
-    if not address.is_file and not re.fullmatch(r"[a-z][a-z0-9_]*/[^\s/]\S*", where):
-        raise LinkError(f"zenoh: address {where!r}; {VALID}")
+    address = parse_remote("zenoh", text, robot, ENDPOINT)
+    if not is_file(address) and not re.fullmatch(r"[a-z][a-z0-9_]*/[^\s/]\S*", address.where):
+        raise LinkError(f"zenoh: address {address.where!r}; {VALID}")
     return address
 
 
-def open_session(address: Address, does: Literal["listen", "connect"]) -> zenoh.Session:
+def is_file(address: RemoteAddress) -> bool:
+    """Whether an address is a configuration file of Zenoh, which says all there is to say."""
+    return address.where.endswith((".json5", ".json"))
+
+
+def open_session(address: RemoteAddress, does: Literal["listen", "connect"]) -> zenoh.Session:
     """A session of Zenoh. Without a file it talks to nobody but those at the endpoint.
 
     Raises LinkError for a file or an endpoint that can't be used, a port that is taken, and nobody there.
     """
     zenoh.init_log_from_env_or("off")
     try:
-        if address.is_file:
+        if is_file(address):
             config = zenoh.Config.from_file(address.where)
         else:
             config = zenoh.Config.from_json5(json.dumps(_settings(address.where, does)))

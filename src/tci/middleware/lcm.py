@@ -1,0 +1,158 @@
+"""`lcm[:[NAME@]URL]`: a robot that `tci serve --via lcm` shows, from any number of processes.
+
+| channel | what | from |
+|---|---|---|
+| `tci/NAME/state` | `tci_lcm.state_t`: joints, gate, who commands; in every period | robot |
+| `tci/NAME/skin` | `tci_lcm.skin_t`: a frame of one patch, once | robot |
+| `tci/NAME/orders` | `tci_lcm.orders_t`: orders and heartbeat, in every period | behaviour |
+
+Whoever is in the multicast group may command: LCM knows no passwords. Over a network use Zenoh.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable, Iterator
+
+import lcm
+
+from tci.errors import FrameError, LinkError
+from tci.messages import SkinFrame
+from tci.middleware.diagnosis import Finding, Level
+from tci.middleware.lcm_datagrams import URL, Receiver, parse_url
+from tci.middleware.link import Link
+from tci.middleware.remote import Orders, State
+from tci.middleware.remote_address import RemoteAddress, parse_remote
+from tci.middleware.remote_lcm import (
+    frame_bytes,
+    orders_bytes,
+    state_bytes,
+    to_orders,
+    to_skin,
+    to_state,
+)
+from tci.middleware.remote_link import RemoteLink
+from tci.middleware.remote_server import RemoteServer
+from tci.model.description import Robot
+
+
+class _Bus:
+    """One process in a multicast group: it sends through LCM, and receives by itself."""
+
+    def __init__(self, address: RemoteAddress) -> None:
+        """Raises LinkError."""
+        parse_url(address.where)
+        self.receiver = Receiver(address.where)
+        self._prefix = f"tci/{address.robot}"
+        try:
+            self._lcm = lcm.LCM(address.where)
+        except RuntimeError as error:
+            self.receiver.close()
+            raise LinkError(f"{address}: {error}") from error
+
+    def put(self, name: str, data: bytes) -> None:
+        """Send a message to the channel of that name."""
+        self._lcm.publish(f"{self._prefix}/{name}", data)
+
+    def poll(self) -> Iterator[tuple[str, bytes]]:
+        """Name of the channel and bytes of what came."""
+        for channel, data in self.receiver.poll():
+            prefix, _, name = channel.rpartition("/")
+            if prefix == self._prefix:
+                yield name, data
+
+    def close(self) -> None:
+        """Let go of the sockets."""
+        self.receiver.close()
+        del self._lcm  # LCM closes its own when nobody holds it
+
+
+class LcmLink(RemoteLink):
+    """A robot that another process shows through LCM."""
+
+    def __init__(self, robot: Robot, address: str = "", *, arm: bool = False) -> None:
+        """Raises LinkError when nobody answers at `address` for a robot of this description."""
+        where = _parse(address, robot)
+        super().__init__(robot, middleware="lcm", place=str(where), arm=arm)
+        self._bus = _Bus(where)
+        self._why = ""
+        try:
+            self._wait()
+        except BaseException:
+            self._bus.close()
+            raise
+
+    def _poll(self) -> Iterator[State | SkinFrame]:
+        readers: dict[str, Callable[[Robot, bytes], State | SkinFrame]] = {
+            "state": to_state, "skin": to_skin
+        }  # fmt: skip
+        for name, data in self._bus.poll():
+            if name in readers:
+                try:
+                    yield readers[name](self.robot, data)
+                except FrameError as error:
+                    self.rejected += 1
+                    self._why = str(error)
+
+    def _put(self, orders: Orders) -> None:
+        self._bus.put("orders", orders_bytes(self.robot, orders))
+
+    def _nobody(self) -> str:
+        return self._why or "start it with: tci serve ROBOT --via lcm; the same URL there and here"
+
+    @property
+    def lost(self) -> int:
+        """Messages that were sent to the group and never came."""
+        return self._bus.receiver.datagrams.lost
+
+    def diagnose(self) -> tuple[Finding, ...]:
+        seen = self._bus.receiver.datagrams
+        figures = {"lost": float(seen.lost), "rejected": float(seen.rejected + self.rejected)}
+        said = f"{seen.lost} messages lost, {seen.rejected + self.rejected} refused"
+        if not seen.lost:
+            return (Finding(Level.OK, "datagrams", said, figures=figures),)
+        advice = "a loss now and then is made up for; many: close other programs, or use zenoh"
+        return (Finding(Level.WARNING, "datagrams", said, advice, figures),)
+
+    def _close(self) -> None:
+        super()._close()
+        self._bus.close()
+
+
+class LcmServer(RemoteServer):
+    """Shows a robot through LCM."""
+
+    def __init__(self, link: Link, address: str = "") -> None:
+        """Raises LinkError when `address` can't be used."""
+        super().__init__(link, address, middleware="lcm")
+        self._where = _parse(address, link.robot)
+        self._bus = _Bus(self._where)
+        self.rejected = 0
+        """Messages that were no orders for this robot."""
+        self._open = True
+
+    def where(self) -> str:
+        return str(self._where)
+
+    def _poll(self) -> Iterable[Orders]:
+        for name, data in self._bus.poll():
+            if name == "orders":
+                try:
+                    yield to_orders(self.link.robot, data)
+                except FrameError:
+                    self.rejected += 1
+
+    def _show(self, state: State) -> None:
+        self._bus.put("state", state_bytes(self.link.robot, state))
+
+    def _show_skin(self, frame: SkinFrame) -> None:
+        self._bus.put("skin", frame_bytes(self.link.robot, frame))
+
+    def close(self) -> None:
+        if self._open:
+            self._open = False
+            self._bus.close()
+
+
+def _parse(address: str, robot: Robot) -> RemoteAddress:
+    return parse_remote("lcm", address, robot.name, os.environ.get("LCM_DEFAULT_URL") or URL)

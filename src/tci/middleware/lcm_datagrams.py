@@ -1,0 +1,171 @@
+"""LCM's datagrams, read without LCM's own receiver: damaged ones crash that.
+
+A message is one datagram: `LC02`, its number, the channel and a zero, its bytes; or several: `LC03`, its
+number, its size, where this piece lies, which piece of how many; the first piece begins with the channel.
+All numbers are big-endian. Each sender counts its messages up by one, so losses are known.
+"""
+
+from __future__ import annotations
+
+import re
+import socket
+import struct
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+from tci.errors import LinkError
+
+URL = "udpm://239.255.76.67:7667?ttl=0"
+"""LCM's own default: this machine only."""
+VALID = f"valid: {URL}, with ttl=1 for the local network"
+PER_POLL = 64
+"""Datagrams looked at per call, so that a flood costs a bounded time. Ours."""
+BUFFER = 1 << 18
+"""Bytes that may wait in the system: small, so that what waits is not old. Ours."""
+LONGEST = 1 << 17
+"""Bytes of a message. Ours."""
+SENDERS = 64
+"""Senders whose numbers are followed, and whose pieces are kept. Ours."""
+PATIENCE = 0.1
+"""Time [s] that the pieces of a message may take. Ours."""
+_SHORT, _LONG = struct.Struct(">4sI"), struct.Struct(">4sIIIHH")
+
+
+def parse_url(url: str) -> tuple[str, int]:
+    """Group and port of an LCM URL. Raises LinkError."""
+    found = re.fullmatch(r"udpm://(\d+\.\d+\.\d+\.\d+):(\d{1,5})(\?ttl=\d{1,3})?", url)
+    if found is None or not 224 <= int(found[1].split(".")[0]) <= 239 or not 0 < int(found[2]) < 65536:
+        raise LinkError(f"lcm: {url!r}; {VALID}")
+    return found[1], int(found[2])
+
+
+@dataclass(slots=True)
+class _Sender:
+    """One sender's numbers, and the message whose pieces are coming."""
+
+    number: int
+    pieces: dict[int, bytes] = field(default_factory=dict)
+    message: int = -1
+    """Its number; -1 between messages."""
+    count: int = 0
+    """Pieces that it has."""
+    begun: float = 0.0
+
+
+class Datagrams:
+    """What was in the datagrams of a channel, whole messages only."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._senders: dict[object, _Sender] = {}
+        self.lost = 0
+        """Messages that were sent and never came."""
+        self.rejected = 0
+        """Datagrams that were damaged, came twice, or belonged to a message that never was whole."""
+
+    def take(self, data: bytes, sender: object) -> tuple[str, bytes] | None:
+        """Channel and bytes of a message that is whole with this datagram of `sender`; else None."""
+        magic = data[:4]
+        if magic == b"LC02" and len(data) >= _SHORT.size:
+            return self._short(data, sender)
+        if magic == b"LC03" and len(data) >= _LONG.size:
+            return self._long(data, sender)
+        self.rejected += 1
+        return None
+
+    def _short(self, data: bytes, sender: object) -> tuple[str, bytes] | None:
+        whole = _split(data[_SHORT.size :])
+        if whole is None or self._follow(sender, _SHORT.unpack_from(data)[1]) is None:
+            self.rejected += 1
+            return None
+        return whole
+
+    def _long(self, data: bytes, sender: object) -> tuple[str, bytes] | None:
+        _, number, size, _, piece, count = _LONG.unpack_from(data)
+        known = self._senders.get(sender)
+        now = self._clock()
+        if known is None or known.message != number or now - known.begun > PATIENCE:
+            following = self._follow(sender, number) if 0 < size <= LONGEST and piece < count else None
+            if following is None:
+                self.rejected += 1
+                return None
+            self.rejected += len(following.pieces)
+            known = following
+            known.pieces, known.message, known.count, known.begun = {}, number, count, now
+        held = sum(map(len, known.pieces.values())) + len(data) - _LONG.size
+        if count != known.count or piece >= count or piece in known.pieces or held > size + 64:
+            self.rejected += 1
+            return None
+        known.pieces[piece] = data[_LONG.size :]
+        if len(known.pieces) < count:
+            return None
+        whole = _split(b"".join(known.pieces[place] for place in range(count)))
+        known.pieces, known.message = {}, -1
+        if whole is None or len(whole[1]) != size:
+            self.rejected += count
+            return None
+        return whole
+
+    def _follow(self, sender: object, number: int) -> _Sender | None:
+        """The sender of a new message, its losses counted; None for an old one."""
+        known = self._senders.get(sender)
+        if known is None:
+            while len(self._senders) >= SENDERS:
+                del self._senders[next(iter(self._senders))]
+            known = self._senders[sender] = _Sender(number)
+            return known
+        ahead = (number - known.number) % (1 << 32)
+        if ahead == 0 or ahead >= 1 << 31:
+            return None
+        self.lost += ahead - 1 if ahead < 1 << 16 else 0
+        known.number = number
+        return known
+
+
+def _split(data: bytes) -> tuple[str, bytes] | None:
+    channel, zero, body = data.partition(b"\0")
+    if not zero or len(channel) > 63 or not channel.isascii():
+        return None
+    return channel.decode("ascii"), body
+
+
+class Receiver:
+    """Messages that others send to a group."""
+
+    def __init__(self, url: str) -> None:
+        """Raises LinkError for a bad URL, and where no multicast gets through."""
+        group, port = parse_url(url)
+        self.datagrams = Datagrams()
+        """What came, what was lost."""
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)
+        try:
+            if hasattr(socket, "SO_REUSEPORT"):
+                self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
+            self._socket.bind((group, port))
+            any_ = socket.inet_aton(group) + socket.inet_aton("0.0.0.0")
+            self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, any_)
+        except OSError as error:
+            self._socket.close()
+            raise LinkError(
+                f"lcm: {url}: {error.strerror}; on a machine without a network, as root: "
+                "ip route add 224.0.0.0/4 dev lo"
+            ) from error
+
+    def poll(self) -> Iterator[tuple[str, bytes]]:
+        """Channel and bytes of what came, oldest first; a bounded number."""
+        for _ in range(PER_POLL):
+            try:
+                data, sender = self._socket.recvfrom(65536)
+            except BlockingIOError:
+                return
+            whole = self.datagrams.take(data, sender)
+            if whole is not None:
+                yield whole
+
+    def close(self) -> None:
+        """Let go of the socket."""
+        self._socket.close()

@@ -24,7 +24,11 @@ LAYERS = (
     "cli",
 )
 RANK = {**dict.fromkeys(WORDS, 0), **{name: rank for rank, name in enumerate(LAYERS, start=1)}}
-MODULES = sorted(path for path in ROOT.rglob("*.py") if path != ROOT / "__init__.py")
+MADE = "tci_lcm"
+"""What lcm-gen made."""
+MODULES = sorted(
+    path for path in ROOT.rglob("*.py") if path != ROOT / "__init__.py" and MADE not in path.parts
+)
 
 
 def imported(path: Path) -> set[str]:

@@ -166,6 +166,11 @@ def _no_kinematics(contact: Contact) -> Array:
     raise TciError(f"no Jacobian of the contact on {contact.patch}: this perception comes without a robot")
 
 
+Covered = Callable[[str, str, float, float, float], float]
+"""Of a part and segment, the share 0..1 of the taxels around u, theta [rad] that are used, within a radius
+[limb lengths]."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Perception:
     """All that a capability sees: nothing in it depends on the robot."""
@@ -179,6 +184,8 @@ class Perception:
     jacobian: Callable[[Contact], Array] = _no_kinematics
     """Of one of them: how its point moves (3, n) [m/rad], seen from the torso, with each generic joint of
     its part. Worked out when asked for."""
+    covered: Covered | None = None
+    """How much of a place its skin still feels; None while no taxel is masked."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

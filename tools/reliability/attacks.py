@@ -44,7 +44,9 @@ class Result:
 def limits(full: bool) -> Row:
     """Position, velocity, acceleration, jerk, torque, couplings."""
     robots = ("tester", *robot_names())
-    done = _attack([(name, seed, False) for seed in range(_chunks(full, len(robots), 400)) for name in robots])
+    done = _attack(
+        [(name, seed, False) for seed in range(_chunks(full, len(robots), 400)) for name in robots]
+    )
     faults = [fault for result in done for fault in result.faults]
     peak = max(result.peak for result in done)
     good, bad = sum(result.commands for result in done), sum(result.malformed for result in done)
@@ -52,7 +54,8 @@ def limits(full: bool) -> Row:
     return Row(
         f"hostile commands, {len(robots)} robots, all modes",
         f"{sum(result.cycles for result in done)} cycles",
-        f"{good} commands, {bad} of them malformed, {passed} accepted; {len(faults)} outside; peak {peak:.0e}",
+        f"{good} commands, {bad} of them malformed, {passed} accepted; "
+        f"{len(faults)} outside; peak {peak:.0e}",
         "1e7 cycles, 0 outside any limit, peak <= 1e-6",
         not faults and not passed and peak <= 1e-6,
     )
@@ -61,7 +64,8 @@ def limits(full: bool) -> Row:
 def bodies(full: bool) -> Row:
     """No two links overlap, whatever is asked for."""
     robots = robot_names()
-    done = _attack([(name, seed, True) for seed in range(_chunks(full, len(robots), 40)) for name in robots])
+    seeds = range(_chunks(full, len(robots), 40))
+    done = _attack([(name, seed, True) for seed in seeds for name in robots])
     faults = [fault for result in done for fault in result.faults]
     deepest = max(result.overlap for result in done)
     return Row(

@@ -80,7 +80,9 @@ class Touched(Link):
         touched, values = self._touches[int(since / TOUCH[1]) % len(self._touches)]
         pressed = since % TOUCH[1] < TOUCH[0]
         frames = (
-            SkinFrame(name, self._start + number / RATE, number, values if pressed and name == touched else rest)
+            SkinFrame(
+                name, self._start + number / RATE, number, values if pressed and name == touched else rest
+            )
             for name, rest in self._rest.items()
         )
         return Reading(self._joints(now), tuple(frames))

@@ -36,3 +36,7 @@ class Capability(ABC, Generic[Memory]):
         Commands are given when they change: the gate goes on towards the last one. Neither argument
         is changed.
         """
+
+    def fault(self, perception: Perception) -> str:
+        """Why the robot must stop: what this behaviour needs is gone. Empty while all is well."""
+        return ""

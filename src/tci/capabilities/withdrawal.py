@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import product
 from typing import Literal
 
 import numpy as np
@@ -26,6 +27,8 @@ DISCOUNTS = ("linear", "cosine")
 """Distance discounts: `discounts.psi` and `psi_cosine`."""
 MODES = (Mode.POSITION, Mode.VELOCITY, Mode.IMPEDANCE)
 """Forms of the reflex."""
+LEAST_COVERAGE = 0.5
+"""Share of a field's taxels below which nobody should rely on it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,6 +141,20 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
             elif before is None or (after.started, after.gain) != (before.started, before.gain):
                 commands.append(GenericCommand(part=part, mode=self.mode, values=after.target))
         return tuple(commands), withdrawals
+
+    def fault(self, perception: Perception) -> str:
+        """Which field has lost most of the skin that it feels with."""
+        if perception.covered is None:
+            return ""
+        arms = [part for part, posture in perception.posture.items() if posture.size == len(JOINTS)]
+        for part, place in product(arms, self.fields):
+            share = perception.covered(part, place.segment, place.u, place.theta, place.radius)
+            if share < LEAST_COVERAGE:
+                return (
+                    f"the field {place.name} of {part} is blind: {share:.0%} of its taxels can be trusted; "
+                    f"valid: {LEAST_COVERAGE:.0%} or more"
+                )
+        return ""
 
     def answer(self, contact: Contact) -> Answer | None:
         """The closest field's answer to one contact (eqs 5-7); None when there is none.

@@ -6,7 +6,7 @@ comparisons lets NaN pass.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,7 +106,7 @@ def _check_each(
         raise CommandError(f"{what} {', '.join(bad)}; valid: {valid}")
 
 
-def check_start(robot: Robot, servos: Sequence[int], position: Array) -> None:
+def check_start(robot: Robot, servos: Collection[int], position: Array) -> None:
     """Raises CommandError for a servo that is measured too far outside its limits, at `position` (n_servos,)
     [rad], to be told to stay there: such an angle is rather a fault of the encoder."""
     for servo in (robot.servos[index] for index in servos):

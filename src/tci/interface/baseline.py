@@ -43,6 +43,11 @@ class BaselineSettings:
     share: float = 0.25
     """Share of the sound taxels that must be quiet before their median counts as drift."""
 
+    step: float = 30.0
+    """How long [s] nearly all taxels must read pressure to be called a step of the sensor, and rest."""
+    step_share: float = 0.9
+    """How many of the sound taxels are nearly all."""
+
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)

@@ -7,11 +7,13 @@ from collections.abc import Iterable
 from tci.frames import Array, read_only
 from tci.interface.cartesian import cartesian_to_platform
 from tci.interface.contacts import ContactSettings, find_contacts
+from tci.interface.coverage import Coverage
 from tci.interface.part import generic_columns, generic_posture, switch, to_platform
 from tci.interface.skin import Skin
 from tci.messages import (
     CartesianCommand,
     Contact,
+    Covered,
     GenericCommand,
     JointReading,
     Order,
@@ -34,6 +36,8 @@ class Body:
         self._settings = contacts or ContactSettings()
         self._frames: tuple[tuple[str, int], ...] = ()
         self._contacts: tuple[Contact, ...] = ()
+        self._coverage = Coverage(self.skin)
+        self._covered: Covered | None = None
 
     def perceive(self, reading: Reading, now: float) -> Perception:
         """Generic posture and contacts at time `now` [s] (eqs 1-4, 7).
@@ -44,9 +48,9 @@ class Body:
         posture = generic_posture(self.robot, reading.joints)
         frames = tuple((frame.patch, frame.sequence) for frame in reading.skin)
         if frames != self._frames:
-            self._contacts = find_contacts(
-                self.skin, self.skin.update(reading), posture, settings=self._settings
-            )
+            state = self.skin.update(reading)
+            self._contacts = find_contacts(self.skin, state, posture, settings=self._settings)
+            self._covered = self._coverage.step(state, reading.joints)
             self._frames = frames
         position = reading.joints.position
         return Perception(
@@ -54,6 +58,7 @@ class Body:
             posture=posture,
             contacts=self._contacts,
             jacobian=lambda contact: self.jacobian(contact, position),
+            covered=self._covered,
         )
 
     def jacobian(self, contact: Contact, position: Array) -> Array:

@@ -34,6 +34,8 @@ from tci.model.skin_calibration import PatchCalibration
 
 GAP = 1.0
 """Longest time [s] between two frames that anything is learnt for at once. Ours."""
+SATURATED = 0.9
+"""Share of the range from which a taxel is at its end, not stepped. Ours."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +124,7 @@ class Conditioner:
         self._saturated = 0
         self._frames = self._in_lesson = self._bends = 0
         self._due = self.settings.baseline.lesson * (1.0 - phase)
-        self._elapsed = 0.0
+        self._elapsed = self._raised = 0.0
         self._stamp: float | None = None
         self._round()
 
@@ -201,11 +203,23 @@ class Conditioner:
             changes=changed / self._in_lesson,
         )
         before = self.baseline.offset.copy()
+        raised = lesson.mean - before > self.baseline.threshold
         self.baseline.learn(lesson, self._health.sound)
         self._health.judge(lesson, before, self.baseline.noise, self.baseline.threshold)
         self._masked = read_only(self._health.state, np.bool_)
         self._round()
         self._forget()
+        self._step(raised & (lesson.mean < SATURATED * self._sensor[-1]), lesson.elapsed)
+
+    def _step(self, raised: NDArray[np.bool_], elapsed: float) -> None:
+        """What nearly all taxels read for long, and none at the end of its range, is no touch but rest."""
+        settings, sound = self.settings.baseline, self._health.sound
+        all_sound = max(int(np.count_nonzero(sound)), 1)
+        nearly_all = int(np.count_nonzero(raised & sound)) >= settings.step_share * all_sound
+        self._raised = self._raised + elapsed if nearly_all else 0.0
+        if self._raised >= settings.step:
+            self._raised = 0.0
+            self.rezero()
 
     def _round(self) -> None:
         """What the loop compares with, in single precision: exact for counts below 2^24."""

@@ -128,18 +128,26 @@ class Gate:
         self._motion.drop()
         self._told = self._motion.reference
 
-    def step(self, commands: Sequence[PlatformOrder], joints: JointReading, now: float) -> SafeCommand:
+    def step(
+        self,
+        commands: Sequence[PlatformOrder],
+        joints: JointReading,
+        now: float,
+        *,
+        refused: Sequence[str] = (),
+    ) -> SafeCommand:
         """What may be written at time `now` [s], given new `commands` and the latest `joints`.
 
         Call it once per period, also without commands: motions go on. A late call takes one step, and a
         call before its time none, so that what is written is never faster than the limits. A command
         that can't be accepted does not raise, since the robot needs a next position all the same: it is
         refused whole, counted, and named in `refusals`; what was running goes on. An argument of another
-        type is a mistake in the program and raises what Python raises.
+        type is a mistake in the program and raises what Python raises. `refused` are reasons why others did
+        not even become commands; they are told and counted with the rest.
         """
         self._tally.steps += 1
         reason = self._judge(joints, now)
-        refusals: list[str] = []
+        refusals = list(refused)
         clamped: list[str] = []
         taken: list[PlatformOrder] = []
         shares: dict[Mode, dict[int, float]] = {mode: {} for mode in SHARES}

@@ -103,7 +103,7 @@ class TaxelHealth:
         # Where taxels flicker, one that does not is no sensor; where none ever did, it means nothing.
         if middle > self.settings.flicker:
             self.state[still & ~touched] = Health.DEAD
-            # A lasting press may saturate a taxel, but not one alone.
-            self.state[still & alone] = Health.STUCK
+            # A lasting press may saturate a taxel, but not one alone, nor all of a patch.
+            self.state[still & (alone | (touched & bool(still.all())))] = Health.STUCK
         else:
             self.state[still & alone & (deviation >= 0.9 * self._full)] = Health.STUCK

@@ -133,6 +133,17 @@ class Saturated(_Taxels, name="saturated-taxel"):
         return values
 
 
+class BaselineStep(_Taxels, name="baseline-step"):
+    """All rest values change."""
+
+    number = 7
+    says = "all taxels of the first patch read a fifth of their range more than before"
+
+    def change(self, values: Array, pressed: float, rest: float) -> Array:
+        stepped: Array = values + 0.2 * (pressed - rest)
+        return stepped
+
+
 class WrongCount(_Taxels, name="wrong-taxel-count"):
     """A frame of another length."""
 
@@ -163,6 +174,16 @@ class Dropped(Injector, name="dropped-frames"):
         return self.first
 
 
+class SkinSilent(Injector, name="skin-silent"):
+    """Only the joints go on."""
+
+    number = 10
+    says = "the skin sends nothing new, while the joints go on"
+
+    def read(self, reading: Reading) -> Reading:
+        return replace(reading, skin=self.first.skin)
+
+
 class OutOfOrder(Injector, name="out-of-order"):
     """Every second frame of the skin is an old one."""
 
@@ -173,9 +194,12 @@ class OutOfOrder(Injector, name="out-of-order"):
         self._count = 0
         self._old = {frame.patch: frame for frame in self.first.skin}
 
-    def frame(self, frame: SkinFrame) -> SkinFrame:
+    def read(self, reading: Reading) -> Reading:
         self._count += 1
-        return self._old[frame.patch] if self._count % 2 else frame
+        return super().read(reading) if self._count % 2 else reading
+
+    def frame(self, frame: SkinFrame) -> SkinFrame:
+        return self._old.get(frame.patch, frame)
 
 
 class Duplicates(Injector, name="duplicates"):

@@ -9,7 +9,38 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+import numpy as np
+
+from tci.messages import Reading
+from tci.model.description import Robot
+
+PERIODS = 3.0
+"""Periods of a patch's own rate after which it is silent."""
+LEAST_SILENCE = 0.25
+"""And at least so long [s]: skins come over busy networks. Ours."""
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+class Silence:
+    """Whether skin that once sent has fallen silent, while the joints go on: then nobody feels a touch."""
+
+    def __init__(self, robot: Robot, *, stale_after: float) -> None:
+        """`stale_after` [s]: age from which joint data is too old."""
+        self._longest = {
+            patch.name: max(PERIODS / patch.rate, stale_after, LEAST_SILENCE) for patch in robot.patches
+        }
+        self._heard: dict[str, tuple[int, float]] = {}
+
+    def fault(self, reading: Reading, now: float) -> str:
+        """Which patch has sent no new frame for too long at `now` [s]; empty when all go on."""
+        for frame in reading.skin:
+            before = self._heard.get(frame.patch)
+            if before is None or before[0] != frame.sequence:
+                self._heard[frame.patch] = frame.sequence, now
+        for patch, (_, heard) in self._heard.items():
+            if now - heard > self._longest.get(patch, np.inf):
+                return f"the skin of {patch} has sent nothing for {(now - heard) * 1e3:.0f} ms"
+        return ""
 
 
 class Interruption:

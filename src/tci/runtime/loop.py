@@ -18,9 +18,9 @@ from tci.capabilities.capability import Capability
 from tci.errors import CommandError, FrameError, LinkError
 from tci.interface.body import Body
 from tci.interface.gate import SafeCommand
-from tci.messages import JointReading, Order, Perception, Reading, SkinState
+from tci.messages import JointReading, Order, Perception, PlatformOrder, Reading, SkinState
 from tci.middleware.link import Link
-from tci.runtime.guards import frozen_garbage, interruptions
+from tci.runtime.guards import Silence, frozen_garbage, interruptions
 from tci.runtime.lease import lease
 from tci.runtime.loop_report import LoopReport
 
@@ -118,6 +118,7 @@ class _Loop(Generic[Memory]):
         self._begun = False
         self._before: float | None = None
         self._start = 0.0
+        self._silence = Silence(link.robot, stale_after=link.gate.stale_after)
         self._misfit: float | None = None
         self._perception: Perception | None = None
         self._joints: JointReading | None = None
@@ -134,6 +135,8 @@ class _Loop(Generic[Memory]):
             gate.hold(reason)
         reading = self.link.read()
         self._joints = reading.joints
+        if silent := self._silence.fault(reading, now):
+            gate.hold(silent)
         seen = self._perceive(reading, now)
         commands: tuple[Order, ...] = ()
         opening = False
@@ -143,8 +146,10 @@ class _Loop(Generic[Memory]):
                 opening = bool(commands)
             if not opening:
                 commands, self.memory = self.capability.step(self.memory, seen)
-        orders = self.body.to_platform(commands, reading.joints)
-        sent = gate.step(orders, reading.joints, now)
+            if fault := self.capability.fault(seen):
+                gate.stop(fault)
+        orders, refused = self._in_own_joints(commands, reading.joints)
+        sent = gate.step(orders, reading.joints, now, refused=refused)
         if self.write:
             self.link.write(sent)
         if opening and sent.refusals:
@@ -154,6 +159,19 @@ class _Loop(Generic[Memory]):
             self.observe(Tick(now, reading, self._perception, commands, sent, self.body.skin.state))
         self.report.ticks += 1
         self.report.work.add(time.perf_counter() - begin)
+
+    def _in_own_joints(
+        self, commands: tuple[Order, ...], joints: JointReading
+    ) -> tuple[list[PlatformOrder], list[str]]:
+        """The orders that can be expressed in the robot's own joints, and why others can't."""
+        orders: list[PlatformOrder] = []
+        refused: list[str] = []
+        for command in commands:
+            try:
+                orders += self.body.to_platform([command], joints)
+            except CommandError as error:
+                refused.append(str(error))
+        return orders, refused
 
     def _timing(self, now: float) -> str:
         """Count the periods before this one that were missed; why to hold, if there were too many."""

@@ -1,0 +1,49 @@
+"""How much of a place on the generic limb its skin still feels."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.frames import Array
+from tci.interface.generic_limb import generic_limb_distance
+from tci.interface.skin import Skin
+from tci.messages import Covered, JointReading, SkinState
+
+
+class Coverage:
+    """Knows which taxels are masked, and where they are. It works only where any is."""
+
+    def __init__(self, skin: Skin) -> None:
+        self._skin = skin
+        self._masks: tuple[NDArray[np.bool_] | None, ...] = ()
+        self._covered: Covered | None = None
+
+    def step(self, state: SkinState, joints: JointReading) -> Covered | None:
+        """What tells the coverage of any place in this state of the skin; None while all taxels are used."""
+        masks = tuple(patch.masked for patch in state.patches.values())
+        if len(masks) != len(self._masks) or any(
+            one is not other for one, other in zip(masks, self._masks, strict=True)
+        ):
+            self._masks = masks
+            blind = any(mask is not None and mask.any() for mask in masks)
+            self._covered = self._places(state, joints) if blind else None
+        return self._covered
+
+    def _places(self, state: SkinState, joints: JointReading) -> Covered:
+        places: dict[tuple[str, str], list[tuple[Array, Array, NDArray[np.bool_]]]] = {}
+        for name, patch in state.patches.items():
+            words = self._skin.robot.patch(name)
+            u, theta, _ = self._skin.limb(name, joints)
+            masked = np.zeros(len(u), dtype=bool) if patch.masked is None else patch.masked
+            places.setdefault((words.part, words.segment), []).append((u, theta, masked))
+
+        def covered(part: str, segment: str, u: float, theta: float, radius: float) -> float:
+            masked = [
+                mask[generic_limb_distance(taxel_u, taxel_theta, u, theta) < radius]
+                for taxel_u, taxel_theta, mask in places.get((part, segment), ())
+            ]
+            here = np.concatenate(masked) if masked else np.zeros(0, dtype=bool)
+            return 1.0 - float(here.mean()) if here.size else 1.0
+
+        return covered

@@ -1,0 +1,138 @@
+"""A robot with noisy skin, as fast as it can be computed, and how often its reflex answers."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import tci
+from tci.capabilities.withdrawal import WithdrawalMemory
+from tci.clock import ManualClock
+from tci.frames import Array, read_only
+from tci.interface.safe_command import SafeCommand
+from tci.interface.skin import Skin
+from tci.messages import JointReading, Order, Perception, Reading, SkinFrame
+from tci.middleware.faulty import FaultPlan, FaultyLink
+from tci.middleware.link import Link
+from tci.runtime.loop import Tick, run
+from tci.runtime.loop_report import LoopReport
+
+RATE = 50.0
+ROBOT = tci.load_robot("nao")
+PATCH = ROBOT.patches[0]
+"""The one that injectors spoil."""
+OTHER = next(p for p in ROBOT.patches if p.part != PATCH.part and p.segment == "forearm")
+JUST_FELT = 40.0
+"""Counts of a touch that the reflex answers."""
+
+
+class NoisySkin(Link):
+    """A NAO that is where it was told to be. Its skin has one count of noise; `touch` adds a press."""
+
+    def __init__(self, *, noise: float = 1.0) -> None:
+        binding = ROBOT.binding("sim").model_copy(update={"rate": RATE})
+        super().__init__(
+            ROBOT.model_copy(update={"bindings": (binding,)}),
+            middleware="sim",
+            clock=ManualClock(),
+            armed=True,
+        )
+        self.lease_name = f"felt:{id(self)}"
+        self.angles, self.count = np.array(ROBOT.initial_position), 0
+        self.noise, self.random = noise, np.random.default_rng(3)
+        self.touches: list[tuple[float, float, str, np.ndarray]] = []
+
+    def touch(self, begin: float, end: float, patch: str = PATCH.name, *, count: int = 12) -> None:
+        """Press the taxels nearest to a field of the patch's segment, from `begin` to `end` [s]."""
+        skin = Skin(ROBOT)
+        words = ROBOT.patch(patch)
+        field = next(f for f in tci.WithdrawalReflex().fields if f.segment == words.segment)
+        u, theta, _ = skin.limb(patch, self._joints(0.0))
+        turn = np.abs((theta - field.theta + np.pi) % (2 * np.pi) - np.pi)
+        nearest = np.argsort(np.hypot(u - field.u, turn / np.pi))[:count]
+        self.touches.append((begin, end, patch, skin.surfaces[patch].channels[nearest]))
+
+    def scatter(self, begin: float, end: float, count: int) -> None:
+        """Press `count` single taxels of all patches that do not touch each other."""
+        skin = Skin(ROBOT)
+        left = count
+        for patch in ROBOT.patches:
+            surface, chosen = skin.surfaces[patch.name], []
+            free = np.ones(len(surface.channels), dtype=bool)
+            beside = np.zeros((len(free), len(free)), dtype=bool)
+            one, other = surface.neighbours.T
+            beside[one, other] = beside[other, one] = True
+            while left and free.any():
+                taxel = int(np.flatnonzero(free)[0])
+                chosen.append(taxel)
+                around = beside[taxel] | (beside & beside[taxel]).any(axis=1)
+                free[[taxel, *np.flatnonzero(around)]] = False
+                left -= 1
+            self.touches.append((begin, end, patch.name, surface.channels[chosen]))
+
+    def _joints(self, now: float) -> JointReading:
+        return JointReading(now, self.count, read_only(self.angles), read_only(np.zeros(len(self.angles))))
+
+    def _receive(self) -> Reading:
+        self.count += 1
+        now = self.clock.now()
+        frames = [SkinFrame(p.name, now, self.count, self._frame(p.name, now)) for p in ROBOT.patches]
+        return Reading(self._joints(now), tuple(frames))
+
+    def _frame(self, name: str, now: float) -> Array:
+        patch = ROBOT.patch(name)
+        sensor = patch.sensor
+        values = sensor.rest + self.noise * self.random.standard_normal(patch.channels)
+        for begin, end, touched, channels in self.touches:
+            if touched == name and begin <= now < end:
+                values[channels] += JUST_FELT * np.sign(sensor.pascal_per_count)
+        return np.clip(np.rint(values), sensor.lowest, sensor.highest)
+
+    def _send(self, safe: SafeCommand) -> None:
+        self.angles = self.angles.copy()
+        self.angles[safe.servos] = safe.position
+
+    def _close(self) -> None:
+        return
+
+
+class Counted(tci.Capability[WithdrawalMemory]):
+    """The withdrawal reflex, and when it began to answer, by arm."""
+
+    def __init__(self) -> None:
+        self.reflex = tci.WithdrawalReflex()
+        self.answers: dict[str, list[float]] = {"left_arm": [], "right_arm": []}
+
+    def init(self) -> WithdrawalMemory:
+        return self.reflex.init()
+
+    def step(
+        self, memory: WithdrawalMemory, perception: Perception
+    ) -> tuple[tuple[Order, ...], WithdrawalMemory]:
+        commands, memory = self.reflex.step(memory, perception)
+        for part, withdrawal in memory.items():
+            if withdrawal.started not in self.answers[part]:
+                self.answers[part].append(withdrawal.started)
+        return commands, memory
+
+    def fault(self, perception: Perception) -> str:
+        return self.reflex.fault(perception)
+
+
+class Felt:
+    """A run on that robot with one fault from `at` [s] on."""
+
+    def __init__(
+        self, link: NoisySkin, name: str, *, at: float, duration: float, lasts: float = np.inf
+    ) -> None:
+        self.ticks: list[Tick] = []
+        self.reflex, self.report = Counted(), LoopReport()
+        self.at = at
+        faulty = FaultyLink(link, [FaultPlan(name, at, lasts)])
+        self.memory = run(
+            faulty, self.reflex, duration=duration, observe=self.ticks.append, report=self.report
+        )
+
+    def answers(self, part: str) -> list[float]:
+        """When an arm began to withdraw [s] after the fault; at first the noise is unknown, which does not
+        count."""
+        return [started - self.at for started in self.reflex.answers[part] if started > self.at - 1.0]

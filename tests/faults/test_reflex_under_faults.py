@@ -1,0 +1,122 @@
+"""Faults of the skin from end to end, with the reflex that answers to it. Named by the fault's number."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+
+import tci
+from capabilities.touches import one_field, see, touch
+from faults.felt import OTHER, PATCH, Felt, NoisySkin
+from tci.interface.gate import GateState
+
+LEARNT = 5.0
+"""Time [s] after which noise and rest are learnt."""
+
+
+def held(felt: Felt) -> set[GateState]:
+    return {tick.sent.state for tick in felt.ticks}
+
+
+def test_01_a_taxel_that_sticks_high_is_answered_once_at_most() -> None:
+    link = NoisySkin()
+    link.touch(LEARNT + 80.0, LEARNT + 81.0, OTHER.name)
+    felt = Felt(link, "taxel-stuck-high", at=LEARNT, duration=LEARNT + 84.0)
+    assert len(felt.answers(PATCH.part)) <= 1
+    assert felt.answers(OTHER.part) == [pytest.approx(80.0, abs=0.1)]
+    assert felt.ticks[-1].perception.covered is not None, "it is masked"
+    assert held(felt) == {GateState.RUN}
+
+
+def test_02_beside_a_taxel_that_sticks_low_a_touch_is_still_answered() -> None:
+    link = NoisySkin()
+    link.touch(LEARNT + 80.0, LEARNT + 81.0)
+    felt = Felt(link, "taxel-stuck-low", at=LEARNT, duration=LEARNT + 84.0)
+    assert felt.answers(PATCH.part) == [pytest.approx(80.0, abs=0.1)]
+    covered = felt.ticks[-1].perception.covered
+    assert covered is not None
+    assert 0.9 < covered(PATCH.part, PATCH.segment, 0.5, 0.0, 10.0) < 1.0
+
+
+def test_03_a_dead_patch_stops_the_robot_since_its_fields_are_blind() -> None:
+    felt = Felt(NoisySkin(), "dead-patch", at=LEARNT, duration=LEARNT + 80.0)
+    last = felt.ticks[-1].sent
+    assert last.state is GateState.STOP
+    assert f"of {PATCH.part} is blind: 0% of its taxels can be trusted; valid: 50% or more" in last.reason
+    assert len(felt.answers(PATCH.part)) <= 1
+
+
+def test_05_saturated_taxels_are_one_touch_with_a_bounded_answer() -> None:
+    felt = Felt(NoisySkin(), "saturated-taxel", at=LEARNT, duration=LEARNT + 20.0)
+    assert len(felt.answers(PATCH.part)) <= 1
+    assert held(felt) == {GateState.RUN}
+    assert all(0.0 <= w.gain <= 1.0 for tick in felt.ticks[-1:] for w in felt.memory.values())
+
+
+def test_07_a_step_of_the_baseline_is_answered_once_and_is_rest_after_a_while() -> None:
+    link = NoisySkin()
+    link.touch(LEARNT + 50.0, LEARNT + 51.0)
+    felt = Felt(link, "baseline-step", at=LEARNT, duration=LEARNT + 54.0)
+    before, after = [a for a in felt.answers(PATCH.part) if a < 49.0], felt.answers(PATCH.part)
+    assert len(before) <= 1
+    assert after[-1] == pytest.approx(50.0, abs=0.1), "and a touch is felt again"
+    assert len(after) == len(before) + 1
+    quiet = [tick for tick in felt.ticks if LEARNT + 40.0 < tick.now < LEARNT + 50.0]
+    assert not any(tick.perception.contacts for tick in quiet)
+
+
+def test_10_skin_that_falls_silent_while_the_joints_go_on_makes_the_robot_hold() -> None:
+    felt = Felt(NoisySkin(), "skin-silent", at=LEARNT, duration=LEARNT + 2.0, lasts=1.0)
+    silent = [tick for tick in felt.ticks if tick.sent.state is GateState.HOLD]
+    assert silent[0].now - LEARNT == pytest.approx(0.25, abs=0.05)
+    assert silent[-1].now - LEARNT == pytest.approx(1.0, abs=0.05)
+    assert "has sent nothing for" in silent[0].sent.reason
+    assert felt.ticks[-1].sent.state is GateState.RUN
+
+
+@pytest.mark.parametrize("name", ["out-of-order", "duplicates", "clock-jump", "nan-taxel"])
+def test_04_11_12_13_a_touch_is_answered_once(name: str) -> None:
+    link, before = NoisySkin(), time.time
+    link.touch(LEARNT + 1.0, LEARNT + 2.0, count=40)
+    felt = Felt(link, name, at=LEARNT, duration=LEARNT + 5.0)
+    assert felt.answers(PATCH.part) == [pytest.approx(1.0, abs=0.1)]
+    assert felt.answers(OTHER.part) == []
+    assert held(felt) == {GateState.RUN}
+    assert time.time is before or name == "clock-jump"
+
+
+def test_27_a_touch_during_a_withdrawal_is_the_same_one_and_the_limits_hold() -> None:
+    link = NoisySkin()
+    link.touch(LEARNT + 1.0, LEARNT + 1.3, count=12)
+    link.touch(LEARNT + 1.1, LEARNT + 1.5, count=40)
+    link.touch(LEARNT + 4.0, LEARNT + 4.5, count=12)
+    felt = Felt(link, "duplicates", at=LEARNT, duration=LEARNT + 6.0)
+    assert felt.answers(PATCH.part) == [pytest.approx(1.0, abs=0.1), pytest.approx(4.0, abs=0.1)]
+    moved = [tick.sent for tick in felt.ticks if tick.sent.servos.size]
+    for sent in moved:
+        limits = np.array([link.robot.servos[servo].limits.velocity for servo in sent.servos], dtype=float)
+        assert (np.abs(sent.velocity) <= limits).all()
+
+
+def test_09_taxels_that_have_no_weight_move_nothing() -> None:
+    reflex = tci.WithdrawalReflex(fields=(one_field(radius=0.1),))
+    far = touch(0.5, 0.0, [50.0, 50.0], offsets=[0.4, -0.4])
+    near = touch(0.5, 0.0, [50.0, 50.0, 4.0], offsets=[0.4, -0.4, 0.0])
+    assert reflex.step(reflex.init(), see(far))[0] == ()
+    (command,), memory = reflex.step(reflex.init(), see(near))
+    assert memory["left_arm"].gain == pytest.approx(1.0), "the far ones don't count, nor with a minus"
+    assert np.isfinite(command.values).all()
+
+
+@pytest.mark.parametrize("count", [1, 30])
+def test_17_thirty_contacts_at_once_are_one_withdrawal_of_each_arm(count: int) -> None:
+    link = NoisySkin()
+    link.scatter(LEARNT + 1.0, LEARNT + 2.0, count)
+    felt = Felt(link, "duplicates", at=LEARNT, duration=LEARNT + 4.0)
+    most = max(len(tick.perception.contacts) for tick in felt.ticks if tick.now > LEARNT)
+    assert most >= count
+    assert all(len(felt.answers(part)) <= 1 for part in ("left_arm", "right_arm"))
+    assert held(felt) == {GateState.RUN}
+    assert all(len(tick.commands) <= 2 for tick in felt.ticks)

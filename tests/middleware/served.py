@@ -41,7 +41,7 @@ class Served:
     @property
     def port(self) -> int:
         """The port that it says."""
-        found = re.search(r":(\d+)", self.where)
+        found = re.search(r"127\.0\.0\.1:(\d+)", self.where)
         assert found is not None, self.where
         return int(found[1])
 

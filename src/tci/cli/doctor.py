@@ -18,7 +18,7 @@ from tci.model.catalogue import load_robot
 from tci.model.description import Robot
 from tci.runtime.doctor import judge
 from tci.runtime.machine import examine_machine
-from tci.runtime.registry import connect, load_link
+from tci.runtime.registry import JOIN, connect, load_link
 from tci.runtime.streams import Stream, observe
 
 MARKS = {Level.OK: "[green]ok[/]", Level.NOTE: "[cyan]note[/]", Level.WARNING: "[yellow]warning[/]",
@@ -44,7 +44,7 @@ def _examine(
     robot: Robot, via: str, duration: float, *, quiet: bool
 ) -> tuple[tuple[Finding, ...], tuple[Stream, ...]]:
     """What was found on the way to the robot, and then through the link."""
-    name, _, address = via.partition(":")
+    name, _, address = via.split(JOIN)[0].partition(":")
     try:
         found = load_link(name).probe(robot, address)
         if any(finding.level is Level.FAULT for finding in found):

@@ -11,12 +11,12 @@ from tci.cli.console import console, print_json
 from tci.middleware.link import Link
 from tci.model.catalogue import load_robot
 from tci.recording.recorder import Recorder
-from tci.runtime.registry import connect
+from tci.runtime.registry import JOIN, connect
 
 
 def recorder_for(path: Path, link: Link, via: str, about: Mapping[str, str]) -> Recorder:
     """A recording of a link. Raises RecordingError."""
-    middleware = via.partition(":")[0]
+    middleware = via.split(JOIN)[0].partition(":")[0]
     return Recorder(path, link.robot, middleware=middleware, period=link.period, about=about)
 
 

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import inspect
 from importlib.metadata import entry_points
 from typing import Any
 
-from tci.errors import MissingExtraError, UnknownNameError
+from tci.errors import LinkError, MissingExtraError, UnknownNameError
+from tci.middleware.joined import JoinedLink
 from tci.middleware.link import Link
 from tci.middleware.server import Server
 from tci.model.description import Robot
 
 LINKS = "tci.links"
+JOIN = " + "
+"""Between links that are joined to one."""
 SERVERS = "tci.servers"
 
 
@@ -36,14 +40,34 @@ def load_link(name: str) -> type[Link]:
 def connect(robot: Robot, via: str = "sim", *, arm: bool | None = None, **options: Any) -> Link:
     """Open a link to `robot`: "sim", or "NAME:ADDRESS" for those that need an address.
 
-    A simulated robot is armed from the start, a real one only by `arm=True`. `options` go to the
-    link. Raises UnknownNameError for a link that is not installed, MissingExtraError when its
-    library is not, LinkError when the robot can't be reached.
+    With "LINK + LINK" the joints come over the first link, the skin over the others. A simulated robot is
+    armed from the start, a real one only by `arm=True`. `options` go to the link, or to that of the joints.
+    Raises UnknownNameError for a link that is not installed, MissingExtraError when its library is not,
+    LinkError when the robot can't be reached.
     """
-    name, _, address = via.partition(":")
-    factory: Any = load_link(name)
+    first, *others = via.split(JOIN)
     if arm is not None:
         options["arm"] = arm
+    if not others:
+        return _open(robot, first, **options)
+    opened: list[Link] = []
+    try:
+        opened.append(_open(robot, first, skin=False, **options))
+        for other in others:
+            opened.append(_open(robot, other, joints=False))
+        return JoinedLink(opened[0], opened[1:])
+    except BaseException:
+        for link in opened:
+            link.close()
+        raise
+
+
+def _open(robot: Robot, via: str, **options: Any) -> Link:
+    name, _, address = via.partition(":")
+    factory: Any = load_link(name)
+    for half in ("joints", "skin"):
+        if half in options and half not in inspect.signature(factory).parameters:
+            raise LinkError(f"{via} can't leave out its {half}; valid in a joined link: naoqi, yarp")
     link: Link = factory(robot, address, **options)
     return link
 

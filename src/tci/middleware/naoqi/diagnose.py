@@ -22,20 +22,14 @@ OFFSET = 1.0
 """An offset [s] of the robot's clock beyond which logs of the two can't be compared. Ours."""
 
 
-def examine(robot: Robot, poller: Poller, stream: Stream) -> tuple[Finding, ...]:
+def examine(robot: Robot, poller: Poller, stream: Stream | None) -> tuple[Finding, ...]:
     """Findings about the robot behind `poller`. Raises LinkError while it is away."""
     if poller.trouble:
         raise LinkError(poller.trouble)
-    return (
-        *_version(poller),
-        *_trips(poller, stream),
-        *_clock(poller),
-        *_joints(robot, poller),
-        *_limits(robot, stream),
-        *_motion(robot, poller),
-        *_skin(poller),
-        *_touch(poller),
-    )
+    found = [*_version(poller), *_trips(poller), *_clock(poller), *_skin(poller), *_touch(poller)]
+    if stream is not None:
+        found += [*_refused(stream), *_joints(poller), *_limits(robot, stream), *_motion(robot, poller)]
+    return tuple(found)
 
 
 def _version(poller: Poller) -> Iterator[Finding]:
@@ -48,7 +42,7 @@ def _version(poller: Poller) -> Iterator[Finding]:
     yield Finding(Level.OK, "NAOqi", f"version {version}", figures={"version": str(version)})
 
 
-def _trips(poller: Poller, stream: Stream) -> Iterator[Finding]:
+def _trips(poller: Poller) -> Iterator[Finding]:
     middle, late = np.quantile(poller.trips, [0.5, 0.99])
     figures = {"median_ms": 1e3 * float(middle), "p99_ms": 1e3 * float(late), **poller.counts}
     yield Finding(
@@ -62,6 +56,9 @@ def _trips(poller: Poller, stream: Stream) -> Iterator[Finding]:
             f"{lost} without an answer, {poller.counts['reconnections']} new connections, "
             f"{poller.counts['bad']} damaged skin frames", "use a cable; radio links of NAO are slow",
         )  # fmt: skip
+
+
+def _refused(stream: Stream) -> Iterator[Finding]:
     for words_, count in stream.errors.items():
         yield Finding(Level.WARNING, "commands", f"{count} not taken: {words_}")
 
@@ -84,7 +81,7 @@ def _clock(poller: Poller) -> Iterator[Finding]:
         yield Finding(Level.OK, "clock", said, figures=figures)
 
 
-def _joints(robot: Robot, poller: Poller) -> Iterator[Finding]:
+def _joints(poller: Poller) -> Iterator[Finding]:
     motion = poller.services.motion
     known = answer(motion.getBodyNames("Body", _async=True), "ALMotion.getBodyNames", timeout=1.0)
     more = [name for name in known if name not in poller.names]
@@ -145,7 +142,7 @@ def _skin(poller: Poller) -> Iterator[Finding]:
         yield Finding(
             Level.WARNING, "skin", f"nothing in ALMemory under {', '.join(missing)}",
             "publish each patch as one vector of numbers there, say another key in the description's binding "
-            "(<address of=PATCH to=KEY/>), or read the skin another way (--skin-via)",
+            "(<address of=PATCH to=KEY/>), or read the skin another way: --via 'naoqi://HOST + LINK'",
         )  # fmt: skip
 
 

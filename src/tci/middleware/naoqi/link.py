@@ -30,8 +30,12 @@ SWITCH_ON = 0.3
 class NaoqiLink(Link):
     """A link to a NAO. It is armed only on request, and never while the robot moves by itself."""
 
-    def __init__(self, robot: Robot, address: str = "", *, arm: bool = False, skin: bool = True) -> None:
-        """Connect to `address`, such as `//10.0.0.5` or `//nao@10.0.0.5`; without `skin` read joints only.
+    def __init__(
+        self, robot: Robot, address: str = "", *, arm: bool = False, joints: bool = True, skin: bool = True
+    ) -> None:
+        """Connect to `address`, such as `//10.0.0.5` or `//nao@10.0.0.5`.
+
+        Without `joints` or `skin` only the other one is read; without joints nothing can be moved.
 
         An armed link refuses a robot that moves by itself (autonomous life, breathing, ...); with `?life=off`
         behind the address it switches that off until it is closed.
@@ -42,11 +46,13 @@ class NaoqiLink(Link):
         clock = MonotonicClock()
         super().__init__(robot, middleware=words.MIDDLEWARE, clock=clock, armed=arm)
         self.lease_name = f"naoqi:{self.where.host}:{self.where.port}"
-        self._poller = Poller(robot, self.where, clock, joints=True, skin=skin)
+        self._poller = Poller(robot, self.where, clock, joints=joints, skin=skin)
         self._switched: list[autonomy.Mover] = []
         try:
-            self._stream = self._open_stream()
+            self._stream = self._open_stream() if joints else None
             if arm:
+                if not joints:
+                    raise LinkError("a link without joints can't be armed")
                 self._quieten()
         except BaseException:
             self._poller.close()
@@ -83,7 +89,8 @@ class NaoqiLink(Link):
         sensed = self._poller.read(PATIENCE * self.period)
         if self._poller.generation != self._generation:
             self._generation = self._poller.generation
-            self._stream.forget()
+            if self._stream is not None:
+                self._stream.forget()
             self.gate.drop()
         reading = sensed.reading
         switching = reading.joints.stamp - self._on < SWITCH_ON
@@ -101,6 +108,7 @@ class NaoqiLink(Link):
                 # Angles must not overtake the stiffness that they need.
                 answer(motion.setStiffnesses(names, values, _async=True), "setStiffnesses", timeout=1.0)
                 self._on[list(safe.stiffness)] = self.clock.now()
+            assert self._stream is not None  # it is armed
             measured = self._poller.latest.reading.joints.position
             self._stream.send(motion, safe, self.gate.targets, measured)
         except (LinkError, RuntimeError) as error:
@@ -110,6 +118,7 @@ class NaoqiLink(Link):
     def _halt(self) -> None:
         motion = self._poller.services.motion
         answer(motion.killTasksUsingResources(self._poller.names, _async=True), "killing tasks", timeout=1.0)
+        assert self._stream is not None  # it is armed
         self._stream.forget()
 
     def _close(self) -> None:

@@ -44,10 +44,14 @@ class YarpLink(Link):
     """A link to a robot on YARP. It is armed only on request. After a restart of the name server, a board or
     the robot it goes on by itself; meanwhile the joint data is old, and the gate holds."""
 
-    def __init__(self, robot: Robot, address: str = "", *, arm: bool = False) -> None:
+    def __init__(
+        self, robot: Robot, address: str = "", *, arm: bool = False, joints: bool = True, skin: bool = True
+    ) -> None:
         """Connect to every board and every patch; `address` as in docs/yarp.md.
 
-        Raises LinkError when a port is not there, sends nothing, or sends what the description does not say.
+        Without `joints` or `skin` only the other one is read. Skin alone does not tell the dialect, so the
+        address must. Raises LinkError when a port is not there, sends nothing, or sends what the description
+        does not say.
         """
         options = addresses.parse(address)
         clock = MonotonicClock()
@@ -60,12 +64,16 @@ class YarpLink(Link):
         self.skin: dict[str, Feed[NDArray[np.float64]]] = {}
         self._events: Feed[tuple[SkinEvent, ...]] | None = None
         self._own, self._carrier = own, options.carrier
+        self._dialect = options.dialect
         self._compensated = options.skin == "comp"
         self._reconnected = threading.Event()
         self._closed = threading.Event()
         try:
-            self._open_boards(options.dialect)
-            for patch in robot.patches:
+            if joints:
+                self._open_boards(options.dialect)
+            elif options.dialect is None:
+                raise LinkError(f"skin alone over yarp:{address} needs dialect=3 or dialect=4 in its address")
+            for patch in robot.patches if skin else ():
                 if patch.name not in options.without:
                     self._open_skin(patch)
             self._wait_for_all()
@@ -82,6 +90,8 @@ class YarpLink(Link):
     @property
     def dialect(self) -> Dialect:
         """What the robot speaks."""
+        if self._dialect is not None:
+            return self._dialect
         return next(iter(self.boards.values())).board.dialect
 
     def skin_events(self) -> tuple[SkinEvent, ...]:

@@ -71,6 +71,7 @@ class YarpServer(Server):
         self._sequences: dict[str, int] = {}
         self._stamps: dict[str, int] = {}
         self._due = 0.0
+        self._shown = False
         self._beaten, self._deaf = time.monotonic(), -np.inf
         self._closed = threading.Event()
         try:
@@ -95,6 +96,8 @@ class YarpServer(Server):
 
     def orders(self) -> Sequence[Order]:
         now = self._beat(False)
+        if not self._shown:
+            return []  # they wait for the first reading
         orders = [order for board in self.boards.values() for order in board.book.take()]
         if now < self._deaf:
             for order in orders:
@@ -108,6 +111,7 @@ class YarpServer(Server):
             board.book.refuse(order, reason)
 
     def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
+        self._shown = True
         for board in self.boards.values():
             board.book.judge(sent.orders, sent.refusals)
         offset = time.time() - self.link.clock.now()

@@ -5,9 +5,11 @@ from __future__ import annotations
 import shutil
 import subprocess
 from functools import cache
+from pathlib import Path
 
 import pytest
 
+ROOT = Path(__file__).parent.parent
 DEBIAN_PYTHON = "/usr/bin/python3"
 """Debian's own Python, which has Debian's modules; the virtual environment has none of them."""
 
@@ -33,6 +35,14 @@ def needs_program(name: str, package: str) -> str:
     if path is None:
         pytest.skip(f"did not run: needs {name}; to get it, as root: apt-get install {package}")
     return path
+
+
+def peer_python(name: str) -> str:
+    """The Python of a peer with its own environment; where there is none, the test is named as not run."""
+    path = ROOT / ".peers" / name / "bin" / "python"
+    if not path.exists():
+        pytest.skip(f"did not run: needs .peers/{name}; to get it: python3 tools/peers.py")
+    return str(path)
 
 
 def debian_python(script: str, stdin: str) -> str:

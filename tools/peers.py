@@ -1,4 +1,5 @@
-"""Install the Debian packages that the tests start as peers: requirements/debian.txt.
+"""Install what the tests start as peers: the Debian packages of requirements/debian.txt, and a virtual
+environment `.peers/NAME` for each requirements/peers/NAME.txt.
 
     python3 tools/peers.py
 
@@ -8,12 +9,15 @@ are named again at the end of the test run.
 
 from __future__ import annotations
 
+import hashlib
 import os
 import shutil
 import subprocess
 from pathlib import Path
 
-LIST = Path(__file__).resolve().parent.parent / "requirements" / "debian.txt"
+ROOT = Path(__file__).resolve().parent.parent
+LIST = ROOT / "requirements" / "debian.txt"
+PYTHONS = ROOT / "requirements" / "peers"
 
 
 def packages() -> dict[str, str]:
@@ -36,6 +40,38 @@ def missing() -> list[str]:
 
 
 def main() -> None:
+    install_debian()
+    for lock in sorted(PYTHONS.glob("*.txt")):
+        install_python(lock)
+
+
+def install_python(lock: Path) -> None:
+    """The packages of a lock file in an environment of their own, unless they are there already."""
+    folder = ROOT / ".peers" / lock.stem
+    stamp = folder / "installed"
+    state = hashlib.sha256(lock.read_bytes()).hexdigest()
+    if stamp.exists() and stamp.read_text() == state:
+        return
+    print(f"installing {lock.relative_to(ROOT)} into {folder.relative_to(ROOT)}", flush=True)
+    own = str(ROOT / ".venv" / "bin" / "python")
+    subprocess.run([own, "-m", "venv", "--clear", "--without-pip", str(folder)], check=True)
+    pip = [
+        own,
+        "-m",
+        "pip",
+        "--disable-pip-version-check",
+        "--quiet",
+        "--python",
+        str(folder / "bin" / "python"),
+    ]
+    command = [*pip, "install", "--require-hashes", "--requirement", str(lock)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise SystemExit(f"can't install {lock.relative_to(ROOT)}:\n{done.stderr}")
+    stamp.write_text(state)
+
+
+def install_debian() -> None:
     wanted = missing()
     if not wanted:
         return

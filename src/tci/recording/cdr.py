@@ -48,24 +48,28 @@ class MessageType:
     """Comment at the head of the definition."""
     needs: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = ()
     """Messages inside it, by `package/Name`, with their fields; used by the last part of that name."""
+    headed: bool = True
+    """Whether it begins with a header."""
 
     @property
     def definition(self) -> str:
         """The ROS definition with those that it needs, as other programs read it from the file."""
         lines = [f"# {line}" for line in self.says.splitlines()]
-        lines += ["std_msgs/Header header", *(f"{kind} {name}" for kind, name in self.fields)]
+        lines += ["std_msgs/Header header"] if self.headed else []
+        lines += [f"{kind} {name}" for kind, name in self.fields]
         for needed, fields in self.needs:
             lines += ["=" * 80, f"MSG: {needed}", *(f"{kind} {name}" for kind, name in fields)]
-        return "\n".join(lines) + HEADER_TEXT
+        return "\n".join(lines) + (HEADER_TEXT if self.headed else "\n")
 
     @property
     def flat(self) -> tuple[tuple[str, str], ...]:
         """All fields with those of the header."""
-        return HEADER + self.fields
+        return HEADER + self.fields if self.headed else self.fields
 
     def inside(self, name: str) -> tuple[tuple[str, str], ...]:
         """The fields of a message inside this one."""
-        return next(fields for needed, fields in self.needs if needed.endswith(f"/{name}"))
+        last = name.split("/")[-1]
+        return next(fields for needed, fields in self.needs if needed.split("/")[-1] == last)
 
 
 def encode(kind: MessageType, values: Sequence[Any]) -> bytes:
@@ -79,38 +83,56 @@ def _fields(
     out: bytearray, kind: MessageType, fields: tuple[tuple[str, str], ...], values: Sequence[Any]
 ) -> None:
     for (type_, _), value in zip(fields, values, strict=True):
-        item = type_.removesuffix("[]")
-        if item == type_:
-            _put(out, item, value)
+        item, many = item_of(type_)
+        if many is None:
+            _put(out, kind, item, value)
             continue
-        _number(out, "uint32", len(value))
-        if item == "string":
-            for text in value:
-                _put(out, "string", text)
-        elif item not in NUMBERS:
+        if many == 0:
+            _number(out, "uint32", len(value))
+        elif len(value) != many:
+            raise ValueError(f"{kind.name}: {len(value)} values for {type_}")
+        if item not in NUMBERS:
             for inner in value:
-                _fields(out, kind, kind.inside(item), inner)
+                _put(out, kind, item, inner)
         elif len(value):
             out += bytes(-len(out) % SIZES[item])
             out += np.asarray(value, dtype=DTYPES[item]).tobytes()
 
 
+def item_of(type_: str) -> tuple[str, int | None]:
+    """What a field holds, and how many: None for one, 0 for a sequence, else the length of an array."""
+    item, bracket, rest = type_.partition("[")
+    return item, int(rest.rstrip("]") or 0) if bracket else None
+
+
 def decode(kind: MessageType, data: bytes) -> dict[str, Any]:
-    """The fields of a message by name; sequences of numbers as arrays. Raises RecordingError."""
-    if data[:4] != ENCAPSULATION:
+    """The fields of a message by name: sequences of numbers as arrays, messages inside it as the same.
+
+    Raises RecordingError.
+    """
+    if data[:2] != ENCAPSULATION[:2]:  # the other two count bytes of padding, for some vendors
         raise RecordingError(f"{kind.name}: encapsulation {data[:4].hex()}; valid: {ENCAPSULATION.hex()}")
-    read = _Reader(memoryview(data)[4:], kind.name)
+    return _read(_Reader(memoryview(data)[4:], kind.name), kind, kind.flat)
+
+
+def _read(read: _Reader, kind: MessageType, fields: tuple[tuple[str, str], ...]) -> dict[str, Any]:
     found: dict[str, Any] = {}
-    for type_, name in kind.flat:
-        item = type_.removesuffix("[]")
-        if item == type_:
-            found[name] = read.text() if item == "string" else read.number(item)
-        elif item == "string":
-            count = read.count(4)
-            found[name] = [read.text() for _ in range(count)]
+    for type_, name in fields:
+        item, many = item_of(type_)
+        if many is None:
+            found[name] = _take(read, kind, item)
+        elif item in NUMBERS:
+            found[name] = read.numbers(item, many)
         else:
-            found[name] = read.numbers(item)
+            count = many or read.count(4 if item == "string" else 1)
+            found[name] = [_take(read, kind, item) for _ in range(count)]
     return found
+
+
+def _take(read: _Reader, kind: MessageType, item: str) -> Any:
+    if item == "string":
+        return read.text()
+    return read.number(item) if item in NUMBERS else _read(read, kind, kind.inside(item))
 
 
 def _number(out: bytearray, item: str, value: float) -> None:
@@ -118,9 +140,12 @@ def _number(out: bytearray, item: str, value: float) -> None:
     out += STRUCTS[item].pack(value)
 
 
-def _put(out: bytearray, item: str, value: Any) -> None:
-    if item != "string":
+def _put(out: bytearray, kind: MessageType, item: str, value: Any) -> None:
+    if item in NUMBERS:
         _number(out, item, value)
+        return
+    if item != "string":
+        _fields(out, kind, kind.inside(item), value)
         return
     text = value.encode("utf-8", "surrogateescape") + b"\0"
     _number(out, "uint32", len(text))
@@ -154,7 +179,8 @@ class _Reader:
         raw = bytes(self._take(self.count(1)))
         return raw.removesuffix(b"\0").decode("utf-8", "surrogateescape")
 
-    def numbers(self, item: str) -> Any:
+    def numbers(self, item: str, many: int = 0) -> Any:
+        """A sequence of numbers, or an array of `many`."""
         size = SIZES[item]
-        count = self.count(size)
+        count = many or self.count(size)
         return np.frombuffer(self._take(count * size, size if count else 1), dtype=DTYPES[item])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -96,18 +96,27 @@ def to_nanoseconds(stamp: float) -> int:
     return int(min(max(stamp, 0.0), 9e9) * 1e9) if np.isfinite(stamp) else 0
 
 
+def joints_values(names: Sequence[str], joints: JointReading, stamp: float) -> tuple[Any, ...]:
+    """The values of a JointState, stamped `stamp` [s]."""
+    effort = joints.torque if joints.torque is not None else ()
+    return *header(stamp), names, joints.position, joints.velocity, effort
+
+
 def joints_bytes(names: list[str], joints: JointReading) -> bytes:
     """A JointState. Raises ValueError for what is no vector of floats."""
-    effort = joints.torque if joints.torque is not None else ()
-    return encode(JOINTS, (*header(joints.stamp), names, joints.position, joints.velocity, effort))
+    return encode(JOINTS, joints_values(names, joints, joints.stamp))
+
+
+def skin_values(frame: SkinFrame, number: int, stamp: float) -> tuple[Any, ...]:
+    """The values of a SkinFrame whose header says `stamp` [s]."""
+    data = np.frombuffer(np.ascontiguousarray(frame.values).tobytes(), dtype=np.uint8)
+    values = (frame.stamp, frame.sequence, number, frame.patch, frame.values.dtype.str, data)
+    return *header(stamp, frame.patch), *values
 
 
 def skin_bytes(frame: SkinFrame, number: int) -> bytes:
     """A SkinFrame with the raw values as they came."""
-    data = np.frombuffer(np.ascontiguousarray(frame.values).tobytes(), dtype=np.uint8)
-    dtype = frame.values.dtype.str
-    values = (frame.stamp, frame.sequence, number, frame.patch, dtype, data)
-    return encode(SKIN, (*header(frame.stamp, frame.patch), *values))
+    return encode(SKIN, skin_values(frame, number, frame.stamp))
 
 
 def tick_bytes(now: float, joints: JointReading, skin: list[int]) -> bytes:

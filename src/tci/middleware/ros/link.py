@@ -1,0 +1,163 @@
+"""A link by any ROS: to a robot that another TCI process shows, or to one that speaks ROS itself.
+
+Which of them it is shows when it opens. From a TCI process come states, and it gets orders (`remote`); its
+own gate makes the motion. A robot that speaks ROS itself gets the set-points of the gate here.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from tci.errors import FrameError, LinkError
+from tci.interface.gate import Gate
+from tci.interface.safe_command import SafeCommand
+from tci.messages import Reading, SkinFrame
+from tci.middleware.diagnosis import Finding, Level
+from tci.middleware.remote import Orders, State
+from tci.middleware.remote_cdr import orders_bytes, to_skin, to_state
+from tci.middleware.remote_link import RemoteLink
+from tci.middleware.ros.messages import BYTES, NO_LAYOUT
+from tci.middleware.ros.names import Names
+from tci.middleware.ros.native import NativeRobot
+from tci.middleware.ros.node import Publish, RosNode
+from tci.model.description import Robot
+from tci.recording.schemas import JOINTS
+
+WAIT = 5.0
+"""How long [s] a link waits for the robot's joints when it opens. Ours."""
+STATE_WAIT = 0.5
+"""How long [s] after a robot's joints the states of a TCI process may show up. Ours."""
+SKIN_WAIT = 1.0
+"""How long [s] it then waits for patches that have sent nothing yet. Ours."""
+
+
+class RosLink(RemoteLink):
+    """A link to a robot by a node of any ROS, which is closed with it."""
+
+    def __init__(
+        self, robot: Robot, node: RosNode, *, middleware: str, namespace: str, arm: bool, wait: float = WAIT
+    ) -> None:
+        """Raises LinkError when no joints come within `wait` [s]."""
+        self._node = node
+        try:
+            super().__init__(robot, middleware=middleware, place=namespace or "/", arm=arm)
+            names = self._names = Names(robot, middleware, namespace)
+            now = self.clock.now
+            self._native: NativeRobot | None = None
+            self._received: deque[tuple[bool, bytes]] = deque(maxlen=2 * len(robot.patches) + 2)
+            node.subscribe(names.state, BYTES, self._keep(True))
+            for patch in robot.patches:
+                node.subscribe(names.frames(patch.name), BYTES, self._keep(False))
+            self._out: Publish | None = None
+            self._why = ""
+            if not self._is_tci(wait):
+                stale_after = self.gate.stale_after
+                self.gate = Gate(robot, period=self.period, stale_after=stale_after)  # the only one
+                self._native = NativeRobot(robot, node, names, arm=arm, period=self.period, now=now)
+                self.lease_name = f"{middleware}:{namespace}:{robot.name}"
+                self._wait_for_joints(wait)
+            elif arm:
+                self._out = node.advertise(names.orders, BYTES)
+        except BaseException:
+            node.close()
+            raise
+
+    @property
+    def is_native(self) -> bool:
+        """Whether the robot speaks ROS itself."""
+        return self._native is not None
+
+    def diagnose(self) -> tuple[Finding, ...]:
+        whose = "a robot's own topics" if self.is_native else "a TCI process"
+        found = [Finding(Level.OK, "dialect", f"{whose} in namespace {self.place}")]
+        for reason, count in self._node.rejected.items():
+            found.append(Finding(Level.WARNING, "messages", f"{count} of no use: {reason}"))
+        return tuple(found)
+
+    def _receive(self) -> Reading:
+        if self._native is None:
+            return super()._receive()
+        self._node.poll()
+        return self._native.reading()
+
+    def _send(self, safe: SafeCommand) -> None:
+        if self._native:
+            self._native.send(safe)
+        else:
+            super()._send(safe)
+
+    def _close(self) -> None:
+        super()._close()
+        self._node.close()
+
+    def _poll(self) -> Iterator[State | SkinFrame]:
+        self._node.poll()
+        while self._received:
+            is_state, data = self._received.popleft()
+            try:
+                yield to_state(self.robot, data) if is_state else to_skin(self.robot, data)
+            except FrameError as error:
+                self.rejected += 1
+                self._why = str(error)
+
+    def _put(self, orders: Orders) -> None:
+        assert self._out is not None  # armed
+        self._out((NO_LAYOUT, np.frombuffer(orders_bytes(self.robot, orders), dtype=np.uint8)))
+
+    def _nobody(self) -> str:
+        return self._why or "its process sends no states"
+
+    def _keep(self, is_state: bool) -> Any:
+        def keep(fields: Mapping[str, Any]) -> None:
+            self._received.append((is_state, bytes(fields["data"])))
+
+        return keep
+
+    def _is_tci(self, wait: float) -> bool:
+        """Whether a TCI process shows the robot. Raises LinkError when nobody does anything."""
+        end = time.monotonic() + wait
+        joints_since = np.inf
+        while True:
+            self._node.poll()
+            now = time.monotonic()
+            if self._received or self._node.types_of(self._names.state):
+                self._wait()
+                return True
+            if JOINTS.name in self._node.types_of(self._names.joints):
+                joints_since = min(joints_since, now)
+            if now - joints_since > STATE_WAIT:
+                return False
+            if now > end:
+                raise LinkError(self._why_not(wait))
+            time.sleep(0.01)
+
+    def _wait_for_joints(self, seconds: float) -> None:
+        assert self._native is not None
+        begin = time.monotonic()
+        while not self._native.complete:
+            waited = time.monotonic() - begin
+            if self._native.joints.latest is None and waited > seconds:
+                raise LinkError(self._why_not(seconds))
+            if self._native.joints.latest is not None and waited > SKIN_WAIT:
+                return
+            time.sleep(0.005)
+            self._node.poll()
+
+    def _why_not(self, seconds: float) -> str:
+        topic, where = self._names.joints, f"within {seconds:g} s"
+        offered = self._node.types_of(topic)
+        if not offered:
+            return f"nobody publishes {topic} {where}; is the robot on, and in this ROS domain and namespace?"
+        if JOINTS.name not in offered:
+            return f"{topic} is {', '.join(offered)}; valid: {JOINTS.name}"
+        if self._node.rejected:
+            return f"{topic} is of no use: {next(iter(self._node.rejected))}"
+        missing = self._native.joints.missing if self._native else []
+        if not missing or len(missing) == len(self.robot.servos):
+            return f"{topic} is offered, but no joint of {self.robot.name} came {where}"
+        return f"{topic} lacks joints of {self.robot.name} {where}: {', '.join(missing)}"

@@ -1,0 +1,137 @@
+"""A robot shown to a ROS: as ros2_control shows one, and to other TCI processes (`remote`).
+
+Its topics are listed in docs/ros.md; their names come from `Names`.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Iterator, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from tci.errors import FrameError
+from tci.interface.safe_command import SafeCommand
+from tci.messages import Order, Perception, Reading, SkinFrame
+from tci.middleware.link import Link
+from tci.middleware.query import query
+from tci.middleware.remote import Orders, State
+from tci.middleware.remote_cdr import frame_bytes, state_bytes, to_orders
+from tci.middleware.remote_server import RemoteServer
+from tci.middleware.ros.cloud import PatchCloud
+from tci.middleware.ros.controllers import Controllers
+from tci.middleware.ros.messages import BYTES, NO_LAYOUT, TEXT, TRAJECTORY, VALUES
+from tci.middleware.ros.names import Names
+from tci.middleware.ros.node import RosNode
+from tci.model.description import Robot
+from tci.model.kinematics import Kinematics
+from tci.model.surfaces import build_surface
+from tci.model.urdf import to_urdf
+from tci.recording.schemas import CLOUD, JOINTS, SKIN, joints_values, skin_values
+
+MOST_ORDERS = 64
+"""Messages with orders between two periods that are kept. Ours."""
+
+
+class RosServer(RemoteServer):
+    """Shows a robot by a node of any ROS, which is closed with it."""
+
+    def __init__(self, link: Link, address: str, node: RosNode, *, middleware: str, namespace: str) -> None:
+        """Raises UnknownNameError when the robot has no binding to `middleware`."""
+        self._node = node
+        try:
+            super().__init__(link, address, middleware=middleware)
+            robot = link.robot
+            names = self._names = Names(robot, middleware, namespace)
+            self._position = robot.initial_position
+            self._period = 1.0 / robot.binding(middleware).rate
+            self._due = -np.inf
+            self._joint_names = [names.joint(servo) for servo in robot.servos]
+            self._state = node.advertise(names.state, BYTES)
+            self._joints = node.advertise(names.joints, JOINTS)
+            self._refusals = node.advertise(names.topic("tci/refusals"), TEXT)
+            self._arrived: deque[bytes] = deque(maxlen=MOST_ORDERS)
+            node.subscribe(names.orders, BYTES, self._hear, keep=MOST_ORDERS)
+            kinematics = Kinematics(robot)
+            self._skin = {
+                patch.name: PatchTopics(robot, number, node, names, kinematics)
+                for number, patch in enumerate(robot.patches)
+            }
+            self._controllers = Controllers(robot, names, self.number)
+            for part in names.parts():
+                node.subscribe(
+                    names.trajectory(part), TRAJECTORY, partial(self._controllers.hear, part, True)
+                )
+                node.subscribe(names.values(part), VALUES, partial(self._controllers.hear, part, False))
+            node.advertise(names.topic("tci/facts"), TEXT, latched=True)((query(robot).model_dump_json(),))
+            if robot.model is not None:
+                node.advertise(names.topic("robot_description"), TEXT, latched=True)((to_urdf(robot),))
+        except BaseException:
+            node.close()
+            raise
+
+    def where(self) -> str:
+        return f"{self._names.joints} and the topics beside it"
+
+    def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
+        self._position = reading.joints.position
+        super().publish(reading, perception, sent)
+        for reason in (*sent.refusals, *self._controllers.refusals(self.commanders.states())):
+            self._refusals((reason,))
+        now = self.link.clock.now()
+        if now >= self._due:
+            self._due = max(self._due + self._period, now + 0.5 * self._period)
+            self._joints(joints_values(self._joint_names, reading.joints, self._epoch(reading.joints.stamp)))
+
+    def refuse(self, order: Order, reason: str) -> None:
+        super().refuse(order, reason)
+        self._refusals((reason,))
+
+    def close(self) -> None:
+        self._node.close()
+
+    def _poll(self) -> Iterator[Orders]:
+        self._node.poll()
+        yield from self._controllers.messages(self._position, self.link.clock.now())
+        while self._arrived:
+            try:
+                yield to_orders(self.link.robot, self._arrived.popleft())
+            except FrameError as error:
+                self._refusals((str(error),))
+
+    def _show(self, state: State) -> None:
+        self._state((NO_LAYOUT, np.frombuffer(state_bytes(self.link.robot, state), dtype=np.uint8)))
+
+    def _show_skin(self, frame: SkinFrame) -> None:
+        self._skin[frame.patch].publish(frame, self._epoch(frame.stamp))
+
+    def _hear(self, fields: Mapping[str, Any]) -> None:
+        self._arrived.append(bytes(fields["data"]))
+
+    def _epoch(self, stamp: float) -> float:
+        """A time on the link's clock as ROS counts: seconds since 1970."""
+        return time.time() + stamp - self.link.clock.now()
+
+
+class PatchTopics:
+    """The topics of one patch."""
+
+    def __init__(
+        self, robot: Robot, number: int, node: RosNode, names: Names, kinematics: Kinematics
+    ) -> None:
+        patch = robot.patches[number]
+        self._robot, self._number = robot, number
+        self._cloud = PatchCloud(patch, build_surface(robot, patch, kinematics))
+        self._points = node.advertise(names.points(patch.name), CLOUD)
+        self._frames = node.advertise(names.frames(patch.name), BYTES)
+        self._raw = node.advertise(names.skin(patch.name), SKIN) if node.knows(SKIN) else None
+
+    def publish(self, frame: SkinFrame, stamp: float) -> None:
+        """Show a frame, measured at `stamp` [s] since 1970."""
+        self._frames((NO_LAYOUT, np.frombuffer(frame_bytes(self._robot, frame), dtype=np.uint8)))
+        self._points(self._cloud.values(frame, stamp))
+        if self._raw is not None:
+            self._raw(skin_values(frame, self._number, stamp))

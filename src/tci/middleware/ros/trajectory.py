@@ -1,0 +1,89 @@
+"""What others order by ROS: trajectories over time, and plain values."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.errors import CommandError
+from tci.frames import Array
+from tci.messages import Mode, PlatformCommand
+from tci.model.description import Robot, Servo
+
+MOST_POINTS = 10_000
+"""Points of one trajectory. Ours."""
+
+
+class Trajectory:
+    """A JointTrajectory that is being followed: straight lines between its points."""
+
+    def __init__(
+        self, part: str, servos: Mapping[str, int], fields: Mapping[str, Any], position: Array, now: float
+    ) -> None:
+        """Follow it from `position` (n_servos,) [rad] at `now` [s]; `servos` are those of the part by name.
+
+        One without points stops the joints that it names, or all.
+
+        Raises CommandError for a joint of another part, a number that is none, times that do not rise.
+        """
+        names, points = fields["joint_names"], fields["points"]
+        self._of = f"trajectory for {part}"
+        if unknown := [name for name in names if name not in servos]:
+            raise CommandError(f"{self._of}: no joint {unknown[0]!r}; valid: {', '.join(servos)}")
+        if len(set(names)) != len(names):
+            raise CommandError(f"{self._of}: a joint is named twice: {', '.join(names)}")
+        if len(points) > MOST_POINTS:
+            raise CommandError(f"{self._of}: {len(points)} points; valid: at most {MOST_POINTS}")
+        chosen = [servos[name] for name in names or (servos if not len(points) else ())]
+        self.servos: NDArray[np.intp] = np.array(chosen, dtype=np.intp)
+        times, places = [0.0], [np.asarray(position)[self.servos]]
+        for number, point in enumerate(points):
+            place = np.asarray(point["positions"], dtype=float)
+            if place.shape != (len(names),) or not np.isfinite(place).all():
+                found = f"{self._of}, point {number}: {len(place)} positions"
+                raise CommandError(f"{found}; valid: {len(names)} finite ones")
+            when = point["time_from_start"]["sec"] + point["time_from_start"]["nanosec"] * 1e-9
+            if when < times[-1] or (number and when == times[-1]):
+                raise CommandError(f"{self._of}, point {number}: at {when:g} s, after {times[-1]:g} s")
+            times.append(when)
+            places.append(place)
+        self._start, self._times, self._places = now, np.array(times), np.array(places)
+        self._done = False
+
+    def order(self, now: float) -> PlatformCommand | None:
+        """Where its joints should be at `now` [s]; None when it is over."""
+        if self._done:
+            return None
+        passed = now - self._start
+        self._done = passed >= self._times[-1]
+        values = np.array([np.interp(passed, self._times, column) for column in self._places.T])
+        if self._done:
+            values = self._places[-1]
+        return position_order(self.servos, values)
+
+
+def position_order(servos: NDArray[np.intp], values: Array) -> PlatformCommand:
+    """A command of positions [rad], as fast as the gate allows."""
+    return PlatformCommand(
+        mode=Mode.POSITION, servos=servos, values=values, speed=np.full(len(servos), math.inf)
+    )
+
+
+def values_order(robot_part: str, servos: tuple[Servo, ...], data: Any) -> PlatformCommand:
+    """Positions [rad] of all servos of a part. Raises CommandError for another count, or no numbers."""
+    values = np.asarray(data, dtype=float)
+    if values.shape != (len(servos),) or not np.isfinite(values).all():
+        found = f"commands for {robot_part}: {len(values)} values"
+        raise CommandError(f"{found}; valid: {len(servos)} finite ones")
+    return position_order(np.array([servo.index for servo in servos], dtype=np.intp), values)
+
+
+def movable(order: PlatformCommand, robot: Robot) -> PlatformCommand:
+    """The same without joints that the gate never moves: a controller's message names them all the same."""
+    known = [None not in (limit.lower, limit.upper, limit.velocity, limit.acceleration, limit.jerk)
+             for limit in (robot.servos[servo].limits for servo in order.servos)]  # fmt: skip
+    return position_order(order.servos[known], order.values[known])

@@ -1,0 +1,158 @@
+"""`ros1[:NAMESPACE]`: robots in ROS 1 (noetic), by the machine's own rospy.
+
+rospy comes with ROS or with Debian (`apt-get install python3-rospy python3-sensor-msgs
+python3-trajectory-msgs`), not from PyPI; it is found where those put it.
+"""
+
+from __future__ import annotations
+
+import socket
+import sys
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from functools import cache, partial
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from tci.errors import LinkError
+from tci.middleware.link import Link
+from tci.middleware.ros.link import WAIT, RosLink
+from tci.middleware.ros.node import Hear, Publish, RosNode, namespace_of
+from tci.middleware.ros.server import RosServer
+from tci.middleware.ros.tree import Trees
+from tci.model.description import Robot
+from tci.recording.cdr import MessageType
+
+PLACES = ("/opt/ros/noetic/lib/python3/dist-packages", "/usr/lib/python3/dist-packages")
+"""Where ROS 1 and Debian put their Python packages."""
+MASTER_TIMEOUT = 3.0
+"""Time [s] that the master has to answer. Ours."""
+BUFFER = 1 << 20
+"""Bytes that a subscriber takes at once, so that the newest of a flood is found. Ours."""
+
+
+def _rospy() -> Any:
+    """The module. Raises ModuleNotFoundError where ROS 1 is not installed."""
+    if find_spec("rospy") is None:
+        for place in PLACES:
+            if Path(place, "rospy").is_dir():
+                sys.path.append(place)  # at the end: nothing of ours is replaced
+                break
+    return import_module("rospy")
+
+
+class Ros1Node(RosNode):
+    """A share in this process's node: rospy has one per process, which ends with it."""
+
+    def __init__(self, name: str) -> None:
+        """Raises LinkError without a master, ModuleNotFoundError without rospy."""
+        super().__init__()
+        self._rospy = _rospy()
+        self._master = import_module("rosgraph").Master("/tci")
+        before = socket.getdefaulttimeout()
+        socket.setdefaulttimeout(MASTER_TIMEOUT)
+        try:
+            self._master.getPid()
+        except Exception as error:
+            uri = self._master.master_uri
+            raise LinkError(
+                f"no ROS master at {uri} ({error}); start roscore, or set ROS_MASTER_URI"
+            ) from error
+        finally:
+            socket.setdefaulttimeout(before)
+        if not self._rospy.core.is_initialized():
+            self._rospy.init_node(name, anonymous=True, disable_signals=True)
+        self._topics: list[Any] = []
+
+    def advertise(self, topic: str, kind: MessageType, *, latched: bool = False) -> Publish:
+        publisher = self._rospy.Publisher(topic, _type(kind), queue_size=1, latch=latched, tcp_nodelay=True)
+        self._topics.append(publisher)
+
+        def send(values: Sequence[Any]) -> None:
+            try:
+                publisher.publish(_trees(kind).grow(kind, values))
+            except self._rospy.ROSException as error:
+                raise LinkError(f"{topic} can't be sent: {error}") from error
+
+        return send
+
+    def subscribe(
+        self, topic: str, kind: MessageType, hear: Hear, *, latched: bool = False, keep: int = 1
+    ) -> None:
+        def heard(message: Any) -> None:
+            self._hand_on(topic, partial(_trees(kind).flatten, kind, message), hear)
+
+        subscriber = self._rospy.Subscriber(
+            topic, _type(kind), heard, queue_size=keep, buff_size=BUFFER, tcp_nodelay=True
+        )
+        self._topics.append(subscriber)
+
+    def types_of(self, topic: str) -> tuple[str, ...]:
+        with suppress(Exception):  # a master that is away offers nothing
+            offered = {name for name, _ in self._master.getSystemState()[0]}
+            types = {name: type_ for name, type_ in self._master.getTopicTypes() if name in offered}
+            return tuple(type_.replace("/", "/msg/", 1) for name, type_ in types.items() if name == topic)
+        return ()
+
+    def close(self) -> None:
+        while self._topics:
+            self._topics.pop().unregister()
+
+
+class Ros1Link(RosLink):
+    """A link to a robot in ROS 1."""
+
+    def __init__(self, robot: Robot, address: str = "", *, arm: bool = False, wait: float = WAIT) -> None:
+        """`address` is the robot's namespace. Raises LinkError when no joints come within `wait` [s]."""
+        namespace = namespace_of(address)
+        node = Ros1Node(f"tci_{robot.name}_behaviour")
+        super().__init__(robot, node, middleware="ros1", namespace=namespace, arm=arm, wait=wait)
+
+
+class Ros1Server(RosServer):
+    """Shows a robot in ROS 1."""
+
+    def __init__(self, link: Link, address: str = "") -> None:
+        """`address` is the namespace to show it in. Raises LinkError without a master."""
+        namespace = namespace_of(address)
+        node = Ros1Node(f"tci_{link.robot.name}")
+        super().__init__(link, address, node, middleware="ros1", namespace=namespace)
+
+
+@cache
+def _type(kind: MessageType) -> Any:
+    """The class of a message: the installed one, so that both sides agree on its check sum, or our own."""
+    package, _, name = kind.name.split("/")
+    if package != "tci_msgs":
+        return _installed(f"{package}/{name}")
+    own = kind.definition.partition("=" * 80)[0].replace("std_msgs/Header", "Header")
+    header = "MSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
+    found: dict[str, Any] = import_module("genpy.dynamic").generate_dynamic(
+        f"{package}/{name}", f"{own}{'=' * 80}\n{header}"
+    )
+    return found[f"{package}/{name}"]
+
+
+@cache
+def _installed(type_: str) -> Any:
+    """A class of an installed package. Raises LinkError where that is not there."""
+    package, _, name = type_.partition("/")
+    if package == "builtin_interfaces":
+        return getattr(import_module("genpy"), name)
+    try:
+        return getattr(import_module(f"{package}.msg"), name)
+    except ModuleNotFoundError as error:
+        debian = f"python3-{package.replace('_', '-')}"
+        raise LinkError(f"this ROS 1 lacks {package}; on Debian: apt-get install {debian}") from error
+
+
+@cache
+def _trees(kind: MessageType) -> Trees:
+    """Messages of rospy, made and read."""
+
+    def new(type_: str, fields: Mapping[str, Any]) -> Any:
+        return (_installed(type_) if type_ else _type(kind))(**fields)
+
+    return Trees(new, getattr, ("secs", "nsecs"))

@@ -1,0 +1,77 @@
+"""Somebody else in genuine ROS 2 looks at a robot that TCI shows, and orders it to move.
+
+    python ros2_client.py '{"trajectory": {"topic": ..., "names": [...], "points": [[seconds, [rad, ...]]]}}'
+
+Prints what it found as JSON.
+"""
+
+import json
+import sys
+import time
+
+import rclpy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState, PointCloud2
+from std_msgs.msg import Float64MultiArray, String
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+
+about = json.loads(sys.argv[1])
+rclpy.init()
+node = rclpy.create_node("client")
+found: dict[str, object] = {"states": 0, "refusals": []}
+latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+
+
+def joints(message: JointState) -> None:
+    found["states"] += 1
+    found["position"] = dict(zip(message.name, message.position, strict=True))
+    found["age"] = time.time() - message.header.stamp.sec - message.header.stamp.nanosec * 1e-9
+
+
+def cloud(message: PointCloud2) -> None:
+    found["cloud"] = [message.width, message.header.frame_id, [field.name for field in message.fields]]
+
+
+node.create_subscription(JointState, "joint_states", joints, best_effort)
+node.create_subscription(PointCloud2, about["cloud"], cloud, best_effort)
+node.create_subscription(String, "robot_description", lambda m: found.update(urdf=m.data), latched)
+node.create_subscription(String, "tci/facts", lambda m: found.update(facts=m.data), latched)
+node.create_subscription(String, "tci/refusals", lambda m: found["refusals"].append(m.data), 10)
+moves = node.create_publisher(JointTrajectory, about["trajectory"]["topic"], 10)
+values = node.create_publisher(Float64MultiArray, about["values"]["topic"], 10)
+
+
+def spin(seconds: float, done: str = "") -> None:
+    end = time.monotonic() + seconds
+    while time.monotonic() < end and (not done or done not in found):
+        rclpy.spin_once(node, timeout_sec=0.05)
+
+
+for what in ("position", "urdf", "facts", "cloud"):
+    spin(20.0, what)
+end = time.monotonic() + 20.0
+while (
+    moves.get_subscription_count() == 0 or values.get_subscription_count() == 0
+) and time.monotonic() < end:
+    spin(0.05)
+message = JointTrajectory(joint_names=about["trajectory"]["names"])
+for seconds, place in about["trajectory"]["points"]:
+    point = JointTrajectoryPoint(positions=place)
+    point.time_from_start.nanosec = int(seconds * 1e9)
+    message.points.append(point)
+moves.publish(message)
+spin(2.5)
+found["after_trajectory"] = found["position"]
+values.publish(Float64MultiArray(data=about["values"]["data"]))
+spin(2.5)
+found["after_values"] = found["position"]
+moves.publish(JointTrajectory(joint_names=["Nonsense"], points=[JointTrajectoryPoint(positions=[0.0])]))
+spin(1.0)
+found["nodes"] = sorted(node.get_node_names())
+found["types"] = dict(node.get_topic_names_and_types())
+(info,) = node.get_publishers_info_by_topic("/joint_states")
+hashes = {info.topic_type: str(info.topic_type_hash)}
+(own,) = [i for i in node.get_subscriptions_info_by_topic("/joint_states") if i.node_name == "client"]
+found["hashes_agree"] = info.topic_type_hash.value == own.topic_type_hash.value
+print(json.dumps(found))

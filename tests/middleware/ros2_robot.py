@@ -1,0 +1,77 @@
+"""A robot in genuine ROS 2: run by the peer's own Python, which has rclpy and knows nothing of TCI.
+
+It is what ros2_control shows of a robot: a joint_state_broadcaster, and for each part a controller that takes
+JointTrajectory and Float64MultiArray. It prints a line of JSON for each command, and goes there at once.
+
+    python ros2_robot.py '{"joints": {"LArm": [...]}, "position": {...}, "skin": {"left_forearm": 240}}'
+"""
+
+import json
+import struct
+import sys
+
+import rclpy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState, PointCloud2, PointField
+from std_msgs.msg import Float64MultiArray, String
+from trajectory_msgs.msg import JointTrajectory
+
+PERIOD = 0.01
+about = json.loads(sys.argv[1])
+position = dict(about["position"])
+rclpy.init()
+node = rclpy.create_node("robot", namespace=about.get("namespace", ""))
+kind = String if about.get("wrong_type") else JointState
+states = node.create_publisher(
+    kind, "joint_states", QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+)
+skins = {
+    patch: node.create_publisher(PointCloud2, f"skin/{patch}/points", QoSProfile(depth=1))
+    for patch in about["skin"]
+}
+latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+node.create_publisher(String, "robot_description", latched).publish(String(data="<robot/>"))
+
+
+def say(**words: object) -> None:
+    print(json.dumps(words), flush=True)
+
+
+def follow(part: str, message: JointTrajectory) -> None:
+    point = message.points[-1]
+    position.update(zip(message.joint_names, point.positions, strict=True))
+    seconds = point.time_from_start.sec + point.time_from_start.nanosec * 1e-9
+    say(part=part, names=list(message.joint_names), positions=list(point.positions), seconds=seconds)
+
+
+def take(part: str, message: Float64MultiArray) -> None:
+    position.update(zip(about["joints"][part], message.data, strict=True))
+    say(part=part, values=list(message.data))
+
+
+for part in about["joints"]:
+    prefix = f"{part}_controller"
+    node.create_subscription(JointTrajectory, f"{prefix}/joint_trajectory", lambda m, p=part: follow(p, m), 1)
+    node.create_subscription(Float64MultiArray, f"{prefix}/commands", lambda m, p=part: take(p, m), 1)
+
+
+def tick() -> None:
+    stamp = node.get_clock().now().to_msg()
+    if about.get("wrong_type"):
+        states.publish(String(data="not joints"))
+        return
+    message = JointState()
+    message.header.stamp = stamp
+    message.name, message.position = list(position), list(position.values())
+    states.publish(message)
+    for patch, channels in about["skin"].items():
+        cloud = PointCloud2(height=1, width=channels, point_step=2, row_step=2 * channels, is_dense=True)
+        cloud.header.stamp = stamp
+        cloud.fields = [PointField(name="raw", offset=0, datatype=PointField.UINT16, count=1)]
+        cloud.data = list(struct.pack(f"<{channels}H", *range(channels)))
+        skins[patch].publish(cloud)
+
+
+for _ in range(about.get("flood", 1)):
+    node.create_timer(PERIOD / about.get("flood", 1), tick)
+rclpy.spin(node)

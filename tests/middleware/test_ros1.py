@@ -1,0 +1,181 @@
+"""ROS 1 against Debian's roscore and rospy."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import tci
+from middleware.ros_robots import PATCHES, Programs, Start, drive, go, nao_in_ros
+from peers import DEBIAN_PYTHON, needs_debian_module
+from tci.errors import LinkError
+from tci.interface.safe_command import GateState
+from tci.middleware.query import query, read_facts
+from tci.runtime.registry import connect
+
+HERE = Path(__file__).parent
+pytestmark = pytest.mark.xdist_group("ros1")
+"""rospy has one node per process, and a node has one master."""
+
+
+@pytest.fixture(scope="module")
+def master() -> Iterator[str]:
+    """A roscore on the loopback."""
+    for module, package in (("rospy", "ros-core"), ("sensor_msgs", "python3-sensor-msgs")):
+        needs_debian_module(module, package)
+    needs_debian_module("trajectory_msgs", "python3-trajectory-msgs")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    uri = f"http://127.0.0.1:{port}"
+    before = {name: os.environ.get(name) for name in ("ROS_MASTER_URI", "ROS_IP")}
+    os.environ |= {"ROS_MASTER_URI": uri, "ROS_IP": "127.0.0.1"}
+    core = subprocess.Popen(["roscore", "-p", str(port)], stdout=subprocess.DEVNULL, start_new_session=True)
+    end = time.monotonic() + 60.0
+    while socket.socket().connect_ex(("127.0.0.1", port)):
+        assert time.monotonic() < end
+        time.sleep(0.1)
+    yield uri
+    core.terminate()
+    core.wait(timeout=30.0)
+    for name, value in before.items():
+        os.environ.pop(name)
+        if value is not None:
+            os.environ[name] = value
+
+
+@pytest.fixture
+def start(master: str) -> Iterator[Start]:
+    """Start programs of this test."""
+    programs = Programs()
+    yield programs.start
+    programs.kill()
+
+
+def ros_robot(start: Start, **more: Any) -> subprocess.Popen[str]:
+    """A NAO in genuine ROS 1 that TCI has no part in."""
+    return start(DEBIAN_PYTHON, str(HERE / "ros1_robot.py"), json.dumps(nao_in_ros(**more)))
+
+
+def test_a_robot_in_ros_sends_joints_and_skin_and_takes_trajectories(start: Start) -> None:
+    process = ros_robot(start)
+    with connect(tci.load_robot("nao"), "ros1", arm=True, wait=20.0) as link:
+        first = link.read()
+        assert {frame.patch: len(frame.values) for frame in first.skin} == PATCHES
+        for frame in first.skin:
+            np.testing.assert_array_equal(frame.values, np.arange(len(frame.values), dtype=np.uint16))
+        go(link, "LElbowRoll", -1.2)
+        drive(link, seconds=1.0)
+        assert link.read().joints.sequence > first.joints.sequence + 50
+    process.kill()
+    heard = [json.loads(line) for line in process.stdout or ()]
+    names = [servo.joint or servo.name for servo in link.robot.servos_of("LArm")]
+    assert heard[-1]["names"] == names
+    assert {(command["part"], command["seconds"]) for command in heard} == {("LArm", 0.01)}
+
+
+def test_28_a_robot_that_dies_is_held_and_34_nothing_is_replayed(start: Start) -> None:
+    process = ros_robot(start)
+    with connect(tci.load_robot("nao"), "ros1", arm=True, wait=20.0) as link:
+        drive(link, seconds=0.3)
+        process.kill()
+        pending = [link.native("LArm").command({"LElbowRoll": -0.1})]
+        for now in link.ticks(duration=1.0):
+            safe = link.write(link.gate.step(pending, link.read().joints, now))
+            pending = []
+            if safe.state is GateState.HOLD:
+                break
+        assert safe.state is GateState.HOLD
+        assert now - link.read().joints.stamp < 0.1 + link.period
+        ros_robot(start)
+        before, begin = link.read().joints.sequence, time.monotonic()
+        while link.read().joints.sequence < before + 20:
+            drive(link, seconds=0.1)
+            assert time.monotonic() < begin + 30.0
+        drive(link, seconds=0.5)
+        assert link.native("LArm").positions(link.read().joints)["LElbowRoll"] < -0.6
+
+
+def test_35_topics_of_a_wrong_type_are_refused_by_name(start: Start) -> None:
+    ros_robot(start, wrong_type=True)
+    with pytest.raises(
+        LinkError, match=r"/joint_states is std_msgs/msg/String; valid: sensor_msgs/msg/JointS"
+    ):
+        connect(tci.load_robot("nao"), "ros1", wait=5.0)
+
+
+def test_33_a_flood_does_not_age_what_is_read(start: Start) -> None:
+    ros_robot(start, flood=100)
+    with connect(tci.load_robot("nao"), "ros1", wait=20.0) as link:
+        time.sleep(2.0)
+        end = time.monotonic() + 30.0
+        while link.clock.now() - link.read().joints.stamp > link.gate.stale_after:
+            assert time.monotonic() < end
+
+
+def test_a_robot_that_tci_shows_is_an_ordinary_robot_to_ros(start: Start) -> None:
+    start(sys.executable, "-m", "tci.cli.main", "serve", "nao", "--via", "ros1:/left", "--duration", "120")
+    robot = tci.load_robot("nao")
+    with connect(robot, "ros1:/left", arm=True, wait=40.0) as link:
+        assert link.read().joints.modes is not None, "a TCI process tells more than a JointState can"
+        go(link, "LElbowRoll", -1.2)
+    asked = subprocess.run(
+        [DEBIAN_PYTHON, "-c", LOOK], capture_output=True, text=True, timeout=60, check=True
+    )
+    found = json.loads(asked.stdout.splitlines()[-1])
+    assert set(found["position"]) == {servo.joint or servo.name for servo in robot.servos}
+    assert found["position"]["LElbowRoll"] == pytest.approx(-1.2, abs=0.01)
+    assert found["cloud"] == [240, "LForeArm", ["x", "y", "z", "pressure", "raw"]]
+    assert read_facts(found["facts"]) == query(robot)
+    assert found["urdf"].startswith("<?xml")
+    assert found["type"] == "tci_msgs/SkinFrame"
+    assert found["after"]["RElbowRoll"] == pytest.approx(0.8, abs=0.01)
+
+
+LOOK = """
+import json, rospy, rostopic
+from sensor_msgs.msg import JointState, PointCloud2
+from std_msgs.msg import String
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+rospy.init_node("client")
+def one(topic, kind):
+    return rospy.wait_for_message("/left/" + topic, kind, timeout=20.0)
+def joints():
+    state = one("joint_states", JointState)
+    return dict(zip(state.name, state.position))
+cloud = one("skin/left_forearm/points", PointCloud2)
+found = {
+    "position": joints(),
+    "cloud": [cloud.width, cloud.header.frame_id, [field.name for field in cloud.fields]],
+    "facts": one("tci/facts", String).data,
+    "urdf": one("robot_description", String).data,
+    "type": rostopic.get_topic_type("/left/skin/left_forearm")[0],
+}
+move = rospy.Publisher("/left/RArm_controller/joint_trajectory", JointTrajectory, queue_size=1)
+while move.get_num_connections() == 0:
+    rospy.sleep(0.05)
+point = JointTrajectoryPoint(positions=[0.8], time_from_start=rospy.Duration(0.4))
+move.publish(JointTrajectory(joint_names=["RElbowRoll"], points=[point]))
+rospy.sleep(2.0)
+found["after"] = joints()
+print(json.dumps(found))
+"""
+
+
+def test_without_a_master_and_in_a_bad_namespace_it_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    needs_debian_module("rospy", "ros-core")
+    with pytest.raises(LinkError, match="no ROS namespace"):
+        connect(tci.load_robot("nao"), "ros1:a b")
+    monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:9")
+    with pytest.raises(LinkError, match=r"no ROS master at http://127.0.0.1:9.*roscore"):
+        connect(tci.load_robot("nao"), "ros1")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from dataclasses import replace
 from typing import Any
@@ -207,9 +208,10 @@ def wide(robot: Any, **limits: tuple[float, float]) -> Any:
     return robot.model_copy(update={"servos": tuple(servos)})
 
 
-def over_naoqi(crossed: Crossed, *names: str) -> dict[str, Finding]:
-    """The same through a NAOqi service in front of the wrong robot."""
-    needs_qi()
+def served(crossed: Crossed, via: str, *names: str) -> dict[str, Finding]:
+    """The same through a service in front of the wrong robot."""
+    if via == "naoqi":
+        needs_qi()
     end = threading.Event()
 
     def run() -> None:
@@ -223,13 +225,17 @@ def over_naoqi(crossed: Crossed, *names: str) -> dict[str, Finding]:
             except KeyboardInterrupt:
                 return
 
-    server = open_server(crossed, "naoqi:127.0.0.1:0")
-    port = server.where().rsplit(":", 1)[1]
+    options = "" if via == "naoqi" else f",dialect={via[-1]}"
+    name = via.partition(" ")[0]
+    server = open_server(crossed, f"{name}:127.0.0.1:0{options}")
+    found_port = re.search(r"127\.0\.0\.1:(\d+)", server.where())
+    assert found_port is not None
+    address = f"{name}:127.0.0.1:{found_port[1]}{options}"
     thread = threading.Thread(target=run)
     thread.start()
     try:
         for _ in range(PATIENCE):
-            with connect(ROBOT, f"naoqi://127.0.0.1:{port}", arm=True) as link:
+            with connect(ROBOT, address, arm=True) as link:
                 found = minutes(link, crossed, *names)
             # A machine that is too busy for real time looks like a robot that is too slow.
             if "motion" not in found and not any("the gate" in finding.what for finding in found.values()):
@@ -250,17 +256,21 @@ def over_naoqi(crossed: Crossed, *names: str) -> dict[str, Finding]:
     ],
     ids=["reversed", "swapped", "unit"],
 )
-def test_over_naoqi_the_same_is_found(wrong: Any, posture: Any, names: list[str], faulty: str) -> None:
+@pytest.mark.parametrize("via", ["naoqi", "yarp 3", "yarp 4"])
+def test_the_same_is_found_through_a_middleware(
+    via: str, wrong: Any, posture: Any, names: list[str], faulty: str
+) -> None:
     crossed = Crossed(ROBOT, world=world_of(ROBOT, **(posture or {})), paced=True, **wrong)
-    found = over_naoqi(crossed, *names)
+    found = served(crossed, via, *names)
     assert found[faulty].level is Level.FAULT
     sound = [name for name in names if name != faulty]
     assert all(found[name].level is Level.OK for name in sound)
 
 
 @pytest.mark.timeout(300)
-def test_over_naoqi_a_limit_that_the_description_has_wrong_is_found_before_anything_moves() -> None:
+@pytest.mark.parametrize("via", ["naoqi", "yarp 3", "yarp 4"])
+def test_a_limit_that_the_description_has_wrong_is_found_before_anything_moves(via: str) -> None:
     crossed = Crossed(wide(ROBOT, LShoulderRoll=(-18.0, 40.0)), paced=True)
-    found = over_naoqi(crossed, "LShoulderRoll")
+    found = served(crossed, via, "LShoulderRoll")
     assert "not moved" in found["LShoulderRoll"].what
     assert crossed.far.max() < np.deg2rad(0.01)

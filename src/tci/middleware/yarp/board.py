@@ -110,6 +110,10 @@ class Board(ABC):
         """Set stiffness [N m/deg] and damping [N m s/deg] of a joint."""
 
     @abstractmethod
+    def stop(self) -> None:
+        """Let all joints stay where they are, whatever they were told."""
+
+    @abstractmethod
     def head(self, stream: Stream, joints: Sequence[int]) -> list[Any]:
         """What a streamed command to some joints begins with. No joint that isn't named is touched."""
 
@@ -152,6 +156,9 @@ class BoardV3(Board):
 
     def set_impedance(self, joint: int, stiffness: float, damping: float) -> None:
         self._set("iimp", "ipr", joint, [float(stiffness), float(damping)])
+
+    def stop(self) -> None:
+        self._set("stos")
 
     def head(self, stream: Stream, joints: Sequence[int]) -> list[Any]:
         return [Vocab(stream.value[1]), len(joints), list(joints)]
@@ -205,6 +212,9 @@ class BoardV4(Board):
 
     def set_impedance(self, joint: int, stiffness: float, damping: float) -> None:
         self._call("setImpedanceRPC", joint, float(stiffness), float(damping))
+
+    def stop(self) -> None:
+        self._call("stopAllRPC")
 
     def head(self, stream: Stream, joints: Sequence[int]) -> list[Any]:
         interface, word = stream.value

@@ -141,6 +141,12 @@ class BoardLink:
             if places:
                 self._stream(stream, [mine[int(safe.servos[place])] for place in places], values[places])
 
+    def halt(self) -> None:
+        """The board's own stop, in position mode: its joints stay where they are. Raises LinkError."""
+        self.board.set_modes(list(self.axis), POSITION)
+        self.board.stop()
+        self._direct.clear()
+
     def forget(self) -> None:
         """The board was away: its joints are in whatever mode they started in."""
         self._direct.clear()

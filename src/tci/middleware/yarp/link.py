@@ -162,6 +162,10 @@ class YarpLink(Link):
             if now - board.state()[1] <= self.gate.stale_after:
                 board.send(safe)
 
+    def _halt(self) -> None:
+        for board in self.boards.values():
+            board.halt()
+
     def _close(self) -> None:
         self._closed.set()
         for connection in (*self.boards.values(), *self.skin.values(), self._events):

@@ -84,6 +84,17 @@ def until(condition: Callable[[], bool], *, within: float = 40.0) -> bool:
     return condition()
 
 
+def insist(act: Callable[[], object]) -> None:
+    """Again, while the gate holds because a busy machine missed periods."""
+    for _ in range(40):
+        try:
+            act()
+            return
+        except LinkError:
+            time.sleep(0.25)
+    act()
+
+
 def elbow(show: Show) -> float:
     return float(show.server.boards["LArm"].state.position[ELBOW])
 
@@ -120,7 +131,7 @@ def test_positions_by_call(show: Show) -> None:
         ),
     }[show.dialect]
     for call in calls:
-        assert rpc.call(*call) == [Vocab("ok")]
+        assert until(lambda call=call: rpc.call(*call) == [Vocab("ok")])
     assert until(lambda: abs(elbow(show) + 50.0) < 0.5)
     assert until(lambda: rpc.call(*done)[2 if show.dialect is V3 else 1] in (1, Vocab("ok")))
     refused = rpc.call("nonsense") if show.dialect is V4 else rpc.call(Vocab("set"), Vocab("pos"), 99, 0.0)
@@ -130,19 +141,23 @@ def test_positions_by_call(show: Show) -> None:
 
 def test_streamed_groups_move_their_joints_and_no_other(show: Show) -> None:
     board = find_board(show.names, "/nao/LArm", "/test/modes")
-    board.set_modes([ELBOW], DIRECT)
+    insist(lambda: board.set_modes([ELBOW], DIRECT))
     writer = Port("/test/command:o", show.names, show.dialect)
     writer.connect("/nao/LArm/command:i")
     before = show.server.boards["LArm"].state.position.copy()
-    writer.write(board.command(Stream.POSITION, [ELBOW], np.array([-70.0])))
-    assert until(lambda: abs(elbow(show) + 70.0) < 0.5)
+
+    def there() -> bool:
+        writer.write(board.command(Stream.POSITION, [ELBOW], np.array([-70.0])))
+        return abs(elbow(show) + 70.0) < 0.5
+
+    assert until(there)
     moved = np.abs(show.server.boards["LArm"].state.position - before) > 0.5
     assert moved.nonzero()[0].tolist() == [ELBOW]
     refused = show.server.refused
     writer.write(board.command(Stream.VELOCITY, [ELBOW], np.array([10.0])))
     assert until(lambda: show.server.refused == refused + 1)
     assert "needs [vel]" in show.server.last_error
-    board.set_modes([ELBOW], POSITION)
+    insist(lambda: board.set_modes([ELBOW], POSITION))
     writer.close()
     board.close()
 
@@ -150,7 +165,7 @@ def test_streamed_groups_move_their_joints_and_no_other(show: Show) -> None:
 def test_a_commander_of_velocities_that_falls_silent_leaves_the_arm_at_rest(show: Show) -> None:
     board = find_board(show.names, "/nao/LArm", "/test/velocity")
     assert until(lambda: abs(show.server.boards["LArm"].state.velocity[ELBOW]) < 0.01)  # type: ignore[index]
-    board.set_modes([ELBOW], VELOCITY)
+    insist(lambda: board.set_modes([ELBOW], VELOCITY))
     writer = Port("/test/velocity:o", show.names, show.dialect)
     writer.connect("/nao/LArm/command:i")
     begun = elbow(show)
@@ -162,7 +177,7 @@ def test_a_commander_of_velocities_that_falls_silent_leaves_the_arm_at_rest(show
     rest = elbow(show)
     time.sleep(0.3)
     assert elbow(show) == pytest.approx(rest, abs=0.5)
-    board.set_modes([ELBOW], POSITION)
+    insist(lambda: board.set_modes([ELBOW], POSITION))
     writer.close()
     board.close()
 
@@ -179,13 +194,13 @@ def test_a_mode_that_the_gate_refuses_is_refused_on_the_wire(show: Show) -> None
 def test_compliance_and_impedance(show: Show) -> None:
     board = find_board(show.names, "/nao/LArm", "/test/impedance")
     if Mode.IMPEDANCE in show.link.robot.servos_of("LArm")[ELBOW].modes:
-        board.set_interaction(ELBOW, COMPLIANT)
+        insist(lambda: board.set_interaction(ELBOW, COMPLIANT))
         assert until(lambda: show.server.boards["LArm"].state.interactions[ELBOW] == COMPLIANT)  # type: ignore[index]
-        board.set_interaction(ELBOW, Vocab("stif"))
+        insist(lambda: board.set_interaction(ELBOW, Vocab("stif")))
     else:
         with pytest.raises(LinkError, match="refuses"):
             board.set_interaction(ELBOW, COMPLIANT)
-    board.set_impedance(ELBOW, 0.5, 0.02)
+    insist(lambda: board.set_impedance(ELBOW, 0.5, 0.02))
     assert board.impedance(ELBOW) == (0.5, 0.02)
     board.close()
 

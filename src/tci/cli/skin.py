@@ -106,6 +106,30 @@ def check(
 
 
 @app.command()
+def locate(
+    robot: Annotated[str, typer.Argument(help="Robot by name, or a description file.")],
+    patch: Annotated[str, typer.Option(help="Patch of its skin.")],
+    touches: Annotated[
+        Path | None,
+        typer.Option(help="Touches (.csv): x, y, z [m], nx, ny, nz in the patch's link, then the raw frame."),
+    ] = None,
+    count: Annotated[int, typer.Option(min=3, max=100000, help="Touches, in simulation.")] = 200,
+    wrong: Annotated[float, typer.Option(help="Error [m] of the places before, in simulation.")] = 0.010,
+    out: Annotated[Path | None, typer.Option(help="Write the places found to this table (.csv).")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+) -> None:
+    """Find where taxels are, from touches at known places: spatial self-calibration.
+
+    Without --touches a simulated probe touches a skin whose map is wrong, and the error is told.
+
+    Example:  tci skin locate nao --patch left_forearm
+    """
+    from tci.cli.skin_locate import locate as command
+
+    command(robot, patch, touches=touches, count=count, wrong=wrong, out=out, as_json=as_json)
+
+
+@app.command()
 def show(
     skin: Annotated[str, typer.Argument(help="Skin file, robot by name, or robot description.")],
     out: Annotated[Path, typer.Option(help="The picture to write (.png).")] = Path("skin.png"),

@@ -1,0 +1,194 @@
+"""Where the taxels are, from touches at known places: skin whose positions nobody measured.
+
+A probe, or the robot's own finger, touches the skin where kinematics know it. A taxel answers the less the
+farther the touch is, so answers are distances; and the centre of pressure of each touch is where the probe
+is. Both together give the taxels' places by least squares.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.linalg import spsolve
+
+from tci.errors import TciError
+from tci.frames import Array, read_only
+
+# All of these are ours; lengths in [m].
+START_WIDTH = 0.005
+"""Width of a taxel's answer to begin with; it is estimated too."""
+FAINT = 0.04
+"""Share of a touch's strongest answer below which an answer is noise."""
+PRIOR = 0.010
+"""How wrong the positions may be to begin with."""
+CENTRE, SHIFT, SURFACE = 0.0005, 0.002, 0.0015
+"""How well the centre of pressure is where the probe is; how far the answers' peak may be from it, since skin
+ends and has gaps; how far taxels may lie off the plane of a touch."""
+LOGARITHM = 0.15
+"""Error of an answer's logarithm."""
+ROUNDS = 40
+LONGEST_STEP = 0.004
+"""Of one round."""
+SETTLED = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ProbeTouch:
+    """One touch at a known place."""
+
+    point: Array
+    """Where the probe touched (3,) [m], in the patch's link."""
+    normal: Array
+    """Outward unit normal (3,) there, in the link: against the probe's force."""
+    answers: Array
+    """Pressure (n,) of each taxel, in any unit; 0 where it felt nothing."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LocatedTaxels:
+    """What the touches tell."""
+
+    positions: Array
+    """Places (n, 3) [m] in the link; of taxels that never answered the initial ones."""
+    normals: Array
+    """Outward unit normals (n, 3): the mean of the touches that each answered; zero for others."""
+    touches: NDArray[np.intp]
+    """How many touches (n,) each taxel answered."""
+    width: float
+    """Width [m] of a taxel's answer, as a Gaussian's standard deviation."""
+
+
+def locate_taxels(touches: Sequence[ProbeTouch], initial: Array) -> LocatedTaxels:
+    """Places of n taxels from touches, with `initial` (n, 3) [m] from anywhere, some 10 mm wrong.
+
+    The answer of taxel i to touch t is taken as A_t exp(-|x_i - c_t|^2 / 2 w^2). Gauss-Newton finds all x_i,
+    A_t, c_t and w at once. Raises TciError for touches that don't fit the skin, or too few of them.
+    """
+    initial = np.asarray(initial, dtype=float)
+    count = len(initial)
+    if initial.ndim != 2 or initial.shape[1] != 3 or not np.isfinite(initial).all():
+        raise TciError(f"initial positions of shape {initial.shape}; valid: (taxels, 3), finite")
+    used = [touch for touch in touches if touch.answers.shape == (count,) and touch.answers.max() > 0.0]
+    if len(used) < len(touches) and any(touch.answers.shape != (count,) for touch in touches):
+        raise TciError(f"a touch with another number of answers than the {count} taxels")
+    if len(used) < 3:
+        raise TciError(f"{len(used)} touches were felt; valid: 3 or more, better as many as taxels")
+    answers = np.array([touch.answers for touch in used])
+    points = np.array([touch.point for touch in used])
+    normals = np.array([touch.normal for touch in used])
+    share = answers / answers.max(axis=1, keepdims=True)
+    rows, taxels = np.nonzero(share >= FAINT)
+    weights = answers[rows, taxels]
+    seen = np.bincount(taxels, minlength=count)
+    felt = np.bincount(taxels, weights, minlength=count)
+    places = initial.copy()
+    found = seen > 0
+    for axis in range(3):
+        sums = np.bincount(taxels, weights * points[rows, axis], minlength=count)
+        places[found, axis] = sums[found] / felt[found]
+    problem = _Problem(
+        rows, taxels, weights, points, normals, np.where(found[:, None], places, initial), initial
+    )
+    places, width = problem.solve()
+    places[~found] = initial[~found]
+    mean = np.stack(
+        [np.bincount(taxels, weights * normals[rows, axis], minlength=count) for axis in range(3)], axis=1
+    )
+    length = np.linalg.norm(mean, axis=1, keepdims=True)
+    mean = np.divide(mean, length, out=np.zeros_like(mean), where=length > 0.0)
+    return LocatedTaxels(read_only(places), read_only(mean), read_only(seen, np.intp), width)
+
+
+class _Problem:
+    """The least-squares problem: its unknowns are taxels (n, 3), peaks (t, 3), logarithms (t,) and 1 / 2 w^2."""
+
+    def __init__(
+        self, rows: NDArray[np.intp], taxels: NDArray[np.intp], weights: Array, points: Array, normals: Array,
+        start: Array, prior: Array,
+    ) -> None:  # fmt: skip
+        self.rows, self.taxels, self.weights = rows, taxels, weights
+        self.points, self.normals, self.prior = points, normals, prior
+        self.x, self.c = start.copy(), points.copy()
+        self.k = 0.5 / START_WIDTH**2
+        self.logs = np.log(weights)
+        far = np.einsum("ij,ij->i", start[taxels] - points[rows], start[taxels] - points[rows])
+        held = np.bincount(rows, minlength=len(points))
+        self.a = np.bincount(rows, self.logs + self.k * far, minlength=len(points)) / held
+        total = np.bincount(rows, weights, minlength=len(points))
+        self.shares = weights / total[rows]
+
+    def solve(self) -> tuple[Array, float]:
+        """Places (n, 3) [m] and the width [m]."""
+        n, t = len(self.x), len(self.points)
+        for _ in range(ROUNDS):
+            jacobian, residual = self._linear()
+            normal = (jacobian.T @ jacobian).tocsc()
+            normal.setdiag(normal.diagonal() * (1.0 + 1e-6) + 1e-9)
+            step = spsolve(normal, -jacobian.T @ residual)
+            moves = step[: 3 * n].reshape(n, 3)
+            longest = float(np.linalg.norm(moves, axis=1).max())
+            shrink = min(1.0, LONGEST_STEP / max(longest, 1e-12))
+            self.x += shrink * moves
+            self.c += shrink * step[3 * n : 3 * n + 3 * t].reshape(t, 3)
+            self.a += shrink * step[3 * n + 3 * t : -1]
+            self.k = float(np.clip(self.k + shrink * step[-1] * 1e4, 0.3 * self.k, 3.0 * self.k))
+            if longest < SETTLED:
+                break
+        return self.x, float(np.sqrt(0.5 / self.k))
+
+    def _linear(self) -> tuple[coo_array, Array]:
+        n, t, m = len(self.x), len(self.points), len(self.rows)
+        row_of, column_of, value_of, residuals = [], [], [], []
+        height = 0
+
+        def add(residual: Array, *blocks: tuple[NDArray[np.intp], NDArray[np.intp], Array]) -> None:
+            nonlocal height
+            for rows, columns, values in blocks:
+                row_of.append(np.broadcast_to(rows, values.shape).ravel() + height)
+                column_of.append(np.broadcast_to(columns, values.shape).ravel())
+                value_of.append(values.ravel())
+            residuals.append(residual)
+            height += len(residual)
+
+        each, three = np.arange(m), np.arange(3)
+        x_at, c_at = 3 * self.taxels[:, None] + three, 3 * n + 3 * self.rows[:, None] + three
+        away = self.x[self.taxels] - self.c[self.rows]
+        square = np.einsum("ij,ij->i", away, away)
+        # Strong answers tell distances best; their logarithms' errors grow as they fade.
+        trust = (
+            np.sqrt(self.weights / np.maximum.reduceat(self.weights, self._firsts())[self.rows]) / LOGARITHM
+        )
+        add(
+            trust * (self.a[self.rows] - self.k * square - self.logs),
+            (each[:, None], x_at, -2.0 * self.k * trust[:, None] * away),
+            (each[:, None], c_at, 2.0 * self.k * trust[:, None] * away),
+            (each, 3 * n + 3 * t + self.rows, trust),
+            (each, np.full(m, 3 * n + 4 * t), -trust * square * 1e4),
+        )
+        centre = np.zeros((t, 3))
+        np.add.at(centre, self.rows, self.shares[:, None] * self.x[self.taxels])
+        flat = np.eye(3) - self.normals[:, :, None] * self.normals[:, None, :]
+        residual = np.einsum("tij,tj->ti", flat, centre - self.points) / CENTRE
+        index = 3 * self.rows[:, None, None] + three[None, :, None]
+        add(
+            residual.ravel(),
+            (index, x_at[:, None, :], flat[self.rows] * self.shares[:, None, None] / CENTRE),
+        )
+        steps = np.arange(3 * t)
+        add((self.c - self.points).ravel() / SHIFT, (steps, 3 * n + steps, np.full(3 * t, 1.0 / SHIFT)))
+        height_over = np.einsum(
+            "ij,ij->i", self.x[self.taxels] - self.points[self.rows], self.normals[self.rows]
+        )
+        add(height_over / SURFACE, (each[:, None], x_at, self.normals[self.rows] / SURFACE))
+        steps = np.arange(3 * n)
+        add((self.x - self.prior).ravel() / PRIOR, (steps, steps, np.full(3 * n, 1.0 / PRIOR)))
+        entries = (np.concatenate(value_of), (np.concatenate(row_of), np.concatenate(column_of)))
+        return coo_array(entries, shape=(height, 3 * n + 4 * t + 1)).tocsr(), np.concatenate(residuals)
+
+    def _firsts(self) -> NDArray[np.intp]:
+        """Where the answers of each touch begin."""
+        return np.searchsorted(self.rows, np.arange(len(self.points)))

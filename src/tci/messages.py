@@ -126,7 +126,7 @@ class Contact:
     part: str
     """Generic part that the patch belongs to."""
     segment: str
-    """Segment of that part: `upper_arm`, `forearm`."""
+    """Segment of that part: `upper_arm`, `forearm`; empty where the skin is on none of them."""
     stamp: float
     """When it was measured [s]."""
     sequence: int
@@ -153,13 +153,19 @@ class Contact:
     """Force (3,) [N] on the skin, seen from the torso: along the inward normal, unless the taxels feel
     its direction."""
     u: float
-    """Place along the segment: 0 at its proximal, 1 at its distal joint."""
+    """Place along the segment: 0 at its proximal, 1 at its distal joint; NaN where the skin is on no limb."""
     theta: float
-    """Angle around the segment [rad]: 0 flexor, +pi/2 lateral, pi extensor, -pi/2 medial."""
+    """Angle around the segment [rad]: 0 flexor, +pi/2 lateral, pi extensor, -pi/2 medial; NaN likewise."""
     taxel_u: Array
-    """Place (k,) of each taxel along the segment."""
+    """Place (k,) of each taxel along the segment; NaN likewise."""
     taxel_theta: Array
-    """Angle (k,) [rad] of each taxel around the segment."""
+    """Angle (k,) [rad] of each taxel around the segment; NaN likewise."""
+    identity: int = 0
+    """The same number from the frame in which the contact began to its end; no other contact has it."""
+    began: float = 0.0
+    """When it began [s], on the link's clock: its own stamp in its first frame."""
+    moved: float = 0.0
+    """How far [m] its centre is from where it began, in the patch's link."""
 
 
 def _no_kinematics(contact: Contact) -> Array:
@@ -181,6 +187,8 @@ class Perception:
     """Generic joint angles (n,) [rad] of each generic part, by name (eqs 1-2)."""
     contacts: tuple[Contact, ...]
     """Contacts in the latest frames of the skin."""
+    ended: tuple[int, ...] = ()
+    """Identities of contacts that were in the perception before this one and are no more."""
     jacobian: Callable[[Contact], Array] = _no_kinematics
     """Of one of them: how its point moves (3, n) [m/rad], seen from the torso, with each generic joint of
     its part. Worked out when asked for."""

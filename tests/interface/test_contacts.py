@@ -368,7 +368,10 @@ def test_distance_on_the_generic_limb(u: float, a: float, v: float, b: float, tu
 @pytest.mark.parametrize("name", ["nao", "icub"])
 def test_skin_of_each_packaged_patch_hangs_together(name: str) -> None:
     """A finger on a gap between modules makes one contact, also on an iCub's forearm."""
-    for patch, surface in Skin(load_robot(name)).surfaces.items():
+    skin = Skin(load_robot(name))
+    for patch, surface in skin.surfaces.items():
+        if skin.robot.limb_segment(skin.robot.patch(patch)) is None:
+            continue  # NAO's switches are far from each other
         assert len(find_clusters(np.ones(len(surface.positions)), surface.neighbours, SETTINGS)) == 1, patch
         pairs = surface.neighbours
         assert (np.einsum("ij,ij->i", *surface.normals[pairs.T]) > 0.0).all(), patch

@@ -231,11 +231,14 @@ def test_unknown_names_list_the_valid_ones(skin: Skin) -> None:
         skin.segment_pose("left_arm", "hand", at, np.zeros(5))
 
 
-def test_skin_that_is_on_no_limb_is_refused(tmp_path: Path) -> None:
+def test_skin_that_is_on_no_limb_has_no_place_on_one(tmp_path: Path) -> None:
     robot = small_robot.build(tmp_path)
     part = robot.parts[0].model_copy(update={"kind": "leg"})
-    with pytest.raises(TciError, match=r"left_arm_forearm.*leg.*upper_arm or forearm of an arm"):
-        Skin(robot.model_copy(update={"parts": (part, robot.parts[1])}))
+    skin = Skin(robot.model_copy(update={"parts": (part, robot.parts[1])}))
+    at = joints(np.zeros(10))
+    assert skin.positions("left_arm_forearm", at, frame="torso").shape[1] == 3
+    with pytest.raises(TciError, match="no limb; valid frames: link, torso"):
+        skin.limb("left_arm_forearm", at)
 
 
 # The robots that come with TCI
@@ -253,7 +256,7 @@ def at_zero(skin: Skin) -> JointReading:
 
 def test_packaged_skin_lies_on_its_segment(packaged: Skin) -> None:
     at = at_zero(packaged)
-    for patch in packaged.robot.patches:
+    for patch in filter(packaged.robot.limb_segment, packaged.robot.patches):
         u, _, r = packaged.limb(patch.name, at)
         assert -0.3 < u.min() < u.max() < 1.3, patch.name
         assert 0.015 < r.min() <= r.max() < 0.07, patch.name
@@ -261,7 +264,7 @@ def test_packaged_skin_lies_on_its_segment(packaged: Skin) -> None:
 
 def test_packaged_skin_looks_outward(packaged: Skin) -> None:
     at = at_zero(packaged)
-    for patch in packaged.robot.patches:
+    for patch in filter(packaged.robot.limb_segment, packaged.robot.patches):
         normals = packaged.normals(patch.name, at, frame="limb")
         points = packaged.positions(patch.name, at, frame="limb")
         outward = np.einsum("ij,ij->i", normals[:, :2], points[:, :2]) / np.hypot(*points[:, :2].T)
@@ -275,7 +278,7 @@ def test_forearm_skin_rides_as_facts_say(packaged: Skin, share: float) -> None:
     """iCub's forearm skin turns with pronation and its upper-arm skin with the yaw, NAO's sleeves do not."""
     robot = packaged.robot
     low, high = at_zero(packaged), at_zero(packaged)
-    for patch in robot.patches:
+    for patch in filter(robot.limb_segment, robot.patches):
         axial = robot.part(patch.part).servos[4 if patch.segment == "forearm" else 2]
         assert axial.servo is not None
         limits = robot.servos[axial.servo].limits

@@ -99,4 +99,6 @@ def test_skin_that_no_cone_fits_is_told_without_one() -> None:
         part.model_copy(update={"side": None}) if part.name == "left_arm" else part for part in robot.parts
     )
     facts = query(robot.model_copy(update={"parts": parts}))
-    assert {patch.part for patch in facts.patches if patch.cone is None} == {"left_arm"}
+    assert {patch.name for patch in facts.patches if patch.cone is None} == {
+        "left_forearm", "left_upper_arm", "head", "left_hand", "right_hand",
+    }  # fmt: skip

@@ -193,10 +193,11 @@ def test_left_and_right_mirror_each_other(robot: Robot) -> None:
 
 def test_skin_lies_on_its_segment(robot: Robot) -> None:
     kinematics = Kinematics(robot)
-    assert {(patch.part, patch.segment) for patch in robot.patches} == set(
+    patches = [patch for patch in robot.patches if robot.limb_segment(patch)]
+    assert {(patch.part, patch.segment) for patch in patches} == set(
         product(("left_arm", "right_arm"), ("upper_arm", "forearm"))
     )
-    for patch in robot.patches:
+    for patch in patches:
         surface = build_surface(robot, patch, kinematics)
         assert len(set(surface.channels.tolist())) == len(surface.positions)
         fit = cone_of(robot, surface, kinematics)

@@ -80,7 +80,7 @@ def border(surface: Surface) -> Array:
 def poke_anywhere(world: World, count: int, *, seed: int) -> tuple[list[Poked], int]:
     """`count` static pokes of 5 to 9 N, the patches in turn; and how often there was no room for one."""
     generator = np.random.default_rng(seed)
-    patches = world.robot.patches
+    patches = [patch for patch in world.robot.patches if world.robot.limb_segment(patch)]
     pitches = {name: pitch_of(surface) for name, surface in world.surfaces.items()}
     borders = {name: border(surface) for name, surface in world.surfaces.items()}
     done: list[Poked] = []

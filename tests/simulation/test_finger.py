@@ -16,7 +16,7 @@ def middle(world: World, patch: str) -> int:
 
 
 def test_depth_gives_the_spring_s_force_and_the_contact_stays(world: World) -> None:
-    for patch in world.robot.patches:
+    for patch in filter(world.robot.limb_segment, world.robot.patches):
         for depth in (0.005, 0.010):
             world.reset()
             before = world.joints().position

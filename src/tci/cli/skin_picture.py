@@ -49,7 +49,7 @@ def maps(skin: str) -> list[Map]:
     result = []
     for patch in robot.patches:
         surface = build_surface(robot, patch, kinematics)
-        cone = cone_of(robot, surface, kinematics)
+        cone = cone_of(robot, surface, kinematics) if robot.limb_segment(patch) else None
         result.append(_map(f"{robot.name} {patch.name}", surface.channels, surface.positions, cone))
     return result
 

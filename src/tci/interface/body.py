@@ -10,6 +10,7 @@ from tci.interface.contacts import ContactSettings, find_contacts
 from tci.interface.coverage import Coverage
 from tci.interface.part import generic_columns, generic_posture, switch, to_platform
 from tci.interface.skin import Skin
+from tci.interface.tracking import Tracker
 from tci.messages import (
     CartesianCommand,
     Contact,
@@ -36,6 +37,7 @@ class Body:
         self._settings = contacts or ContactSettings()
         self._frames: tuple[tuple[str, int], ...] = ()
         self._contacts: tuple[Contact, ...] = ()
+        self._tracker = Tracker()
         self._coverage = Coverage(self.skin)
         self._covered: Covered | None = None
 
@@ -47,9 +49,15 @@ class Body:
         """
         posture = generic_posture(self.robot, reading.joints)
         frames = tuple((frame.patch, frame.sequence) for frame in reading.skin)
+        ended: tuple[int, ...] = ()
         if frames != self._frames:
+            before = self._contacts
             state = self.skin.update(reading)
-            self._contacts = find_contacts(self.skin, state, posture, settings=self._settings)
+            self._contacts = find_contacts(
+                self.skin, state, posture, settings=self._settings, tracker=self._tracker
+            )
+            here = {contact.identity for contact in self._contacts}
+            ended = tuple(contact.identity for contact in before if contact.identity not in here)
             self._covered = self._coverage.step(state, reading.joints)
             self._frames = frames
         position = reading.joints.position
@@ -57,6 +65,7 @@ class Body:
             stamp=now,
             posture=posture,
             contacts=self._contacts,
+            ended=ended,
             jacobian=lambda contact: self.jacobian(contact, position),
             covered=self._covered,
         )

@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from tci.errors import TciError, UnknownNameError
 from tci.frames import Array
-from tci.interface.kernels.contacts import NUMBERS, VECTORS, cluster, describe
+from tci.interface.kernels.contacts import NUMBERS, P_L, VECTORS, cluster, describe
 from tci.interface.kernels.flat import adjacency
 from tci.interface.kernels.weighted_force import mean_force
 from tci.interface.skin import Skin
+from tci.interface.tracking import Tracker
 from tci.messages import Contact, PatchState, SkinState
 from tci.model.description import Patch
 
@@ -49,12 +50,15 @@ def find_contacts(
     posture: Mapping[str, Array],
     *,
     settings: ContactSettings = ContactSettings(),
+    tracker: Tracker | None = None,
 ) -> tuple[Contact, ...]:
     """All contacts of the skin, patch by patch in the robot's order, the strongest first.
 
-    `posture` holds the generic angles (n,) [rad] of each part that carries skin. Raises
-    UnknownNameError when it lacks one that is touched.
+    `posture` holds the generic angles (n,) [rad] of each part that carries skin. A `tracker` gives contacts
+    the identity that they had in the frame before; without one all are new. Raises UnknownNameError when
+    the posture lacks a part that is touched.
     """
+    tracker = tracker or Tracker()
     contacts: list[Contact] = []
     for patch in skin.robot.patches:
         felt = state.patches.get(patch.name)
@@ -66,7 +70,7 @@ def find_contacts(
         if count:
             if patch.part not in posture:
                 raise UnknownNameError("generic part in this posture", patch.part, posture)
-            contacts += _contacts(count, skin, patch, felt, state, posture[patch.part])
+            contacts += _contacts(count, skin, patch, felt, state, posture[patch.part], tracker)
     return tuple(contacts)
 
 
@@ -114,7 +118,13 @@ def weighted_force(contact: Contact, radius: float, *, measure: Measure = "weigh
 
 
 def _contacts(
-    count: int, skin: Skin, patch: Patch, felt: PatchState, state: SkinState, posture: Array
+    count: int,
+    skin: Skin,
+    patch: Patch,
+    felt: PatchState,
+    state: SkinState,
+    posture: Array,
+    tracker: Tracker,
 ) -> list[Contact]:
     """The contacts of one patch that `cluster` found, the strongest first."""
     flat = skin.flat(patch.name)
@@ -130,10 +140,12 @@ def _contacts(
     for array in (vectors, indices, places):
         array.setflags(write=False)
     forces, taxel_u, taxel_theta = places
+    identities = tracker.follow(patch.name, vectors[:, P_L], felt.stamp)
     found = []
     for index, (force, peak, area, u, theta) in enumerate(numbers.tolist()):
         own = slice(bounds[index], bounds[index + 1])
-        p_L, n_L, p_T, n_T, f_T = vectors[index]
+        identity, began, moved = identities[index]
+        centre_L, n_L, p_T, n_T, f_T = vectors[index]
         found.append(
             Contact(
                 patch=patch.name,
@@ -146,7 +158,7 @@ def _contacts(
                 force=force,
                 peak_force=peak,
                 area=area,
-                p_L=p_L,
+                p_L=centre_L,
                 n_L=n_L,
                 p_T=p_T,
                 n_T=n_T,
@@ -155,6 +167,9 @@ def _contacts(
                 theta=theta,
                 taxel_u=taxel_u[own],
                 taxel_theta=taxel_theta[own],
+                identity=identity,
+                began=began,
+                moved=moved,
             )
         )
     found.sort(key=lambda contact: (-contact.force, contact.u, contact.theta))

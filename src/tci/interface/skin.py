@@ -14,8 +14,8 @@ from tci.interface.conditioning import Conditioner, ConditioningSettings, PatchH
 from tci.interface.kernels.flat import FlatPatch
 from tci.interface.part import generic_posture
 from tci.messages import JointReading, PatchState, Reading, SkinFrame, SkinState
-from tci.model.description import GenericPart, Patch, Robot, Segment
-from tci.model.generic_arm import SEGMENTS, limb_coordinates, segment_rotation
+from tci.model.description import GenericPart, Robot, Segment
+from tci.model.generic_arm import limb_coordinates, segment_rotation
 from tci.model.kinematics import Kinematics
 from tci.model.skin_calibration import SkinCalibration
 from tci.model.surfaces import Surface, build_surface
@@ -40,11 +40,9 @@ class Skin:
         """Build the surface of every patch; `conditioning` says how frames become pressures, and
         `calibration` what was measured about the taxels.
 
-        Raises TciError for a patch that is not on a limb, or a calibration that does not fit the robot, and
-        what Kinematics and build_surface raise.
+        Raises TciError for a calibration that does not fit the robot, and what Kinematics and build_surface
+        raise.
         """
-        for patch in robot.patches:
-            _check_limb(robot.part(patch.part), patch)
         measured = {} if calibration is None else calibration.patches
         if calibration is not None and calibration.robot != robot.name:
             raise TciError(f"calibration of {calibration.robot!r}; valid: {robot.name!r}")
@@ -68,8 +66,8 @@ class Skin:
             for index, patch in enumerate(robot.patches)
         }
         self._flat: dict[str, FlatPatch] = {}
-        segments = [robot.part(patch.part).segment(patch.segment) for patch in robot.patches]
-        links = [patch.link for patch in robot.patches] + [segment.link for segment in segments]
+        segments = [robot.limb_segment(patch) for patch in robot.patches]
+        links = [patch.link for patch in robot.patches] + [one.link for one in segments if one is not None]
         self._links = tuple(dict.fromkeys(links))
         self._late = 0
         self._joints: JointReading | None = None
@@ -96,7 +94,8 @@ class Skin:
         flat, surface = self._flat.get(patch), self.surfaces[patch]
         if flat is None or flat.surface is not surface:
             words = self.robot.patch(patch)
-            flat = self._flat[patch] = FlatPatch.of(surface, words, self.robot.part(words.part))
+            segment = self.robot.limb_segment(words)
+            flat = self._flat[patch] = FlatPatch.of(surface, words, self.robot.part(words.part), segment)
         return flat
 
     def rezero(self, patch: str) -> None:
@@ -168,12 +167,13 @@ class Skin:
     def limb(self, patch: str, joints: JointReading) -> tuple[Array, Array, Array]:
         """u, theta [rad] and r [m] (taxels,) of the taxels on their segment (eq. 3, x = u L).
 
-        Raises UnknownNameError for an unknown patch.
+        Raises UnknownNameError for an unknown patch, TciError for one that is on no limb.
         """
         points_S = self.positions(patch, joints, frame="limb")
         words = self.robot.patch(patch)
         part = self.robot.part(words.part)
-        u, theta = limb_coordinates(points_S, part.segment(words.segment).length, _side(part))
+        length = part.segment(words.segment).length
+        u, theta = limb_coordinates(points_S, length, _side(part))
         return u, theta, np.hypot(points_S[:, 0], points_S[:, 1])
 
     def link_pose(self, link: str, joints: JointReading) -> Array:
@@ -199,6 +199,8 @@ class Skin:
             return T_TL
         if frame != "limb":
             raise UnknownNameError("frame", frame, ("link", "limb", "torso"))
+        if self.robot.limb_segment(words) is None:
+            raise TciError(f"skin patch {patch!r} is on no limb; valid frames: link, torso")
         posture = generic_posture(self.robot, joints)[words.part]
         T_TS = self.segment_pose(words.part, words.segment, joints, posture)
         pose: Array = invert(T_TS) @ T_TL
@@ -215,13 +217,6 @@ def segment_pose(part: GenericPart, segment: Segment, T_TL: Array, posture: Arra
     return transform(part.R_TM @ R_MS, apply(T_TL, np.array(segment.origin)))
 
 
-def _check_limb(part: GenericPart, patch: Patch) -> None:
-    if part.kind != "arm" or part.side is None or patch.segment not in SEGMENTS:
-        place = f"{patch.segment!r} of {part.name!r} (kind {part.kind}, side {part.side})"
-        valid = f"{' or '.join(SEGMENTS)} of an arm with a side"
-        raise TciError(f"skin patch {patch.name!r} is on {place}; valid: {valid}")
-
-
 def _side(part: GenericPart) -> Literal["left", "right"]:
-    assert part.side is not None  # _check_limb
+    assert part.side is not None  # Robot.limb_segment
     return part.side

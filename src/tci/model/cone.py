@@ -101,9 +101,9 @@ def cone_of(robot: Robot, surface: Surface, kinematics: Kinematics) -> ConeFit:
     """
     patch = robot.patch(surface.patch)
     part = robot.part(patch.part)
-    segment = part.segment(patch.segment)
-    if part.side is None:
-        raise TciError(f"{part.name} has no side, so its skin is on no generic limb")
+    segment = robot.limb_segment(patch)
+    if segment is None or part.side is None:
+        raise TciError(f"skin patch {patch.name!r} is on no generic limb, so no cone fits it")
     poses = kinematics.poses(robot.initial_position, [patch.link, segment.link])
     R_TS = part.R_TM @ segment_rotation(segment.name, part.initial_posture, part.side)
     T_LT = invert(poses[patch.link])

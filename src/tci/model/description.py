@@ -274,8 +274,8 @@ class Patch(Words):
     name: str
     part: str
     """Generic part it belongs to."""
-    segment: str
-    """Segment of that part."""
+    segment: str = ""
+    """Segment of that part; empty for skin that is on none of its segments (head, hand, torso)."""
     link: str
     """Link of the kinematic model that carries it."""
     rate: float
@@ -393,6 +393,13 @@ class Robot(Words):
             if patch.name == name:
                 return patch
         raise UnknownNameError("skin patch", name, [patch.name for patch in self.patches])
+
+    def limb_segment(self, patch: Patch) -> Segment | None:
+        """The limb segment that a patch lies on; None for skin elsewhere, which has no limb coordinates."""
+        part = self.part(patch.part)
+        if part.kind != "arm" or part.side is None or not patch.segment:
+            return None
+        return part.segment(patch.segment)
 
     def binding(self, middleware: str) -> Binding:
         """How that middleware reaches the robot. Raises UnknownNameError."""

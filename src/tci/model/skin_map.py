@@ -61,5 +61,6 @@ def unroll(positions: Array, fit: ConeFit) -> tuple[Array, Array]:
 def flatten(positions: Array) -> tuple[Array, Array]:
     """Places (n,) and (n,) [m] of taxels along the two longest directions of their skin."""
     relative = positions - positions.mean(axis=0)
-    longest = np.linalg.svd(relative, full_matrices=False)[2]
+    # Rows of zeros change nothing but that one or two taxels have three directions as well.
+    longest = np.linalg.svd(np.vstack([relative, np.zeros((3, 3))]), full_matrices=False)[2]
     return relative @ longest[0], relative @ longest[1]

@@ -191,10 +191,8 @@ def _frames(robot: Robot, patch: Patch, modules: TriangularModules, kinematics: 
 def _faces(positions: Array, normals: Array) -> NDArray[np.intp]:
     """Triangles (f, 3) between taxels: of a sheet, or of a limb."""
     places, index = np.unique(positions, axis=0, return_index=True)
-    mean = normals.mean(axis=0)
-    length = float(np.linalg.norm(mean))
-    if length > 0.0 and float((normals @ (mean / length)).min()) > SHEET:
-        across = np.linalg.svd(mean[None] / length)[2][1:]
+    if is_sheet(normals):
+        across = np.linalg.svd(normals.mean(axis=0, keepdims=True))[2][1:]
         flat = places @ across.T
         if len(places) < 3 or np.linalg.matrix_rank(flat - flat.mean(axis=0), tol=1e-6) < 2:
             return np.zeros((0, 3), np.intp)
@@ -208,6 +206,13 @@ def _faces(positions: Array, normals: Array) -> NDArray[np.intp]:
     along = np.abs(np.einsum("fi,fi->f", _unit_normals(faces, positions), towards))
     result: NDArray[np.intp] = faces[along > 0.5 * np.linalg.norm(towards, axis=1)]
     return result
+
+
+def is_sheet(normals: Array) -> bool:
+    """Whether a skin with these normals (n, 3) is a sheet: a palm, a sole, a cap, a single taxel."""
+    mean = normals.mean(axis=0)
+    length = float(np.linalg.norm(mean))
+    return length > 0.0 and float((normals @ (mean / length)).min()) > SHEET
 
 
 def _outward(faces: NDArray[np.intp], positions: Array, normals: Array) -> NDArray[np.intp]:

@@ -142,9 +142,10 @@ GENERIC_ROBOT_PART = Element(
 
 PATCH = Element(
     needs={
-        "name": NAME, "part": NAME, "segment": NAME, "link": NAME,
+        "name": NAME, "part": NAME, "link": NAME,
         "rate": Number(most=1e4, positive=True, unit="Hz"), "channels": Integer(1, 100_000),
     },
+    may={"segment": NAME},
     must={
         "sensor": Element(
             needs={"rest": Number(), "pascal_per_count": Number(), "min": Number(), "max": Number()},

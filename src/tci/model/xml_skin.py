@@ -34,7 +34,7 @@ def read_skin(root: Node, source: Path, faults: Faults) -> tuple[Patch, ...]:
         if node.ok and sensor is not None and surface is not None:
             patches.append(
                 Patch(
-                    name=node.get("name"), part=node.get("part"), segment=node.get("segment"),
+                    name=node.get("name"), part=node.get("part"), segment=node.get("segment", ""),
                     link=node.get("link"), rate=node.get("rate"), channels=node.get("channels"),
                     sensor=sensor, surface=surface,
                 )

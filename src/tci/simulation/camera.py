@@ -105,7 +105,7 @@ def fit(
 
 
 def _middle(sides: Array, depth: Array) -> float:
-    """Where to stand so that points (n,) [m] to the side, at depths (n,) [m], are seen as far left as right."""
+    """Where to stand so that points (n,) [m] to the side, at depths (n,) [m], reach as far left as right."""
     low, high = float(sides.min()), float(sides.max())
     for _ in range(_HALVINGS):
         middle = (low + high) / 2.0

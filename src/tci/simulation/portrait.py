@@ -133,10 +133,11 @@ class Portrait:
 
 
 def _colours(world: World) -> Array:
-    """The model's colours, but for links with skin, which are dark all over, and the finger."""
+    """The model's colours, but for limbs with skin, which are dark all over, and the finger."""
     model = world.model
     colours = model_colours(model)
-    bodies = [model.geom_bodyid[model.geom(skin_geom(name)).id] for name in world.surfaces]
+    limbs = [patch.name for patch in world.robot.patches if world.robot.limb_segment(patch)]
+    bodies = [model.geom_bodyid[model.geom(skin_geom(name)).id] for name in limbs if name in world.surfaces]
     covered = np.isin(model.geom_bodyid, bodies) & (colours[:, 3] > 0.0)
     colours[covered] = (*SKIN_COLOUR, 1.0)
     finger = _below(model, [model.body(FINGER).id])[model.geom_bodyid]

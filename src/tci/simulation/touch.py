@@ -7,13 +7,14 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
 
 from tci.errors import TciError
 from tci.frames import Array, apply, invert
 from tci.messages import SkinFrame
 from tci.model.collisions import SKIN
 from tci.model.description import Patch
-from tci.model.surfaces import Surface
+from tci.model.surfaces import Surface, is_sheet
 from tci.simulation.kernel import spread, width
 from tci.simulation.physics import Physics
 
@@ -30,6 +31,9 @@ _WIDTH = 10
 """Numbers per slot: found 1, force 3, position 3, normal 3."""
 _MOST_FORCE = 2
 """MuJoCo's code for sorting contacts by force."""
+_CORNERS = 8
+_THICKNESS = 2e-3
+"""How thick [m] a sheet of skin is. Ours."""
 _COLOUR = (0.22, 0.23, 0.25, 1.0)
 
 
@@ -59,10 +63,11 @@ def add_skin(spec: mujoco.MjSpec, surface: Surface) -> None:
     MuJoCo collides a mesh's convex hull. Faces serve pictures.
     """
     name = skin_geom(surface.patch)
+    points, faces = _solid(surface)
     spec.add_mesh(
         name=name,
-        uservert=surface.positions.ravel(),
-        userface=surface.faces.ravel(),
+        uservert=points.ravel(),
+        userface=faces.ravel(),
         inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
     )
     spec.body(surface.link).add_geom(
@@ -83,6 +88,25 @@ def add_skin(spec: mujoco.MjSpec, surface: Surface) -> None:
         objname=name,
         intprm=[sum(1 << int(field) for field in _FIELDS), _MOST_FORCE, SLOTS],
     )
+
+
+def _solid(surface: Surface) -> tuple[Array, NDArray[np.intp]]:
+    """Vertices (v, 3) [m] and faces (f, 3) of a body with that surface.
+
+    A limb's taxels enclose one. The taxels of a sheet, and single ones, are plates of their own area.
+    """
+    if len(surface.faces) and not is_sheet(surface.normals):
+        return surface.positions, surface.faces
+    angles = np.arange(_CORNERS) * 2.0 * np.pi / _CORNERS
+    plates = []
+    for position, normal, area in zip(surface.positions, surface.normals, surface.areas, strict=True):
+        across = np.linalg.svd(normal[None])[2][1:]
+        rim = position + np.sqrt(area / np.pi) * (
+            np.cos(angles)[:, None] * across[0] + np.sin(angles)[:, None] * across[1]
+        )
+        plates += [rim, rim - _THICKNESS * normal]
+    points = np.concatenate(plates)
+    return points, np.asarray(ConvexHull(points).simplices, dtype=np.intp)
 
 
 class Touch:

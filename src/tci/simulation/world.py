@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import mujoco
 import numpy as np
@@ -42,11 +42,12 @@ class World:
         *,
         step: float = 0.001,
         seed: int = 0,
-        skin: bool = True,
+        skin: bool | Collection[str] = True,
         noise: float = 0.0,
         posture: Mapping[str, ArrayLike] | None = None,
     ) -> None:
-        """`step` [s] is the physics' step; `noise` [counts] the standard deviation of raw skin values.
+        """`step` [s] is the physics' step; `noise` [counts] the standard deviation of raw skin values. `skin`
+        says whether the robot wears its skin, or names the patches that it wears.
 
         `posture` are generic angles [rad] by generic part where the robot starts; parts that it does
         not name start at their initial posture. Raises DescriptionError for a robot that can't be
@@ -58,9 +59,11 @@ class World:
             raise CommandError(f"step {step}; valid: above 0, up to {MAX_STEP} s")
         self.robot = robot
         kinematics = Kinematics(robot)
-        self.surfaces: Mapping[str, Surface] = (
-            {patch.name: build_surface(robot, patch, kinematics) for patch in robot.patches} if skin else {}
-        )
+        names = [patch.name for patch in robot.patches] if skin is True else skin or ()
+        worn = [robot.patch(name) for name in names]
+        self.surfaces: Mapping[str, Surface] = {
+            patch.name: build_surface(robot, patch, kinematics) for patch in worn
+        }
         """Taxels of every patch, by its name."""
         home = start_angles(robot, posture or {})
         self._seed = seed
@@ -73,8 +76,7 @@ class World:
             patch.name: Touch(
                 self._physics, patch, self.surfaces[patch.name], noise=noise, generator=self._generator
             )
-            for patch in robot.patches
-            if skin
+            for patch in worn
         }
         self.finger = Finger(self._physics, self._skin)
         """What pokes the skin."""

@@ -17,6 +17,7 @@ from tci.interface.part import generic_posture
 from tci.interface.skin import Skin
 from tci.messages import JointReading, PatchState, SkinState
 from tci.model.catalogue import load_robot
+from tci.model.surfaces import Surface
 
 SETTINGS = ContactSettings()
 
@@ -32,7 +33,7 @@ def touched(skin: Skin, seed: int) -> tuple[SkinState, dict[str, np.ndarray]]:
     position = random.uniform(-1.0, 1.0, len(skin.robot.servos))
     reading = JointReading(0.0, 0, position, np.zeros(len(position)))
     patches = {}
-    for name, surface in skin.surfaces.items():
+    for name, surface in limbs(skin).items():
         force = np.zeros(len(surface.positions))
         for _ in range(random.integers(0, 7)):
             distance = np.linalg.norm(surface.positions - random.choice(surface.positions), axis=1)
@@ -42,6 +43,12 @@ def touched(skin: Skin, seed: int) -> tuple[SkinState, dict[str, np.ndarray]]:
         patches[name] = PatchState(name, 1.0, seed, force / surface.areas, force)
     poses = skin.kinematics.poses(position, skin.kinematics.links)
     return SkinState(patches, poses), generic_posture(skin.robot, reading)
+
+
+def limbs(skin: Skin) -> dict[str, Surface]:
+    """Patches that the oracle knows: those on limbs."""
+    robot = skin.robot
+    return {patch.name: skin.surfaces[patch.name] for patch in robot.patches if robot.limb_segment(patch)}
 
 
 @pytest.mark.parametrize("robot", ["nao", "icub"])
@@ -60,6 +67,8 @@ def test_contacts_equal_numpy(robot: str, seed: int) -> None:
         assert apart[0] == pytest.approx(apart[1], abs=1e-12)
         twin = np.linalg.norm(one.p_L - other.p_L) > 1e-9
         for field in fields(one):
+            if field.name in ("identity", "began", "moved"):
+                continue  # the oracle follows nothing
             if not twin or field.name not in ("p_L", "n_L", "p_T", "n_T", "f_T", "u", "theta"):
                 a, b = getattr(one, field.name), getattr(other, field.name)
                 if field.name in ("theta", "taxel_theta"):  # pi is -pi

@@ -95,7 +95,9 @@ def cluster(force: Array, floor: float, touch: float, graph: Indices, work: Indi
 
 @inlined
 def _on_limb(T_SL: Array, x: float, y: float, z: float, length: float, side: float) -> tuple[float, float]:
-    """u and theta [rad] of a point of the link (eq. 4), see `limb_coordinates`."""
+    """u and theta [rad] of a point of the link (eq. 4), see `limb_coordinates`; NaN without a limb."""
+    if length == 0.0:
+        return np.nan, np.nan
     x_S = T_SL[0, 0] * x + T_SL[0, 1] * y + T_SL[0, 2] * z + T_SL[0, 3]
     y_S = T_SL[1, 0] * x + T_SL[1, 1] * y + T_SL[1, 2] * z + T_SL[1, 3]
     z_S = T_SL[2, 0] * x + T_SL[2, 1] * y + T_SL[2, 2] * z + T_SL[2, 3]
@@ -133,8 +135,9 @@ def describe(
     n = len(force)
     members, bounds = work[:n], work[n : 2 * n + 1]
     T_SL = np.empty((4, 4))
-    limb_pose(T_TL, T_TG, limb, posture, T_SL)
     length, side = limb[12], limb[13]
+    if length > 0.0:
+        limb_pose(T_TL, T_TG, limb, posture, T_SL)
     mean = np.empty(3)
     for c in range(len(numbers)):
         total, peak, area = 0.0, 0.0, 0.0

@@ -12,7 +12,7 @@ from tci.frames import Array, read_only
 from tci.interface.kernels.arrays import reads, writes
 from tci.interface.kernels.compiled import compiled, inlined
 from tci.interface.kernels.limb import limb_numbers
-from tci.model.description import GenericPart, Patch
+from tci.model.description import GenericPart, Patch, Segment
 from tci.model.surfaces import Surface
 
 Indices = NDArray[np.int32]
@@ -37,19 +37,18 @@ class FlatPatch:
     cells: Indices
     """Where the faces of each cell begin, cells + 1 places, and then the faces that reach into each."""
     limb: Array
-    """The segment, see `limb_numbers`."""
+    """The segment, see `limb_numbers`; zeros for none."""
     link: str
-    """The segment's link."""
+    """The segment's link; the patch's own where there is none."""
     work: Indices
     """Memory (4 n + 1,) of the loops, not for two threads at once."""
 
     @staticmethod
-    def of(surface: Surface, patch: Patch, part: GenericPart) -> FlatPatch:
-        """A cell of the grid is about as wide as a face's longest edge."""
+    def of(surface: Surface, patch: Patch, part: GenericPart, segment: Segment | None) -> FlatPatch:
+        """A cell of the grid is about as wide as a face's longest edge. Without a segment: no limb."""
         taxels = np.column_stack([surface.positions, surface.normals, surface.areas])
         faces = np.ascontiguousarray(surface.faces, dtype=np.int32).reshape(-1, 3)
         box, cells = _grid(np.ascontiguousarray(surface.positions), faces)
-        segment = part.segment(patch.segment)
         return FlatPatch(
             surface=surface,
             taxels=read_only(taxels),
@@ -57,8 +56,8 @@ class FlatPatch:
             faces=read_only(faces, np.int32),
             box=read_only(box),
             cells=read_only(cells, np.int32),
-            limb=read_only(limb_numbers(part, segment)),
-            link=segment.link,
+            limb=read_only(np.zeros(15) if segment is None else limb_numbers(part, segment)),
+            link=patch.link if segment is None else segment.link,
             work=np.zeros(4 * len(taxels) + 1, np.int32),
         )
 

@@ -12,7 +12,7 @@ from tci.model.generic_arm import SEGMENTS, side_sign
 
 def limb_numbers(part: GenericPart, segment: Segment) -> Array:
     """A segment in numbers (15,): R_TM (9), origin in its link (3), length [m], side, place in SEGMENTS."""
-    assert part.side is not None  # Skin refuses patches elsewhere
+    assert part.side is not None  # as `Robot.limb_segment` says
     place = [segment.length, side_sign(part.side), SEGMENTS.index(segment.name)]
     return np.concatenate([part.R_TM.ravel(), segment.origin, place])
 

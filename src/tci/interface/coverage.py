@@ -34,6 +34,8 @@ class Coverage:
         places: dict[tuple[str, str], list[tuple[Array, Array, NDArray[np.bool_]]]] = {}
         for name, patch in state.patches.items():
             words = self._skin.robot.patch(name)
+            if self._skin.robot.limb_segment(words) is None:
+                continue
             u, theta, _ = self._skin.limb(name, joints)
             masked = np.zeros(len(u), dtype=bool) if patch.masked is None else patch.masked
             places.setdefault((words.part, words.segment), []).append((u, theta, masked))

@@ -37,8 +37,8 @@ def wait_for(what: Callable[[], object], said: str) -> None:
 def running(viewer: Viewer) -> Iterator[Viewer]:
     """The viewer, with its sessions, while the block lasts."""
     thread = threading.Thread(target=viewer.run, name="viewer")
-    for session in viewer.sessions.values():
-        session.start()
+    for source in viewer.sources.values():
+        source.start()
     thread.start()
     try:
         yield viewer
@@ -75,7 +75,7 @@ def skin_on_screen(viewer: Viewer, key: str, patch: str, page: Page) -> tuple[fl
     surface = figure.skin.surfaces[patch]
     T_SL = figure.pose(surface.link)
     points, normals = apply(T_SL, surface.positions), surface.normals @ T_SL[:3, :3].T
-    view = viewer.sessions[key].view
+    view = viewer.sources[key].view
     assert view is not None
     u, theta, _ = figure.skin.limb(patch, view.joints)
     fields = [field for field in default_fields() if field.segment == figure.robot.patch(patch).segment]
@@ -103,7 +103,7 @@ def _others(viewer: Viewer, figure: Figure) -> list[Figure]:
 def field(page: Page, label: str) -> Locator:
     """The input of the first control that is called `label`; of a slider its number."""
     row = page.locator(f"xpath=(//label[text()='{label}'])[1]/ancestor::div[.//input][1]")
-    return row.locator("input").last
+    return row.locator("input:not([type=hidden])").last
 
 
 def files(folder: Path) -> list[str]:

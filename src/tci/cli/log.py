@@ -111,13 +111,25 @@ def import_(
     log: Annotated[Path, typer.Argument(help="Log of yarpdatadumper: data.log, or its folder.")],
     out: Annotated[Path, typer.Argument(help="The recording to write.")],
     patch: Annotated[str, typer.Option(help="Name of the patch of skin that sent it.")] = "skin",
+    robot: Annotated[
+        str | None, typer.Option(help="For a log of an iCub's contact list: the robot whose skin it was.")
+    ] = None,
 ) -> None:
     """Make a recording of a skin's log of YARP's yarpdatadumper.
 
     Example:  tci log import data.log foot.mcap --patch right_foot
+
+    Example:  tci log import skin_events/data.log touches.mcap --robot icub
     """
     from tci.cli.console import console
-    from tci.recording.yarp_log import import_yarp_log
+    from tci.model.catalogue import load_robot
+    from tci.recording.yarp_log import import_skin_events, import_yarp_log
 
+    if robot is not None:
+        periods, left_out = import_skin_events(log, out, load_robot(robot))
+        size = out.stat().st_size / 1e6
+        words = f"{periods} periods, {left_out} contacts on other skin left out"
+        console.print(f"{out}: {words}, {size:.2f} MB", highlight=False)
+        return
     frames = import_yarp_log(log, out, patch=patch)
     console.print(f"{out}: {frames} frames, {out.stat().st_size / 1e6:.2f} MB", highlight=False)

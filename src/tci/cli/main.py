@@ -131,6 +131,8 @@ def view(
     Needs the extra: pip install 'tci\\[viewer]'. A real robot is read-only without --arm.
 
     Example:  tci view --robot nao --robot icub
+
+    Example:  tci view --via replay:touch.mcap
     """
     from tci.cli.view import view as command
 

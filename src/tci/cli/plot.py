@@ -33,7 +33,7 @@ def plot(
     if found is None:
         raise RecordingError(f"{file} has no robot; look at its raw frames with tci log export")
     out = out or file.with_suffix(".png")
-    with Progress(console=console, transient=True, disable=as_json) as progress:
+    with Progress(console=console, transient=True, disable=as_json or not console.is_terminal) as progress:
         task = progress.add_task("feeling again what was felt", total=None)
         periods = []
         for period in perceive(recording, found):

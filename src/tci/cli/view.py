@@ -11,17 +11,24 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rich.progress import Progress
+
+from tci.capabilities.fields import default_fields
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.cli.console import console
 from tci.cli.demo import load_robots
 from tci.cli.record import about_capability
 from tci.cli.run import HARMLESS, load_capability
-from tci.errors import CommandError, MissingExtraError
+from tci.errors import CommandError, MissingExtraError, RecordingError
+from tci.recording.perceived import recorded_robot
+from tci.recording.recording import Recording
 from tci.runtime.registry import connect
 
 if TYPE_CHECKING:
-    from tci.viewer.session import Session
+    from tci.viewer.app import Source
+    from tci.viewer.player import Player
 
+REPLAY = "replay:"
 STEP = 0.002
 """Physics step [s] of robots that are simulated to be looked at."""
 
@@ -51,15 +58,16 @@ def view(
     """
     needs_viewer()
     from tci.viewer.app import Viewer
+    from tci.viewer.session import Session
 
-    sessions = _sessions(names, vias, capability, arm=arm)
-    behaviour = sessions[0].capability
+    sources = _sources(names, vias, capability, arm=arm)
+    behaviour = next((source.capability for source in sources if isinstance(source, Session)), None)
     fields = behaviour.fields if isinstance(behaviour, WithdrawalReflex) else ()
-    viewer = Viewer(sessions, fields=fields, host=host, port=port, folder=folder)
+    viewer = Viewer(sources, fields=fields or default_fields(), host=host, port=port, folder=folder)
     console.print(f"open {viewer.address}   (end with Ctrl-C)", highlight=False, markup=False, soft_wrap=True)
     try:
-        for session in sessions:
-            session.start()
+        for source in sources:
+            source.start()
         if browser and sys.stdout.isatty() and (os.environ.get("DISPLAY") or sys.platform != "linux"):
             webbrowser.open(viewer.address)
         with suppress(KeyboardInterrupt):
@@ -68,20 +76,39 @@ def view(
         viewer.close()
 
 
-def _sessions(names: Sequence[str], vias: Sequence[str], capability: str, *, arm: bool) -> list[Session]:
-    """A session for each robot."""
+def _sources(names: Sequence[str], vias: Sequence[str], capability: str, *, arm: bool) -> list[Source]:
+    """A session for each robot, a player for each recording."""
+    vias = list(vias) or ["sim"]
+    if not names and all(via.startswith(REPLAY) for via in vias):
+        return [_player(via.removeprefix(REPLAY), None) for via in vias]
     from tci.viewer.session import Session
 
     behaviour = load_capability(capability)
+    found: list[Source] = []
     robots = load_robots(names)
-    sessions = []
-    for robot, via in zip(robots, _one_each(vias or ["sim"], len(robots)), strict=True):
+    for index, via in enumerate(_one_each(vias, len(robots))):
+        if via.startswith(REPLAY):
+            found.append(_player(via.removeprefix(REPLAY), names[index] if names else None))
+            continue
         name = via.partition(":")[0]
         options = {"step": STEP} if name == "sim" else {}
-        link = connect(robot, via, arm=arm or name in HARMLESS, **options)
+        link = connect(robots[index], via, arm=arm or name in HARMLESS, **options)
         about = {"middleware": name, **about_capability(capability, behaviour)}
-        sessions.append(Session(link, behaviour, about=about))
-    return sessions
+        found.append(Session(link, behaviour, about=about))
+    return found
+
+
+def _player(file: str, robot: str | None) -> Player:
+    """A recording, felt again. Raises RecordingError, also for one without a robot."""
+    from tci.viewer.player import Player
+
+    recording = Recording(file)
+    found = recorded_robot(recording, robot)
+    if found is None:
+        raise RecordingError(f"{file} has no robot to show; look at its raw frames with tci log export")
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task(f"reading {file}", total=None)
+        return Player(recording, found, progress=lambda now: progress.advance(task))
 
 
 def _one_each(vias: Sequence[str], robots: int) -> list[str]:

@@ -7,13 +7,19 @@ from pathlib import Path
 
 import numpy as np
 
-from tci.errors import RecordingError
+from tci.errors import FrameError, RecordingError
 from tci.frames import read_only
+from tci.interface.skin import Skin
+from tci.interface.skin_manager import SKIN_PARTS, read_skin_events
 from tci.messages import JointReading, Reading, SkinFrame
+from tci.model.description import Robot
 from tci.recording.recorder import Recorder
 
 LONGEST = 2**20
 """Longest line [characters] that is read."""
+
+EVENTS_PERIOD = 0.02
+"""Time [s] between two contact lists: skinManager's 50 Hz."""
 
 
 def read_yarp_log(log: Path, *, patch: str) -> Iterator[SkinFrame]:
@@ -63,3 +69,49 @@ def import_yarp_log(log: Path, out: Path, *, patch: str) -> int:
     if recorder.failed:
         raise RecordingError(recorder.failed)
     return recorder.ticks
+
+
+def import_skin_events(log: Path, out: Path, robot: Robot) -> tuple[int, int]:
+    """Make a recording of a log of iCub's contact list for the `robot` whose skin it was.
+
+    A list says which taxels each contact has and their mean value; each of them gets that mean, as a raw
+    value of its patch. It says nothing of the joints: they are at the robot's initial posture. Contacts on
+    parts that the robot has no patch of that name and size for are left out. Returns the number of periods
+    and of contacts left out. Raises RecordingError.
+    """
+    path = log / "data.log" if log.is_dir() else log
+    patches = {patch.name: patch for patch in robot.patches if patch.surface.kind != "truncated_cone"}
+    skin = Skin(robot)
+    live = {name: set(skin.surfaces[name].channels.tolist()) for name in patches}
+    about = {
+        "source": f"contact list of yarpdatadumper {log.name}: taxels have their contact's mean value, "
+        "joints are the initial posture",
+    }
+    still = read_only(np.zeros(len(robot.servos)))
+    left_out = number = 0
+    with Recorder(out, robot, middleware="yarp", period=EVENTS_PERIOD, about=about) as recorder:
+        try:
+            for stamp, contacts in read_skin_events(path):
+                values = {name: np.full(patch.channels, patch.sensor.rest) for name, patch in patches.items()}
+                for contact in contacts:
+                    patch = patches.get(SKIN_PARTS[contact.skin_part])
+                    if patch is None or not live[patch.name] & set(contact.taxels.tolist()):
+                        left_out += 1
+                        continue
+                    taxels = contact.taxels[contact.taxels < patch.channels]
+                    sign = np.sign(patch.sensor.pascal_per_count)
+                    raw = patch.sensor.rest + sign * contact.pressure
+                    values[patch.name][taxels] = np.clip(
+                        raw, patch.sensor.lowest, patch.sensor.highest
+                    )
+                frames = tuple(
+                    SkinFrame(name, stamp, number, read_only(raw)) for name, raw in values.items()
+                )
+                joints = JointReading(stamp, number, robot.initial_position, still)
+                recorder.tick(stamp, Reading(joints, frames))
+                number += 1
+        except FrameError as error:
+            raise RecordingError(str(error)) from error
+    if recorder.failed:
+        raise RecordingError(recorder.failed)
+    return number, left_out

@@ -20,6 +20,8 @@ from tci.viewer.controls import Controls
 from tci.viewer.figure import Figure
 from tci.viewer.guard import close_server, open_server
 from tci.viewer.pick import pick
+from tci.viewer.playback import Playback
+from tci.viewer.player import Player
 from tci.viewer.plots import Plots
 from tci.viewer.session import Session
 from tci.viewer.words import badge, event_list
@@ -32,6 +34,8 @@ SPACE = 0.25
 """Free space [m] between two robots."""
 FOV = 0.7
 """Vertical angle of view [rad]."""
+Source = Session | Player
+"""A robot that goes on, or one that was recorded."""
 HINT = "**Click the skin of an arm** to poke it there. Drag to turn, scroll to come nearer."
 
 
@@ -40,7 +44,7 @@ class Viewer:
 
     def __init__(
         self,
-        sessions: Sequence[Session],
+        sources: Sequence[Source],
         *,
         fields: Sequence[ReceptiveField] = (),
         host: str = "127.0.0.1",
@@ -48,13 +52,14 @@ class Viewer:
         folder: Path = Path("recordings"),
     ) -> None:
         """Open the page; recordings go into `folder`. Raises LinkError for a port that is taken."""
-        self.sessions: Mapping[str, Session] = _by_key(sessions)
+        self.sources: Mapping[str, Source] = _by_key(sources)
+        self.sessions = {key: source for key, source in self.sources.items() if isinstance(source, Session)}
+        """Those that are not recorded, by key."""
+        self._players = [source for source in self.sources.values() if isinstance(source, Player)]
         self.server, self.guard, self.address = open_server(host, port, label="TCI")
         self._stop = threading.Event()
         self._clicks: list[tuple[Array, Array]] = []
-        self.figures = {
-            key: Figure(self.server, session.robot, key) for key, session in self.sessions.items()
-        }
+        self.figures = {key: Figure(self.server, source.robot, key) for key, source in self.sources.items()}
         for figure in self.figures.values():
             figure.show_fields(fields)
         self._stand_side_by_side()
@@ -77,26 +82,31 @@ class Viewer:
 
     def close(self) -> None:
         """Bring the robots to rest and close the page."""
-        for session in self.sessions.values():
-            session.close()
+        for source in self.sources.values():
+            source.close()
         close_server(self.server)
 
     def update(self, *, words: bool) -> None:
         """One picture; with `words` also plots, sliders and texts."""
-        for key, session in self.sessions.items():
-            if session.view is not None:
-                self.figures[key].show(session.view)
+        now = time.monotonic()
+        for player in self._players:
+            player.advance(now)
+        for key, source in self.sources.items():
+            if source.view is not None:
+                self.figures[key].show(source.view)
         while self._clicks:
             self._clicked(*self._clicks.pop(0))
         if words:
             self._tell()
-            self._plots.update({key: session.history for key, session in self.sessions.items()})
+            self._plots.update({key: source.history for key, source in self.sources.items()})
             for controls in self.controls.values():
                 controls.update()
+            if self.playback is not None:
+                self.playback.update()
 
     def poke(self, key: str, place: Place) -> None:
         """Poke a robot's skin as the sliders say, and where asked for the same place on the others."""
-        touched = self.sessions[key]
+        touched = self.sources[key]
         self._poke(touched, place)
         if self._everywhere is None or not self._everywhere.value or touched.view is None:
             return
@@ -109,23 +119,23 @@ class Viewer:
         T_SL = invert(T_TS) @ figure.skin.link_pose(patch.link, joints)
         assert part.side is not None  # Skin
         u, theta = limb_coordinates(apply(T_SL, place.p_L), part.segment(patch.segment).length, part.side)
-        for other, session in self.sessions.items():
-            if other == key or session.view is None:
+        for other, source in self.sources.items():
+            if other == key or source.view is None:
                 continue
             try:
                 there = find_place(
                     self.figures[other].skin, part.name, patch.segment,
-                    float(u), float(theta), session.view.joints,
+                    float(u), float(theta), source.view.joints,
                 )  # fmt: skip
-                self._poke(session, there)
+                self._poke(source, there)
             except TciError as error:
-                session.say(str(error))
+                source.say(str(error))
 
-    def _poke(self, session: Session, place: Place) -> None:
+    def _poke(self, source: Source, place: Place) -> None:
         try:
-            session.poke(place, force=float(self._force.value), speed=float(self._speed.value))
+            source.poke(place, force=float(self._force.value), speed=float(self._speed.value))
         except TciError as error:
-            session.say(str(error))
+            source.say(str(error))
 
     def _clicked(self, origin: Array, direction: Array) -> None:
         found = []
@@ -160,7 +170,7 @@ class Viewer:
             cell_color=(228, 230, 233), section_color=(205, 209, 214), shadow_opacity=0.0,
         )  # fmt: skip
         tallest = max(figure.height for figure in self.figures.values())
-        distance = 1.05 * max(tallest / np.tan(FOV / 2.0) / 2.0, 0.75 * self._width / np.tan(FOV / 2.0))
+        distance = max(0.66 * tallest, 0.75 * self._width) / np.tan(FOV / 2.0)
         aim = np.array([0.0, 0.0, 0.55 * tallest])
         camera = self.server.initial_camera
         camera.position = tuple(aim + distance * np.array([0.94, 0.15, 0.3]))
@@ -168,38 +178,30 @@ class Viewer:
         camera.up = (0.0, 0.0, 1.0)
         camera.fov = FOV
 
-        @scene.on_click()
-        def _(event: viser.SceneClickEvent) -> None:
-            # Figures belong to the thread that draws.
-            self._clicks.append((np.array(event.ray_origin), np.array(event.ray_direction)))
-
     def _add_panels(self, folder: Path) -> None:
         gui = self.server.gui
         gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(28, 126, 214))
-        self._badges = {key: gui.add_html("") for key in self.sessions}
-        self._hint = gui.add_markdown(HINT)
-        simulated = any(session.world is not None for session in self.sessions.values())
-        with gui.add_folder("poke"):
-            self._force = gui.add_slider("force [N]", 0.5, 10.0, 0.5, 5.0, disabled=not simulated)
-            self._speed = gui.add_slider("speed [m/s]", 0.05, 0.5, 0.05, 0.25, disabled=not simulated)
-            self._everywhere = (
-                gui.add_checkbox("same place on every robot", True) if len(self.sessions) > 1 else None
-            )
-            if simulated:
-                self._pace = gui.add_slider("pace: 1 is real time", 0.0, 1.0, 0.05, 1.0)
-                self._pace.on_update(lambda _: self._set_pace(float(self._pace.value)))
-        tabs = gui.add_tab_group()
+        self._badges = {key: gui.add_html("") for key in self.sources}
+        self._everywhere: viser.GuiCheckboxHandle | None = None
+        if any(source.world is not None for source in self.sources.values()):
+            self._add_poke()
+        self.playback: Playback | None = None
+        if self._players:
+            with gui.add_folder("recording"):
+                self.playback = Playback(self.server, self._players)
         self.controls: dict[str, Controls] = {}
-        for key, session in self.sessions.items():
-            with tabs.add_tab(_title(session)):
-                self.controls[key] = Controls(self.server, session, key, folder)
+        if self.sessions:
+            tabs = gui.add_tab_group()
+            for key, session in self.sessions.items():
+                with tabs.add_tab(_title(session)):
+                    self.controls[key] = Controls(self.server, session, key, folder)
         with gui.add_folder("what happened"):
             self._events = gui.add_html("")
         gui.main_panel.dock_right()
         panel = gui.add_panel()
-        titles = {key: _title(session) for key, session in self.sessions.items()}
+        titles = {key: _title(source) for key, source in self.sources.items()}
         arms = dict.fromkeys(
-            part.name for session in self.sessions.values() for part in session.robot.parts
+            part.name for source in self.sources.values() for part in source.robot.parts
             if part.kind == "arm"
         )  # fmt: skip
         with panel.add_tab("last seconds"):
@@ -207,20 +209,31 @@ class Viewer:
         panel.dock_left()
         panel.set_width(330)
 
+    def _add_poke(self) -> None:
+        gui = self.server.gui
+        self._hint = gui.add_markdown(HINT)
+        with gui.add_folder("poke"):
+            self._force = gui.add_slider("force [N]", 0.5, 10.0, 0.5, 5.0)
+            self._speed = gui.add_slider("speed [m/s]", 0.05, 0.5, 0.05, 0.25)
+            if len(self.sources) > 1:
+                self._everywhere = gui.add_checkbox("same place on every robot", True)
+            pace = gui.add_slider("pace: 1 is real time", 0.0, 1.0, 0.05, 1.0)
+            pace.on_update(lambda _: self._set_pace(float(pace.value)))
+
+        @self.server.scene.on_click()
+        def _(event: viser.SceneClickEvent) -> None:
+            # Figures belong to the thread that draws.
+            self._clicks.append((np.array(event.ray_origin), np.array(event.ray_direction)))
+
     def _set_pace(self, pace: float) -> None:
         for session in self.sessions.values():
             session.pace = pace
 
     def _tell(self) -> None:
         told: list[tuple[str, float, str]] = []
-        for key, session in self.sessions.items():
-            report = session.report
-            loop = (
-                f"loop: {report.ticks} periods, {report.overruns} overruns, "
-                f"work {1e3 * report.work.quantile(0.5):.2f} ms" if session.armed else ""
-            )  # fmt: skip
-            _set(self._badges[key], badge(_title(session), session.view, session.ended, loop))
-            told += [(_title(session), stamp, words) for stamp, words in list(session.events)[-6:]]
+        for key, source in self.sources.items():
+            _set(self._badges[key], badge(_title(source), source.view, source.ended, source.loop_words))
+            told += [(_title(source), stamp, words) for stamp, words in list(source.events)[-6:]]
         _set(self._events, event_list(sorted(told, key=lambda event: -event[1])[:8]))
 
 
@@ -229,15 +242,16 @@ def _set(handle: viser.GuiHtmlHandle, content: str) -> None:
         handle.content = content
 
 
-def _by_key(sessions: Sequence[Session]) -> dict[str, Session]:
-    found: dict[str, Session] = {}
-    for session in sessions:
-        key, number = session.robot.name, 2
+def _by_key(sources: Sequence[Source]) -> dict[str, Source]:
+    found: dict[str, Source] = {}
+    for source in sources:
+        name, number = source.robot.name, 2
+        key = name
         while key in found:
-            key, number = f"{session.robot.name}-{number}", number + 1
-        found[key] = session
+            key, number = f"{name}-{number}", number + 1
+        found[key] = source
     return found
 
 
-def _title(session: Session) -> str:
-    return (session.robot.title or session.robot.name).split()[0]
+def _title(source: Source) -> str:
+    return (source.robot.title or source.robot.name).split()[0]

@@ -34,6 +34,10 @@ GAMMA = 2.2
 """viser takes the colours of a batch as linear light."""
 TINT = 0.6
 """How strongly a receptive field tints its taxels."""
+COVER = 0.012
+"""Highest cover [m] over a taxel. An iCub's forearm has one of up to 10 mm."""
+ABOVE = 0.0008
+"""How far [m] over the skin taxels are drawn."""
 MOVED = 1e-5
 """A body that moved less than this [m, or share of a turn] is not sent again."""
 TURNED = np.deg2rad(1.0)
@@ -190,18 +194,44 @@ class Figure:
         surface = self.skin.surfaces[name]
         body = self._links[name]
         dark = np.round(255.0 * np.array(SKIN_COLOUR)).astype(np.uint8)
+        positions = surface.positions + self._lift(name)[:, None] * surface.normals
         self._server.scene.add_mesh_simple(
-            f"/{key}/{body}/{name}_skin", surface.positions, surface.faces, color=dark,
-            side="double", cast_shadow=False, receive_shadow=False,
-        )  # fmt: skip
+            f"/{key}/{body}/{name}_skin",
+            positions,
+            surface.faces,
+            color=dark,
+            side="double",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
         disc, faces = _disc(0.52 * float(np.sqrt(np.median(surface.areas))))
         return self._server.scene.add_batched_meshes_simple(
-            f"/{key}/{body}/{name}_taxels", disc, faces,
+            f"/{key}/{body}/{name}_taxels",
+            disc,
+            faces,
             np.array([_towards(normal) for normal in surface.normals]),
-            surface.positions + 0.0008 * surface.normals,
+            positions + ABOVE * surface.normals,
             batched_colors=np.zeros((len(surface.positions), 3), dtype=np.uint8),
-            lod="off", side="double", cast_shadow=False, receive_shadow=False,
-        )  # fmt: skip
+            lod="off",
+            side="double",
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+
+    def _lift(self, name: str) -> Array:
+        """How far (taxels,) [m] a cover of the link stands over each taxel, which is drawn on top of it."""
+        surface = self.skin.surfaces[name]
+        T_WL = self._pose(self._links[name])
+        starts = apply(T_WL, surface.positions + COVER * surface.normals)
+        along = -surface.normals @ T_WL[:3, :3].T
+        groups = np.array([1, 1, 1, 0, 0, 0], dtype=np.uint8)
+        geom = np.zeros(1, dtype=np.int32)
+        lift = np.zeros(len(starts))
+        for taxel, (start, direction) in enumerate(zip(starts, along, strict=True)):
+            distance = mujoco.mj_ray(self._model, self._data, start, direction, groups, 1, -1, geom, None)
+            if 0.0 <= distance < COVER and self._model.geom_bodyid[geom[0]] == self._links[name]:
+                lift[taxel] = COVER - distance
+        return lift
 
     def _draw_taxels(self, position: Array) -> None:
         if self._tinted is None or np.abs(position - self._tinted).max() > TURNED:

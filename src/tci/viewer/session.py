@@ -83,6 +83,14 @@ class Session:
         self._state: tuple[GateState, str] = (GateState.RUN, "")
         self._thread = threading.Thread(target=self._work, name=f"loop of {self.robot.name}", daemon=True)
 
+    @property
+    def loop_words(self) -> str:
+        """How the loop keeps its time, in words."""
+        if not self.armed:
+            return "nobody commands it from here"
+        work = 1e3 * self.report.work.quantile(0.5)
+        return f"loop: {self.report.ticks} periods, {self.report.overruns} overruns, work {work:.2f} ms"
+
     def start(self) -> None:
         """Begin the loop."""
         self._thread.start()

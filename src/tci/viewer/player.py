@@ -1,0 +1,187 @@
+"""A recording as views: played, paused, scrubbed, slower or faster."""
+
+from __future__ import annotations
+
+import bisect
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from tci.errors import CommandError, RecordingError
+from tci.interface.gate import GateState
+from tci.interface.places import Place
+from tci.messages import GenericCommand
+from tci.model.description import Robot
+from tci.recording.perceived import Perceived, perceive
+from tci.recording.recording import Recording
+from tci.recording.touches import Touch, find_touches
+from tci.viewer.view import WINDOW, History, View
+from tci.viewer.words import touch as touch_words
+
+FINEST = 0.01
+"""Time [s] between two views that are kept. Ours."""
+LONGEST = 600.0
+"""Length [s] of a recording that is played: all of it is kept in memory. Ours."""
+
+
+class Player:
+    """One recorded robot. One thread uses it, but for `view`, `history` and `events`."""
+
+    armed = False
+    world = None
+    ended = ""
+    pokes = 0
+
+    def __init__(
+        self, recording: Recording, robot: Robot, *, progress: Callable[[float], None] = lambda now: None
+    ) -> None:
+        """Feel again what was felt, telling `progress` the time [s] that was reached.
+
+        Raises RecordingError for a recording without periods, or one that is too long.
+        """
+        self.robot = robot
+        self.history = History()
+        self.playing = False
+        self.speed = 1.0
+        """Recorded seconds per second."""
+        self._views: list[View] = []
+        self._happened: list[tuple[float, str]] = []
+        self._keep(recording, progress)
+        self._times = [view.time for view in self._views]
+        self._index = 0
+        self._time = self.begin
+        self._before: float | None = None
+        self.touches: tuple[Touch, ...]
+        self.seek(self.begin)
+
+    @property
+    def begin(self) -> float:
+        """Time [s] of the first view."""
+        return self._times[0]
+
+    @property
+    def end(self) -> float:
+        """Time [s] of the last one."""
+        return self._times[-1]
+
+    @property
+    def view(self) -> View:
+        """What is shown now."""
+        return self._views[self._index]
+
+    @property
+    def time(self) -> float:
+        """Time [s] in the recording."""
+        return self._time
+
+    @property
+    def events(self) -> list[tuple[float, str]]:
+        """What had happened until now, with its time [s] from the begin."""
+        return [(stamp - self.begin, words) for stamp, words in self._happened if stamp <= self._time]
+
+    @property
+    def loop_words(self) -> str:
+        """Where it is, in words."""
+        state = "playing" if self.playing else "paused"
+        return f"recorded; {state} at {self._time - self.begin:.2f} of {self.end - self.begin:.2f} s"
+
+    def play(self) -> None:
+        """Go on; from the begin when it was at the end."""
+        if self._time >= self.end:
+            self.seek(self.begin)
+        self.playing, self._before = True, None
+
+    def pause(self) -> None:
+        """Stay where it is."""
+        self.playing = False
+
+    def seek(self, moment: float) -> None:
+        """Go to a time [s], or the nearest one that was recorded. The plots show the seconds before it."""
+        self._time = min(max(moment, self.begin), self.end)
+        self._index = max(bisect.bisect_right(self._times, self._time) - 1, 0)
+        self.history.clear()
+        first = bisect.bisect_left(self._times, self._time - WINDOW)
+        for view in self._views[first : self._index + 1]:
+            self.history.add(view)
+
+    def advance(self, now: float | None = None) -> None:
+        """Follow the machine's clock, or `now` [s] on it; stop at the end."""
+        now = time.monotonic() if now is None else now
+        if self.playing and self._before is not None:
+            before = self._index
+            self._time = min(self._time + self.speed * (now - self._before), self.end)
+            self._index = max(bisect.bisect_right(self._times, self._time) - 1, 0)
+            for view in self._views[before + 1 : self._index + 1]:
+                self.history.add(view)
+            self.playing = self._time < self.end
+        self._before = now
+
+    def start(self) -> None:
+        """Begin to play."""
+        self.play()
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+    def say(self, words: str) -> None:
+        """What a person tried is told at this place of the recording."""
+        bisect.insort(self._happened, (self._time, words))
+
+    def poke(self, place: Place, *, force: float, speed: float) -> None:
+        """Raises CommandError: what was recorded can't be touched."""
+        raise CommandError("this is a recording; nothing can touch it")
+
+    def _keep(self, recording: Recording, progress: Callable[[float], None]) -> None:
+        periods = []
+        state: tuple[str, str] = ("", "")
+        last = -np.inf
+        for period in perceive(recording, self.robot):
+            if self._views and period.now - self._views[0].time > LONGEST:
+                raise RecordingError(
+                    f"{recording.path} is longer than {LONGEST:g} s; play a part of it: tci log cut"
+                )
+            decision = period.decision
+            now_state = (decision["state"], decision["reason"]) if decision else ("", "")
+            if now_state[0] != state[0] and state[0]:
+                words = now_state[1] or "commands pass again"
+                self._happened.append((period.now, f"{now_state[0].upper()}: {words}"))
+            if period.now - last >= FINEST - 1e-9 or now_state != state or not self._views:
+                self._views.append(_view(period))
+                last = period.now
+            state = now_state
+            periods.append(period)
+            progress(period.now)
+        if not self._views:
+            raise RecordingError(f"{recording.path} has no whole period")
+        self.touches = tuple(find_touches(periods))
+        self._tell(periods)
+
+    def _tell(self, periods: list[Perceived]) -> None:
+        by_time = {period.now: period for period in periods}
+        for touch in self.touches:
+            contacts = [c for c in by_time[touch.began].perception.contacts if c.part == touch.part]
+            self._happened.append((touch.began, f"touched: {touch_words(contacts[0])}"))
+            if touch.commanded is not None:
+                part = touch.part.replace("_", " ")
+                for command in by_time[touch.commanded].commands:
+                    if command["kind"] == GenericCommand.__name__ and command["part"] == touch.part:
+                        angles = ", ".join(f"{angle:.0f}" for angle in np.rad2deg(command["values"]))
+                        self._happened.append((touch.commanded, f"{part} goes to {angles} deg"))
+                        break
+        self._happened.sort()
+
+
+def _view(period: Perceived) -> View:
+    decision = period.decision
+    states = {state.value: state for state in GateState}
+    return View(
+        time=period.now,
+        joints=period.reading.joints,
+        posture=period.perception.posture,
+        pressure={name: patch.pressure for name, patch in period.skin.patches.items()},
+        contacts=period.perception.contacts,
+        state=states.get(decision["state"]) if decision else None,
+        reason=decision["reason"] if decision else "",
+        response=float(np.abs(decision["velocity"]).max(initial=0.0)) if decision else 0.0,
+    )

@@ -1,0 +1,63 @@
+"""A recording in a real browser: play, pause, scrub."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Page
+
+import tci
+from recording.recorded import record_poke
+from tci.recording.recording import Recording
+from tci.viewer.app import Viewer
+from tci.viewer.player import Player
+from viewer.browser import field, page_of, running, wait_for
+
+pytestmark = pytest.mark.xdist_group("browser")
+
+
+@pytest.fixture(scope="module")
+def player(tmp_path_factory: pytest.TempPathFactory) -> Player:
+    path: Path = tmp_path_factory.mktemp("playback") / "poke.mcap"
+    record_poke(path, duration=1.0)
+    return Player(Recording(path), tci.load_robot("nao"))
+
+
+@pytest.fixture(scope="module")
+def page(player: Player) -> Iterator[Page]:
+    viewer = Viewer([player], fields=tci.WithdrawalReflex().fields, port=0)
+    with running(viewer), page_of(viewer) as page:
+        yield page
+
+
+def test_play_pause_and_scrub(player: Player, page: Page) -> None:
+    # One second is over before the page is open.
+    wait_for(lambda: player.time == player.end, "it plays to the end")
+    page.get_by_text("touched: left forearm").first.wait_for()
+    page.get_by_role("button", name="Play").wait_for()
+
+    time = field(page, "time [s]")
+    time.fill("0.1")
+    time.press("Enter")
+    wait_for(lambda: abs(player.time - player.begin - 0.1) < 0.011, "the slider sets the time")
+    page.get_by_text("nothing yet").wait_for()
+    page.get_by_text("paused at 0.10").wait_for()
+
+    touch = player.touches[0]
+    time.fill(f"{touch.began - player.begin + 0.02:.2f}")
+    time.press("Enter")
+    wait_for(lambda: player.view.contacts, "the touch is shown")
+    page.get_by_text("left forearm, flexor side").first.wait_for()
+    page.get_by_text("commands pass, within limits").wait_for()
+
+    field(page, "speed").click()
+    page.get_by_role("option", name="0.1", exact=True).click()
+    wait_for(lambda: player.speed == 0.1, "the speed is set")
+    before = player.time
+    page.get_by_role("button", name="Play").click()
+    wait_for(lambda: player.playing and player.time > before, "it plays on")
+    page.get_by_role("button", name="Pause").click()
+    wait_for(lambda: not player.playing, "it is paused")
+    assert before < player.time <= player.end

@@ -1,0 +1,111 @@
+"""A recording as views: the same at every moment as it was, however one gets there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tci
+from recording.recorded import record_poke
+from skin_data import real_file
+from tci.errors import CommandError, RecordingError
+from tci.interface.gate import GateState
+from tci.recording.perceived import recorded_robot
+from tci.recording.recording import Recording
+from tci.recording.yarp_log import import_skin_events
+from tci.runtime.loop import Tick
+from tci.viewer.player import Player
+
+
+@pytest.fixture(scope="module")
+def poked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Tick]]:
+    path = tmp_path_factory.mktemp("player") / "poke.mcap"
+    return path, record_poke(path)
+
+
+@pytest.fixture
+def player(poked: tuple[Path, list[Tick]]) -> Player:
+    return Player(Recording(poked[0]), tci.load_robot("nao"))
+
+
+def test_every_moment_is_shown_as_it_was(player: Player, poked: tuple[Path, list[Tick]]) -> None:
+    ticks = poked[1]
+    order = np.random.default_rng(0).permutation(len(ticks))
+    touched = 0
+    for tick in (ticks[index] for index in order):
+        player.seek(tick.now)
+        view = player.view
+        assert tick.now - 0.01 - 1e-9 <= view.time <= tick.now
+        shown = next(known for known in ticks if known.now == view.time)
+        assert np.array_equal(view.joints.position, shown.reading.joints.position)
+        assert [c.force for c in view.contacts] == [c.force for c in shown.perception.contacts]
+        assert np.array_equal(view.pressure["left_forearm"], shown.skin.patches["left_forearm"].pressure)
+        assert view.state is shown.sent.state is GateState.RUN
+        touched += bool(view.contacts)
+    assert touched > 3
+
+
+def test_it_plays_pauses_and_ends(player: Player) -> None:
+    player.advance(100.0)
+    assert player.time == player.begin
+    player.play()
+    player.advance(100.0)
+    player.advance(100.1)
+    assert player.time == pytest.approx(player.begin + 0.1)
+    player.speed = 2.0
+    player.advance(100.2)
+    assert player.time == pytest.approx(player.begin + 0.3)
+    player.pause()
+    player.advance(105.0)
+    assert player.time == pytest.approx(player.begin + 0.3)
+    player.play()
+    player.advance(106.0)
+    player.advance(110.0)
+    assert player.time == player.end
+    assert not player.playing
+    player.play()
+    assert player.time == player.begin
+
+
+def test_plots_and_events_are_those_before_now(player: Player) -> None:
+    player.seek(player.end)
+    time, force, _, _ = player.history.series("left_arm")
+    assert force.max() > 1.0
+    words = [words for _, words in player.events]
+    assert any(said.startswith("touched: left forearm") for said in words)
+    assert any(said.startswith("left arm goes to") for said in words)
+    player.seek(player.begin + 0.1)
+    assert player.history.series("left_arm")[0][-1] <= player.begin + 0.1 + 1e-9
+    assert player.events == []
+    assert time[-1] > player.begin + 0.5
+
+
+def test_it_can_not_be_touched(player: Player) -> None:
+    with pytest.raises(CommandError, match="recording"):
+        player.poke(None, force=1.0, speed=0.1)  # type: ignore[arg-type]
+
+
+def test_what_is_too_long_is_told(poked: tuple[Path, list[Tick]], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tci.viewer.player.LONGEST", 0.2)
+    with pytest.raises(RecordingError, match=r"longer than 0.2 s.*tci log cut"):
+        Player(Recording(poked[0]), tci.load_robot("nao"))
+
+
+def test_touches_of_a_real_icub_play(tmp_path: Path) -> None:
+    path = tmp_path / "touches.mcap"
+    periods, left_out = import_skin_events(
+        real_file("recordings/icub_skin_events.log"), path, tci.load_robot("icub")
+    )
+    # 1738 of 2762 contacts lie on modules that the model's forearms have.
+    assert (periods, left_out) == (3479, 1024)
+    recording = Recording(path)
+    robot = recorded_robot(recording)
+    assert robot is not None
+    player = Player(recording, robot)
+    assert player.end - player.begin == pytest.approx(69.8, abs=0.1)
+    assert {touch.part for touch in player.touches} == {"left_arm", "right_arm"}
+    player.seek(player.touches[-1].began)
+    assert player.view.contacts
+    assert player.view.state is None

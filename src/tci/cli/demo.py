@@ -35,6 +35,7 @@ def demo(
     seed: int,
     headless: bool,
     skin_rate: float | None,
+    via: str | None = None,
     as_json: bool,
 ) -> None:
     """Run every trial on every robot, then print, draw and write what was measured.
@@ -56,7 +57,7 @@ def demo(
             what = f"poked {trial.robot}, {trial.side} {trial.site.replace('_', ' ')}"
             progress.update(task, advance=1, description=what)
 
-        report = run_experiment(robots, reflex, seed=seed, progress=advance)
+        report = run_experiment(robots, reflex, seed=seed, via=via, progress=advance)
         progress.update(task, description="drawing the picture")
         picture = out / "demo.png"
         draw_demo(robots, reflex, picture, seed=seed)

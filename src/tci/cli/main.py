@@ -60,6 +60,12 @@ def demo(
     skin_rate: Annotated[
         float | None, typer.Option(help="Skin frames per second instead of the robot's own \\[Hz].")
     ] = None,
+    via: Annotated[
+        str | None,
+        typer.Option(
+            help="Let the reflex run in another process, behind this middleware: NAME or NAME:ADDRESS."
+        ),
+    ] = None,
     fault: Faults = None,
     view: Annotated[
         bool, typer.Option("--view", help="Then show the robots in the browser, to poke them yourself.")
@@ -72,6 +78,8 @@ def demo(
     what was measured; OUT/demo.png shows it and OUT/report.json has every figure.
 
     With --fault, one poke of one robot is rehearsed with that fault, and told as it happens.
+
+    With --via, the robot is served as by tci serve, in real time, and the reflex reaches it from outside.
 
     Example:  tci demo --robot nao --out /path/to/folder
 
@@ -91,8 +99,9 @@ def demo(
 
         needs_viewer()
     command(
-        robot or [], mode=mode, out=out, seed=seed, headless=headless, skin_rate=skin_rate, as_json=as_json
-    )
+        robot or [], mode=mode, out=out, seed=seed, headless=headless, skin_rate=skin_rate, via=via,
+        as_json=as_json,
+    )  # fmt: skip
     if view:
         from tci.cli.view import view as show
 

@@ -28,6 +28,10 @@ class Server(ABC):
     def where(self) -> str:
         """Where it is found, for people: an address, the names of ports."""
 
+    def reach(self) -> str:
+        """What `connect` takes on this machine to reach it."""
+        return self.where().partition(",")[0]
+
     @abstractmethod
     def orders(self) -> Sequence[Order]:
         """What arrived since the last call, oldest first."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -11,6 +12,7 @@ from tci.errors import CommandError
 from tci.interface.body import Body
 from tci.model.description import Robot
 from tci.simulation.world import World
+from tci.trials.elsewhere import Elsewhere
 from tci.trials.measure import Trial, measure
 from tci.trials.poke import Stimulus, poke
 from tci.trials.same_stimulus import SameStimulus, same_stimulus
@@ -38,18 +40,22 @@ def with_skin_rate(robot: Robot, rate: float) -> Robot:
     return robot.model_copy(update={"patches": patches})
 
 
-def trials_of(robot: Robot, reflex: WithdrawalReflex, *, stimulus: Stimulus, seed: int) -> Iterator[Trial]:
+def trials_of(
+    robot: Robot, reflex: WithdrawalReflex, *, stimulus: Stimulus, seed: int, via: str | None = None
+) -> Iterator[Trial]:
     """Poke the centre of every field of `reflex`, on both arms of one robot, with the reflex and without.
 
-    Without it the arms are in the same control mode and hold their posture.
+    Without it the arms are in the same control mode and hold their posture. With `via` the reflex, which
+    must have its usual fields, is in another process that reaches the robot through that middleware.
     """
     nothing = replace(reflex, fields=())
     world = World(robot, seed=seed)
-    for index, (side, site) in enumerate((side, site) for side in SIDES for site in reflex.fields):
-        part = f"{side}_arm"
-        held = poke(world, part, site, stimulus, reflex=nothing, seed=seed + index)
-        acted = poke(world, part, site, stimulus, reflex=reflex, seed=seed + index)
-        yield measure(robot, part, site.name, acted, held)
+    with Elsewhere(robot, via, reflex.mode) if via else nullcontext() as elsewhere:
+        for index, (side, site) in enumerate((side, site) for side in SIDES for site in reflex.fields):
+            part = f"{side}_arm"
+            held = poke(world, part, site, stimulus, reflex=nothing, seed=seed + index)
+            acted = poke(world, part, site, stimulus, reflex=reflex, seed=seed + index, elsewhere=elsewhere)
+            yield measure(robot, part, site.name, acted, held)
 
 
 def run_experiment(
@@ -58,12 +64,16 @@ def run_experiment(
     *,
     stimulus: Stimulus | None = None,
     seed: int = 0,
+    via: str | None = None,
     progress: Callable[[Trial], None] = lambda trial: None,
 ) -> Report:
-    """Run every trial on every robot, telling `progress` after each, then compare the robots."""
+    """Run every trial on every robot, telling `progress` after each, then compare the robots.
+
+    `via` as `trials_of` takes it.
+    """
     trials = []
     for robot in robots:
-        for trial in trials_of(robot, reflex, stimulus=stimulus or Stimulus(), seed=seed):
+        for trial in trials_of(robot, reflex, stimulus=stimulus or Stimulus(), seed=seed, via=via):
             trials.append(trial)
             progress(trial)
     return Report(tuple(trials), same_stimulus([Body(robot) for robot in robots], reflex.fields))

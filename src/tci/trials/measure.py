@@ -84,7 +84,9 @@ def _milliseconds(stamp: float | None, start: float | None) -> float | None:
 
 
 def _first_motion(acted: Trace, held: Trace) -> float | None:
-    difference = np.abs(np.array(acted.positions) - np.array(held.positions)).max(axis=1)
+    times = np.array(acted.time) - acted.start
+    same = np.searchsorted(np.array(held.time) - held.start, times - 1e-9).clip(max=len(held.time) - 1)
+    difference = np.abs(np.array(acted.positions) - np.array(held.positions)[same]).max(axis=1)
     moved = difference >= MOTION
     return acted.time[int(moved.argmax())] if moved.any() else None
 

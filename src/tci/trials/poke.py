@@ -18,6 +18,7 @@ from tci.messages import CONTROL_MODES, Contact, GenericCommand, Order
 from tci.middleware.simulated import SimulatedLink
 from tci.runtime.loop import Tick, run
 from tci.simulation.world import World
+from tci.trials.elsewhere import Elsewhere, Trial, part_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +45,8 @@ class Trace:
     """Outward unit normal (3,) there at the start, seen from the torso."""
     taxels: int
     """Taxels of the patch."""
+    start: float = 0.0
+    """When the finger left [s]."""
     first_contact: float | None = None
     """When the finger first touched [s], to the physics' step."""
     contact_lost: float | None = None
@@ -75,35 +78,28 @@ def moves(command: Order) -> TypeGuard[GenericCommand]:
     return isinstance(command, GenericCommand) and command.mode in CONTROL_MODES
 
 
-def poke(
-    world: World,
-    part: str,
-    site: ReceptiveField,
-    stimulus: Stimulus,
-    *,
-    reflex: Capability[Any],
-    seed: int,
-    watch: Callable[[Tick], None] | None = None,
-) -> Trace:
-    """Poke the centre of `site` on the arm `part` and record what happens.
+class _Poke(Trial):
+    """The finger's way to one place, and what happens."""
 
-    The world is reset first. `seed` shifts the first contact against the skin's frames, by up to
-    20 ms. A `reflex` without fields only holds the arm's posture. `watch` is called after each tick.
-    """
-    world.reset()
-    link = SimulatedLink(world.robot, world=world)
-    skin = Skin(world.robot)
-    joints = link.read().joints
-    place = find_place(skin, part, site.segment, site.u, site.theta, joints)
-    _, normal = world.skin_point(place.patch, place.p_L, place.n_L)
-    shift = np.random.default_rng(seed).uniform(0.0, 0.020) * stimulus.speed
-    world.finger.poke(
-        place.patch, place.p_L, place.n_L,
-        speed=stimulus.speed, depth=stimulus.depth, gap=stimulus.gap + shift,
-    )  # fmt: skip
-    trace = Trace(place, normal, len(skin.surfaces[place.patch].positions))
+    def __init__(
+        self, world: World, part: str, site: ReceptiveField, stimulus: Stimulus, seed: int,
+        watch: Callable[[Tick], None] | None,
+    ) -> None:  # fmt: skip
+        skin = Skin(world.robot)
+        self.place = find_place(skin, part, site.segment, site.u, site.theta, world.joints())
+        _, normal = world.skin_point(self.place.patch, self.place.p_L, self.place.n_L)
+        self.trace = Trace(self.place, normal, len(skin.surfaces[self.place.patch].positions))
+        shift = np.random.default_rng(seed).uniform(0.0, 0.020) * stimulus.speed
+        self._way = {"speed": stimulus.speed, "depth": stimulus.depth, "gap": stimulus.gap + shift}
+        self._world, self._watch = world, watch
 
-    def observe(tick: Tick) -> None:
+    def begin(self, now: float) -> None:
+        """The finger leaves."""
+        self.trace.start = now
+        self._world.finger.poke(self.place.patch, self.place.p_L, self.place.n_L, **self._way)
+
+    def see(self, tick: Tick) -> None:
+        world, place, trace = self._world, self.place, self.trace
         truth = world.contact_truth(place.patch)
         trace.time.append(tick.now)
         trace.force.append(truth.force)
@@ -113,14 +109,46 @@ def poke(
         trace.positions.append(world.joints().position)
         trace.velocities.append(world.joints().velocity)
         trace.sent.append(tick.sent)
-        trace.commanded += [(tick.now, command.part) for command in tick.commands if moves(command)]
+        for command in tick.commands:
+            part = command.part if moves(command) else part_of(world.robot, command)
+            if part is not None:
+                trace.commanded.append((tick.now, part))
         for contact in sorted(tick.perception.contacts, key=lambda contact: contact.force):
             trace.contacts[contact.stamp] = contact
-        if watch is not None:
-            watch(tick)
+        if self._watch is not None:
+            self._watch(tick)
 
-    run(link, reflex, duration=stimulus.duration, observe=observe)
-    trace.first_contact = world.finger.first_contact
-    trace.contact_lost = world.finger.contact_lost
-    trace.peak_force = world.finger.peak_force
-    return trace
+    def end(self) -> Trace:
+        """What happened."""
+        finger = self._world.finger
+        self.trace.first_contact, self.trace.contact_lost = finger.first_contact, finger.contact_lost
+        self.trace.peak_force = finger.peak_force
+        return self.trace
+
+
+def poke(
+    world: World,
+    part: str,
+    site: ReceptiveField,
+    stimulus: Stimulus,
+    *,
+    reflex: Capability[Any],
+    seed: int,
+    watch: Callable[[Tick], None] | None = None,
+    elsewhere: Elsewhere | None = None,
+) -> Trace:
+    """Poke the centre of `site` on the arm `part` and record what happens.
+
+    The world is reset first. `seed` shifts the first contact against the skin's frames, by up to
+    20 ms. A `reflex` without fields only holds the arm's posture. `watch` is called after each tick.
+    With `elsewhere` the reflex there answers instead. Raises what `run` and `Elsewhere.run` raise.
+    """
+    world.reset()
+    trial = _Poke(world, part, site, stimulus, seed, watch)
+    if elsewhere is not None:
+        elsewhere.run(world, stimulus.duration, trial)
+        return trial.end()
+    trial.begin(world.time)
+    link = SimulatedLink(world.robot, world=world)
+    run(link, reflex, duration=stimulus.duration, observe=trial.see)
+    return trial.end()

@@ -48,6 +48,9 @@ class NaoqiServer(Server):
     def where(self) -> str:
         return f"NAOqi at {', '.join(self._session.endpoints())}"
 
+    def reach(self) -> str:
+        return str(self._session.endpoints()[0]).replace("tcp://", "naoqi://")
+
     def orders(self) -> Sequence[Order]:
         return self._board.take()
 

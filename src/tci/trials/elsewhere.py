@@ -1,0 +1,168 @@
+"""A poke whose reflex runs in another process, and reaches the simulated robot through a middleware.
+
+The robot, its gate and the finger are here, served as `tci serve` serves them, in real time; the reflex there
+knows nothing but what the middleware brings.
+"""
+
+from __future__ import annotations
+
+import queue
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from types import TracebackType
+from typing import Self
+
+from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.errors import LinkError
+from tci.messages import CONTROL_MODES, Mode, Order, PlatformCommand
+from tci.middleware.simulated import SimulatedLink
+from tci.model.catalogue import load_robot
+from tci.model.description import Robot
+from tci.runtime.loop import Tick, run
+from tci.runtime.registry import connect, open_server
+from tci.runtime.serve import serve
+from tci.simulation.world import World
+
+STARTING = 60.0
+"""Time [s] that the other process has to be there, compile and connect. Ours."""
+MORE = 0.5
+"""Time [s] that it goes on after the trial's length, since it begins before the finger does."""
+
+
+class TrialLink(SimulatedLink):
+    """A simulation in real time whose loop ends at a time that is known only later."""
+
+    until = float("inf")
+    """When [s]."""
+
+    def ticks(self, *, duration: float | None = None) -> Iterator[float]:
+        for now in super().ticks(duration=duration):
+            if now >= self.until - 1e-9:
+                return
+            yield now
+
+
+class Elsewhere:
+    """The other process, with the withdrawal reflex for one robot. It serves any number of pokes."""
+
+    def __init__(self, robot: Robot, via: str, mode: Mode) -> None:
+        """`via` as `tci serve` takes it."""
+        self.robot, self.via = robot, via
+        rates = {str(patch.rate) for patch in robot.patches}
+        rate = rates.pop() if len(rates) == 1 else ""
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "tci.trials.elsewhere", robot.source, mode.value, rate],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        self._said: queue.Queue[str] = queue.Queue()
+        threading.Thread(target=self._listen, daemon=True).start()
+
+    def _listen(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            self._said.put(line.strip())
+        self._said.put("ended")
+
+    def run(self, world: World, duration: float, trial: Trial) -> None:
+        """Serve `world` until the reflex there is ready, then for `duration` [s] of the trial.
+
+        Raises LinkError when the other process says that it can't.
+        """
+        link = TrialLink(world.robot, world=world, paced=True)
+        asked = time.monotonic()
+        with open_server(link, self.via) as server:
+            self._ask(f"{server.reach()} {duration + MORE}")
+
+            def see(tick: Tick) -> None:
+                if link.until < float("inf"):
+                    trial.see(tick)
+                elif self._ready(asked):
+                    link.until = tick.now + duration + link.period
+                    trial.begin(tick.now)
+
+            serve(server, observe=see)
+        while self._said.get(timeout=STARTING) not in ("done", "ended"):
+            pass
+
+    def _ask(self, line: str) -> None:
+        assert self._process.stdin is not None
+        while not self._said.empty():
+            self._said.get()
+        print(line, file=self._process.stdin, flush=True)
+
+    def _ready(self, asked: float) -> bool:
+        try:
+            said = self._said.get_nowait()
+        except queue.Empty:
+            said = ""
+        if said == "ready":
+            return True
+        if said or time.monotonic() - asked > STARTING:
+            raise LinkError(f"the reflex in another process, {self.via}: {said or 'it does not answer'}")
+        return False
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._process.kill()
+        self._process.communicate()
+
+
+class Trial:
+    """What a poke does with the ticks of its loop."""
+
+    def begin(self, now: float) -> None:
+        """The reflex is ready."""
+        raise NotImplementedError
+
+    def see(self, tick: Tick) -> None:
+        """A tick after that."""
+        raise NotImplementedError
+
+
+def part_of(robot: Robot, order: Order) -> str | None:
+    """The generic part that an order from elsewhere moves; None for one that moves nothing."""
+    if not isinstance(order, PlatformCommand) or order.mode not in CONTROL_MODES:
+        return None
+    wanted = set(order.servos.tolist())
+    for part in robot.parts:
+        if wanted & {servo.servo for servo in part.servos}:
+            return part.name
+    return ""
+
+
+def main() -> None:
+    """The other process: for each line, an address and a duration, it connects and runs the reflex."""
+    from tci.trials.experiment import with_skin_rate
+
+    source, mode, rate = sys.argv[1:]
+    robot = load_robot(source)
+    if rate:
+        robot = with_skin_rate(robot, float(rate))
+    reflex = WithdrawalReflex(mode=Mode(mode))
+    for line in sys.stdin:
+        via, _, duration = line.rpartition(" ")
+        told = False
+
+        def tell(tick: Tick) -> None:
+            nonlocal told
+            if not told:
+                told = True
+                print("ready", flush=True)
+
+        try:
+            with connect(robot, via, arm=True) as link:
+                run(link, reflex, duration=float(duration), observe=tell)
+        except Exception as error:
+            print(f"{type(error).__name__}: {error}".replace("\n", "; "), flush=True)
+        print("done", flush=True)
+
+
+if __name__ == "__main__":
+    main()

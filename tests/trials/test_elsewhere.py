@@ -1,0 +1,52 @@
+"""The main job through a middleware: the reflex in another process, the robot behind its own gate here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import islice
+
+import pytest
+
+import tci
+from middleware.links import free_port, lcm_url
+from middleware.served import needs_qi
+from tci.errors import LinkError
+from tci.trials.experiment import trials_of
+from tci.trials.measure import Trial
+from tci.trials.poke import Stimulus
+
+VIAS: dict[str, Callable[[], str]] = {
+    "zenoh": lambda: f"zenoh:tcp/127.0.0.1:{free_port()}",
+    "lcm": lambda: f"lcm:{lcm_url()}",
+    "naoqi": lambda: f"naoqi:127.0.0.1:{free_port()}",
+}
+TRIES = 4
+"""A busy machine may keep two processes from being real time: then the robot holds, as it should."""
+
+
+def undisturbed(trial: Trial) -> bool:
+    return not any(words.startswith("hold:") for words in trial.violations)
+
+
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize("name", VIAS)
+def test_the_reflex_withdraws_the_arm_from_another_process(name: str) -> None:
+    if name == "naoqi":
+        needs_qi()
+    for _ in range(TRIES):
+        robot, reflex = tci.load_robot("nao"), tci.WithdrawalReflex()
+        trials = list(islice(trials_of(robot, reflex, stimulus=Stimulus(), seed=3, via=VIAS[name]()), 2))
+        broken = [words for trial in trials for words in trial.violations if not words.startswith("hold:")]
+        assert not broken
+        if all(map(undisturbed, trials)):
+            break
+    for trial in trials:
+        assert trial.responded
+        assert trial.contact_lost_ms is not None
+        assert trial.withdrawn_mm > 30.0
+
+
+def test_what_keeps_the_other_process_away_is_told() -> None:
+    with pytest.raises(LinkError, match="zenoh"):
+        next(trials_of(tci.load_robot("nao"), tci.WithdrawalReflex(), stimulus=Stimulus(), seed=3,
+                       via="zenoh:no-endpoint"))  # fmt: skip

@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
+
+import pytest
 
 from cli.test_cli import tci
+from middleware.served import Served, needs_qi
 
 
 def test_this_machine() -> None:
@@ -34,3 +39,23 @@ def test_the_first_minutes_with_a_simulated_robot() -> None:
     assert 1.7 < told["largest_motion_deg"] <= 2.0
     assert {"left_arm", "LElbowRoll", "left_forearm taxel 239"} <= {f["subject"] for f in told["findings"]}
     assert "valid: " in tci("check", "nao", "--hardware", "--only", "left_wing", status=1)
+
+
+@pytest.mark.timeout(300)
+def test_at_a_keyboard_nothing_moves_without_a_yes_and_nobody_there_is_an_error() -> None:
+    needs_qi()
+    one = Served("nao", "naoqi:127.0.0.1:0")
+    command = [sys.executable, "-m", "tci.cli.main", "check", "nao", "--hardware", "--only", "Head",
+               "--via", f"naoqi://127.0.0.1:{one.port}"]  # fmt: skip
+    try:
+        for answers, words in (
+            ("?\nn\nn\n", "not moved: the operator said no"),
+            ("n\n", "does not stand as its encoders say"),
+            ("", "nobody answers"),
+        ):
+            run = subprocess.run(command, input=answers, capture_output=True, text=True, check=False)
+            said = " ".join((run.stdout + run.stderr).split())
+            assert words in said, said
+            assert "went" not in said
+    finally:
+        one.kill()

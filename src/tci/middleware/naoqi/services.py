@@ -138,6 +138,8 @@ class ALMotion:
         if len(every) > LONGEST:
             raise ValueError(f"{len(every)} names; valid: at most {LONGEST}")
         for name in every:
+            if not isinstance(name, str):
+                raise ValueError(f"joint or chain {str(name)[:40]}; valid: names")
             if name in ("Body", "Joints", "JointActuators", "Actuators"):
                 found += self._servos.values()
             elif name in self._servos:
@@ -185,6 +187,8 @@ class ALMemory:
         """Values of several keys; nothing where there is none."""
         if not isinstance(keys, list | tuple) or len(keys) > LONGEST:
             raise ValueError(f"getListData: valid: a list of at most {LONGEST} keys")
+        if not all(isinstance(key, str) for key in keys):
+            raise ValueError(f"getListData: {str(keys)[:80]}; valid: names of keys")
         return [self._value(key)[1] for key in keys]
 
     def getTimestamp(self, key: str) -> list[Any]:

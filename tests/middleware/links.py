@@ -15,10 +15,13 @@ import zenoh
 
 import tci
 from middleware.patient import patient
+from middleware.ros_robots import anywhere, garbage_on, here_only, roscore
 from middleware.served import needs_qi
 from tci.errors import LinkError
 from tci.middleware.lcm_datagrams import parse_url
 from tci.middleware.link import Link
+from tci.middleware.ros1 import Ros1Node
+from tci.middleware.ros2_dds import DdsNode
 from tci.middleware.simulated import SimulatedLink
 from tci.middleware.yarp.carrier import FAST_TCP
 from tci.middleware.yarp.names import Names
@@ -214,6 +217,34 @@ class Yarp4(Yarp):
     dialect = "4"
 
 
+class Ros2(Process):
+    """In ROS 2, by cyclonedds."""
+
+    def __init__(self) -> None:
+        super().__init__(lambda: f"ros2:{anywhere()}")
+
+    def start(self) -> None:
+        here_only()
+        super().start()
+
+    def disturb(self, messages: list[bytes]) -> None:
+        garbage_on(DdsNode("stranger"), self.via.removeprefix("ros2:"), messages)
+
+
+class Ros1(Process):
+    """In ROS 1."""
+
+    def __init__(self) -> None:
+        super().__init__(lambda: f"ros1:{anywhere()}")
+
+    def start(self) -> None:
+        roscore()
+        super().start()
+
+    def disturb(self, messages: list[bytes]) -> None:
+        garbage_on(Ros1Node("stranger"), self.via.removeprefix("ros1:"), messages)
+
+
 def free_port() -> int:
     """A TCP port of the loopback that nobody has."""
     with socket.socket() as probe:
@@ -233,5 +264,7 @@ PEERS: dict[str, Callable[[], Peer]] = {
     "naoqi": Naoqi,
     "yarp": Yarp,
     "yarp4": Yarp4,
+    "ros2": Ros2,
+    "ros1": Ros1,
 }
 """Every link, by name."""

@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+import atexit
 import os
+import secrets
+import socket
 import subprocess
 import time
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
+import numpy as np
+
 import tci
+from peers import needs_debian_module
 from tci.interface.safe_command import GateState
 from tci.middleware.link import Link
+from tci.middleware.ros.messages import BYTES, NO_LAYOUT
+from tci.middleware.ros.node import RosNode
+from tci.recording.schemas import JOINTS
 
 PATCHES = {"left_forearm": 240, "right_forearm": 240, "left_upper_arm": 120, "right_upper_arm": 120}
 Start = Callable[..., "subprocess.Popen[str]"]
@@ -67,3 +77,46 @@ def go(link: Link, joint: str, angle: float) -> None:
         assert link.gate.state is not GateState.STOP
         assert time.monotonic() < end
         drive(link, arm.command({joint: angle}), seconds=0.5)
+
+
+@cache
+def roscore() -> str:
+    """A master on the loopback, for the whole run: rospy has one node per process, and that one master."""
+    for module, package in (("rospy", "ros-core"), ("sensor_msgs", "python3-sensor-msgs")):
+        needs_debian_module(module, package)
+    needs_debian_module("trajectory_msgs", "python3-trajectory-msgs")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    os.environ |= {"ROS_MASTER_URI": f"http://127.0.0.1:{port}", "ROS_IP": "127.0.0.1"}
+    core = subprocess.Popen(["roscore", "-p", str(port)], stdout=subprocess.DEVNULL, start_new_session=True)
+    atexit.register(core.terminate)
+    end = time.monotonic() + 60.0
+    while True:
+        with socket.socket() as asked:
+            if asked.connect_ex(("127.0.0.1", port)) == 0:
+                return os.environ["ROS_MASTER_URI"]
+        assert time.monotonic() < end
+        time.sleep(0.1)
+
+
+def here_only() -> None:
+    """Let ROS 2 find nodes of this machine only, in a domain of these tests."""
+    os.environ |= {"ROS_DOMAIN_ID": "90", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+
+
+def anywhere() -> str:
+    """A namespace that nobody else is in."""
+    return f"/n{secrets.token_hex(4)}"
+
+
+def garbage_on(node: RosNode, namespace: str, messages: list[bytes]) -> None:
+    """Send bytes as states and frames of a TCI process, and joints of wrong lengths."""
+    topics = [f"{namespace}/tci/state", f"{namespace}/tci/frames/left_forearm"]
+    senders = [node.advertise(topic, BYTES) for topic in topics]
+    joints = node.advertise(f"{namespace}/joint_states", JOINTS)
+    for message in messages:
+        for send in senders:
+            send((NO_LAYOUT, np.frombuffer(message, dtype=np.uint8)))
+        joints((0, 0, "", ["a"] * (len(message) % 3), [0.0], [], [1.0] * (len(message) % 2)))
+    node.close()

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import socket
 import subprocess
 import sys
 import time
@@ -16,7 +14,7 @@ import numpy as np
 import pytest
 
 import tci
-from middleware.ros_robots import PATCHES, Programs, Start, drive, go, nao_in_ros
+from middleware.ros_robots import PATCHES, Programs, Start, drive, go, nao_in_ros, roscore
 from peers import DEBIAN_PYTHON, needs_debian_module
 from tci.errors import LinkError
 from tci.interface.safe_command import GateState
@@ -24,39 +22,14 @@ from tci.middleware.query import query, read_facts
 from tci.runtime.registry import connect
 
 HERE = Path(__file__).parent
-pytestmark = pytest.mark.xdist_group("ros1")
+pytestmark = pytest.mark.xdist_group("link-ros1")
 """rospy has one node per process, and a node has one master."""
 
 
-@pytest.fixture(scope="module")
-def master() -> Iterator[str]:
-    """A roscore on the loopback."""
-    for module, package in (("rospy", "ros-core"), ("sensor_msgs", "python3-sensor-msgs")):
-        needs_debian_module(module, package)
-    needs_debian_module("trajectory_msgs", "python3-trajectory-msgs")
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    uri = f"http://127.0.0.1:{port}"
-    before = {name: os.environ.get(name) for name in ("ROS_MASTER_URI", "ROS_IP")}
-    os.environ |= {"ROS_MASTER_URI": uri, "ROS_IP": "127.0.0.1"}
-    core = subprocess.Popen(["roscore", "-p", str(port)], stdout=subprocess.DEVNULL, start_new_session=True)
-    end = time.monotonic() + 60.0
-    while socket.socket().connect_ex(("127.0.0.1", port)):
-        assert time.monotonic() < end
-        time.sleep(0.1)
-    yield uri
-    core.terminate()
-    core.wait(timeout=30.0)
-    for name, value in before.items():
-        os.environ.pop(name)
-        if value is not None:
-            os.environ[name] = value
-
-
 @pytest.fixture
-def start(master: str) -> Iterator[Start]:
-    """Start programs of this test."""
+def start() -> Iterator[Start]:
+    """Start programs of this test, beside a master."""
+    roscore()
     programs = Programs()
     yield programs.start
     programs.kill()

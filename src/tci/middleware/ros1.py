@@ -99,6 +99,7 @@ class Ros1Node(RosNode):
     def close(self) -> None:
         while self._topics:
             self._topics.pop().unregister()
+        self._master = None  # and its connection
 
 
 class Ros1Link(RosLink):

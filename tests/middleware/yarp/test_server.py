@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import queue
-import threading
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -13,12 +11,13 @@ import numpy as np
 import pytest
 
 import tci
+from middleware.yarp.show import Show, until
 from tci.errors import LinkError
 from tci.interface.places import find_place
 from tci.messages import Mode
 from tci.middleware.simulated import SimulatedLink
 from tci.middleware.yarp.board import COMPLIANT, DIRECT, POSITION, VELOCITY, Stream, find_board
-from tci.middleware.yarp.dialect import DIALECTS, V3, V4, Dialect
+from tci.middleware.yarp.dialect import DIALECTS, V3, V4
 from tci.middleware.yarp.incoming import Delivery
 from tci.middleware.yarp.name_server import NameServer
 from tci.middleware.yarp.names import Names
@@ -28,44 +27,8 @@ from tci.middleware.yarp.server import YarpServer
 from tci.middleware.yarp.skin_events import decode_events
 from tci.middleware.yarp.state import decode_state
 from tci.middleware.yarp.values import Vocab
-from tci.runtime.serve import Served, serve
 
 ELBOW = 3
-
-
-class Show:
-    """A simulated NAO served over YARP by a thread, with a name server of its own."""
-
-    def __init__(self, dialect: Dialect, *, arm: bool = True) -> None:
-        self.dialect = dialect
-        self.link = SimulatedLink(tci.load_robot("nao"), paced=True, arm=arm)
-        self.server = YarpServer(self.link, f"127.0.0.1:0,dialect={dialect.name}")
-        self.names: Names = self.server.names
-        self.served = Served()
-        self._stop = False
-        self._thread = threading.Thread(target=self._serve, daemon=True)
-        self._thread.start()
-
-    def _serve(self) -> None:
-        class Stop(Exception):
-            pass
-
-        def see(tick: object) -> None:
-            if self._stop:
-                raise Stop
-
-        with contextlib.suppress(Stop):
-            serve(self.server, observe=see, served=self.served)
-
-    def listen(self, port: str, receive: Callable[[Delivery], None]) -> Port:
-        reader = Port(f"/test{port}", self.names, self.dialect, receive=receive)
-        reader.listen_to(port)
-        return reader
-
-    def close(self) -> None:
-        self._stop = True
-        self._thread.join(10)
-        self.server.close()
 
 
 @pytest.fixture(scope="module", params=list(DIALECTS))
@@ -75,13 +38,6 @@ def show(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
         running = Show(DIALECTS[request.param])
         yield running
         running.close()
-
-
-def until(condition: Callable[[], bool], *, within: float = 40.0) -> bool:
-    end = time.monotonic() + within
-    while not condition() and time.monotonic() < end:
-        time.sleep(0.005)
-    return condition()
 
 
 def insist(act: Callable[[], object]) -> None:

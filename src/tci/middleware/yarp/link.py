@@ -36,6 +36,8 @@ AWAY = 0.3
 """How long [s] a port is silent before it is asked again. Ours."""
 LOOK = 0.25
 """How often [s] it is looked whether somebody is silent. Ours."""
+REGISTER_AGAIN = 1.0
+"""How often [s] it is looked whether the name server forgot us. Ours."""
 EVENTS = "/skinManager/skin_events:o"
 _numbers = itertools.count()
 
@@ -220,26 +222,26 @@ class YarpLink(Link):
 
     def _watch(self) -> None:
         """Ask silent ports again, and tell a name server that restarted where ours are."""
+        due = time.monotonic() + REGISTER_AGAIN
         while not self._closed.wait(LOOK):
             now = time.monotonic()
             for board in self.boards.values():
                 if board.feed is not None and board.feed.silent(now) > AWAY:
                     with contextlib.suppress(LinkError, UnknownNameError):
-                        self._again(board.feed)
                         board.reconnect()
                         self._reconnected.set()
-            feeds: list[Feed[Any]] = [
-                *self.skin.values(),
-                *([self._events] if self._events is not None else []),
-            ]
-            for feed in feeds:
+            for feed in self._feeds(boards=False):
                 if feed.silent(now) > AWAY:
                     with contextlib.suppress(LinkError, UnknownNameError):
-                        self._again(feed)
                         feed.reconnect()
+            if now > due:
+                due = now + REGISTER_AGAIN
+                with contextlib.suppress(LinkError):
+                    known = {contact.name for contact in self.names.list()}
+                    for feed in self._feeds():
+                        if feed.port.name not in known and not self._closed.is_set():
+                            feed.port.register()
 
-    def _again(self, feed: Feed[Any]) -> None:
-        try:
-            self.names.query(feed.port.name)
-        except UnknownNameError:
-            feed.port.register()
+    def _feeds(self, *, boards: bool = True) -> list[Feed[Any]]:
+        states = [board.feed for board in self.boards.values()] if boards else []
+        return [feed for feed in (*states, *self.skin.values(), self._events) if feed is not None]

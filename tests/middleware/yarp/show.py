@@ -1,0 +1,60 @@
+"""A simulated robot that a thread serves over YARP, with a name server of its own."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable
+
+from middleware.patient import patient
+from tci.middleware.simulated import SimulatedLink
+from tci.middleware.yarp.dialect import Dialect
+from tci.middleware.yarp.incoming import Delivery
+from tci.middleware.yarp.names import Names
+from tci.middleware.yarp.port import Port
+from tci.middleware.yarp.server import YarpServer
+from tci.runtime.serve import Served, serve
+
+
+def until(condition: Callable[[], bool], *, within: float = 40.0) -> bool:
+    """Whether it becomes true."""
+    end = time.monotonic() + within
+    while not condition() and time.monotonic() < end:
+        time.sleep(0.005)
+    return condition()
+
+
+class Show:
+    """The robot, its server and its name server."""
+
+    def __init__(self, dialect: Dialect, robot: str = "nao", *, where: str = "127.0.0.1:0") -> None:
+        self.dialect = dialect
+        self.link = SimulatedLink(patient(robot), paced=True)
+        self.server = YarpServer(self.link, f"{where},dialect={dialect.name}")
+        self.names: Names = self.server.names
+        self.served = Served()
+        self._stop = False
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+
+    def _serve(self) -> None:
+        class Stop(Exception):
+            pass
+
+        def see(tick: object) -> None:
+            if self._stop:
+                raise Stop
+
+        with contextlib.suppress(Stop):
+            serve(self.server, observe=see, served=self.served)
+
+    def listen(self, port: str, receive: Callable[[Delivery], None]) -> Port:
+        reader = Port(f"/test{port}", self.names, self.dialect, receive=receive)
+        reader.listen_to(port)
+        return reader
+
+    def close(self) -> None:
+        self._stop = True
+        self._thread.join(10)
+        self.server.close()

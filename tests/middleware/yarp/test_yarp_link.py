@@ -1,0 +1,232 @@
+"""The link to a robot on YARP: what it refuses, what it leaves alone, and the reflex through it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tci
+from middleware.links import free_port
+from middleware.patient import patient
+from middleware.yarp.show import Show, until
+from tci.capabilities.fields import default_fields
+from tci.errors import LinkError, UnknownNameError
+from tci.interface.gate import GateState
+from tci.interface.places import find_place
+from tci.messages import Mode, PlatformCommand, SwitchMode
+from tci.middleware.diagnosis import Level
+from tci.middleware.yarp.dialect import DIALECTS, V3, V4
+from tci.middleware.yarp.link import YarpLink
+from tci.middleware.yarp.name_server import NameServer
+from tci.middleware.yarp.names import Names
+from tci.model.description import Limits, Robot
+from tci.runtime.loop import Tick
+
+
+@pytest.fixture(scope="module", params=["nao 3", "icub 4"])
+def show(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Show]:
+    robot, dialect = request.param.split()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("YARP_CONFIG_HOME", str(tmp_path_factory.mktemp("yarp")))
+        running = Show(DIALECTS[dialect], robot)
+        assert until(lambda: running.server.boards[next(iter(running.server.boards))].stamp > 0.0)
+        yield running
+        running.close()
+
+
+def where(show: Show) -> str:
+    return "{}:{}".format(*show.names.address)
+
+
+def link_to(show: Show, robot: Robot | None = None, options: str = "", *, arm: bool = True) -> YarpLink:
+    return YarpLink(robot or patient(show.link.robot.name), where(show) + options, arm=arm)
+
+
+def test_the_dialect_is_probed_and_the_wrong_one_is_refused(show: Show) -> None:
+    other = V4 if show.dialect is V3 else V3
+    with link_to(show) as link:
+        assert link.dialect is show.dialect
+        assert link.read().joints.torque is not None
+    with pytest.raises(LinkError, match=f"of YARP {other.name}"):
+        link_to(show, options=f",dialect={other.name}")
+
+
+def test_the_reflex_withdraws_the_arm_over_yarp_and_touches_nothing_else(show: Show) -> None:
+    """The paper's setting: robot and reflex in two loops that only YARP connects."""
+    robot = show.link.robot
+    world = show.link.world
+    arm = next(part for part in robot.parts if part.name == "left_arm")
+    mapped = {servo.servo for servo in arm.servos if servo.servo is not None}
+    ordered: set[int] = set()
+    take = show.server.orders
+
+    def orders() -> object:
+        found = take()
+        for order in found:
+            assert isinstance(order, PlatformCommand) or hasattr(order, "servos")
+            ordered.update(order.servos.tolist())  # type: ignore[union-attr]
+        return found
+
+    show.server.orders = orders  # type: ignore[method-assign, assignment]
+    seen: list[Tick] = []
+    with link_to(show) as link:
+        reflex, site = tci.WithdrawalReflex(), default_fields()[0]
+        place = find_place(tci.Skin(robot), "left_arm", site.segment, site.u, site.theta, world.joints())
+
+        def observe(tick: Tick) -> None:
+            if len(seen) == 50:
+                world.finger.poke(place.patch, place.p_L, place.n_L, speed=0.25, depth=0.01, gap=0.05)
+            seen.append(tick)
+
+        tci.run(link, reflex, duration=4.0, observe=observe)
+    begun = seen[0].reading.joints.position
+    away = np.rad2deg(np.abs(np.array([tick.reading.joints.position - begun for tick in seen])).max(axis=0))
+    assert max(len(tick.perception.contacts) for tick in seen) > 0
+    assert away[list(mapped)].max() > 5.0
+    both = {s.servo for part in robot.parts if part.kind == "arm" for s in part.servos if s.servo is not None}
+    assert ordered
+    assert ordered <= both
+    assert link.gate.state is not GateState.STOP
+    show.server.orders = take  # type: ignore[method-assign]
+
+
+def test_modes_are_switched_by_order_and_reported(show: Show) -> None:
+    part = show.link.robot.parts[0].name
+    servos = [servo.servo for servo in show.link.robot.part(part).servos if servo.servo is not None]
+    if not all(Mode.VELOCITY in show.link.robot.servos[servo].modes for servo in servos):
+        pytest.skip("did not run: this robot has no velocity mode")
+    with link_to(show) as link:
+        for mode in (Mode.VELOCITY, Mode.POSITION):
+            body = tci.Body(link.robot)
+            pending = list(body.to_platform((SwitchMode(part, mode),), link.read().joints))
+            end = time.monotonic() + 20
+            reported: set[object] = set()
+            for now in link.ticks():
+                joints = link.read().joints
+                sent = link.write(link.gate.step(pending, joints, now))
+                pending = pending if sent.refusals else []
+                assert joints.modes is not None
+                reported = {joints.modes[servo] for servo in servos}
+                if reported == {mode} or time.monotonic() > end:
+                    break
+            assert reported == {mode}
+
+
+def test_what_the_description_says_otherwise_is_told(show: Show) -> None:
+    robot = patient(show.link.robot.name)
+    servo = next(s for s in robot.servos if s.limits.upper is not None)
+    wider = Limits(**{**servo.limits.model_dump(), "upper": servo.limits.upper + 0.3})  # type: ignore[operator]
+    renamed = servo.model_copy(update={"limits": wider, "name": "somebody_else"})
+    robot = robot.model_copy(update={"servos": tuple(renamed if s is servo else s for s in robot.servos)})
+    with link_to(show, robot, arm=False) as link:
+        found = {finding.subject: finding for finding in link.diagnose() if finding.level is not Level.OK}
+    assert found["somebody_else"].level is Level.WARNING
+    assert "the board allows" in found["somebody_else"].what
+    good = YarpLink.probe(show.link.robot, where(show))
+    assert {finding.level for finding in good} == {Level.OK}
+    assert YarpLink.probe(show.link.robot, "127.0.0.1:9")[0].level is Level.FAULT
+
+
+def test_swapped_names_are_followed_by_name(show: Show) -> None:
+    """Servos keep their names and change their ids: the board's names win."""
+    robot = patient(show.link.robot.name)
+    part = robot.servos[-1].robot_part
+    first, second = robot.servos_of(part)[:2]
+    ids = {first.index: second.id, second.index: first.id}
+    swapped = tuple(s.model_copy(update={"id": ids.get(s.index, s.id)}) for s in robot.servos)
+    with (
+        link_to(show, robot, arm=False) as right,
+        link_to(show, robot.model_copy(update={"servos": swapped}), arm=False) as link,
+    ):
+        np.testing.assert_allclose(
+            link.read().joints.position, right.read().joints.position, atol=0.02, equal_nan=True
+        )
+
+
+def test_a_patch_of_another_length_is_refused_at_once_and_can_be_left_out(show: Show) -> None:
+    robot = patient(show.link.robot.name)
+    patch = robot.patches[0]
+    longer = patch.model_copy(update={"channels": patch.channels + 12})
+    robot = robot.model_copy(update={"patches": (longer, *robot.patches[1:])})
+    with pytest.raises(LinkError, match=rf"{patch.channels} values.*without="):
+        link_to(show, robot)
+    with link_to(show, robot, f",without={patch.name}") as link:
+        assert patch.name not in {frame.patch for frame in link.read().skin}
+
+
+def test_compensated_skin_reads_like_raw_skin_at_rest(show: Show) -> None:
+    with link_to(show, options=",skin=comp", arm=False) as link:
+        for frame in link.read().skin:
+            rest = link.robot.patch(frame.patch).sensor.rest
+            np.testing.assert_allclose(frame.values, rest, atol=3.0)
+
+
+def test_skin_events_are_read(show: Show) -> None:
+    with link_to(show, arm=False) as link:
+        assert isinstance(link.skin_events(), tuple)
+
+
+def test_a_robot_that_is_not_there_is_a_clear_error(show: Show) -> None:
+    with pytest.raises(LinkError, match="nobody"):
+        link_to(show, options=",robot=nobody")
+    with pytest.raises(UnknownNameError, match=r"LArm|left_arm"):
+        show.link.native("Tail")
+
+
+def test_29_the_name_server_restarts_and_data_goes_on(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("YARP_CONFIG_HOME", str(tmp_path))
+    address = ("127.0.0.1", free_port())
+    first = NameServer(*address)
+    show = Show(V3, where="{}:{}".format(*address))
+    try:
+        with link_to(show, arm=False) as link:
+            first.close()
+            before = link.read().joints.sequence
+            assert until(lambda: link.read().joints.sequence > before + 20)
+            assert abs(link.clock.now() - link.read().joints.stamp) < 1.0
+            with NameServer(*address):
+                assert until(lambda: any(c.name.startswith("/tci/") for c in Names(address).list()))
+                assert until(lambda: any(c.name.startswith("/nao/") for c in Names(address).list()))
+    finally:
+        show.close()
+
+
+def test_28_34_a_robot_that_starts_again_is_found_again_and_nothing_jumps(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("YARP_CONFIG_HOME", str(tmp_path))
+    address = f"127.0.0.1:{free_port()}"
+    show = Show(V3, where=address)
+    again: Show | None = None
+    try:
+        with link_to(show) as link:
+            arm = link.native("LArm")
+            elbow = next(servo.index for servo in arm.servos if servo.name == "LElbowRoll")
+
+            def step(*orders: PlatformCommand) -> GateState:
+                sent = link.write(link.gate.step(orders, link.read().joints, link.clock.now()))
+                time.sleep(link.period)
+                return sent.state
+
+            assert until(lambda: step(arm.command({"LElbowRoll": -0.4})) is GateState.RUN)
+            assert until(lambda: step() is GateState.RUN and link.read().joints.position[elbow] > -0.7)
+            show.close()
+            assert until(lambda: step() is GateState.HOLD)
+            again = Show(V3, where=address)
+            assert until(lambda: step() is GateState.RUN)
+            there = again.link.world.joints().position[elbow]
+            for _ in range(100):
+                step()
+            assert again.link.world.joints().position[elbow] == pytest.approx(there, abs=0.02)
+            assert until(lambda: step(arm.command({"LElbowRoll": -1.3})) is GateState.RUN)
+            assert until(lambda: step() is GateState.RUN and link.read().joints.position[elbow] < -1.2)
+    finally:
+        for one in (show, again):
+            if one is not None:
+                one.close()

@@ -104,7 +104,7 @@ def locate_taxels(touches: Sequence[ProbeTouch], initial: Array) -> LocatedTaxel
 
 
 class _Problem:
-    """The least-squares problem: its unknowns are taxels (n, 3), peaks (t, 3), logarithms (t,) and 1 / 2 w^2."""
+    """The least-squares problem. Unknowns: taxels (n, 3), peaks (t, 3), logarithms of A (t,), 1 / 2 w^2."""
 
     def __init__(
         self, rows: NDArray[np.intp], taxels: NDArray[np.intp], weights: Array, points: Array, normals: Array,

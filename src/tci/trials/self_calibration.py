@@ -89,9 +89,9 @@ def _far_from(surface: Surface, tried: list[Array], generator: np.random.Generat
     chosen = generator.choice(len(area), CANDIDATES, p=area / area.sum())
     weights = generator.dirichlet(np.ones(3), CANDIDATES)[:, :, None]
     points: Array = weights[:, 0] * a[chosen] + weights[:, 1] * b[chosen] + weights[:, 2] * c[chosen]
-    if not tried:
-        return points[0]
-    return points[int(cKDTree(np.array(tried)).query(points)[0].argmax())]
+    best = int(cKDTree(np.array(tried)).query(points)[0].argmax()) if tried else 0
+    result: Array = points[best]
+    return result
 
 
 def _touch(

@@ -61,7 +61,7 @@ def test_joints_over_naoqi_and_skin_over_yarp() -> None:
                 before = sequences(link)
                 assert before.keys() == {patch.name for patch in ROBOT.patches}
                 wait_for(lambda: all(now > before[patch] for patch, now in sequences(link).items()))
-                assert {frame.values.shape for frame in link.read().skin} == {(240,), (120,)}
+                assert {frame.values.shape for frame in link.read().skin} == {(240,), (120,), (3,)}
     finally:
         served.kill()
 

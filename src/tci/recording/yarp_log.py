@@ -101,12 +101,8 @@ def import_skin_events(log: Path, out: Path, robot: Robot) -> tuple[int, int]:
                     taxels = contact.taxels[contact.taxels < patch.channels]
                     sign = np.sign(patch.sensor.pascal_per_count)
                     raw = patch.sensor.rest + sign * contact.pressure
-                    values[patch.name][taxels] = np.clip(
-                        raw, patch.sensor.lowest, patch.sensor.highest
-                    )
-                frames = tuple(
-                    SkinFrame(name, stamp, number, read_only(raw)) for name, raw in values.items()
-                )
+                    values[patch.name][taxels] = np.clip(raw, patch.sensor.lowest, patch.sensor.highest)
+                frames = tuple(SkinFrame(name, stamp, number, read_only(raw)) for name, raw in values.items())
                 joints = JointReading(stamp, number, robot.initial_position, still)
                 recorder.tick(stamp, Reading(joints, frames))
                 number += 1

@@ -34,7 +34,7 @@ class StillNao:
         position = read_only(self.robot.initial_position)
         joints = JointReading(0.0, 0, position, read_only(np.zeros_like(position)))
         frames = [
-            SkinFrame(patch.name, 0.0, 0, np.full(patch.channels, 240, np.uint8))
+            SkinFrame(patch.name, 0.0, 0, np.full(patch.channels, patch.sensor.rest, np.uint8))
             for patch in self.robot.patches
         ]
         self.board = Board(self.robot, Reading(joints, tuple(frames)))

@@ -77,8 +77,11 @@ class Board:
         for servo in self.robot.servos:
             keys[words.angle_key(servo.name, "Sensor")] = partial(self._measured, servo.index)
             keys[words.angle_key(servo.name, "Actuator")] = partial(self._told, servo.index)
-        keys |= dict.fromkeys(words.TOUCH.values(), float)  # nobody touches: 0.0
-        for patch, key in words.skin_keys(self.robot, self.robot.binding(words.MIDDLEWARE)).items():
+        for patch, names in words.skin_keys(self.robot, self.robot.binding(words.MIDDLEWARE)).items():
+            if len(names) > 1:
+                keys |= {name: partial(self._channel, patch, place) for place, name in enumerate(names)}
+                continue
+            (key,) = names
             keys[key] = partial(self._vector, patch)
             keys[words.sequence_key(key)] = partial(self._number, patch)
             keys[words.packed_key(key)] = partial(self._text, patch)
@@ -89,6 +92,10 @@ class Board:
 
     def _told(self, servo: int) -> float:
         return self.told[servo]
+
+    def _channel(self, patch: str, place: int) -> float | None:
+        frame = self._frames.get(patch)
+        return None if frame is None else float(frame.values[place])
 
     def _vector(self, patch: str) -> list[float] | None:
         frame = self._frames.get(patch)

@@ -26,7 +26,7 @@ def examine(robot: Robot, poller: Poller, stream: Stream | None) -> tuple[Findin
     """Findings about the robot behind `poller`. Raises LinkError while it is away."""
     if poller.trouble:
         raise LinkError(poller.trouble)
-    found = [*_version(poller), *_trips(poller), *_clock(poller), *_skin(poller), *_touch(poller)]
+    found = [*_version(poller), *_trips(poller), *_clock(poller), *_skin(poller)]
     if stream is not None:
         found += [*_refused(stream), *_joints(poller), *_limits(robot, stream), *_motion(robot, poller)]
     return tuple(found)
@@ -137,18 +137,12 @@ def _motion(robot: Robot, poller: Poller) -> Iterator[Finding]:
 
 def _skin(poller: Poller) -> Iterator[Finding]:
     sensed = {frame.patch for frame in poller.latest.reading.skin}
-    missing: list[Any] = [f"{key} ({patch})" for patch, key in poller.keys.items() if patch not in sensed]
+    missing: list[Any] = [
+        f"{' '.join(keys)} ({patch})" for patch, keys in poller.keys.items() if patch not in sensed
+    ]
     if missing:
         yield Finding(
             Level.WARNING, "skin", f"nothing in ALMemory under {', '.join(missing)}",
             "publish each patch as one vector of numbers there, say another key in the description's binding "
             "(<address of=PATCH to=KEY/>), or read the skin another way: --via 'naoqi://HOST + LINK'",
         )  # fmt: skip
-
-
-def _touch(poller: Poller) -> Iterator[Finding]:
-    touched = poller.latest.touched
-    pressed = [name for name, down in touched.items() if down]
-    said = f"{len(touched)} of {len(words.TOUCH)} touch sensors"
-    said += f", pressed: {', '.join(pressed)}" if pressed else ""
-    yield Finding(Level.OK if touched else Level.NOTE, "touch", said)

@@ -60,11 +60,6 @@ class NaoqiLink(Link):
         self._generation = self._poller.generation
         self._on = np.full(len(robot.servos), -np.inf)
 
-    @property
-    def touched(self) -> dict[str, bool]:
-        """NAO's own touch sensors by name (`head_front`, `left_hand_back`, `right_bumper`, ...): pressed?"""
-        return dict(self._poller.latest.touched)
-
     @classmethod
     def probe(cls, robot: Robot, address: str) -> tuple[Finding, ...]:
         where = parse_address(address)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from collections import Counter, deque
-from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
@@ -37,8 +36,6 @@ class Sensed:
     reading: Reading
     stiffness: Array
     """Share 0..1 of each servo (n,)."""
-    touched: Mapping[str, bool]
-    """NAO's own touch sensors by name, those that it has."""
 
 
 class Services:
@@ -70,7 +67,7 @@ class Poller:
         self.names = [binding.address(servo.name, servo.name) for servo in robot.servos]
         """The robot's own names of its joints, in the description's order."""
         self.keys = words.skin_keys(robot, binding) if skin else {}
-        """The ALMemory key of each patch that is read."""
+        """The ALMemory key of each patch that is read, or the keys of its channels."""
         self.trips: deque[float] = deque(maxlen=1000)
         """How long the latest questions took [s]."""
         self.counts: Counter[str] = Counter()
@@ -142,9 +139,9 @@ class Poller:
 
     def _find_packed(self) -> None:
         """Which patches come as text as well."""
-        texts = self._memory([words.packed_key(key) for key in self.keys.values()], timeout=1.0)
-        for patch, text in zip(self.keys, texts, strict=True):
-            self._packed[patch] = isinstance(text, str)
+        vectors = {patch: keys[0] for patch, keys in self.keys.items() if len(keys) == 1}
+        texts = self._memory([words.packed_key(key) for key in vectors.values()], timeout=1.0)
+        self._packed = {patch: isinstance(text, str) for patch, text in zip(vectors, texts, strict=True)}
 
     def _memory(self, keys: list[str], *, timeout: float = ANSWER) -> list[Any]:
         if not keys:
@@ -162,15 +159,12 @@ class Poller:
         """One question. Raises LinkError."""
         begin = self.clock.now()
         motion, memory = self.services.motion, self.services.memory
-        due = [
-            patch
+        asked = {
+            patch: self._asked(patch)
             for patch in self.keys
-            if self._packed[patch] or begin >= self._plain_due.get(patch, -np.inf)
-        ]
-        keys = [*words.TOUCH.values()]
-        for patch in due:
-            key = self.keys[patch]
-            keys += [words.packed_key(key)] if self._packed[patch] else [key, words.sequence_key(key)]
+            if self._packed.get(patch) or begin >= self._plain_due.get(patch, -np.inf)
+        }
+        keys = [key for some in asked.values() for key in some]
         angles = motion.getAngles(self.names, True, _async=True) if self._joints else None
         values = memory.getListData(keys, _async=True)
         stiff = None
@@ -179,12 +173,10 @@ class Poller:
             self._stiffness_due = begin + SLOW
         joints = self._read_joints(angles, begin)
         answers = iter(self._values(values, keys, ANSWER))
-        touched = {name: bool(value) for name, value in zip(words.TOUCH, answers, strict=False)
-                   if isinstance(value, int | float)}  # fmt: skip
-        for patch in due:
-            packed = self._packed[patch]
+        for patch, some in asked.items():
+            found = [next(answers) for _ in some]
             try:
-                frame = self._frame(patch, begin, next(answers), None if packed else next(answers))
+                frame = self._frame(patch, begin, found)
             except FrameError:
                 self.counts["bad"] += 1
                 continue
@@ -197,7 +189,7 @@ class Poller:
         self.counts["polls"] += 1
         self.trips.append(self.clock.now() - begin)
         reading = Reading(joints, tuple(self._frames[name] for name in self.keys if name in self._frames))
-        return Sensed(reading, self._stiffness, touched)
+        return Sensed(reading, self._stiffness)
 
     def _read_joints(self, angles: Any, begin: float) -> JointReading:
         count = len(self.robot.servos)
@@ -223,9 +215,23 @@ class Poller:
             )
         return numbers
 
-    def _frame(self, patch: str, stamp: float, value: Any, number: Any) -> SkinFrame | None:
+    def _asked(self, patch: str) -> list[str]:
+        """The keys that its next frame is made of."""
+        keys = self.keys[patch]
+        if len(keys) > 1:
+            return list(keys)
+        return [words.packed_key(keys[0])] if self._packed[patch] else [keys[0], words.sequence_key(keys[0])]
+
+    def _frame(self, patch: str, stamp: float, found: list[Any]) -> SkinFrame | None:
         """The frame, if it is a new one. Raises FrameError for what is none."""
         old = self._frames.get(patch)
+        if len(self.keys[patch]) > 1:
+            self._plain_due[patch] = stamp + 0.9 * self._every[patch]
+            if any(value is None for value in found):
+                return None  # a robot without these
+            # A switch is read, not published: each reading is a new one.
+            return SkinFrame(patch, stamp, 0 if old is None else old.sequence + 1, _vector(patch, found))
+        value, number = found[0], found[-1]
         if isinstance(value, str):
             if old is not None and value.startswith(f"{old.sequence} "):
                 return None

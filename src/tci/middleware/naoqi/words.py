@@ -1,6 +1,7 @@
-"""Names in NAOqi that both sides use: ALMemory keys, touch sensors, and skin frames as text.
+"""Names in NAOqi that both sides use: ALMemory keys, and skin frames as text.
 
-A skin is one vector of numbers in ALMemory, under `TCI/Skin/PATCH` or what the binding says. A long vector
+A skin is one vector of numbers in ALMemory, under `TCI/Skin/PATCH` or what the binding says; switches have a
+key each, with spaces between. A long vector
 takes `qi` milliseconds (720 numbers: about 6 ms), text almost nothing (0.3 ms), so a publisher may put the
 same frame under `.../Packed` as well: `SEQUENCE TYPE BASE64`, little endian.
 """
@@ -25,26 +26,15 @@ TYPES: dict[str, np.dtype[Any]] = {"u1": np.dtype("u1"), "i4": np.dtype("<i4"), 
 """Types of packed values."""
 LONGEST = 1_000_000
 """Longest packed frame [characters] that is looked at."""
-TOUCH = {
-    "head_front": "FrontTactilTouched",
-    "head_middle": "MiddleTactilTouched",
-    "head_rear": "RearTactilTouched",
-    "left_hand_back": "HandLeftBackTouched",
-    "left_hand_left": "HandLeftLeftTouched",
-    "left_hand_right": "HandLeftRightTouched",
-    "right_hand_back": "HandRightBackTouched",
-    "right_hand_left": "HandRightLeftTouched",
-    "right_hand_right": "HandRightRightTouched",
-    "left_bumper": "LeftBumperPressed",
-    "right_bumper": "RightBumperPressed",
-}
-"""NAO's own touch sensors by our name, and their keys in ALMemory."""
 _PACKED = re.compile(r"([0-9]{1,18}) (u1|i4|f4) ([A-Za-z0-9+/]*={0,2})")
 
 
-def skin_keys(robot: Robot, binding: Binding) -> dict[str, str]:
-    """The ALMemory key of each patch, by its name."""
-    return {patch.name: binding.address(patch.name, f"TCI/Skin/{patch.name}") for patch in robot.patches}
+def skin_keys(robot: Robot, binding: Binding) -> dict[str, tuple[str, ...]]:
+    """The ALMemory key of each patch, by its name, or the keys of its channels, as of NAO's switches."""
+    return {
+        patch.name: tuple(binding.address(patch.name, f"TCI/Skin/{patch.name}").split(" "))
+        for patch in robot.patches
+    }
 
 
 def packed_key(key: str) -> str:

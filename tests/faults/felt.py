@@ -8,6 +8,7 @@ import tci
 from tci.capabilities.withdrawal import WithdrawalMemory
 from tci.clock import ManualClock
 from tci.frames import Array, read_only
+from tci.interface.gate import Gate, GateSettings
 from tci.interface.safe_command import SafeCommand
 from tci.interface.skin import Skin
 from tci.messages import JointReading, Order, Perception, Reading, SkinFrame
@@ -28,7 +29,8 @@ JUST_FELT = 40.0
 class NoisySkin(Link):
     """A NAO that is where it was told to be. Its skin has one count of noise; `touch` adds a press."""
 
-    def __init__(self, *, noise: float = 1.0) -> None:
+    def __init__(self, *, noise: float = 1.0, body: bool = True) -> None:
+        """`body`: whether the gate keeps links apart, which takes most of the time."""
         binding = ROBOT.binding("sim").model_copy(update={"rate": RATE})
         super().__init__(
             ROBOT.model_copy(update={"bindings": (binding,)}),
@@ -36,6 +38,11 @@ class NoisySkin(Link):
             clock=ManualClock(),
             armed=True,
         )
+        if not body:
+            settings = GateSettings(self_collision=None)
+            self.gate = Gate(
+                self.robot, period=self.period, stale_after=binding.stale_after, settings=settings
+            )
         self.lease_name = f"felt:{id(self)}"
         self.angles, self.count = np.array(ROBOT.initial_position), 0
         self.noise, self.random = noise, np.random.default_rng(3)

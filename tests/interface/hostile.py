@@ -120,7 +120,7 @@ class Judge:
 
     def _rest(self, safe: SafeCommand) -> None:
         self.still = 0 if safe.state is GateState.RUN else self.still + 1
-        if self.still * self.period > REST_IN and np.abs(safe.velocity).max(initial=0.0) > 0.0:
+        if self.still * self.period > REST_IN and np.abs(safe.velocity).max(initial=0.0) > 1e-9:
             self._fault(f"in {safe.state.value} and not at rest", np.inf)
 
     def _note(self, what: str, servos: NDArray[np.intp], excess: Array) -> None:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import os
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from rich.progress import track
+from pool import spread
 from row import Row
 
 from interface.gate_checks import LIMITS, make_robot
@@ -19,7 +18,7 @@ from tci.model.catalogue import load_robot, robot_names
 from tci.model.collisions import exclude_overlaps, solid_spec
 from tci.model.description import Robot
 
-CHUNK = 25_000
+CHUNK = 10_000
 """Cycles of one attack; then a new one begins, with another seed."""
 LOOK = 25
 """Cycles from one look at the robot's body to the next."""
@@ -45,7 +44,7 @@ def limits(full: bool) -> Row:
     """Position, velocity, acceleration, jerk, torque, couplings."""
     robots = ("tester", *robot_names())
     done = _attack(
-        [(name, seed, False) for seed in range(_chunks(full, len(robots), 400)) for name in robots]
+        [(name, seed, False) for seed in range(_chunks(full, len(robots), 1000)) for name in robots]
     )
     faults = [fault for result in done for fault in result.faults]
     peak = max(result.peak for result in done)
@@ -64,7 +63,7 @@ def limits(full: bool) -> Row:
 def bodies(full: bool) -> Row:
     """No two links overlap, whatever is asked for."""
     robots = robot_names()
-    seeds = range(_chunks(full, len(robots), 40))
+    seeds = range(_chunks(full, len(robots), 100))
     done = _attack([(name, seed, True) for seed in seeds for name in robots])
     faults = [fault for result in done for fault in result.faults]
     deepest = max(result.overlap for result in done)
@@ -85,9 +84,7 @@ def _chunks(full: bool, robots: int, chunks: int) -> int:
 
 def _attack(jobs: list[tuple[str, int, bool]]) -> list[Result]:
     cycles = CHUNK if os.environ.get("FULL") == "1" else 3_200
-    with ProcessPoolExecutor(int(os.environ.get("JOBS", os.cpu_count() or 1))) as pool:
-        waiting = [pool.submit(_one, *job, cycles) for job in jobs]
-        return [job.result() for job in track(waiting, "hostile commands")]
+    return spread(_one, [(*job, cycles) for job in jobs], "hostile commands")
 
 
 def _one(name: str, seed: int, body: bool, cycles: int) -> Result:

@@ -105,4 +105,7 @@ class FaultyLink(Link):
         self.inner._halt()
 
     def _close(self) -> None:
+        for _, injector in self._active:
+            injector.end()
+        self._active.clear()
         self.inner.close()

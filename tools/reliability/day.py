@@ -1,0 +1,142 @@
+"""A day of a skin with noise, drift and broken taxels: reflexes to nothing, and touches without an answer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from pool import spread
+from row import Row
+
+import tci
+from tci.frames import read_only
+from tci.interface.body import Body
+from tci.interface.skin import Skin
+from tci.messages import JointReading, Reading, SkinFrame
+
+RATE = 50.0
+"""Frames per second."""
+LEARN = 60.0
+"""Time [s] in which the skin learns its noise before anything counts."""
+DRIFT, DRIFT_PERIOD, SCATTER = 0.1, 7200.0, 0.02
+"""Share of the range by which all taxels drift to and fro, in which time [s], and how unlike they are."""
+FAULTY = 600.0
+"""Time [s] from one broken taxel to the next; each is broken for half of it."""
+KINDS = ("stuck high", "stuck low", "not a number", "noisy")
+PRESSED = 40.0
+"""Counts of a touch on each of its 12 taxels."""
+
+
+@dataclass
+class Hours:
+    """What some hours came to."""
+
+    hours: float
+    false: int
+    touches: int
+    missed: int
+    twice: int
+    broken: int
+
+
+class Day:
+    """One patch of a NAO and the reflex behind it."""
+
+    def __init__(self, seed: int) -> None:
+        self.robot = tci.load_robot("nao")
+        self.random = np.random.default_rng(seed)
+        self.patch = self.robot.patches[int(self.random.integers(len(self.robot.patches)))]
+        self.body, self.reflex = Body(self.robot), tci.WithdrawalReflex()
+        skin = Skin(self.robot)
+        self.channels = skin.surfaces[self.patch.name].channels
+        count = len(self.channels)
+        still = read_only(self.robot.initial_position)
+        self.joints = JointReading(0.0, 0, still, read_only(np.zeros(len(still))))
+        self.u, self.theta, _ = skin.limb(self.patch.name, self.joints)
+        self.noise = self.random.uniform(0.5, 1.5, count)
+        self.scatter = 1.0 + SCATTER * self.random.standard_normal(count)
+        self.memory = self.reflex.init()
+
+    def touch(self) -> np.ndarray:
+        """Taxels (12,) nearest to some place well inside a field."""
+        fields = [field for field in self.reflex.fields if field.segment == self.patch.segment]
+        field = fields[int(self.random.integers(len(fields)))]
+        u = field.u + self.random.uniform(-0.3, 0.3) * field.radius
+        turn = np.abs((self.theta - field.theta + np.pi) % (2 * np.pi) - np.pi)
+        return np.argsort(np.hypot(self.u - u, turn / np.pi))[:12]
+
+    def live(self, hours: float, touches: int) -> Hours:
+        """Some hours with touches at random times, at least 3 s apart."""
+        sensor, sign = self.patch.sensor, np.sign(self.patch.sensor.pascal_per_count)
+        slot = (hours * 3600.0 - LEARN) / max(touches, 1)
+        begins = LEARN + slot * np.arange(touches) + self.random.uniform(0.5, slot - 2.5, touches)
+        result = Hours(hours, 0, touches, 0, 0, 0)
+        answers: list[float] = []
+        seen: set[float] = set()
+        next_touch, chosen, broken, kind = 0, self.touch(), -1, ""
+        raw = np.full(self.patch.channels, sensor.rest)
+        for frame in range(int(hours * 3600.0 * RATE)):
+            now = frame / RATE
+            drift = DRIFT * (sensor.highest - sensor.lowest) * np.sin(2 * np.pi * now / DRIFT_PERIOD)
+            values = sensor.rest + sign * drift * self.scatter
+            values += self.noise * self.random.standard_normal(len(self.channels))
+            if next_touch < touches and now >= begins[next_touch]:
+                values[chosen] += sign * PRESSED
+                if now >= begins[next_touch] + 0.5:
+                    next_touch, chosen = next_touch + 1, self.touch()
+            values = np.clip(np.rint(values), sensor.lowest, sensor.highest)
+            if now % FAULTY < 1.0 / RATE:
+                broken = int(self.random.integers(len(self.channels)))
+                kind = KINDS[int(self.random.integers(len(KINDS)))]
+                result.broken += 1
+            if broken >= 0 and now > LEARN and now % FAULTY < FAULTY / 2.0:
+                values[broken] = self._break(kind, values[broken])
+            raw[self.channels] = values
+            reading = Reading(self.joints, (SkinFrame(self.patch.name, now, frame, raw.copy()),))
+            _, self.memory = self.reflex.step(self.memory, self.body.perceive(reading, now))
+            for withdrawal in self.memory.values():
+                if withdrawal.started not in seen and now > LEARN:
+                    seen = {withdrawal.started}
+                    answers.append(withdrawal.started)
+        got = np.array(answers)
+        for begin in begins:
+            here = int(np.count_nonzero((got >= begin) & (got <= begin + 0.52)))
+            result.missed += here == 0
+            result.twice += here > 1
+        result.false = (
+            len(got) - int(sum(np.any((got >= b) & (got <= b + 0.52)) for b in begins)) - result.twice
+        )
+        return result
+
+    def _break(self, kind: str, value: float) -> float:
+        sensor = self.patch.sensor
+        pressed = sensor.lowest if sensor.pascal_per_count < 0.0 else sensor.highest
+        match kind:
+            case "stuck high":
+                return float(pressed)
+            case "stuck low":
+                return float(sensor.rest)
+            case "not a number":
+                return float("nan")
+        return float(
+            np.clip(round(value + 15.0 * self.random.standard_normal()), sensor.lowest, sensor.highest)
+        )
+
+
+def _live(seed: int, hours: float, touches: int) -> Hours:
+    return Day(seed).live(hours, touches)
+
+
+def false_reflexes(full: bool) -> Row:
+    """Hours are simulated: every frame of them goes through conditioning, contacts and reflex."""
+    jobs, hours, touches = (96, 0.25, 105) if full else (1, 0.05, 20)
+    done = spread(_live, [(seed, hours, touches) for seed in range(jobs)], "a day of touches")
+    false, missed = sum(d.false for d in done), sum(d.missed for d in done)
+    return Row(
+        "false reflexes in noise, drift and single-taxel faults",
+        f"{sum(d.hours for d in done):g} h, {sum(d.touches for d in done)} touches",
+        f"{false} false, {missed} missed, {sum(d.twice for d in done)} answered twice; "
+        f"{sum(d.broken for d in done)} taxels broken",
+        "24 h, 0 false, 0 of 1e4 missed",
+        false == 0 and missed == 0,
+    )

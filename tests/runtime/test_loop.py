@@ -73,6 +73,25 @@ def test_45_an_exception_of_the_capability_stops_the_robot_and_is_raised(link: S
     assert speed(link) < 0.02
 
 
+def test_45_a_link_that_fails_to_read_in_any_way_is_still_brought_to_rest(
+    link: SimulatedLink, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fast: list[float] = []
+
+    def observe(tick: Tick) -> None:
+        fast.append(speed(link))
+        if len(fast) == 40:
+            monkeypatch.setattr(link, "_receive", fail)
+
+    with pytest.raises(ZeroDivisionError) as raised:
+        run(link, Swing(), duration=1.0, observe=observe)
+    assert fast[-1] > 0.3
+    assert not hasattr(raised.value, "__notes__")
+    monkeypatch.undo()
+    link.world.advance(link.world.time + 0.05)
+    assert speed(link) < 0.02
+
+
 def test_45_an_exception_of_an_observer_stops_the_robot(link: SimulatedLink) -> None:
     def observe(tick: Tick) -> None:
         if tick.now > 0.05:

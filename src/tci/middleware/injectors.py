@@ -69,6 +69,8 @@ class _Taxels(Injector):
     def frame(self, frame: SkinFrame) -> SkinFrame:
         if frame.patch != self.link.robot.patches[0].name:
             return frame
+        if frame.values.dtype.kind not in "uif":
+            return frame  # another fault spoilt it already
         values = frame.values.astype(float)
         sensor = self.link.robot.patches[0].sensor
         pressed = sensor.lowest if sensor.pascal_per_count < 0.0 else sensor.highest

@@ -15,7 +15,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from tci.capabilities.capability import Capability
-from tci.errors import CommandError, FrameError, LinkError
+from tci.errors import CommandError, FrameError
 from tci.interface.body import Body
 from tci.interface.gate import SafeCommand
 from tci.messages import JointReading, Order, Perception, PlatformOrder, Reading, SkinState
@@ -210,7 +210,7 @@ class _Loop(Generic[Memory]):
             return
         try:
             for now in link.ticks(duration=REST):
-                with suppress(LinkError):  # the last reading will do: references need none to stop
+                with suppress(Exception):  # the last reading will do: references need none to stop
                     self._joints = link.read().joints
                 sent = link.write(link.gate.step((), self._joints, now))
                 if np.all(np.abs(sent.velocity) < STILL):

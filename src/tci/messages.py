@@ -105,6 +105,8 @@ class PatchState:
     """Normal force (taxels,) [N]: pressure times the taxel's area."""
     masked: NDArray[np.bool_] | None = None
     """Which taxels (taxels,) are ignored because they can't be trusted; None: none."""
+    vector: Array | None = None
+    """Force (taxels, 3) [N] on each taxel, in the patch's link, of three-axis skin; None for other skin."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,6 +15,8 @@ AREA = 3e-5
 AREAS = np.full(TAXELS, AREA)
 INVERTED = sensor(8)
 SENSITIVE = Sensor(rest=120.0, pascal_per_count=30.0, lowest=0.0, highest=4095.0)
+THREE_AXES = Sensor(rest=4000.0, pascal_per_count=2.0, lowest=0.0, highest=65535.0, axes=3)
+"""Its z values; x and y are not calibrated by weights."""
 WRONG = 1.4
 """The description's response is this far off, so that an uncalibrated skin fails."""
 
@@ -36,7 +38,9 @@ def frames(of: Sensor, force: float, count: int, generator: np.random.Generator)
     return np.clip(np.rint(of.rest + offsets + truth(of, pressure) + noise), of.lowest, of.highest)
 
 
-@pytest.mark.parametrize("of", [INVERTED, SENSITIVE], ids=["0-255 inverted", "12 bits"])
+@pytest.mark.parametrize(
+    "of", [INVERTED, SENSITIVE, THREE_AXES], ids=["0-255 inverted", "12 bits", "three axes"]
+)
 def test_a_held_out_newton_is_a_newton(of: Sensor) -> None:
     generator = np.random.default_rng(1)
     weights = np.repeat([0.3, 0.6, 0.9, 1.3, 1.8, 2.5], 4)

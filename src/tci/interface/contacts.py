@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import TciError, UnknownNameError
-from tci.frames import Array
+from tci.frames import Array, read_only
 from tci.interface.kernels.contacts import NUMBERS, P_L, VECTORS, cluster, describe
 from tci.interface.kernels.flat import adjacency
 from tci.interface.kernels.weighted_force import mean_force
@@ -146,6 +146,8 @@ def _contacts(
         own = slice(bounds[index], bounds[index + 1])
         identity, began, moved = identities[index]
         centre_L, n_L, p_T, n_T, f_T = vectors[index]
+        if felt.vector is not None:
+            f_T = read_only(state.link_poses[patch.link][:3, :3] @ felt.vector[indices[own]].sum(axis=0))
         found.append(
             Contact(
                 patch=patch.name,

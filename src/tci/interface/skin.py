@@ -13,6 +13,7 @@ from tci.frames import Array, apply, invert, transform
 from tci.interface.conditioning import Conditioner, ConditioningSettings, PatchHealth
 from tci.interface.kernels.flat import FlatPatch
 from tci.interface.part import generic_posture
+from tci.interface.shear import AXES, Shear, normal_channels
 from tci.messages import JointReading, PatchState, Reading, SkinFrame, SkinState
 from tci.model.description import GenericPart, Robot, Segment
 from tci.model.generic_arm import limb_coordinates, segment_rotation
@@ -57,13 +58,18 @@ class Skin:
         self._conditioners = {
             patch.name: Conditioner(
                 patch,
-                self.surfaces[patch.name].channels,
+                normal_channels(patch, self.surfaces[patch.name]),
                 neighbours=self.surfaces[patch.name].neighbours,
                 settings=conditioning,
                 calibration=measured.get(patch.name),
                 phase=0.5 * index / len(robot.patches),
             )
             for index, patch in enumerate(robot.patches)
+        }
+        self._shears = {
+            patch.name: Shear(patch, self.surfaces[patch.name])
+            for patch in robot.patches
+            if patch.sensor.axes == AXES
         }
         self._flat: dict[str, FlatPatch] = {}
         segments = [robot.limb_segment(patch) for patch in robot.patches]
@@ -146,7 +152,11 @@ class Skin:
         force = pressure * self.surfaces[frame.patch].areas
         pressure.setflags(write=False)
         force.setflags(write=False)
-        return PatchState(frame.patch, frame.stamp, frame.sequence, pressure, force, conditioner.masked)
+        shear = self._shears.get(frame.patch)
+        return PatchState(
+            frame.patch, frame.stamp, frame.sequence, pressure, force, masked=conditioner.masked,
+            vector=None if shear is None else shear.force(frame.values, pressure, frame.stamp),
+        )  # fmt: skip
 
     def positions(self, patch: str, joints: JointReading, *, frame: FrameName = "link") -> Array:
         """Taxel positions (taxels, 3) [m] at the present posture (eq. 3).

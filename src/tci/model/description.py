@@ -194,6 +194,16 @@ class Sensor(Words):
     response: tuple[tuple[float, float], ...] = ()
     """Pairs of counts away from rest and pressure [Pa], both rising from 0, 0, for a sensor that is not
     linear; straight lines between them and beyond. Empty: pascal_per_count is all there is."""
+    axes: Literal[1, 3] = 1
+    """1: a raw value is a taxel's pressure. 3: each taxel sends x and y, the stress along the skin, and z,
+    outward; a frame has three times as many values as the skin has channels."""
+    shear: float | None = None
+    """Response [Pa per count] of x and y, linear; None: the size of pascal_per_count."""
+
+    @property
+    def shear_pascal_per_count(self) -> float:
+        """Response [Pa per count] of a three-axis taxel along the skin."""
+        return abs(self.pascal_per_count) if self.shear is None else self.shear
 
     def pressure(self, counts: Array) -> Array:
         """Pressure [Pa] of deviations from rest [counts], positive with pressure."""

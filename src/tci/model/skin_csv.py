@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tci.model.skin_layout import SkinLayout, make_layout
+from tci.model.skin_layout import SkinLayout, hexagons, make_layout
 from tci.model.skin_text import MAX_DISTANCE, MAX_ROWS, read_lines
 from tci.model.xml_document import Faults, refuse, shown
 from tci.model.xml_node import listed, nearest
@@ -25,8 +25,9 @@ from tci.model.xml_node import listed, nearest
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 LENGTHS = ("x", "y", "z")
 DIRECTIONS = ("nx", "ny", "nz")
+TANGENTS = ("tx", "ty", "tz")
 COUNTS = ("channel", "module", "representative")
-COLUMNS = (*LENGTHS, *DIRECTIONS, *COUNTS, "kind", "area")
+COLUMNS = (*LENGTHS, *DIRECTIONS, *TANGENTS, *COUNTS, "kind", "area")
 KINDS = ("taxel", "pad", "absent")
 _HEAD = re.compile(r"([A-Za-z_]+)\s*(?:[\[(]\s*([A-Za-z0-9^]+)\s*[\])])?")
 _COUNT = re.compile(r"[0-9]{1,6}")
@@ -40,6 +41,7 @@ class _Row:
     channel: int
     position: tuple[float, ...]
     normal: tuple[float, ...]
+    tangent: tuple[float, ...]
     module: int
     representative: int | None
     kind: str
@@ -106,9 +108,13 @@ def _header(cells: list[str], line: int, faults: Faults) -> dict[str, tuple[int,
     missing = [name for name in LENGTHS if name not in columns]
     if missing and not faults:
         faults.add(line, f"the header lacks {listed(missing)}; valid: x, y and z with a unit, as x [mm]")
-    some = [name for name in DIRECTIONS if name in columns]
-    if some and len(some) < 3:
-        faults.add(line, f"the header has only {listed(some)} of a normal; valid: nx, ny, nz or none of them")
+    for names in (DIRECTIONS, TANGENTS):
+        some = [name for name in names if name in columns]
+        if some and len(some) < 3:
+            whole = ", ".join(names)
+            faults.add(
+                line, f"the header has only {listed(some)} of a vector; valid: {whole} or none of them"
+            )
     return columns
 
 
@@ -122,7 +128,7 @@ def _row(
     kind = cell.get("kind", "").lower() or "taxel"
     numbers: dict[str, float | None] = {}
     fine = True
-    for name in (*LENGTHS, *DIRECTIONS, "area"):
+    for name in (*LENGTHS, *DIRECTIONS, *TANGENTS, "area"):
         most = {"area": 1.0}.get(name, MAX_DISTANCE if name in LENGTHS else 1.001)
         least = 0.0 if name == "area" else -most
         text = cell.get(name, "")
@@ -159,6 +165,7 @@ def _row(
         channel=index if counts["channel"] is None else counts["channel"],
         position=() if kind == "absent" or None in place else tuple(value or 0.0 for value in place),
         normal=tuple(value or 0.0 for value in normal),
+        tangent=tuple(numbers[name] or 0.0 for name in TANGENTS),
         module=counts["module"] or 0,
         representative=counts["representative"],
         kind=kind,
@@ -186,7 +193,7 @@ def _check_channels(rows: list[_Row], faults: Faults) -> None:
 
 def _layout(source: str, rows: list[_Row]) -> SkinLayout:
     n = 1 + max(row.channel for row in rows)
-    positions, normals = np.zeros((n, 3)), np.zeros((n, 3))
+    positions, normals, tangents = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 3))
     areas = np.full(n, np.nan)
     valid, pads = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
     modules = np.zeros(n, dtype=np.intp)
@@ -195,25 +202,15 @@ def _layout(source: str, rows: list[_Row]) -> SkinLayout:
         at = row.channel
         if row.position:
             positions[at], valid[at] = row.position, True
-        normals[at], modules[at] = row.normal, row.module
+        normals[at], tangents[at], modules[at] = row.normal, row.tangent, row.module
         pads[at] = row.kind == "pad"
         areas[at] = np.nan if row.area is None else row.area
         if row.kind != "absent":
             own = at if row.representative is None else row.representative
             representative[at] = -2 if row.kind == "pad" else own
-    plain = make_layout(
-        source,
-        positions,
-        normals,
-        valid,
-        name=Path(source).stem,
-        pads=pads,
-        modules=modules,
-        representative=representative,
-    )
-    if np.isnan(areas).all():
-        return plain
+    missing = np.isnan(areas)
     return make_layout(
-        source, positions, normals, valid, name=plain.name, pads=pads, modules=modules,
-        representative=representative, areas=np.where(np.isnan(areas), plain.areas, areas),
+        source, positions, normals, valid, name=Path(source).stem, pads=pads, modules=modules,
+        areas=np.where(missing, hexagons(positions, valid & ~pads), areas) if missing.any() else areas,
+        representative=representative, tangents=tangents if tangents.any() else None,
     )  # fmt: skip

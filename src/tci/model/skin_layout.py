@@ -46,6 +46,8 @@ class SkinLayout:
     """The channel (n,) that stands for each when a skin is read per triangle; -1 absent, -2 pad."""
     listed_normals: Array
     """Normals (n, 3) as the file has them, not always of unit length: skinManager uses them so."""
+    tangents: Array | None = None
+    """Unit x axes (n, 3) across the normals, of three-axis taxels; None where the file has none."""
     sampling: Literal["taxel", "triangle"] = "taxel"
     """Whether a position is that of one taxel, or stands for all with the same representative."""
 
@@ -67,6 +69,7 @@ class SkinLayout:
             positions=read_only(np.where(self.valid[:, None], apply(T_LF, self.positions), 0.0)),
             normals=read_only(self.normals @ rotation.T),
             listed_normals=read_only(self.listed_normals @ rotation.T),
+            tangents=None if self.tangents is None else read_only(self.tangents @ rotation.T),
         )
 
 
@@ -82,6 +85,7 @@ def make_layout(
     pads: NDArray[np.bool_] | None = None,
     modules: NDArray[np.intp] | None = None,
     representative: NDArray[np.intp] | None = None,
+    tangents: Array | None = None,
     sampling: Literal["taxel", "triangle"] = "taxel",
 ) -> SkinLayout:
     """A layout from what a reader found: n `positions` (n, 3) [m] and `normals` (n, 3) of any length.
@@ -89,6 +93,7 @@ def make_layout(
     Normals are made unit vectors. Those that `estimated` (n,) marks, and those of zero length, are
     estimated from the neighbours. Areas that are not given are the hexagon that the nearest neighbour
     leaves (ours). Without `modules` all is one module, without `representative` each taxel is its own.
+    `tangents` (n, 3) are x axes of any length.
     """
     n = len(positions)
     pads = np.zeros(n, dtype=bool) if pads is None else pads
@@ -121,8 +126,17 @@ def make_layout(
         modules=read_only(np.where(present, modules, -1), np.intp),
         representative=read_only(representative, np.intp),
         listed_normals=read_only(normals),
+        tangents=None if tangents is None else read_only(_across(tangents, unit)),
         sampling=sampling,
     )
+
+
+def _across(tangents: Array, normals: Array) -> Array:
+    """The same directions, made unit vectors across the normals; zero where they can't be."""
+    along = tangents - np.einsum("ni,ni->n", tangents, normals)[:, None] * normals
+    lengths = np.linalg.norm(along, axis=1, keepdims=True)
+    result: Array = np.divide(along, lengths, out=np.zeros_like(along), where=lengths > 1e-6)
+    return result
 
 
 def hexagons(positions: Array, taxels: NDArray[np.bool_]) -> Array:

@@ -22,7 +22,7 @@ from lxml import etree
 from numpy.typing import NDArray
 
 from tci.errors import DescriptionError
-from tci.frames import Array, apply, rotation_rpy, transform
+from tci.frames import Array, rotation_rpy, transform
 from tci.model.skin_layout import SkinLayout, hexagons, make_layout
 from tci.model.skin_text import MAX_BYTES, MAX_DISTANCE, MAX_ROWS
 from tci.model.xml_document import Faults, parse, read_bytes, refuse, shown
@@ -113,22 +113,23 @@ def _sensor(element: etree._Element, source: str, links: set[str], faults: Fault
     found = _array(arrays[0], faults) if arrays else _taxels(taxels, faults)
     if found is None or pose is None or not fine:
         return None
-    index, positions, normals, areas = found
+    index, poses, area = found
+    poses = pose @ poses
     n = 1 + int(index.max())
-    rows: tuple[Array, Array, Array] = np.zeros((n, 3)), np.zeros((n, 3)), np.zeros(n)
+    rows = np.tile(np.zeros((4, 4)), (n, 1, 1))
     valid = np.zeros(n, dtype=bool)
-    rows[0][index], rows[1][index], valid[index] = apply(pose, positions), normals @ pose[:3, :3].T, True
-    if areas is None:
-        rows = rows[0], rows[1], hexagons(rows[0], valid)
-    else:
-        rows[2][index] = areas
-    layout = make_layout(source, rows[0], rows[1], valid, name=name, areas=rows[2])
+    rows[index], valid[index] = poses, True
+    positions = rows[:, :3, 3]
+    layout = make_layout(
+        source, positions, rows[:, :3, 2], valid, name=name, tangents=rows[:, :3, 0],
+        areas=hexagons(positions, valid) if area is None else np.where(valid, area, 0.0),
+    )  # fmt: skip
     channel = tactile.get("channel", name)
     return TactileSensor(name, link, channel, None if rate is None else float(rate[0]), layout)
 
 
-def _array(element: etree._Element, faults: Faults) -> tuple[Channels, Array, Array, Array] | None:
-    """Indices (n,), positions and normals (n, 3) [m] and areas (n,) [m2] of a grid of equal taxels."""
+def _array(element: etree._Element, faults: Faults) -> tuple[Channels, Array, float] | None:
+    """Indices (n,), poses (n, 4, 4) and area [m2] of a grid of equal taxels."""
     line = element.sourceline or 0
     counts = [_count(element, key, faults, least=1, most=1024) for key in ("rows", "cols")]
     size = _numbers(element, "size", 2, faults)
@@ -149,13 +150,13 @@ def _array(element: etree._Element, faults: Faults) -> tuple[Channels, Array, Ar
     index = np.arange(rows * columns)
     row, column = np.divmod(index, columns) if order == ORDERS[0] else np.divmod(index, rows)[::-1]
     places = np.column_stack([row, column]) * spacing - offset
-    positions = np.column_stack([places, np.zeros(len(index))])
-    normals = np.tile([0.0, 0.0, 1.0], (len(index), 1))
-    return index, positions, normals, np.full(len(index), size[0] * size[1])
+    poses = np.tile(np.eye(4), (len(index), 1, 1))
+    poses[:, :2, 3] = places
+    return index, poses, float(size[0] * size[1])
 
 
-def _taxels(elements: list[etree._Element], faults: Faults) -> tuple[Channels, Array, Array, None] | None:
-    """Indices (n,), positions and normals (n, 3) [m] of single taxels."""
+def _taxels(elements: list[etree._Element], faults: Faults) -> tuple[Channels, Array, None] | None:
+    """Indices (n,) and poses (n, 4, 4) of single taxels."""
     index, poses = [], []
     lines: dict[int, int] = {}
     for element in elements:
@@ -171,8 +172,7 @@ def _taxels(elements: list[etree._Element], faults: Faults) -> tuple[Channels, A
         poses.append(pose)
     if len(index) < len(elements):
         return None
-    stacked = np.array(poses)
-    return np.array(index), stacked[:, :3, 3], stacked[:, :3, 2], None
+    return np.array(index), np.array(poses), None
 
 
 def _pose(element: etree._Element, faults: Faults) -> Array | None:

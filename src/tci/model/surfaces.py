@@ -61,6 +61,8 @@ class Surface:
     faces: NDArray[np.intp]
     """Triangles (f, 3) of taxels, anticlockwise seen from outside. Those of a limb lie on its hull, those of
     a sheet (palm, sole, cap) are what one sees of it from outside; taxels on one line have none."""
+    tangents: Array | None = None
+    """Unit x axes (n, 3) of three-axis taxels in the link; y is normal x tangent. None: see `tangents`."""
 
     def project(self, points: Array) -> tuple[Array, Array]:
         """Nearest points (k, 3) [m] of the surface to `points` (k, 3) [m], and its normals (k, 3) there.
@@ -84,6 +86,7 @@ def build_surface(robot: Robot, patch: Patch, kinematics: Kinematics) -> Surface
     that the model lacks.
     """
     words = patch.surface
+    across: Array | None = None
     kinematics.poses(np.zeros(len(robot.servos)), [patch.link])  # raises when there is no such link
     if isinstance(words, TruncatedCone):
         positions, normals, areas, faces = _cone(words)
@@ -94,14 +97,14 @@ def build_surface(robot: Robot, patch: Patch, kinematics: Kinematics) -> Surface
         else:
             layout = read_table(robot, patch, words)
             channels = layout.taxels
+            across = None if layout.tangents is None else read_only(layout.tangents[channels])
             positions, normals, areas = (
                 values[channels] for values in (layout.positions, layout.normals, layout.areas)
             )
         faces = _faces(positions, normals)
-    if channels.max() >= patch.channels:
-        message = (
-            f"patch {patch.name}: it has {patch.channels} channels; its taxels need {channels.max() + 1}"
-        )
+    needed = patch.sensor.axes * (int(channels.max()) + 1)
+    if needed > patch.channels:
+        message = f"patch {patch.name}: it has {patch.channels} channels; its taxels need {needed}"
         raise DescriptionError(robot.source, [Fault(0, message)])
     return Surface(
         patch=patch.name,
@@ -112,7 +115,20 @@ def build_surface(robot: Robot, patch: Patch, kinematics: Kinematics) -> Surface
         channels=read_only(channels, np.intp),
         neighbours=read_only(_neighbours(positions, normals), np.intp),
         faces=read_only(_outward(faces, positions, normals), np.intp),
+        tangents=across,
     )
+
+
+def tangents(normals: Array) -> Array:
+    """Unit vectors (n, 3) across `normals` (n, 3): x axes of taxels of which nobody said any. Ours.
+
+    The link's x axis as the skin sees it; its y axis where that is within 18 degrees of the normal.
+    """
+    steep = np.abs(normals[:, :1]) > 0.95
+    guide = np.where(steep, [0.0, 1.0, 0.0], [1.0, 0.0, 0.0])
+    along = guide - np.einsum("ni,ni->n", guide, normals)[:, None] * normals
+    result: Array = along / np.linalg.norm(along, axis=1, keepdims=True)
+    return result
 
 
 def _cone(cone: TruncatedCone) -> tuple[Array, Array, Array, NDArray[np.intp]]:

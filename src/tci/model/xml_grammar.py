@@ -149,7 +149,10 @@ PATCH = Element(
     must={
         "sensor": Element(
             needs={"rest": Number(), "pascal_per_count": Number(), "min": Number(), "max": Number()},
-            may={"noise": Number(0.0, 1e6, unit="counts")},
+            may={
+                "noise": Number(0.0, 1e6, unit="counts"), "axes": Integer(1, 3),
+                "shear_pascal_per_count": Number(),
+            },
             once={"response": Element(some={"point": RESPONSE_POINT})},
         ),
     },

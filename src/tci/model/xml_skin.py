@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -30,7 +31,7 @@ def read_skin(root: Node, source: Path, faults: Faults) -> tuple[Patch, ...]:
     for node in once_only(skin.all("patch"), "name", "patch with", faults):
         _check_place(node, segments, faults)
         sensor = _sensor(node, faults)
-        surface = _surface(node, source, faults)
+        surface = _surface(node, source, _places(node), faults)
         if node.ok and sensor is not None and surface is not None:
             patches.append(
                 Patch(
@@ -68,7 +69,15 @@ def _sensor(patch: Node, faults: Faults) -> Sensor | None:
     return Sensor(
         rest=rest, pascal_per_count=slope, lowest=lowest, highest=highest,
         noise=node.get("noise", 0.0), response=_response(node, faults),
+        axes=_axes(node, faults), shear=node.get("shear_pascal_per_count"),
     )  # fmt: skip
+
+
+def _axes(sensor: Node, faults: Faults) -> Literal[1, 3]:
+    axes = sensor.get("axes", 1)
+    if axes == 2 or (axes == 1 and sensor.get("shear_pascal_per_count") is not None):
+        faults.add(sensor.line, f"sensor: axes {axes}; valid: 1, or 3 with or without shear_pascal_per_count")
+    return 3 if axes == 3 else 1
 
 
 def _response(sensor: Node, faults: Faults) -> tuple[tuple[float, float], ...]:
@@ -84,7 +93,16 @@ def _response(sensor: Node, faults: Faults) -> tuple[tuple[float, float], ...]:
     return tuple(points)
 
 
-def _surface(patch: Node, source: Path, faults: Faults) -> TruncatedCone | TriangularModules | Table | None:
+def _places(patch: Node) -> int | None:
+    """Channels of the skin: values of a frame by axes of the sensor."""
+    channels, sensor = patch.get("channels"), patch.first("sensor")
+    axes = 1 if sensor is None else sensor.get("axes", 1)
+    return None if channels is None or axes is None else channels // axes
+
+
+def _surface(
+    patch: Node, source: Path, channels: int | None, faults: Faults
+) -> TruncatedCone | TriangularModules | Table | None:
     found = [tag for tag in SURFACES if patch.all(tag)]
     if len(found) != 1:
         what = " and ".join(f"<{tag}>" for tag in found) or "no surface"
@@ -93,7 +111,6 @@ def _surface(patch: Node, source: Path, faults: Faults) -> TruncatedCone | Trian
         )
         return None
     node = patch.all(found[0])[0]
-    channels = patch.get("channels")
     if found[0] == "truncated_cone":
         return _cone(node, channels, faults)
     if found[0] == "triangular_modules":

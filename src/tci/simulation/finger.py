@@ -13,6 +13,7 @@ from tci.frames import Array
 from tci.model.collisions import SKIN
 from tci.simulation.physics import Physics
 from tci.simulation.posed_skin import PosedSkin
+from tci.simulation.touch import FINGER_PRIORITY, stiff
 
 RADIUS = 0.005
 """Of the tip [m]."""
@@ -49,9 +50,8 @@ def add_finger(spec: mujoco.MjSpec, *, step: float) -> None:
         conaffinity=0,
         # Without friction a contact's force is normal to the skin, which is all that taxels feel.
         condim=1,
-        priority=1,
-        # A light tip needs a stiff contact, or it sinks in: 0.2 mm at 8 N here.
-        solref=[max(0.002, 2.0 * step), 1.0],
+        priority=FINGER_PRIORITY,
+        solref=stiff(step),
         group=2,
         rgba=_COLOUR,
     )

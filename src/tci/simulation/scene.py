@@ -33,7 +33,7 @@ def build_scene(
         body.gravcomp = 1.0
     for patch in robot.patches:
         if patch.name in surfaces:
-            add_skin(spec, surfaces[patch.name])
+            add_skin(spec, surfaces[patch.name], axes=patch.sensor.axes, step=step)
     add_finger(spec, step=step)
     return exclude_overlaps(spec, robot, posture)
 

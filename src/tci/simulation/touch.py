@@ -14,7 +14,7 @@ from tci.frames import Array, apply, invert
 from tci.messages import SkinFrame
 from tci.model.collisions import SKIN
 from tci.model.description import Patch
-from tci.model.surfaces import Surface, is_sheet
+from tci.model.surfaces import Surface, is_sheet, tangents
 from tci.simulation.kernel import spread, width
 from tci.simulation.physics import Physics
 
@@ -25,12 +25,16 @@ _FIELDS = (
     mujoco.mjtConDataField.mjCONDATA_FORCE,
     mujoco.mjtConDataField.mjCONDATA_POS,
     mujoco.mjtConDataField.mjCONDATA_NORMAL,
+    mujoco.mjtConDataField.mjCONDATA_TANGENT,
 )
-_FOUND, _FORCE, _POSITION, _NORMAL = 0, 1, slice(4, 7), slice(7, 10)
-_WIDTH = 10
-"""Numbers per slot: found 1, force 3, position 3, normal 3."""
+_FOUND, _FORCE, _POSITION, _NORMAL, _TANGENT = 0, slice(1, 4), slice(4, 7), slice(7, 10), slice(10, 13)
+_WIDTH = 13
+"""Numbers per slot: found 1, force 3 (along normal, tangent and the third axis), position 3, normal 3,
+tangent 3."""
 _MOST_FORCE = 2
 """MuJoCo's code for sorting contacts by force."""
+FINGER_PRIORITY = 1
+"""Of the finger's contacts, which are without friction but for skin that feels it."""
 _CORNERS = 8
 _THICKNESS = 2e-3
 """How thick [m] a sheet of skin is. Ours."""
@@ -57,10 +61,15 @@ def skin_geom(patch: str) -> str:
     return f"tci_skin_{patch}"
 
 
-def add_skin(spec: mujoco.MjSpec, surface: Surface) -> None:
+def stiff(step: float) -> list[float]:
+    """MuJoCo's solref of a contact with the finger, whose light tip would sink in: 0.2 mm at 8 N here."""
+    return [max(0.002, 2.0 * step), 1.0]
+
+
+def add_skin(spec: mujoco.MjSpec, surface: Surface, *, axes: int, step: float) -> None:
     """Add a patch to the scene: a geom through its taxels, and a sensor of the contacts on it.
 
-    MuJoCo collides a mesh's convex hull. Faces serve pictures.
+    MuJoCo collides a mesh's convex hull. Faces serve pictures. Only skin that feels `axes` 3 has friction.
     """
     name = skin_geom(surface.patch)
     points, faces = _solid(surface)
@@ -77,7 +86,9 @@ def add_skin(spec: mujoco.MjSpec, surface: Surface) -> None:
         mass=0.0,
         contype=0,
         conaffinity=SKIN,
-        condim=1,
+        condim=axes,
+        priority=FINGER_PRIORITY + 1 if axes == 3 else 0,
+        solref=stiff(step),
         group=2,
         rgba=_COLOUR,
     )
@@ -132,6 +143,8 @@ class Touch:
         self._body = int(physics.model.geom_bodyid[self._geom])
         start = int(physics.model.sensor(name).adr[0])
         self._slots = slice(start, start + SLOTS * _WIDTH)
+        self._x = tangents(surface.normals) if surface.tangents is None else surface.tangents
+        self._y = np.cross(surface.normals, self._x)
         sensor = patch.sensor
         self._type = np.uint8 if 0.0 <= sensor.lowest <= sensor.highest <= 255.0 else np.int32
 
@@ -147,15 +160,20 @@ class Touch:
         self._count += 1
         due = (self._count + 1) / (self.patch.rate * self._physics.step)
         self.due = max(int(np.ceil(due - 1e-6)), self._physics.steps + 1)
-        values = self._raw(self.forces() / self.surface.areas)
+        values = self._raw(self.vectors() / self.surface.areas[:, None])
         values.setflags(write=False)
         self.frame = SkinFrame(self.patch.name, self._physics.time, self._count, values)
 
     def forces(self) -> Array:
-        """Force (taxels,) [N] on each taxel now. Raises TciError like `sample`."""
+        """Force (taxels,) [N] that presses each taxel now. Raises TciError like `sample`."""
+        return self.vectors()[:, 2]
+
+    def vectors(self) -> Array:
+        """Force (taxels, 3) [N] on each taxel now: along its x and y axes, and pressing. Raises TciError like
+        `sample`."""
         self._physics.refresh()
         slots = self._physics.data.sensordata[self._slots].reshape(SLOTS, _WIDTH)
-        total = np.zeros(len(self.surface.positions))
+        total = np.zeros((len(self.surface.positions), 3))
         found = int(slots[0, _FOUND])
         if found == 0:
             return total
@@ -165,14 +183,28 @@ class Touch:
         for slot in slots[:found]:
             point = apply(T_LW, slot[_POSITION])
             normal = T_LW[:3, :3] @ slot[_NORMAL]
-            total += slot[_FORCE] * spread(self.surface.positions, point, normal, self._width)
+            pressing, first, second = slot[_FORCE]
+            shares = spread(self.surface.positions, point, normal, self._width)
+            total[:, 2] += pressing * shares
+            if self.patch.sensor.axes == 3:
+                tangent = T_LW[:3, :3] @ slot[_TANGENT]
+                along = -(first * tangent + second * np.cross(normal, tangent))
+                total[:, 0] += shares * (self._x @ along)
+                total[:, 1] += shares * (self._y @ along)
         return total
 
-    def _raw(self, pressure: Array) -> NDArray[np.generic]:
-        """Raw values (channels,) of `pressure` (taxels,) [Pa]; pads and absent taxels stay at rest."""
+    def _raw(self, stress: Array) -> NDArray[np.generic]:
+        """Raw values (channels,) of `stress` (taxels, 3) [Pa]; pads and absent taxels stay at rest."""
         sensor = self.patch.sensor
         values = np.full(self.patch.channels, sensor.rest)
-        values[self.surface.channels] += np.sign(sensor.pascal_per_count) * sensor.counts(pressure)
+        pressed = np.sign(sensor.pascal_per_count) * sensor.counts(stress[:, 2])
+        if sensor.axes == 3:
+            places = 3 * self.surface.channels
+            values[places] += stress[:, 0] / sensor.shear_pascal_per_count
+            values[places + 1] += stress[:, 1] / sensor.shear_pascal_per_count
+            values[places + 2] += pressed
+        else:
+            values[self.surface.channels] += pressed
         if self._noise:
             values += self._generator.normal(0.0, self._noise, len(values))
         counts = np.clip(np.rint(values), sensor.lowest, sensor.highest)

@@ -9,6 +9,7 @@ from frame import Frame, InC
 from measured import Measured, cold, in_turn, row
 
 import tci
+from tci.interface.events import FilledFrames
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.model.dense_skin import with_dense_skin
 
@@ -67,3 +68,32 @@ def pipeline() -> list[Measured]:
             )
         )
     return rows
+
+
+def events() -> list[Measured]:
+    """The skin alone, all patches at rest: senders that send changes only, beside senders of every frame."""
+    robot = with_dense_skin(tci.load_robot("icub"), 4000, patches=16)
+    raw = {p.name: np.full(p.channels, p.sensor.rest, np.uint8) for p in robot.patches}
+    for values in raw.values():
+        values.setflags(write=False)
+    joints = JointReading(0.0, 0, np.array(robot.initial_position), np.zeros(len(robot.servos)))
+    period = 1.0 / robot.patches[0].rate
+    clocked, eventful = tci.Skin(robot), tci.Skin(robot)
+    filled = FilledFrames(robot, 1.0)
+    count = [itertools.count(1), itertools.count(1)]
+
+    def ours() -> object:
+        k = next(count[0])
+        k0 = k - k % 50  # one keep-alive in 50 frames
+        sent = tuple(SkinFrame(name, period * k0, k0, values) for name, values in raw.items())
+        return eventful.update(Reading(joints, filled.fill(sent, period * k)))
+
+    def peer() -> object:
+        k = next(count[1])
+        frames = tuple(SkinFrame(name, period * k, k, values.copy()) for name, values in raw.items())
+        return clocked.update(Reading(joints, frames))
+
+    pairs = in_turn(ours, peer)
+    return [
+        row("conditioning of 16 patches at rest, event-driven", "every frame sent", pairs, most_ratio=1.0)
+    ]

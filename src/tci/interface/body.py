@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 from tci.frames import Array, read_only
 from tci.interface.cartesian import cartesian_to_platform
 from tci.interface.contacts import ContactSettings, find_contacts
 from tci.interface.coverage import Coverage
+from tci.interface.events import FilledFrames
 from tci.interface.part import generic_columns, generic_posture, switch, to_platform
 from tci.interface.skin import Skin
 from tci.interface.tracking import Tracker
@@ -31,8 +33,13 @@ from tci.model.description import Robot
 class Body:
     """What capabilities see of a robot, and how they move it."""
 
-    def __init__(self, robot: Robot, *, contacts: ContactSettings | None = None) -> None:
+    def __init__(
+        self, robot: Robot, *, contacts: ContactSettings | None = None, keep_alive: float | None = None
+    ) -> None:
+        """With a `keep_alive` [s] the skin's senders send changes only, each patch at least once in that
+        time; None: every frame. What is perceived is the same."""
         self.robot = robot
+        self._filled = None if keep_alive is None else FilledFrames(robot, keep_alive)
         self.skin = Skin(robot)
         self._settings = contacts or ContactSettings()
         self._frames: tuple[tuple[str, int], ...] = ()
@@ -48,6 +55,8 @@ class Body:
         robot.
         """
         posture = generic_posture(self.robot, reading.joints)
+        if self._filled is not None:
+            reading = replace(reading, skin=self._filled.fill(reading.skin, now))
         frames = tuple((frame.patch, frame.sequence) for frame in reading.skin)
         ended: tuple[int, ...] = ()
         if frames != self._frames:

@@ -19,6 +19,7 @@ from tci.errors import FrameError, TciError
 from tci.frames import Array, read_only
 from tci.interface.baseline import Baseline, BaselineSettings, Lesson
 from tci.interface.kernels.condition import (
+    BEFORE,
     BEND,
     CHANGED,
     PEAK,
@@ -126,6 +127,8 @@ class Conditioner:
         self._due = self.settings.baseline.lesson * (1.0 - phase)
         self._elapsed = self._raised = 0.0
         self._stamp: float | None = None
+        self._values: object = None
+        self._repeats = 0
         self._round()
 
     @property
@@ -144,6 +147,7 @@ class Conditioner:
     def rezero(self) -> None:
         """What the taxels read now is rest: after a step of the baseline, or on an operator's word."""
         if self._frames:
+            self._count_repeats()
             self.baseline.rezero(self._memory[SIGNAL].astype(np.float64))
             self._round()
             self._forget()
@@ -152,19 +156,35 @@ class Conditioner:
         """Pressure (taxels,) [Pa] of a raw frame (channels,) at `stamp` [s]: never negative, always finite.
 
         Without a stamp nothing is learnt from the frame. A value that is not finite, or that the sensor
-        can't send, counts as the taxel's rest. Raises FrameError for another number of values, or for
-        values that are no real numbers.
+        can't send, counts as the taxel's rest. The same read-only array again is the same frame again: it is
+        only counted. Raises FrameError for another number of values, or for values that are no real numbers.
         """
-        values = np.asarray(values)
-        self._check(values)
         elapsed = 0.0
         if stamp is not None:
             elapsed = 0.0 if self._stamp is None else min(max(stamp - self._stamp, 0.0), GAP)
             self._stamp = stamp
+        if values is self._values:
+            self._repeats += 1
+            self.dropped += self._dropped
+        else:
+            self._condition(np.asarray(values), elapsed)
+        self._bends += self._frames == 2
+        self._frames = min(self._frames + 1, 2)
+        self._in_lesson += 1
+        self._elapsed += elapsed
+        pressure = self._pressure
+        if self._elapsed >= self._due and self._in_lesson >= self.settings.baseline.frames:
+            self._learn()
+        return pressure
+
+    def _condition(self, values: NDArray[np.generic], elapsed: float) -> None:
+        """Go through all taxels."""
+        self._check(values)
+        self._count_repeats()
         latency = self.settings.latency
         smooth = latency > 0.0 and elapsed > 0.0
         pressure = np.zeros(len(self.channels))
-        dropped, self._saturated = condition(
+        self._dropped, self._saturated = condition(
             values if values.dtype == np.uint8 else values.astype(np.float64),
             self.channels,
             self._sensor,
@@ -181,19 +201,24 @@ class Conditioner:
             pressure,
         )
         self._pressure = pressure
-        self.dropped += dropped
-        self._bends += self._frames == 2
-        self._frames = min(self._frames + 1, 2)
-        self._in_lesson += 1
-        self._elapsed += elapsed
+        self.dropped += self._dropped
+        settled = self._frames == 2 and latency == 0.0 and not self._health.still
+        self._values = values if settled and not values.flags.writeable else None
         if self._health.still:
             self._health.revive(self._memory[CHANGED] > 0.0)
             self._masked = read_only(self._health.state, np.bool_)
-        if self._elapsed >= self._due and self._in_lesson >= self.settings.baseline.frames:
-            self._learn()
-        return pressure
+
+    def _count_repeats(self) -> None:
+        """Note in the memory what frames left there that were the same as the one before."""
+        if self._repeats:
+            memory = self._memory
+            memory[BEND] += np.abs(memory[BEFORE] - memory[SIGNAL])
+            memory[BEFORE] = memory[SIGNAL]
+            memory[TOTAL] += np.float32(self._repeats) * memory[SIGNAL]
+            self._repeats = 0
 
     def _learn(self) -> None:
+        self._count_repeats()
         total, peak, bend, changed = self._memory[[TOTAL, PEAK, BEND, CHANGED]].astype(np.float64)
         lesson = Lesson(
             elapsed=self._elapsed,
@@ -223,6 +248,7 @@ class Conditioner:
 
     def _round(self) -> None:
         """What the loop compares with, in single precision: exact for counts below 2^24."""
+        self._values = None
         self._offset = self.baseline.offset.astype(np.float32)
         self._threshold = self.baseline.threshold.astype(np.float32)
 

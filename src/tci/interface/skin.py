@@ -122,8 +122,9 @@ class Skin:
         patches = self._state.patches
         fresh = {}
         for frame in reading.skin:
-            if self._is_new(frame, patches.get(frame.patch)):
-                fresh[frame.patch] = self._feel(frame)
+            held = patches.get(frame.patch)
+            if self._is_new(frame, held):
+                fresh[frame.patch] = self._feel(frame, held)
         if not fresh and reading.joints is self._joints:
             return self._state
         if fresh:
@@ -143,15 +144,18 @@ class Skin:
         self._late += frame.sequence < held.sequence
         return False
 
-    def _feel(self, frame: SkinFrame) -> PatchState:
+    def _feel(self, frame: SkinFrame, held: PatchState | None) -> PatchState:
         if frame.patch not in self._conditioners:
             valid = ", ".join(self._conditioners) or "(none)"
             raise FrameError(f"{self.robot.name} has no skin patch {frame.patch!r}; valid: {valid}")
         conditioner = self._conditioners[frame.patch]
         pressure = conditioner.pressure(frame.values, frame.stamp)
-        force = pressure * self.surfaces[frame.patch].areas
-        pressure.setflags(write=False)
-        force.setflags(write=False)
+        if held is not None and pressure is held.pressure:
+            force = held.force
+        else:
+            force = pressure * self.surfaces[frame.patch].areas
+            pressure.setflags(write=False)
+            force.setflags(write=False)
         shear = self._shears.get(frame.patch)
         return PatchState(
             frame.patch, frame.stamp, frame.sequence, pressure, force, masked=conditioner.masked,

@@ -44,6 +44,9 @@ class Link(ABC):
         """The only maker of what `write` takes."""
         self.lease_name = f"{middleware}:{robot.name}"
         """Links of the same name reach the same robot; only one of them commands it at a time."""
+        self.keep_alive: float | None = None
+        """Longest time [s] without a frame of a patch, where the skin's senders send changes only; None: they
+        send every frame."""
         self._open = True
 
     @abstractmethod

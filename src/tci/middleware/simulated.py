@@ -9,8 +9,9 @@ import numpy as np
 
 from tci.clock import MonotonicClock
 from tci.errors import LinkError
+from tci.interface.events import ChangedFrames
 from tci.interface.gate import SafeCommand
-from tci.messages import Mode, Reading
+from tci.messages import Mode, Reading, SkinFrame
 from tci.middleware.link import Link
 from tci.model.description import Robot
 from tci.simulation.world import World
@@ -59,11 +60,13 @@ class SimulatedLink(Link):
         arm: bool = True,
         world: World | None = None,
         paced: bool = False,
+        keep_alive: float | None = None,
         **options: Any,
     ) -> None:
         """A link to `world`, or to a new one; `options` go to it: `step`, `seed`, `posture`, ...
 
-        `paced` worlds run no faster than real time.
+        `paced` worlds run no faster than real time. With a `keep_alive` [s] the skin is event-driven: patches
+        send when they change, and at least that often.
 
         Raises LinkError for an address, which a simulation does not have.
         """
@@ -73,10 +76,17 @@ class SimulatedLink(Link):
         """The simulated world: poke its `finger`, look at its physics."""
         clock = PacedWorldClock(self.world) if paced else WorldClock(self.world)
         super().__init__(robot, middleware="sim", clock=clock, armed=arm)
+        self.keep_alive = keep_alive
+        self._events = None if keep_alive is None else ChangedFrames(keep_alive)
+        self._sent: dict[str, SkinFrame] = {}
         self.lease_name = f"sim:{robot.name}:{os.getpid()}:{id(self.world)}"
 
     def _receive(self) -> Reading:
-        return Reading(joints=self.world.joints(), skin=self.world.frames())
+        skin = self.world.frames()
+        if self._events is not None:
+            self._sent.update({frame.patch: frame for frame in self._events.select(skin)})
+            skin = tuple(self._sent.values())
+        return Reading(joints=self.world.joints(), skin=skin)
 
     def _send(self, safe: SafeCommand) -> None:
         self.world.set_modes(safe.servos, safe.modes)

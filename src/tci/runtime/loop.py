@@ -113,7 +113,7 @@ class _Loop(Generic[Memory]):
         self.guard = guard
         self.report = report
         self.write = write
-        self.body = Body(link.robot)
+        self.body = Body(link.robot, keep_alive=link.keep_alive)
         self.memory = capability.init()
         self._begun = False
         self._before: float | None = None

@@ -1,0 +1,86 @@
+"""Event-driven skin: senders send what changed, and the interface sees what a clocked sender would have sent.
+
+A patch's sensor still counts its frames at its own rate; the sender leaves out those that equal the one
+before, but for one every `keep_alive` seconds, which tells an unchanged patch from a dead one. A frame that
+was left out costs nothing but counting: `Conditioner` knows it by its values being the same object. What is
+perceived is the same to the bit where times of frames are exact numbers; elsewhere a rounded sum of times can
+make the baseline's next lesson one frame sooner or later.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from tci.errors import TciError
+from tci.messages import SkinFrame
+from tci.model.description import Robot
+
+_EARLY = 1e-6
+"""Share of a period that a frame may be early by rounding."""
+
+
+class ChangedFrames:
+    """The sender's side: which frames to send."""
+
+    def __init__(self, keep_alive: float) -> None:
+        """Raises TciError unless `keep_alive` [s] is above 0 and finite."""
+        self._keep_alive = check_keep_alive(keep_alive)
+        self._sent: dict[str, SkinFrame] = {}
+
+    def select(self, frames: Iterable[SkinFrame]) -> tuple[SkinFrame, ...]:
+        """Those of the `frames` that differ from what was sent of their patch last, or are due anyway."""
+        return tuple(frame for frame in frames if self._is_due(frame))
+
+    def _is_due(self, frame: SkinFrame) -> bool:
+        last = self._sent.get(frame.patch)
+        if last is not None:
+            if frame.sequence == last.sequence:
+                return False
+            waited = frame.stamp - last.stamp
+            if waited < self._keep_alive and np.array_equal(frame.values, last.values):
+                return False
+        self._sent[frame.patch] = frame
+        return True
+
+
+class FilledFrames:
+    """The receiver's side: the latest frame of every patch, with those that were left out."""
+
+    def __init__(self, robot: Robot, keep_alive: float) -> None:
+        """Raises TciError unless `keep_alive` [s] is above 0 and finite."""
+        self._keep_alive = check_keep_alive(keep_alive)
+        self._periods = {patch.name: 1.0 / patch.rate for patch in robot.patches}
+        self._held: dict[str, SkinFrame] = {}
+        self._filled: dict[str, SkinFrame] = {}
+
+    def fill(self, arrived: Iterable[SkinFrame], now: float) -> tuple[SkinFrame, ...]:
+        """What a clocked sender's latest frames were at `now` [s], from those that `arrived` until now.
+
+        A patch that sent nothing for `keep_alive` and one period more is dead: its last frame stays.
+        """
+        return tuple([self._latest(frame, now) for frame in arrived])
+
+    def _latest(self, frame: SkinFrame, now: float) -> SkinFrame:
+        held = self._held.get(frame.patch)
+        period = self._periods.get(frame.patch)
+        if held is None or held.sequence != frame.sequence or held.stamp != frame.stamp:
+            self._held[frame.patch] = self._filled[frame.patch] = held = frame
+        if period is None:  # the skin says what is wrong with it
+            return frame
+        age = min(now - held.stamp, self._keep_alive)
+        left_out = int(age / period + _EARLY)
+        filled = self._filled[frame.patch]
+        if held.sequence + left_out > filled.sequence:
+            filled = self._filled[frame.patch] = SkinFrame(
+                held.patch, held.stamp + left_out * period, held.sequence + left_out, held.values
+            )
+        return filled
+
+
+def check_keep_alive(seconds: float) -> float:
+    """The same. Raises TciError unless it is above 0 and finite."""
+    if not 0.0 < seconds < np.inf:
+        raise TciError(f"keep-alive of {seconds} s; valid: above 0 and finite")
+    return seconds

@@ -48,11 +48,28 @@ def sensor(robot: Robot, seed: int, seconds: float) -> list[tuple[SkinFrame, ...
 
 
 def same(one: Perception, other: Perception) -> bool:
-    fields = ("patch", "force", "peak_force", "area", "u", "theta")
-    arrays = ("taxels", "taxel_forces", "p_L", "n_L", "p_T", "n_T", "f_T", "taxel_u", "taxel_theta")
+    words = ("patch", "identity")
+    arrays = (
+        "force",
+        "peak_force",
+        "area",
+        "u",
+        "theta",
+        "began",
+        "moved",
+        "taxels",
+        "taxel_forces",
+        "p_L",
+        "n_L",
+        "p_T",
+        "n_T",
+        "f_T",
+        "taxel_u",
+        "taxel_theta",
+    )
     return len(one.contacts) == len(other.contacts) and all(
-        all(getattr(a, f) == getattr(b, f) for f in fields)
-        and all(np.array_equal(getattr(a, f), getattr(b, f)) for f in arrays)
+        all(getattr(a, f) == getattr(b, f) for f in words)
+        and all(np.array_equal(getattr(a, f), getattr(b, f), equal_nan=True) for f in arrays)
         for a, b in zip(one.contacts, other.contacts, strict=True)
     )
 

@@ -20,6 +20,7 @@ from tci.messages import GenericCommand, Mode, Perception, SwitchMode
 from tci.middleware.simulated import SimulatedLink
 from tci.model.catalogue import load_robot
 from tci.model.description import GenericPart, Robot
+from tci.model.generic_arm import SEGMENTS
 from tci.simulation.camera import look_at
 from tci.simulation.portrait import Portrait, keep_moment
 from tci.simulation.world import World
@@ -95,10 +96,11 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
             raise TciError(f"pain {pain} Pa, period {period} s; valid: above 0 and finite")
         self.robot = load_robot(robot) if isinstance(robot, str) else robot
         self.part = self.robot.part(part)
-        self.patches = [patch.name for patch in self.robot.patches if patch.part == part]
+        limbs = [patch for patch in self.robot.patches if patch.segment in SEGMENTS]
+        self.patches = [patch.name for patch in limbs if patch.part == part]
         if not self.patches:
-            valid = ", ".join(dict.fromkeys(patch.part for patch in self.robot.patches))
-            raise TciError(f"{self.robot.name} has no skin on {part}; valid: {valid}")
+            valid = ", ".join(dict.fromkeys(patch.part for patch in limbs))
+            raise TciError(f"{self.robot.name} has no arm {part} with skin; valid: {valid}")
         self.render_mode = render_mode
         self.mode, self.touch, self.period, self.duration, self.pain = (
             modes[mode],
@@ -235,7 +237,7 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
 
     def _contacts(self, seen: Perception) -> Array:
         rows = np.zeros((CONTACTS, CONTACT))
-        own = [contact for contact in seen.contacts if contact.part == self.part.name]
+        own = [c for c in seen.contacts if c.part == self.part.name and c.segment in SEGMENTS]
         own.sort(key=lambda contact: -contact.force)
         for row, contact in zip(rows, own, strict=False):
             sin, cos = np.sin(contact.theta), np.cos(contact.theta)

@@ -4,7 +4,7 @@ VENV := .venv/bin
 export OPENBLAS_NUM_THREADS ?= 1
 OUT ?= out
 
-.PHONY: help demo test lint docs bench soak fuzz reliability lock clean run-env dev-env
+.PHONY: help demo test lint docs pictures bench soak fuzz reliability lock clean run-env dev-env
 
 help:  ## show this list
 	@grep -E '^[a-z]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 8
@@ -29,6 +29,10 @@ lint: dev-env  ## ruff and strict types
 
 docs: dev-env  ## build the documentation; a warning is an error
 	@$(VENV)/python -m sphinx -q -W --keep-going -b html docs docs/_build/html
+
+pictures: dev-env  ## make the pictures of docs/images anew (needs chromium)
+	@$(PYTHON) tools/peers.py
+	@$(VENV)/python tools/pictures.py
 
 bench: dev-env  ## every part beside its peers, as ratios; writes bench.json (CASES="kernel_4000 gate ...": some)
 	@OUT=$(OUT) $(VENV)/python tools/bench $(CASES)

@@ -112,6 +112,9 @@ class Viewer:
             return
         figure, joints = self.figures[key], touched.view.joints
         patch = figure.robot.patch(place.patch)
+        segment = figure.robot.limb_segment(patch)
+        if segment is None:
+            return
         part = figure.robot.part(patch.part)
         T_TS = figure.skin.segment_pose(
             part.name, patch.segment, joints, generic_posture(figure.robot, joints)[part.name]

@@ -17,7 +17,6 @@ from tci.interface.skin import Skin
 from tci.messages import JointReading
 from tci.model.collisions import NO_MODEL, solid_spec
 from tci.model.description import Robot
-from tci.model.generic_arm import SEGMENTS
 from tci.simulation.finger import RADIUS
 from tci.simulation.paint import FIELD_COLOURS, FULL_SCALE, SKIN_COLOUR, pressure_colours
 from tci.viewer.meshes import body_meshes
@@ -68,8 +67,8 @@ class Figure:
         self._links = {name: self._model.body(s.link).id for name, s in self.skin.surfaces.items()}
         self._move(robot.initial_position)
         self._root = server.scene.add_frame(f"/{key}", show_axes=False)
-        covered = set(self._links.values())
-        meshes = body_meshes(self._model, covered)
+        limbs = {body for name, body in self._links.items() if robot.limb_segment(robot.patch(name))}
+        meshes = body_meshes(self._model, limbs)
         self._turn = self._facing()
         low, high = self._extent()
         middle = (low + high) / 2.0
@@ -81,7 +80,7 @@ class Figure:
         self.stand(0.0)
         self._bodies: dict[int, viser.FrameHandle] = {}
         self._sent: dict[int, Array] = {}
-        for body in sorted(covered | {mesh.body for mesh in meshes}):
+        for body in sorted(set(self._links.values()) | {mesh.body for mesh in meshes}):
             self._bodies[body] = server.scene.add_frame(f"/{key}/{body}", show_axes=False)
         for index, mesh in enumerate(meshes):
             server.scene.add_mesh_simple(
@@ -98,12 +97,14 @@ class Figure:
         self._before = time.monotonic()
         self._arrows = server.scene.add_arrows(
             f"/{key}/contacts", np.zeros((1, 2, 3)), _INK,
-            shaft_radius=0.0025, head_radius=0.007, head_length=0.016, visible=False,
+            shaft_radius=0.0035, head_radius=0.009, head_length=0.02, visible=False,
         )  # fmt: skip
         self._finger = server.scene.add_frame(f"/{key}/finger", show_axes=False, visible=False)
-        server.scene.add_icosphere(f"/{key}/finger/tip", RADIUS, color=_FINGER, cast_shadow=False)
+        server.scene.add_icosphere(
+            f"/{key}/finger/tip", RADIUS, color=_FINGER, opacity=0.5, cast_shadow=False
+        )
         server.scene.add_cylinder(
-            f"/{key}/finger/shaft", RADIUS, 0.06, color=_FINGER, opacity=0.7, position=(0.0, 0.0, -0.03),
+            f"/{key}/finger/shaft", RADIUS, 0.06, color=_FINGER, opacity=0.35, position=(0.0, 0.0, -0.03),
             cast_shadow=False,
         )  # fmt: skip
         name = (robot.title or robot.name).split()[0]
@@ -251,7 +252,7 @@ class Figure:
         rest = np.array([0.42, 0.45, 0.50])
         for name, surface in self.skin.surfaces.items():
             colours = self._tints[name] = np.repeat(rest[None], len(surface.positions), axis=0)
-            if self.robot.patch(name).segment not in SEGMENTS:
+            if not self.robot.limb_segment(self.robot.patch(name)):
                 continue
             u, theta, _ = self.skin.limb(name, joints)
             nearest = np.full(len(u), np.inf)

@@ -44,6 +44,8 @@ def badge(title: str, view: View | None, ended: str, loop: str = "") -> str:
 
 def touch(contact: Contact) -> str:
     """A contact in words: `left forearm, flexor side: 3.1 N`."""
+    if not np.isfinite(contact.theta):
+        return f"{contact.patch.replace('_', ' ')}: {contact.force:.1f} N"
     side = SIDES[int(np.round(contact.theta / (np.pi / 2.0))) % 4]
     limb = contact.part.split("_")[0] + " " + contact.segment.replace("_", " ")
     return f"{limb}, {side} side: {contact.force:.1f} N"

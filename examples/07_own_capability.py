@@ -1,0 +1,48 @@
+"""A capability of your own, on two robots: a touched arm shrugs, and comes back once it is left alone."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+import tci
+
+
+@dataclass(frozen=True)
+class Shrug(tci.Capability[dict[str, tuple[np.ndarray, float]]]):
+    """Lifts a touched arm to the side. Memory: where each arm was [rad], and when it was touched [s]."""
+
+    threshold: float = 0.5  # [N]
+    lift: float = np.deg2rad(20.0)  # [rad] of shoulder roll
+    wait: float = 0.4  # [s] after the last touch
+
+    def init(self):
+        return {}
+
+    def step(self, memory, perception):
+        memory, commands = dict(memory), []
+        touched = {c.part for c in perception.contacts if c.force > self.threshold}
+        for part, posture in perception.posture.items():
+            if part in touched:
+                if part not in memory:
+                    target = posture + np.array([0.0, self.lift, 0.0, 0.0, 0.0])
+                    commands.append(tci.GenericCommand(part, tci.Mode.POSITION, target))
+                memory[part] = memory.get(part, (posture,))[0], perception.stamp
+            elif part in memory and perception.stamp - memory[part][1] > self.wait:
+                commands.append(tci.GenericCommand(part, tci.Mode.POSITION, memory.pop(part)[0]))
+        return tuple(commands), memory
+
+
+for name in ("nao", "icub"):
+    robot = tci.load_robot(name)
+    with tci.connect(robot, "sim") as link:
+        rolls = []
+
+        def watch(tick, world=link.world, rolls=rolls):
+            rolls.append(tick.perception.posture["left_arm"][1])
+            if tick.now > 0.08:
+                world.finger.retire()
+
+        link.world.finger.poke("left_forearm", 100)
+        tci.run(link, Shrug(), duration=2.0, observe=watch)
+        start, highest, end = np.rad2deg([rolls[0], max(rolls), rolls[-1]])
+        print(f"{name}: shoulder roll {start:.0f}, then {highest:.0f}, then {end:.0f} degrees")

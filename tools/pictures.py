@@ -1,0 +1,125 @@
+"""Make the pictures of docs/images anew, all by the code that they show. `make pictures`; needs chromium.
+
+python tools/pictures.py [NAME...]     names: demo plot shrug viewer
+"""
+
+from __future__ import annotations
+
+import runpy
+import shutil
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+
+import tci
+from tci.cli.main import app
+from tci.interface.places import find_place
+from tci.trials.film import Film
+from tci.viewer.app import Viewer
+from tci.viewer.session import Session
+
+ROOT = Path(__file__).resolve().parent.parent
+IMAGES = ROOT / "docs" / "images"
+FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+
+
+def command(*words: str) -> None:
+    """Run a command of TCI in this process."""
+    app(list(words), standalone_mode=False)
+
+
+def demo(folder: Path) -> None:
+    """The figure of the demo."""
+    command("demo", "--out", str(folder), "--headless")
+    shutil.copy(folder / "demo.png", IMAGES / "demo.png")
+
+
+def plot(folder: Path) -> None:
+    """The figure of a recording."""
+    file = str(folder / "poke.mcap")
+    command("run", "withdrawal", "--robot", "nao", "--poke", "--duration", "1.5", "--record", file)
+    command("plot", file, "--out", str(IMAGES / "plot.png"))
+
+
+def shrug(folder: Path) -> None:
+    """The example of an own capability, filmed."""
+    shrugging = runpy.run_path(str(ROOT / "examples" / "07_own_capability.py"))["Shrug"]()
+    with tci.connect(tci.load_robot("nao"), "sim") as link:
+        link.world.finger.poke("left_forearm", 100)  # type: ignore[attr-defined]
+        film = Film(link.world, folder / "shrug.gif", fields=(), part="left_arm")  # type: ignore[attr-defined]
+
+        def watch(tick: tci.Tick) -> None:
+            film.see(tick)
+            if tick.now > 0.08:
+                link.world.finger.retire()  # type: ignore[attr-defined]
+
+        tci.run(link, shrugging, duration=1.0, observe=watch)
+        film.save()
+    shutil.copy(folder / "shrug.gif", IMAGES / "shrug.gif")
+
+
+def viewer(folder: Path) -> None:
+    """The viewer while both robots are poked, in a real browser."""
+    from playwright.sync_api import sync_playwright
+
+    reflex = tci.WithdrawalReflex()
+    sessions = [
+        Session(tci.connect(tci.load_robot(name), "sim", step=0.002), reflex, about={})
+        for name in ("nao", "icub")
+    ]
+    page_of = Viewer(sessions, fields=reflex.fields, port=0, folder=folder)
+    for session in sessions:
+        session.start()
+    thread = threading.Thread(target=page_of.run)
+    thread.start()
+    try:
+        with sync_playwright() as playwright:
+            chromium = shutil.which("chromium")
+            browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
+            page = browser.new_page(viewport={"width": 1500, "height": 900})
+            page.set_default_timeout(120_000)
+            page.goto(page_of.address)
+            page.wait_for_selector("canvas")
+            page.wait_for_timeout(5000)
+            close = page.locator(".mantine-Notification-closeButton")
+            if close.count():
+                close.first.click()
+            poke_all(page_of, reflex)
+            page.wait_for_timeout(1500)
+            page.screenshot(path=IMAGES / "viewer.png")
+            browser.close()
+    finally:
+        page_of.stop()
+        thread.join()
+        page_of.close()
+
+
+def poke_all(shown: Viewer, reflex: tci.WithdrawalReflex) -> None:
+    """Poke the lateral side of all left forearms, and let time stand still when they are pressed most."""
+    key = next(iter(shown.sessions))
+    session = shown.sessions[key]
+    assert session.view is not None
+    site = next(field for field in reflex.fields if field.name == "forearm_lateral")
+    skin = shown.figures[key].skin
+    place = find_place(skin, "left_arm", site.segment, site.u, site.theta, session.view.joints)
+    for other in shown.sessions.values():
+        other.pace = 0.05
+    shown.poke(key, place)
+    while any(other.view is None or other.view.force < 1.5 for other in shown.sessions.values()):
+        time.sleep(0.001)
+    for other in shown.sessions.values():
+        other.pace = 0.0
+
+
+def main() -> None:
+    makers = {"demo": demo, "plot": plot, "shrug": shrug, "viewer": viewer}
+    for name in sys.argv[1:] or makers:
+        with tempfile.TemporaryDirectory() as folder:
+            print(f"making {name}", flush=True)
+            makers[name](Path(folder))
+
+
+if __name__ == "__main__":
+    main()

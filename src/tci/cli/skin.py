@@ -130,6 +130,41 @@ def locate(
 
 
 @app.command()
+def calibrate(
+    robot: Annotated[str, typer.Argument(help="Robot by name, or a description file.")],
+    patch: Annotated[str, typer.Option(help="Skin patch to calibrate.")],
+    via: Annotated[str, typer.Option(help="Link to it, NAME or NAME:ADDRESS.")] = "sim",
+    weight: Annotated[
+        list[float] | None, typer.Option(help="A known load \\[N]; repeat for several, light ones first.")
+    ] = None,
+    force_log: Annotated[
+        Path | None,
+        typer.Option(help="Instead: a force sensor's stream, CSV with time,force on the link's clock."),
+    ] = None,
+    frames: Annotated[int, typer.Option(min=20, help="Frames to take at rest.")] = 200,
+    out: Annotated[
+        Path | None, typer.Option(help="File to write. [default: beside the robot's description]")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON and ask nothing.")] = False,
+) -> None:
+    """Measure a patch's rest values and noise, and its response under known loads, step by step.
+
+    Without loads the description's response stays. A simulated robot is pressed by its finger. What was
+    found is stored beside the description, and used from then on.
+
+    Example:  tci skin calibrate nao --patch left_forearm --weight 0.5 --weight 2 --out nao.skin.json
+
+    Example:  tci skin calibrate icub --patch left_forearm --via replay:loads.mcap --force-log force.csv
+    """
+    from tci.cli.skin_calibrate import calibrate_patch
+
+    calibrate_patch(
+        robot, patch, via=via, weights=weight or [], force_log=force_log, frames=frames, out=out,
+        as_json=as_json,
+    )  # fmt: skip
+
+
+@app.command()
 def show(
     skin: Annotated[str, typer.Argument(help="Skin file, robot by name, or robot description.")],
     out: Annotated[Path, typer.Option(help="The picture to write (.png).")] = Path("skin.png"),

@@ -19,6 +19,10 @@ NODES = 6
 """Pieces of the response. Ours."""
 STIFF = 0.03
 """How much neighbouring pieces are held to the same slope. Ours."""
+REST = 0.02
+"""Force [N] below which a force sensor feels nothing. Ours."""
+STEADY = 0.2
+"""Length [s] of a load in a force sensor's stream. Ours."""
 FEWEST_FRAMES = 20
 """Frames at rest that a standard deviation needs. Ours."""
 
@@ -56,6 +60,33 @@ def calibrate(
     return PatchCalibration(
         rest=tuple(level.tolist()), noise=tuple(noise.tolist()), response=response, report=report
     )
+
+
+def loads_of_stream(
+    stamps: Array, values: Array, times: Array, forces: Array
+) -> tuple[Array, tuple[Load, ...]]:
+    """Frames at rest (frames, n), and loads, from frames (m, n) at `stamps` (m,) [s] beside a force sensor.
+
+    The sensor read `forces` (k,) [N] at `times` (k,) [s], on the same clock. A frame is at rest where it read
+    less than `REST`; a load is `STEADY` seconds in which it changed by less than a tenth. Raises TciError
+    where the two do not overlap.
+    """
+    inside = (stamps >= times[0]) & (stamps <= times[-1])
+    if not inside.any():
+        raise TciError(
+            f"frames from {stamps.min():.3f} to {stamps.max():.3f} s, forces from {times[0]:.3f} to "
+            f"{times[-1]:.3f} s; valid: one clock for both"
+        )
+    stamps, values = stamps[inside], values[inside]
+    felt = np.interp(stamps, times, forces)
+    window = np.floor((stamps - stamps[0]) / STEADY)
+    loads = []
+    for one in np.unique(window):
+        own = window == one
+        mean = float(felt[own].mean())
+        if mean > REST and np.ptp(felt[own]) < 0.1 * mean:
+            loads.append(Load(mean, values[own]))
+    return values[np.abs(felt) < REST], tuple(loads)
 
 
 def _response(

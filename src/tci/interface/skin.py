@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from types import MappingProxyType
 from typing import Literal
 
@@ -18,7 +19,7 @@ from tci.messages import JointReading, PatchState, Reading, SkinFrame, SkinState
 from tci.model.description import GenericPart, Robot, Segment
 from tci.model.generic_arm import limb_coordinates, segment_rotation
 from tci.model.kinematics import Kinematics
-from tci.model.skin_calibration import SkinCalibration
+from tci.model.skin_calibration import SkinCalibration, calibration_path, read_calibration
 from tci.model.surfaces import Surface, build_surface
 
 FrameName = Literal["link", "limb", "torso"]
@@ -39,11 +40,15 @@ class Skin:
         calibration: SkinCalibration | None = None,
     ) -> None:
         """Build the surface of every patch; `conditioning` says how frames become pressures, and
-        `calibration` what was measured about the taxels.
+        `calibration` what was measured about the taxels; None: what `tci skin calibrate` wrote beside the
+        description, if it did.
 
         Raises TciError for a calibration that does not fit the robot, and what Kinematics and build_surface
         raise.
         """
+        beside = calibration_path(Path(robot.source))
+        if calibration is None and beside.is_file():
+            calibration = read_calibration(beside)
         measured = {} if calibration is None else calibration.patches
         if calibration is not None and calibration.robot != robot.name:
             raise TciError(f"calibration of {calibration.robot!r}; valid: {robot.name!r}")

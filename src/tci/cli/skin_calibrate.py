@@ -1,0 +1,220 @@
+"""`tci skin calibrate`: rest, noise and response of a patch, with somebody who puts weights on it."""
+
+from __future__ import annotations
+
+import csv
+import sys
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich import box
+from rich.progress import Progress
+from rich.table import Table
+
+from tci.cli.console import console, print_json
+from tci.errors import CommandError, LinkError, TciError
+from tci.frames import Array
+from tci.interface.calibrate import Load, calibrate, loads_of_stream
+from tci.interface.shear import normal_channels
+from tci.middleware.link import Link
+from tci.middleware.simulated import SimulatedLink
+from tci.model.catalogue import load_robot
+from tci.model.kinematics import Kinematics
+from tci.model.skin_calibration import (
+    PatchCalibration,
+    SkinCalibration,
+    calibration_path,
+    read_calibration,
+    write_calibration,
+)
+from tci.model.surfaces import Surface, build_surface
+from tci.runtime.registry import connect
+from tci.simulation.finger import STIFFNESS
+
+SILENCE = 5.0
+"""How long [s] a patch may send no frame. Ours."""
+SETTLE = 0.6
+"""How long [s] the simulated finger presses before frames are taken. Ours."""
+PLACES = 4
+"""Places that the simulated finger presses with each force. Ours."""
+
+
+def calibrate_patch(
+    robot_name: str,
+    patch: str,
+    *,
+    via: str,
+    weights: Sequence[float],
+    force_log: Path | None,
+    frames: int,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Measure, write the calibration and say how good it is. Raises TciError for what can't be."""
+    robot = load_robot(robot_name)
+    words = robot.patch(patch)
+    if weights and force_log is not None:
+        raise CommandError("loads come from weights or from a force sensor; valid: --weight or --force-log")
+    for weight in weights:
+        if not 0.0 < weight < np.inf:
+            raise CommandError(f"a weight of {weight} N; valid: above 0 and finite")
+    stream = read_force_log(force_log) if force_log is not None else None
+    surface = build_surface(robot, words, Kinematics(robot))
+    target = out or calibration_path(Path(robot.source))
+    before = read_calibration(target) if target.is_file() else None
+    with connect(robot, via, arm=False) as link:
+        session = _Session(link, patch, normal_channels(words, surface), quiet=as_json)
+        if isinstance(link, SimulatedLink):
+            link.world.finger.retire()
+        loads: Sequence[Load]
+        if stream is None:
+            session.ask("Nothing may touch the skin now.")
+            _, rest = session.take(frames, "at rest")
+            loads = list(_pressed(session, surface, weights))
+        else:
+            stamps, values = session.take_all()
+            rest, loads = loads_of_stream(stamps, values, *stream)
+    when = datetime.now(UTC).isoformat(timespec="seconds")
+    found = calibrate(words.sensor, surface.areas, rest, loads, when=when)
+    patches = {} if before is None else dict(before.patches)
+    write_calibration(target, SkinCalibration(robot=robot.name, date=when, patches=patches | {patch: found}))
+    rows = [_row(words.sensor, surface.areas, found, load) for load in loads]
+    if as_json:
+        print_json({"file": str(target), "patch": patch, "report": found.report, "loads": rows})
+    else:
+        console.print(_table(patch, found, rows))
+        console.print(f"calibration {target}", highlight=False, markup=False)
+
+
+class _Session:
+    """Frames of one patch from a link, and questions to who stands beside the robot."""
+
+    def __init__(self, link: Link, patch: str, channels: NDArray[np.intp], *, quiet: bool) -> None:
+        self.link = link
+        self.patch = patch
+        self._channels = channels
+        self._quiet = quiet
+        self._sequence = -1
+
+    def ask(self, words: str) -> None:
+        """Wait for Enter; a simulation and programs need no question."""
+        if self._quiet or isinstance(self.link, SimulatedLink):
+            return
+        if not sys.stdin.isatty():
+            raise CommandError("nobody can press Enter here; valid: a terminal, --json, or --force-log")
+        console.input(f"{words} [dim]Enter when ready[/] ")
+
+    def take(self, count: int, what: str) -> tuple[Array, Array]:
+        """Stamps (count,) [s] and raw values (count, taxels) of the next frames."""
+        stamps, values = [], []
+        with Progress(
+            console=console, transient=True, disable=self._quiet or not console.is_terminal
+        ) as progress:
+            task = progress.add_task(what, total=count)
+            for stamp, frame in self._frames():
+                stamps.append(stamp)
+                values.append(frame)
+                progress.advance(task)
+                if len(values) == count:
+                    return np.array(stamps), np.array(values)
+        raise LinkError(f"{self.patch}: {len(values)} frames {what}; {count} are needed")
+
+    def take_all(self) -> tuple[Array, Array]:
+        """All that the link has, to the end of a recording."""
+        stamps, values = zip(*self._frames(), strict=True)
+        return np.array(stamps), np.array(values)
+
+    def _frames(self) -> Iterator[tuple[float, Array]]:
+        last: float | None = None
+        for now in self.link.ticks():
+            frame = next((one for one in self.link.read().skin if one.patch == self.patch), None)
+            last = now if last is None else last
+            if frame is not None and frame.sequence != self._sequence:
+                self._sequence, last = frame.sequence, now
+                yield frame.stamp, frame.values[self._channels].astype(np.float64)
+            elif now - last > SILENCE:
+                raise LinkError(f"{self.patch} has sent no frame for {SILENCE:g} s")
+
+
+def _pressed(session: _Session, surface: Surface, weights: Sequence[float]) -> Iterator[Load]:
+    """Loads of known force, one after the other: a person's weights, or the simulated finger."""
+    link = session.link
+    generator = np.random.default_rng(0)
+    for weight in weights:
+        if not isinstance(link, SimulatedLink):
+            session.ask(
+                f"Put {weight:g} N ({weight / 9.81 * 1e3:.0f} g) on the skin, and take your hand away."
+            )
+            yield Load(weight, session.take(50, f"under {weight:g} N")[1])
+            continue
+        finger = link.world.finger
+        places = 0
+        for taxel in generator.permutation(len(surface.positions)):
+            try:
+                finger.poke(session.patch, int(taxel), speed=0.1, depth=weight / STIFFNESS)
+            except TciError:
+                continue  # no room for the finger there
+            link.world.advance(link.clock.now() + SETTLE)
+            felt = session.take(10, f"under {weight:g} N")[1]
+            yield Load(link.world.contact_truth(session.patch).force, felt)
+            finger.retire()
+            places += 1
+            if places == PLACES:
+                break
+
+
+def read_force_log(path: Path) -> tuple[Array, Array]:
+    """Stamps (n,) [s] and forces (n,) [N] of a CSV file `time,force`, on the link's clock.
+
+    Raises TciError with the line of the fault.
+    """
+    try:
+        with path.open(newline="") as file:
+            rows = list(csv.reader(file))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise TciError(f"{path} can't be read: {error}") from None
+    if not rows or [cell.strip().lower() for cell in rows[0]] != ["time", "force"]:
+        raise TciError(f"{path}: line 1; valid: the header time,force, in s and N")
+    values: list[tuple[float, float]] = []
+    for line, row in enumerate(rows[1:], start=2):
+        try:
+            time, force = (float(cell) for cell in row)
+        except ValueError:
+            raise TciError(
+                f"{path}: line {line}: {row}; valid: two numbers, time [s] and force [N]"
+            ) from None
+        if not (np.isfinite(time) and np.isfinite(force)) or (values and time <= values[-1][0]):
+            raise TciError(f"{path}: line {line}: {row}; valid: finite numbers, times that rise")
+        values.append((time, force))
+    if len(values) < 2:
+        raise TciError(f"{path}: {len(values)} rows; valid: 2 or more")
+    stamps, forces = np.array(values).T
+    return stamps, forces
+
+
+def _row(sensor: Any, areas: Array, found: PatchCalibration, load: Load) -> dict[str, float]:
+    """A load, and the force that description and calibration make of it."""
+    counts = np.sign(sensor.pascal_per_count) * (load.values - np.array(found.rest))
+    counts = np.where(counts > 3.0 * np.array(found.noise), counts, 0.0)
+    after = sensor.model_copy(update={"response": found.response})
+    forces = [float((one.pressure(counts) @ areas).mean()) for one in (sensor, after)]
+    return {"force_N": load.force, "before_N": forces[0], "after_N": forces[1]}
+
+
+def _table(patch: str, found: PatchCalibration, rows: list[dict[str, float]]) -> Table:
+    noise = float(np.median(found.noise))
+    table = Table(
+        title=f"{patch}: {len(found.rest)} taxels, median noise {noise:.2f} counts",
+        caption="force on the skin, and what it felt with the description's response and the calibrated one",
+        box=box.SIMPLE_HEAD,
+    )
+    for column in ("load [N]", "before [N]", "after [N]", "error [%]"):
+        table.add_column(column.replace("[", "\\["), justify="right")
+    for row in rows:
+        error = 100.0 * (row["after_N"] / row["force_N"] - 1.0)
+        table.add_row(*(f"{row[key]:.2f}" for key in ("force_N", "before_N", "after_N")), f"{error:+.1f}")
+    return table

@@ -1,0 +1,163 @@
+"""`tci skin calibrate` finds the response that a description has wrong, and the skin uses it from then on."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from lxml import etree
+from typer.testing import CliRunner
+
+import tci.model
+from tci.cli.main import app
+from tci.cli.record import recorder_for
+from tci.errors import DescriptionError, TciError
+from tci.interface.skin import Skin
+from tci.messages import Reading
+from tci.middleware.simulated import SimulatedLink
+from tci.model.catalogue import load_robot
+from tci.model.skin_calibration import read_calibration
+from tci.model.xml import read_robot
+from tci.simulation.world import World
+
+NAO = Path(tci.model.__file__).parent / "robots" / "nao"
+WRONG = 1.4
+
+
+@pytest.fixture
+def description(tmp_path: Path) -> Path:
+    """A NAO whose owner believes that its left sleeve is less sensitive than it is."""
+    shutil.copytree(NAO, tmp_path / "nao")
+    path = tmp_path / "nao" / "robot.xml"
+    root = etree.parse(path)
+    sensor = root.find(".//patch[@name='left_forearm']/sensor")
+    sensor.set("pascal_per_count", str(WRONG * float(sensor.get("pascal_per_count"))))
+    root.write(path)
+    return path
+
+
+@pytest.fixture
+def recorded(description: Path, tmp_path: Path) -> tuple[Path, Path]:
+    """A true NAO pressed while a force sensor listens: a recording, and the sensor's log."""
+    world = World(load_robot("nao"))  # feels with the true response
+    link = SimulatedLink(read_robot(description), world=world)
+    log = ["time,force"]
+    with link, recorder_for(tmp_path / "loads.mcap", link, "sim", {}) as recorder:
+        poked = -1
+        for now in link.ticks(duration=7.0):
+            reading = link.read()
+            recorder.tick(now, reading)
+            log.append(f"{now},{world.contact_truth('left_forearm').force}")
+            turn = int(now) - 1
+            if turn >= 0 and turn != poked:
+                poked = turn
+                world.finger.retire()
+                world.finger.poke("left_forearm", 40 + 30 * turn, speed=0.2, depth=0.003 + 0.001 * turn)
+    path = tmp_path / "force.csv"
+    path.write_text("\n".join(log))
+    return tmp_path / "loads.mcap", path
+
+
+def run(*words: str) -> tuple[int, str]:
+    result = CliRunner().invoke(app, ["skin", "calibrate", *words])
+    if result.exception and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result.exit_code, result.output
+
+
+def test_weights_in_simulation_give_a_file_and_its_report(tmp_path: Path) -> None:
+    out = tmp_path / "nao.skin.json"
+    words = ["nao", "--patch", "left_forearm", "--out", str(out), "--frames", "30", "--json"]
+    code, output = run(*words, "--weight", "2", "--weight", "4")
+    assert code == 0
+    told = json.loads(output)
+    assert [round(row["force_N"]) for row in told["loads"]] == [2] * 4 + [4] * 4
+    for row in told["loads"]:
+        assert row["after_N"] == pytest.approx(row["force_N"], rel=0.1)
+    written = read_calibration(out)
+    assert written.robot == "nao"
+    assert written.patches["left_forearm"].report["date"] == written.date
+    # Another patch joins the first one.
+    code, _ = run(*["head" if word == "left_forearm" else word for word in words])
+    assert set(read_calibration(out).patches) == {"left_forearm", "head"}
+
+
+def test_a_force_sensor_beside_the_skin_finds_the_wrong_response(
+    description: Path, recorded: tuple[Path, Path]
+) -> None:
+    recording, log = recorded
+    words = [
+        str(description),
+        "--patch",
+        "left_forearm",
+        "--via",
+        f"replay:{recording}",
+        "--force-log",
+        str(log),
+    ]
+    code, output = run(*words, "--json")
+    assert code == 0
+    rows = json.loads(output)["loads"]
+    assert len(rows) >= 6
+    before, after = (np.mean([row[key] / row["force_N"] for row in rows]) for key in ("before_N", "after_N"))
+    assert before == pytest.approx(WRONG, rel=0.05)
+    assert after == pytest.approx(1.0, abs=0.03)
+    # From then on the skin of that description feels newtons.
+    assert felt(description) == pytest.approx(true_force(), rel=0.05)
+
+
+def felt(description: Path) -> float:
+    world = pressed()
+    state = Skin(read_robot(description)).update(Reading(world.joints(), world.frames()))
+    return float(state.patches["left_forearm"].force.sum())
+
+
+def true_force() -> float:
+    return pressed().contact_truth("left_forearm").force
+
+
+def pressed() -> World:
+    world = World(load_robot("nao"))
+    world.finger.poke("left_forearm", 100, speed=0.2, depth=0.006)
+    world.advance(0.5)
+    return world
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "header time,force"),
+        ("t,f\n1,2\n", "header time,force"),
+        ("time,force\n1,2\n", "2 or more"),
+        ("time,force\n0,1\n1,x\n", "line 3"),
+        ("time,force\n0,1\n0,1\n", "line 3"),
+        ("time,force\n0,1\nnan,1\n", "line 3"),
+        ("time,force\n0,1\n1,2,3\n", "line 3"),
+    ],
+)
+def test_a_bad_log_is_one_error(text: str, words: str, tmp_path: Path) -> None:
+    log = tmp_path / "force.csv"
+    log.write_text(text)
+    with pytest.raises(TciError, match=words):
+        run("nao", "--patch", "left_forearm", "--force-log", str(log), "--out", str(tmp_path / "x.json"))
+    assert not (tmp_path / "x.json").exists()
+
+
+def test_bad_arguments_write_nothing(tmp_path: Path) -> None:
+    out = ["--out", str(tmp_path / "x.json")]
+    with pytest.raises(TciError, match="left_forearm"):
+        run("nao", "--patch", "tail", *out)
+    with pytest.raises(TciError, match=r"-1\.0 N"):
+        run("nao", "--patch", "left_forearm", "--weight", "-1", *out)
+    with pytest.raises(TciError, match="--weight or --force-log"):
+        run("nao", "--patch", "left_forearm", "--weight", "1", "--force-log", "x.csv", *out)
+    assert not (tmp_path / "x.json").exists()
+
+
+def test_a_damaged_calibration_beside_a_description_is_one_error(description: Path) -> None:
+    (description.parent / "robot.skin.json").write_text('{"robot": "nao", "date": 5}')
+    with pytest.raises(DescriptionError, match="date"):
+        Skin(read_robot(description))

@@ -63,6 +63,7 @@ class RosLink(RemoteLink):
                 self._wait_for_joints(wait)
             elif arm:
                 self._out = node.advertise(names.orders, BYTES)
+                self._be_heard(wait)
         except BaseException:
             node.close()
             raise
@@ -135,6 +136,19 @@ class RosLink(RemoteLink):
             if now > end:
                 raise LinkError(self._why_not(wait))
             time.sleep(0.01)
+
+    def _be_heard(self, seconds: float) -> None:
+        """Wait until the robot's process knows this one: topics of ROS take a moment to be connected."""
+        end = time.monotonic() + seconds
+        while True:
+            self._take()
+            assert self._state is not None  # waited for
+            if any(commander.client == self.client for commander in self._state.commanders):
+                return
+            if time.monotonic() > end:
+                raise LinkError(f"the process of {self.robot.name} does not hear {self._names.orders}")
+            self._say(self._state, "", leaving=False)
+            time.sleep(self.period)
 
     def _wait_for_joints(self, seconds: float) -> None:
         assert self._native is not None

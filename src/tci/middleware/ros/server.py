@@ -48,7 +48,7 @@ class RosServer(RemoteServer):
             names = self._names = Names(robot, middleware, namespace)
             self._position = robot.initial_position
             self._period = 1.0 / robot.binding(middleware).rate
-            self._due = -np.inf
+            self._due, self._is_due = -np.inf, False
             self._joint_names = [names.joint(servo) for servo in robot.servos]
             self._state = node.advertise(names.state, BYTES)
             self._joints = node.advertise(names.joints, JOINTS)
@@ -78,13 +78,14 @@ class RosServer(RemoteServer):
 
     def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
         self._position = reading.joints.position
+        now = self.link.clock.now()
+        self._is_due = now >= self._due
+        if self._is_due:
+            self._due = max(self._due + self._period, now + 0.5 * self._period)
+            self._joints(joints_values(self._joint_names, reading.joints, self._epoch(reading.joints.stamp)))
         super().publish(reading, perception, sent)
         for reason in (*sent.refusals, *self._controllers.refusals(self.commanders.states())):
             self._refusals((reason,))
-        now = self.link.clock.now()
-        if now >= self._due:
-            self._due = max(self._due + self._period, now + 0.5 * self._period)
-            self._joints(joints_values(self._joint_names, reading.joints, self._epoch(reading.joints.stamp)))
 
     def refuse(self, order: Order, reason: str) -> None:
         super().refuse(order, reason)
@@ -103,10 +104,14 @@ class RosServer(RemoteServer):
                 self._refusals((str(error),))
 
     def _show(self, state: State) -> None:
-        self._state((NO_LAYOUT, np.frombuffer(state_bytes(self.link.robot, state), dtype=np.uint8)))
+        if self._is_due:
+            self._state((NO_LAYOUT, np.frombuffer(state_bytes(self.link.robot, state), dtype=np.uint8)))
 
     def _show_skin(self, frame: SkinFrame) -> None:
-        self._skin[frame.patch].publish(frame, self._epoch(frame.stamp))
+        topics = self._skin[frame.patch]
+        if frame.stamp >= topics.due:
+            topics.due = max(topics.due + self._period, frame.stamp + 0.5 * self._period)
+            topics.publish(frame, self._epoch(frame.stamp))
 
     def _hear(self, fields: Mapping[str, Any]) -> None:
         self._arrived.append(bytes(fields["data"]))
@@ -124,6 +129,8 @@ class PatchTopics:
     ) -> None:
         patch = robot.patches[number]
         self._robot, self._number = robot, number
+        self.due = -np.inf
+        """Stamp [s] from which on a frame is shown: no more of them than the binding's rate."""
         self._cloud = PatchCloud(patch, build_surface(robot, patch, kinematics))
         self._points = node.advertise(names.points(patch.name), CLOUD)
         self._frames = node.advertise(names.frames(patch.name), BYTES)

@@ -22,7 +22,7 @@ from tci.middleware.ros.messages import BYTES, NO_LAYOUT
 from tci.middleware.ros.node import RosNode
 from tci.recording.schemas import JOINTS
 
-PATCHES = {"left_forearm": 240, "right_forearm": 240, "left_upper_arm": 120, "right_upper_arm": 120}
+PATCHES = {patch.name: patch.channels for patch in tci.load_robot("nao").patches}
 Start = Callable[..., "subprocess.Popen[str]"]
 
 

@@ -53,7 +53,8 @@ lock:  ## renew requirements/*.txt (needs uv)
 	uv pip compile --universal --python-version 3.11 --generate-hashes --index-url https://pypi.org/simple --no-emit-index-url \
 	  --all-extras --group dev --no-header pyproject.toml -c requirements/demo.txt -o requirements/dev.txt
 	for peer in requirements/peers/*.in; do uv pip compile --universal --python-version 3.11 --generate-hashes \
-	  --index-url https://pypi.org/simple --no-emit-index-url --no-header $$peer -o $${peer%.in}.txt || exit 1; done
+	  --index-url https://pypi.org/simple --no-emit-index-url --no-header \
+	  $$(grep -q '^# alone' $$peer && echo --no-deps) $$peer -o $${peer%.in}.txt || exit 1; done
 
 clean:  ## remove what was built
 	rm -rf .venv .peers out docs/_build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -64,7 +64,8 @@ def install_python(lock: Path) -> None:
         "--python",
         str(folder / "bin" / "python"),
     ]
-    command = [*pip, "install", "--require-hashes", "--requirement", str(lock)]
+    alone = ["--no-deps"] if lock.with_suffix(".in").read_text().startswith("# alone") else []
+    command = [*pip, "install", *alone, "--require-hashes", "--requirement", str(lock)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         raise SystemExit(f"can't install {lock.relative_to(ROOT)}:\n{done.stderr}")

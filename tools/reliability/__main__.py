@@ -17,6 +17,7 @@ from day import false_reflexes  # noqa: E402
 from death import heartbeat  # noqa: E402
 from explore import loop  # noqa: E402
 from gate import non_finite  # noqa: E402
+from recordings import killed, minute  # noqa: E402
 from rich.console import Console  # noqa: E402
 from rich.table import Table  # noqa: E402
 from row import Row  # noqa: E402
@@ -50,6 +51,8 @@ def main() -> int:
             false_reflexes,
             descriptions,
             heartbeats,
+            killed,
+            minute,
         )
     ]
     rows += OPEN

@@ -1,0 +1,83 @@
+"""Recordings: what a killed process loses, and what a minute costs."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from row import Row
+
+from recording.recorded import equal_readings, made_up
+from tci.recording.recorder import Recorder
+from tci.recording.recording import Recording
+
+PERIOD = 0.01
+"""Of the readings that are written [s]."""
+WRITER = """
+import os, sys
+from recording.recorded import made_up
+from tci.recording.recorder import Recorder
+readings = made_up(2000)
+recorder = Recorder(sys.argv[1], None)
+for number, (now, reading) in enumerate(readings):
+    recorder.tick(now, reading)
+    os.write(1, b"%d\\n" % number)
+"""
+
+
+def killed(full: bool) -> Row:
+    """SIGKILL at random moments; periods that were written and are not there afterwards."""
+    count, worst, damaged = (100 if full else 10), 0, 0
+    chance = random.Random(7)
+    readings = made_up(2000)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    for index in range(count):
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / f"{index}.mcap"
+            command = [sys.executable, "-c", WRITER, str(path)]
+            with subprocess.Popen(command, stdout=subprocess.PIPE, env=environment) as writer:
+                assert writer.stdout is not None
+                lines = chance.randrange(1, 1500)
+                for _ in range(lines):
+                    writer.stdout.readline()
+                time.sleep(chance.random() * 1e-3)
+                writer.send_signal(signal.SIGKILL)
+                lines += writer.stdout.read().count(b"\n")
+            found = list(Recording(path).ticks())
+            worst = max(worst, lines - len(found))
+            damaged += not all(
+                equal_readings(tick.reading, reading)
+                for tick, (_, reading) in zip(found, readings, strict=False)
+            )
+    return Row(
+        "SIGKILL of a recording process", f"{count}",
+        f"at most {1e3 * PERIOD * worst:.0f} ms lost, {damaged} damaged", "20 ms, 0",
+        PERIOD * worst <= 0.02 and not damaged,
+    )  # fmt: skip
+
+
+def minute(full: bool) -> Row:
+    """A minute of 768 8-bit taxels and 12 joints at 100 Hz: written, closed and packed."""
+    del full
+    readings = made_up(6000)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "minute.mcap"
+        begin = time.perf_counter()
+        with Recorder(path, None, period=PERIOD) as recorder:
+            for now, reading in readings:
+                recorder.tick(now, reading)
+            written = time.perf_counter() - begin
+        closed = time.perf_counter() - begin
+        size = path.stat().st_size / 1e6
+    speed = 60.0 / written
+    return Row(
+        "a minute of recording", "6000 periods",
+        f"{size:.1f} MB, written {speed:.0f} times as fast as it was, closed in {closed - written:.1f} s",
+        "10 MB, 50 times", size < 10.0 and speed >= 50.0,
+    )  # fmt: skip

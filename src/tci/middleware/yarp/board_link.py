@@ -162,6 +162,12 @@ class BoardLink:
         self._connect_commands()
         self.feed.reconnect()
 
+    def mind_commands(self) -> None:
+        """Connect again where the board has closed the connection that commands take: one that authenticates
+        does so after 2 s without any. Raises LinkError, UnknownNameError."""
+        if self._output is None or self._output.is_over():
+            self._connect_commands()
+
     def _must_switch(self, servo: int, mode: Mode, reported: Mode | None, on: bool) -> bool:
         """By order of the gate, or from position to position-direct. A mode that somebody else set stays."""
         if mode is not self._told[servo]:
@@ -204,11 +210,13 @@ class BoardLink:
     def _stream(self, stream: Stream, joints: Sequence[int], values: Array) -> None:
         if self._output is None:
             return
+        output = self._output
         try:
-            self._output.offer(self.board.command(stream, joints, values), self.board.dialect)
+            output.offer(self.board.command(stream, joints, values), self.board.dialect)
         except LinkError:
-            self._output.close()
-            self._output = None  # the board is gone: its state grows old, the gate holds, and nothing queues
+            output.close()
+            if self._output is output:
+                self._output = None  # nothing queues; whoever watches connects again
 
     def _connect_commands(self) -> None:
         contact = self._names.query(f"{self.prefix}/command:i")

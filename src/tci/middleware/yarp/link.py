@@ -230,6 +230,9 @@ class YarpLink(Link):
                     with contextlib.suppress(LinkError, UnknownNameError):
                         board.reconnect()
                         self._reconnected.set()
+                else:
+                    with contextlib.suppress(LinkError, UnknownNameError):
+                        board.mind_commands()
             for feed in self._feeds(boards=False):
                 if feed.silent(now) > AWAY:
                     with contextlib.suppress(LinkError, UnknownNameError):

@@ -74,6 +74,16 @@ def order(contact: Contact, words: Sequence[Any], key: bytes | None) -> str:
     return "\n".join(lines)
 
 
+def is_over(sock: socket.socket) -> bool:
+    """Whether the other end has closed a connection on which it sends nothing now."""
+    try:
+        return not sock.recv(1, socket.MSG_PEEK | socket.MSG_DONTWAIT)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return True
+
+
 class Outgoing:
     """Sends messages and never waits: to a reader that is too slow, the newer ones are dropped."""
 
@@ -119,6 +129,10 @@ class Outgoing:
         except OSError as error:
             raise LinkError(f"{self.contact.name} is gone: {error}") from error
         return True
+
+    def is_over(self) -> bool:
+        """Whether the reader is gone."""
+        return self.carrier is not UDP and is_over(self._socket)
 
     def close(self) -> None:
         """Say goodbye and let go."""

@@ -12,7 +12,7 @@ from tci.middleware.yarp.bottle import encode_bottle, read_bottle
 from tci.middleware.yarp.carrier import TCP, Carrier
 from tci.middleware.yarp.dialect import Dialect
 from tci.middleware.yarp.names import PATIENCE, Contact
-from tci.middleware.yarp.outgoing import dial
+from tci.middleware.yarp.outgoing import dial, is_over
 from tci.middleware.yarp.source import SocketSource
 from tci.middleware.yarp.text import from_text, to_text
 
@@ -40,6 +40,8 @@ class Rpc:
         is no reply. There is no second try: who calls decides that.
         """
         try:
+            if self._open is not None and is_over(self._open[0]):
+                self.close()  # ports that authenticate close after 2 s without a call
             sock, source = self._open or self._dial(patience)
             sock.settimeout(patience)
             source.allow()

@@ -1,6 +1,6 @@
 """Make the pictures of docs/images anew, all by the code that they show. `make pictures`; needs chromium.
 
-python tools/pictures.py [NAME...]     names: demo plot shrug viewer
+python tools/pictures.py [NAME...]     names: demo foot plot shrug viewer
 """
 
 from __future__ import annotations
@@ -12,6 +12,8 @@ import tempfile
 import threading
 import time
 from pathlib import Path
+
+from foot import draw as draw_foot
 
 import tci
 from tci.cli.main import app
@@ -41,6 +43,11 @@ def plot(folder: Path) -> None:
     file = str(folder / "poke.mcap")
     command("run", "withdrawal", "--robot", "nao", "--poke", "--duration", "1.5", "--record", file)
     command("plot", file, "--out", str(IMAGES / "plot.png"))
+
+
+def foot(_: Path) -> None:
+    """What a real iCub's foot felt; needs the recordings in shared/data beside this checkout."""
+    draw_foot(ROOT.parent / "shared" / "data", IMAGES / "foot.png")
 
 
 def shrug(folder: Path) -> None:
@@ -114,7 +121,7 @@ def poke_all(shown: Viewer, reflex: tci.WithdrawalReflex) -> None:
 
 
 def main() -> None:
-    makers = {"demo": demo, "plot": plot, "shrug": shrug, "viewer": viewer}
+    makers = {"demo": demo, "foot": foot, "plot": plot, "shrug": shrug, "viewer": viewer}
     for name in sys.argv[1:] or makers:
         with tempfile.TemporaryDirectory() as folder:
             print(f"making {name}", flush=True)

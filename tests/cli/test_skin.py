@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from skin_data import cone_file, real_file
 from tci.cli.main import app
 from tci.cli.skin_picture import maps
-from tci.errors import DescriptionError, TciError
+from tci.errors import CommandError, DescriptionError, TciError
 from tci.model.skin_file import read_skin_file
 from tci.model.skin_map import best_cone, skin_cone, unroll
 
@@ -109,3 +109,15 @@ def test_unrolling_keeps_place_and_angle(tmp_path: Path) -> None:
     best = best_cone(positions)
     assert best is not None
     assert best.rms < 1e-5
+
+
+def test_fit_of_a_robots_own_skin() -> None:
+    result = CliRunner().invoke(app, ["skin", "fit", "nao", "--json"])
+    told = {one["name"]: one for one in json.loads(result.output)["skins"]}
+    sides, segments = ("left", "right"), ("forearm", "upper_arm")
+    assert set(told) == {f"{side}_{segment}" for side in sides for segment in segments}
+    kinematic = told["left_forearm"]["cones"][0]
+    assert (kinematic["r1_mm"], kinematic["r2_mm"]) == pytest.approx((37.0, 43.0))
+    assert kinematic["rms_mm"] < 1e-6
+    with pytest.raises(CommandError, match="a robot's axes are known"):
+        CliRunner().invoke(app, ["skin", "fit", "nao", "--axis", "0", "0", "1"], catch_exceptions=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -12,77 +12,30 @@ app = typer.Typer(help="Look at skins: cones through them, and pictures.", no_ar
 
 @app.command()
 def fit(
-    file: Annotated[Path, typer.Argument(help="Skin file: iCub calibration (.txt), table (.csv), or URDF.")],
+    skin: Annotated[
+        str, typer.Argument(help="Skin file (.txt as iCub's, .csv, .urdf), robot by name, or description.")
+    ],
     axis: Annotated[
-        tuple[float, float, float], typer.Option(help="The kinematic axis, distally, in the file's frame.")
-    ] = (0.0, 0.0, 1.0),
+        tuple[float, float, float] | None,
+        typer.Option(help="Of a file: the kinematic axis, distally, in its frame. [default: 0 0 1]"),
+    ] = None,
     origin: Annotated[
-        tuple[float, float, float], typer.Option(help="A point on that axis [m], in the file's frame.")
-    ] = (0.0, 0.0, 0.0),
+        tuple[float, float, float] | None,
+        typer.Option(help="Of a file: a point on that axis \\[m], in its frame. [default: 0 0 0]"),
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
     """Fit the paper's truncated cone to a skin, and say how far the taxels are from it.
 
-    The axis is kept, then may move sideways, then tilt as well.
+    The axis is kept, then may move sideways, then tilt as well. A robot's axes are those of its segments.
 
     Example:  tci skin fit left_forearm.txt --axis 0.9659 0 0.2588
+
+    Example:  tci skin fit icub
     """
-    import numpy as np
+    from tci.cli.skin_fit import fit as command
 
-    from tci.cli.console import console, print_json
-    from tci.errors import TciError
-    from tci.model.cone import Freedom
-    from tci.model.skin_map import skin_cone
-    from tci.model.skin_reader import read_layout
-
-    skin = read_layout(file)
-    taxels = skin.positions[skin.taxels]
-    kinds: dict[str, Freedom] = {"kinematic": "none", "free centre": "centre", "free axis": "axis"}
-    rows: list[dict[str, Any]] = []
-    for kind, free in kinds.items():
-        try:
-            cone = skin_cone(taxels, origin=np.array(origin), axis=np.array(axis), free=free)
-        except TciError as error:
-            rows.append({"axis": kind, "error": str(error)})
-            continue
-        cosine = float(np.clip(cone.axis @ np.array(axis) / np.linalg.norm(axis), -1.0, 1.0))
-        rows.append(
-            {
-                "axis": kind,
-                "length_mm": cone.length * 1e3,
-                "r1_mm": cone.r1 * 1e3,
-                "r2_mm": cone.r2 * 1e3,
-                "rms_mm": cone.rms * 1e3,
-                "max_mm": cone.largest * 1e3,
-                "tilt_deg": float(np.degrees(np.arccos(cosine))),
-                "origin_m": cone.origin.tolist(),
-                "direction": cone.axis.tolist(),
-            }
-        )
-    if as_json:
-        print_json({"file": str(file), "name": skin.name, "taxels": len(taxels), "cones": rows})
-        return
-    console.print(f"[bold]{file.name}[/]  {skin.name}, {len(taxels)} taxels, {skin.channels} channels")
-    console.print(_table(rows))
-    for row in rows:
-        if "error" in row:
-            console.print(f"  {row['axis']}: {row['error']}", style="yellow", highlight=False)
-
-
-def _table(rows: list[dict[str, Any]]) -> Any:
-    from rich import box
-    from rich.table import Table
-
-    table = Table(box=box.SIMPLE_HEAD, caption="mm; tilt in degrees against the axis that was given")
-    for column in ("axis", "length", "r1", "r2", "rms", "max", "tilt"):
-        table.add_column(column, justify="left" if column == "axis" else "right")
-    for row in rows:
-        if "error" in row:
-            table.add_row(row["axis"], *["none"] * 6)
-            continue
-        keys = ("length_mm", "r1_mm", "r2_mm", "rms_mm", "max_mm", "tilt_deg")
-        table.add_row(row["axis"], *(f"{row[key]:.1f}" for key in keys))
-    return table
+    command(skin, axis, origin, as_json=as_json)
 
 
 @app.command()

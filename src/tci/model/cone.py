@@ -99,6 +99,15 @@ def cone_of(robot: Robot, surface: Surface, kinematics: Kinematics) -> ConeFit:
 
     Raises TciError for a patch that is on no limb.
     """
+    origin, axis = limb_axis(robot, surface, kinematics)
+    return fit_cone(surface.positions, origin=origin, axis=axis, free="centre")
+
+
+def limb_axis(robot: Robot, surface: Surface, kinematics: Kinematics) -> tuple[Array, Array]:
+    """A point (3,) [m] on the kinematic axis of a patch's segment and the direction (3,) distally, in its link.
+
+    Raises TciError for a patch that is on no limb.
+    """
     patch = robot.patch(surface.patch)
     part = robot.part(patch.part)
     segment = robot.limb_segment(patch)
@@ -108,7 +117,7 @@ def cone_of(robot: Robot, surface: Surface, kinematics: Kinematics) -> ConeFit:
     R_TS = part.R_TM @ segment_rotation(segment.name, part.initial_posture, part.side)
     T_LT = invert(poses[patch.link])
     origin = apply(T_LT, apply(poses[segment.link], np.array(segment.origin)))
-    return fit_cone(surface.positions, origin=origin, axis=-T_LT[:3, :3] @ R_TS[:, 2], free="centre")
+    return origin, -T_LT[:3, :3] @ R_TS[:, 2]
 
 
 def _along_and_distance(positions: Array, point: Array, axis: Array) -> tuple[Array, Array]:

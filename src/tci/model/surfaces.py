@@ -113,7 +113,7 @@ def build_surface(robot: Robot, patch: Patch, kinematics: Kinematics) -> Surface
         normals=read_only(normals),
         areas=read_only(areas),
         channels=read_only(channels, np.intp),
-        neighbours=read_only(_neighbours(positions, normals), np.intp),
+        neighbours=read_only(find_neighbours(positions, normals), np.intp),
         faces=read_only(_outward(faces, positions, normals), np.intp),
         tangents=across,
     )
@@ -244,7 +244,7 @@ def _unit_normals(faces: NDArray[np.intp], positions: Array) -> Array:
     return result
 
 
-def _neighbours(positions: Array, normals: Array) -> NDArray[np.intp]:
+def find_neighbours(positions: Array, normals: Array) -> NDArray[np.intp]:
     """Pairs (m, 2), lower index first, of taxels that are near and face the same way.
 
     Across a gap between modules they are near when no taxel lies in the ball between them (Gabriel

@@ -1,0 +1,98 @@
+"""`tci skin fit`: the paper's truncated cone through any skin."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from rich import box
+from rich.table import Table
+
+from tci.cli.console import console, print_json
+from tci.errors import CommandError, TciError
+from tci.frames import Array
+from tci.model.catalogue import load_robot
+from tci.model.cone import Freedom, limb_axis
+from tci.model.kinematics import Kinematics
+from tci.model.skin_map import skin_cone
+from tci.model.skin_reader import read_layout
+from tci.model.surfaces import build_surface
+
+KINDS: dict[str, Freedom] = {"kinematic": "none", "free centre": "centre", "free axis": "axis"}
+Skin = tuple[str, int, Array, Array, Array]
+"""Name, channels, taxels (n, 3) [m], a point (3,) [m] on the axis and its direction (3,)."""
+
+
+def fit(skin: str, axis: ArrayLike | None, origin: ArrayLike | None, *, as_json: bool) -> None:
+    """Fit the cones of one file, or of every patch of a robot that is on a limb. Raises TciError."""
+    told = [_fits(one) for one in _skins(skin, axis, origin)]
+    if as_json:
+        print_json({"file": skin, **told[0]} if Path(skin).is_file() and len(told) == 1 else {"skins": told})
+        return
+    for one in told:
+        console.print(f"[bold]{one['name']}[/]  {one['taxels']} taxels, {one['channels']} channels")
+        console.print(_table(one["cones"]))
+        for row in one["cones"]:
+            if "error" in row:
+                console.print(f"  {row['axis']}: {row['error']}", style="yellow", highlight=False)
+
+
+def _skins(skin: str, axis: ArrayLike | None, origin: ArrayLike | None) -> Iterator[Skin]:
+    path = Path(skin)
+    if path.is_file() and path.suffix != ".xml":
+        file = read_layout(path)
+        along, through = np.array(axis or (0.0, 0.0, 1.0)), np.array(origin or (0.0, 0.0, 0.0))
+        yield file.name or path.name, file.channels, file.positions[file.taxels], through, along
+        return
+    robot = load_robot(skin)
+    if axis is not None or origin is not None:
+        raise CommandError("a robot's axes are known; valid: --axis and --origin with a skin file")
+    kinematics = Kinematics(robot)
+    limbs = [patch for patch in robot.patches if robot.limb_segment(patch)]
+    if not limbs:
+        raise TciError(f"{robot.name} has no skin on a limb")
+    for patch in limbs:
+        surface = build_surface(robot, patch, kinematics)
+        yield patch.name, patch.channels, surface.positions, *limb_axis(robot, surface, kinematics)
+
+
+def _fits(skin: Skin) -> dict[str, Any]:
+    name, channels, taxels, origin, axis = skin
+    rows: list[dict[str, Any]] = []
+    for kind, free in KINDS.items():
+        try:
+            cone = skin_cone(taxels, origin=origin, axis=axis, free=free)
+        except TciError as error:
+            rows.append({"axis": kind, "error": str(error)})
+            continue
+        cosine = float(np.clip(cone.axis @ axis / np.linalg.norm(axis), -1.0, 1.0))
+        rows.append(
+            {
+                "axis": kind,
+                "length_mm": cone.length * 1e3,
+                "r1_mm": cone.r1 * 1e3,
+                "r2_mm": cone.r2 * 1e3,
+                "rms_mm": cone.rms * 1e3,
+                "max_mm": cone.largest * 1e3,
+                "tilt_deg": float(np.degrees(np.arccos(cosine))),
+                "origin_m": cone.origin.tolist(),
+                "direction": cone.axis.tolist(),
+            }
+        )
+    return {"name": name, "taxels": len(taxels), "channels": channels, "cones": rows}
+
+
+def _table(rows: list[dict[str, Any]]) -> Table:
+    table = Table(box=box.SIMPLE_HEAD, caption="mm; tilt in degrees against the axis that was given")
+    for column in ("axis", "length", "r1", "r2", "rms", "max", "tilt"):
+        table.add_column(column, justify="left" if column == "axis" else "right")
+    for row in rows:
+        if "error" in row:
+            table.add_row(row["axis"], *["none"] * 6)
+            continue
+        keys = ("length_mm", "r1_mm", "r2_mm", "rms_mm", "max_mm", "tilt_deg")
+        table.add_row(row["axis"], *(f"{row[key]:.1f}" for key in keys))
+    return table

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from simulation import kernel_oracle
 from simulation.pokes import frame_of, poke_anywhere, pressures, straight_arms
 from tci.errors import TciError
 from tci.model.catalogue import load_robot
@@ -154,3 +155,20 @@ def test_noise_comes_from_the_seed() -> None:
     first.advance(0.02)
     assert all((a == b.values).all() for a, b in zip(again, first.frames(), strict=True))
     assert 0.7 < np.std(first.frames()[0].values.astype(float)) < 1.3
+
+
+@given(st.integers(0, 100_000))
+def test_the_compiled_loop_equals_numpy(seed: int) -> None:
+    """On a sheet, a cone, beside the edge and far away."""
+    random = np.random.default_rng(seed)
+    positions = random.uniform(-0.05, 0.05, (random.integers(1, 300), 3)) * [
+        1.0,
+        1.0,
+        random.choice([0.0, 0.4]),
+    ]
+    point = random.uniform(-0.06, 0.06, 3)
+    normal = random.normal(size=3)
+    normal /= np.linalg.norm(normal)
+    shares = spread(positions, point, normal, SIGMA)
+    np.testing.assert_allclose(shares, kernel_oracle.spread(positions, point, normal, SIGMA), atol=1e-6)
+    assert shares.sum() == pytest.approx(1.0)

@@ -39,6 +39,8 @@ CASES = {
     "gate": "parts:gate",
     "kinematics": "parts:kinematics",
     "inverse": "parts:inverse",
+    "touch": "touch:touch",
+    "worlds": "touch:worlds",
     "loop": "loop:loop",
     "start": "start:start",
 }

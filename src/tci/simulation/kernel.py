@@ -7,8 +7,11 @@ single taxels are not.
 from __future__ import annotations
 
 import numpy as np
+from numba import float64, int64
 
 from tci.frames import Array
+from tci.interface.kernels.arrays import reads, views, writes
+from tci.interface.kernels.compiled import compiled, inlined
 
 SIGMA = 3e-3
 """Width [m] of the Gaussian that the cover over the taxels makes of a point. Ours."""
@@ -37,56 +40,103 @@ def spread(positions: Array, point: Array, normal: Array, sigma: float) -> Array
     sense of entropy, are the local maximum-entropy ones: exp(lambda . x - x^2 / 2 sigma^2), with one
     tilt lambda for all taxels (Arroyo and Ortiz 2006, doi:10.1002/nme.1534).
     """
-    offsets = (positions - point) / sigma
-    squared = np.einsum("ij,ij->i", offsets, offsets)
-    distance = np.sqrt(squared)
-    near = np.flatnonzero(distance <= distance.min() + _REACH)
-    logarithms = -0.5 * squared[near]
-    shares = np.zeros(len(positions))
-    shares[near] = _centred(logarithms, offsets[near] @ _tangents(normal))
+    shares = np.empty(len(positions))
+    _spread(np.ascontiguousarray(positions), point, normal, sigma, shares)
     return shares
 
 
+@inlined
 def _tangents(normal: Array) -> Array:
-    """Two unit vectors, the columns of (3, 2), across `normal` (3,)."""
-    least = np.eye(3)[np.argmin(np.abs(normal))]
-    first = np.cross(normal, least)
-    first /= np.linalg.norm(first)
-    return np.column_stack([first, np.cross(normal, first)])
+    """Two unit vectors, the rows of (2, 3), across `normal` (3,)."""
+    least = np.zeros(3)
+    least[np.argmin(np.abs(normal))] = 1.0
+    across = np.empty((2, 3))
+    across[0] = np.cross(normal, least)
+    across[0] /= np.sqrt(np.sum(across[0] ** 2))
+    across[1] = np.cross(normal, across[0])
+    return across
 
 
-def _centred(logarithms: Array, offsets: Array) -> Array:
-    """Weights proportional to exp(logarithms + offsets . tilt), with the tilt that centres them at 0.
+@inlined
+def _potential(tilt: Array, logarithms: Array, offsets: Array, weights: Array) -> float:
+    """Write the weights (k,) of a tilt (2,); the logarithm of their sum, and what the tilt costs."""
+    top = -np.inf
+    for i in range(len(weights)):
+        weights[i] = logarithms[i] + offsets[0, i] * tilt[0] + offsets[1, i] * tilt[1]
+        top = max(top, weights[i])
+    total = 0.0
+    for i in range(len(weights)):
+        weights[i] = np.exp(weights[i] - top)
+        total += weights[i]
+    for i in range(len(weights)):
+        weights[i] /= total
+    return top + np.log(total) + 0.5 * _SOFTNESS * (tilt[0] ** 2 + tilt[1] ** 2)  # type: ignore[no-any-return]
+
+
+@inlined
+def _centre(logarithms: Array, offsets: Array, weights: Array) -> None:
+    """Write weights (k,) proportional to exp(logarithms + offsets . tilt), with the tilt that centres them.
 
     Newton's method on the convex function log(sum) + softness / 2 * tilt^2, whose gradient is the
     weighted mean offset but for the softness.
     """
-    tilt = np.zeros(2)
-    value, weights = _potential(tilt, logarithms, offsets)
+    tilt, trial, trial_weights = np.zeros(2), np.zeros(2), np.empty(len(weights))
+    value = _potential(tilt, logarithms, offsets, weights)
     for _ in range(_STEPS):
-        mean = weights @ offsets
-        gradient = mean + _SOFTNESS * tilt
-        if gradient @ gradient < _TOLERANCE**2:
+        x = y = xx = xy = yy = 0.0
+        for i in range(len(weights)):
+            a, b, w = offsets[0, i], offsets[1, i], weights[i]
+            x += w * a
+            y += w * b
+            xx += w * a * a
+            xy += w * a * b
+            yy += w * b * b
+        g, h = x + _SOFTNESS * tilt[0], y + _SOFTNESS * tilt[1]
+        if g * g + h * h < _TOLERANCE**2:
             break
-        covariance = (offsets * weights[:, None]).T @ offsets - np.outer(mean, mean)
-        direction = np.linalg.solve(covariance + _SOFTNESS * np.eye(2), -gradient)
-        slope = gradient @ direction
-        size = 1.0
-        while size > 1e-6:
-            trial = tilt + size * direction
-            trial_value, trial_weights = _potential(trial, logarithms, offsets)
-            if trial_value <= value + 1e-4 * size * slope:
-                break
+        xx, xy, yy = xx - x * x + _SOFTNESS, xy - x * y, yy - y * y + _SOFTNESS
+        determinant = xx * yy - xy * xy
+        u, v = (xy * h - yy * g) / determinant, (xy * g - xx * h) / determinant
+        slope = g * u + h * v
+        size, better = 1.0, False
+        while size > 1e-6 and not better:
+            trial[0], trial[1] = tilt[0] + size * u, tilt[1] + size * v
+            trial_value = _potential(trial, logarithms, offsets, trial_weights)
+            better = trial_value <= value + 1e-4 * size * slope
             size /= 2.0
-        else:
+        if not better:
             break
-        tilt, value, weights = trial, trial_value, trial_weights
-    return weights
+        tilt[:], value = trial, trial_value
+        weights[:] = trial_weights
 
 
-def _potential(tilt: Array, logarithms: Array, offsets: Array) -> tuple[float, Array]:
-    exponents = logarithms + offsets @ tilt
-    top = exponents.max()
-    powers = np.exp(exponents - top)
-    total = powers.sum()
-    return float(top + np.log(total) + 0.5 * _SOFTNESS * tilt @ tilt), powers / total
+@compiled(int64(reads(2), views(1), views(1), float64, writes(1)))
+def _spread(positions: Array, point: Array, normal: Array, sigma: float, shares: Array) -> int:
+    """Write `spread`; how many taxels feel anything."""
+    n = len(positions)
+    least = np.inf
+    for i in range(n):
+        x, y, z = positions[i, 0] - point[0], positions[i, 1] - point[1], positions[i, 2] - point[2]
+        shares[i] = (x * x + y * y + z * z) / (sigma * sigma)
+        least = min(least, shares[i])
+    limit = (np.sqrt(least) + _REACH) ** 2
+    near = np.empty(n, np.int64)
+    count = 0
+    for i in range(n):
+        if shares[i] <= limit:
+            near[count] = i
+            count += 1
+        else:
+            shares[i] = 0.0
+    across = _tangents(normal)
+    logarithms, offsets, weights = np.empty(count), np.empty((2, count)), np.empty(count)
+    for k in range(count):
+        i = near[k]
+        logarithms[k] = -0.5 * shares[i]
+        for axis in range(2):
+            x, y, z = positions[i, 0] - point[0], positions[i, 1] - point[1], positions[i, 2] - point[2]
+            offsets[axis, k] = (x * across[axis, 0] + y * across[axis, 1] + z * across[axis, 2]) / sigma
+    _centre(logarithms, offsets, weights)
+    for k in range(count):
+        shares[near[k]] = weights[k]
+    return count

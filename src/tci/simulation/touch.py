@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from tci.errors import TciError
-from tci.frames import Array, apply, invert
+from tci.frames import Array, apply, invert, read_only
 from tci.messages import SkinFrame
 from tci.model.collisions import SKIN
 from tci.model.description import Patch
@@ -147,6 +147,8 @@ class Touch:
         self._y = np.cross(surface.normals, self._x)
         sensor = patch.sensor
         self._type = np.uint8 if 0.0 <= sensor.lowest <= sensor.highest <= 255.0 else np.int32
+        # One array for all frames at rest, which nobody can change: who sees it again need not look again.
+        self._rest = read_only(self._raw(np.zeros((len(surface.positions), 3))), self._type)
 
     def reset(self) -> None:
         """The first frame is taken at time 0."""
@@ -160,9 +162,18 @@ class Touch:
         self._count += 1
         due = (self._count + 1) / (self.patch.rate * self._physics.step)
         self.due = max(int(np.ceil(due - 1e-6)), self._physics.steps + 1)
-        values = self._raw(self.vectors() / self.surface.areas[:, None])
-        values.setflags(write=False)
+        if self._noise or self.found:
+            values = self._raw(self.vectors() / self.surface.areas[:, None])
+            values.setflags(write=False)
+        else:
+            values = self._rest
         self.frame = SkinFrame(self.patch.name, self._physics.time, self._count, values)
+
+    @property
+    def found(self) -> int:
+        """How many contacts the patch has now."""
+        self._physics.refresh()
+        return int(self._physics.data.sensordata[self._slots.start + _FOUND])
 
     def forces(self) -> Array:
         """Force (taxels,) [N] that presses each taxel now. Raises TciError like `sample`."""
@@ -171,10 +182,9 @@ class Touch:
     def vectors(self) -> Array:
         """Force (taxels, 3) [N] on each taxel now: along its x and y axes, and pressing. Raises TciError like
         `sample`."""
-        self._physics.refresh()
+        found = self.found
         slots = self._physics.data.sensordata[self._slots].reshape(SLOTS, _WIDTH)
         total = np.zeros((len(self.surface.positions), 3))
-        found = int(slots[0, _FOUND])
         if found == 0:
             return total
         if found > SLOTS:

@@ -103,6 +103,28 @@ def test_head_and_hands_are_patches_of_switches() -> None:
         }  # fmt: skip
 
 
+def test_a_memory_that_refuses_a_list_for_one_key_is_asked_only_for_what_it_has() -> None:
+    with StillNao() as nao:
+        memory = nao.services["ALMemory"]
+        for key in [key for key in memory._live if key.startswith("HandLeft") or "/" in key]:
+            if key.startswith("HandLeft") or "Packed" in key or "Sequence" in key:
+                del memory._live[key]
+
+        def strict(key: str) -> Any:
+            found = key in memory._own or key in memory._live
+            if not found:
+                raise KeyError(key)
+            return True, memory._live[key]()
+
+        memory._value = strict
+        with connect(ROBOT, nao.via) as link:
+            patches = {frame.patch for frame in link.read().skin}
+            assert patches == {patch.name for patch in ROBOT.patches} - {"left_hand"}
+            nao.touch("left_forearm", 1, np.full(240, 7, np.uint8))
+            wait_for(lambda: frame(link.read(), "left_forearm").values[0] == 7)
+            assert link._poller.counts["failures"] == 0  # type: ignore[attr-defined]
+
+
 def test_a_robot_without_hands_has_no_frames_of_them() -> None:
     with StillNao() as nao:
         memory = nao.services["ALMemory"]

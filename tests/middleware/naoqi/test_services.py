@@ -52,7 +52,7 @@ def test_angles_stiffness_and_limits(session: Any) -> None:
     assert (speed, torque) == (pytest.approx(math.radians(305.4)), 2.0)
     motion.setAngles(["HeadYaw", "HeadPitch"], [0.4, -0.2], 0.3)
     wait_for(lambda: abs(motion.getAngles("HeadYaw", True)[0] - 0.4) < 0.01)
-    assert motion.getAngles("Head", False) == pytest.approx([0.4, -0.2], abs=1e-3)
+    wait_for(lambda: motion.getAngles("Head", False) == pytest.approx([0.4, -0.2], abs=1e-3))
     motion.changeAngles("HeadYaw", -0.1, 0.3)
     wait_for(lambda: abs(motion.getAngles("HeadYaw", True)[0] - 0.3) < 0.01)
     motion.setStiffnesses("LArm", 0.6)

@@ -25,6 +25,8 @@ AGAIN = 0.3
 """Time [s] between two attempts to connect again. Ours."""
 IDLE = 0.1
 """Longest time [s] between two questions when nobody reads. Ours."""
+REFUSED = object()
+"""What comes instead of a value from a NAOqi that refuses to be asked for a key."""
 SLOW = 0.05
 """Time [s] between two questions for what changes slowly: stiffness. Ours."""
 
@@ -78,14 +80,14 @@ class Poller:
         self._channels = {patch.name: patch.channels for patch in robot.patches}
         self._every = {patch.name: 1.0 / patch.rate for patch in robot.patches}
         self._frames: dict[str, SkinFrame] = {}
-        self._plain_due: dict[str, float] = {}
+        self._due: dict[str, float] = {}
         self._stiffness = np.ones(len(robot.servos))
         self._stiffness_due = -np.inf
         self._before: JointReading | None = None
         self.services = Services(address, motion=joints)
-        self._packed: dict[str, bool] = {}
+        self._asks: dict[str, list[str]] = {}
         try:
-            self._find_packed()
+            self._find_keys()
             self.latest = self._ask()
         except BaseException:
             self.services.close()
@@ -130,18 +132,37 @@ class Poller:
 
     def _reconnect(self) -> None:
         self.services = Services(self.address, motion=self._joints)
-        self._find_packed()
+        self._find_keys()
         self._before, self._stiffness_due = None, -np.inf
         self.latest = self._ask()
         self.trouble = ""
         self.counts["reconnections"] += 1
         self.generation += 1
 
-    def _find_packed(self) -> None:
-        """Which patches come as text as well."""
-        vectors = {patch: keys[0] for patch, keys in self.keys.items() if len(keys) == 1}
-        texts = self._memory([words.packed_key(key) for key in vectors.values()], timeout=1.0)
-        self._packed = {patch: isinstance(text, str) for patch, text in zip(vectors, texts, strict=True)}
+    def _find_keys(self) -> None:
+        """What to ask for each patch: text, else a vector and its number, else the vector; or its switches.
+
+        Each key is tried alone: some NAOqi refuse a whole list for one that does not exist.
+        """
+        self._asks = {}
+        for patch, keys in self.keys.items():
+            if len(keys) == 1 and isinstance(self._try(words.packed_key(keys[0])), str):
+                self._asks[patch] = [words.packed_key(keys[0])]
+                continue
+            there = [key for key in keys if self._try(key) is not REFUSED]
+            if len(keys) == 1 and there and isinstance(self._try(words.sequence_key(keys[0])), int):
+                there.append(words.sequence_key(keys[0]))
+            if len(there) >= len(keys):
+                self._asks[patch] = there
+
+    def _try(self, key: str) -> Any:
+        """A value; None where there is none, REFUSED from a NAOqi that does not even take the question."""
+        try:
+            return self._memory([key], timeout=1.0)[0]
+        except LinkError:
+            if not self.services.session.isConnected():
+                raise
+            return REFUSED
 
     def _memory(self, keys: list[str], *, timeout: float = ANSWER) -> list[Any]:
         if not keys:
@@ -159,11 +180,7 @@ class Poller:
         """One question. Raises LinkError."""
         begin = self.clock.now()
         motion, memory = self.services.motion, self.services.memory
-        asked = {
-            patch: self._asked(patch)
-            for patch in self.keys
-            if self._packed.get(patch) or begin >= self._plain_due.get(patch, -np.inf)
-        }
+        asked = {patch: keys for patch, keys in self._asks.items() if begin >= self._due.get(patch, -np.inf)}
         keys = [key for some in asked.values() for key in some]
         angles = motion.getAngles(self.names, True, _async=True) if self._joints else None
         values = memory.getListData(keys, _async=True)
@@ -215,23 +232,16 @@ class Poller:
             )
         return numbers
 
-    def _asked(self, patch: str) -> list[str]:
-        """The keys that its next frame is made of."""
-        keys = self.keys[patch]
-        if len(keys) > 1:
-            return list(keys)
-        return [words.packed_key(keys[0])] if self._packed[patch] else [keys[0], words.sequence_key(keys[0])]
-
     def _frame(self, patch: str, stamp: float, found: list[Any]) -> SkinFrame | None:
         """The frame, if it is a new one. Raises FrameError for what is none."""
         old = self._frames.get(patch)
         if len(self.keys[patch]) > 1:
-            self._plain_due[patch] = stamp + 0.9 * self._every[patch]
-            if any(value is None for value in found):
+            self._due[patch] = stamp + 0.9 * self._every[patch]
+            if not all(isinstance(value, int | float) for value in found):
                 return None  # a robot without these
             # A switch is read, not published: each reading is a new one.
             return SkinFrame(patch, stamp, 0 if old is None else old.sequence + 1, _vector(patch, found))
-        value, number = found[0], found[-1]
+        value, number = found[0], found[1] if len(found) > 1 else None
         if isinstance(value, str):
             if old is not None and value.startswith(f"{old.sequence} "):
                 return None
@@ -239,7 +249,7 @@ class Poller:
             return SkinFrame(patch, stamp, sequence, read_only(values, values.dtype))
         if not isinstance(value, list | tuple):
             return None
-        self._plain_due[patch] = stamp + 0.5 * self._every[patch]
+        self._due[patch] = stamp + 0.5 * self._every[patch]
         values = _vector(patch, value)
         if isinstance(number, int):
             new = old is None or number != old.sequence

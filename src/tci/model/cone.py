@@ -104,7 +104,7 @@ def cone_of(robot: Robot, surface: Surface, kinematics: Kinematics) -> ConeFit:
 
 
 def limb_axis(robot: Robot, surface: Surface, kinematics: Kinematics) -> tuple[Array, Array]:
-    """A point (3,) [m] on the kinematic axis of a patch's segment and the direction (3,) distally, in its link.
+    """A point (3,) [m] on the axis of a patch's segment and its direction (3,) distally, in the patch's link.
 
     Raises TciError for a patch that is on no limb.
     """

@@ -40,7 +40,9 @@ bench: dev-env  ## every part beside its peers, as ratios; writes bench.json (CA
 soak: dev-env  ## hostile commands through the gate, and a day of noise and drift on a skin (TCI_SOAK=cycles)
 	@TCI_SOAK=$${TCI_SOAK:-200000} $(VENV)/python -m pytest -q tests/interface/test_gate.py tests/interface/test_long_conditioning.py -k "hostile or conditioning"
 
-fuzz: dev-env  ## damaged robot descriptions and YARP messages for longer (TCI_FUZZ=files, TCI_FUZZ_WIRE=messages)
+fuzz: dev-env  ## all that reads foreign bytes: coverage-guided (TCI_SECONDS each), and damaged ones (TCI_FUZZ=files)
+	@for target in $$($(VENV)/python tools/reliability/fuzz.py); do echo "== $$target"; \
+	  $(VENV)/python tools/reliability/fuzz.py $$target $${TCI_SECONDS:-20} || exit 1; done
 	@TCI_FUZZ=$${TCI_FUZZ:-20000} TCI_FUZZ_WIRE=$${TCI_FUZZ_WIRE:-1000000} $(VENV)/python -m pytest -q \
 	  tests/model/test_xml.py tests/middleware/yarp -k "damaged or mutated"
 

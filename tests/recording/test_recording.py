@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -121,3 +122,12 @@ def test_a_file_of_another_kind_is_named(tmp_path: Path) -> None:
     path.write_bytes(zstandard.compress(b"x" * 100))
     with pytest.raises(RecordingError, match="no recording"):
         Recording(path)
+
+
+@pytest.mark.parametrize("size", [2**31 - 1, 2**40, 2**63, 2**64 - 1])
+def test_31_a_declared_length_takes_no_memory(size: int, tmp_path: Path) -> None:
+    chunk = struct.pack("<QQQIIQ", 0, 0, 10, 0, 0, size)
+    file = tmp_path / "a.mcap"
+    file.write_bytes(b"\x89MCAP0\r\n\x06" + struct.pack("<Q", len(chunk)) + chunk)
+    with pytest.raises(RecordingError, match=r"valid|no recording"):
+        list(Recording(file).ticks())

@@ -12,7 +12,7 @@ HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE), str(HERE.parents[1] / "tests")]
 
 from attacks import bodies, limits  # noqa: E402
-from bytes_in import descriptions, heartbeats  # noqa: E402
+from bytes_in import descriptions, guided, heartbeats  # noqa: E402
 from day import false_reflexes  # noqa: E402
 from death import heartbeat  # noqa: E402
 from explore import loop  # noqa: E402
@@ -31,7 +31,6 @@ OPEN = (
         "1000 at rest",
         None,
     ),
-    Row("coverage-guided fuzzing", "", "open: atheris harness", "0 uncaught in 10 minutes", None),
     Row("mutation score of gate and loop", "", "open: mutmut configuration", ">= 95 %", None),
 )
 
@@ -50,6 +49,7 @@ def main() -> int:
             loop,
             false_reflexes,
             descriptions,
+            guided,
             heartbeats,
             killed,
             minute,

@@ -6,6 +6,7 @@ Nothing in the file is trusted: sizes are bounded before memory is taken, only t
 
 from __future__ import annotations
 
+import io
 import struct
 from collections import Counter
 from collections.abc import Iterator
@@ -138,7 +139,7 @@ class Recording:
     def _records(self) -> Iterator[Any]:
         """Every record outside and inside chunks, up to where the file ends or was cut off."""
         self.complete = False
-        with self.path.open("rb") as file:
+        with _Bounded(io.FileIO(self.path)) as file:
             limit = min(LARGEST, self.path.stat().st_size)
             # Channels and schemas come again after the data; that does no harm.
             records = StreamReader(
@@ -148,7 +149,9 @@ class Recording:
                 yield from self._unpacked(records)
             except (EndOfFile, struct.error):
                 return  # cut off: what came before is whole
-            except (McapError, CRCValidationError, UnicodeDecodeError, zstandard.ZstdError) as error:
+            except (
+                McapError, CRCValidationError, UnicodeDecodeError, OverflowError, zstandard.ZstdError
+            ) as error:  # fmt: skip
                 raise RecordingError(f"{self.path} is damaged or no recording: {error}") from error
 
     def _unpacked(self, records: Iterator[Any]) -> Iterator[Any]:
@@ -159,6 +162,15 @@ class Recording:
             else:
                 yield record
                 self.complete |= isinstance(record, Footer)
+
+
+class _Bounded(io.BufferedReader):
+    """A file of which nobody reads much at once, whatever length it declares."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        if size is None or not 0 <= size <= LARGEST:
+            raise RecordingError(f"a record declares {size} bytes; valid: 0 to {LARGEST}")
+        return super().read(size)
 
 
 def _check_chunk(chunk: Chunk) -> None:

@@ -1,0 +1,166 @@
+"""Coverage-guided fuzzing of all that reads foreign bytes: `python tools/reliability/fuzz.py TARGET SECONDS`.
+Without a target it names all.
+
+atheris (libFuzzer) sees which lines of `tci` an input reaches, and looks for others. Any exception but a
+TciError ends it, with the input in a file `crash-...`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+TESTS = Path(__file__).parents[2] / "tests"
+MEMORY = 2048
+"""Megabytes that a target may take."""
+LONGEST = 16384
+"""Bytes of an input."""
+Target = Callable[[bytes], object]
+
+
+def by_file(read: Callable[[Path], object], name: str) -> Target:
+    """A target that reads a file."""
+    path = Path(tempfile.mkdtemp()) / name
+
+    def target(data: bytes) -> None:
+        path.write_bytes(data)
+        read(path)
+
+    return target
+
+
+def description() -> tuple[Target, Iterable[bytes]]:
+    """Robots in XML."""
+    from model.test_xml import GOOD
+    from tci.model.xml import read_robot
+
+    return by_file(read_robot, "robot.xml"), [GOOD.encode()]
+
+
+def facts() -> tuple[Target, Iterable[bytes]]:
+    """What a robot says of itself, in JSON."""
+    import json
+
+    import tci
+    from tci.middleware.query import query, read_facts
+
+    known = query(tci.load_robot("nao")).model_dump(mode="json")
+    return read_facts, [json.dumps(known | {"patches": []}).encode()]
+
+
+def skin_file() -> tuple[Target, Iterable[bytes]]:
+    """Skin calibration files of iCub and NAO."""
+    from tci.model.skin_file import read_skin_file
+
+    seed = b"[calibration]\ntaxelsCalibration (\n0.1 0.2 0.3 0 0 1 2\n)\n[SENSORS]\nnumber_triangles 1\n"
+    return by_file(read_skin_file, "skin.txt"), [seed]
+
+
+def recording() -> tuple[Target, Iterable[bytes]]:
+    """MCAP files."""
+    from recording.recorded import made_up
+    from tci.recording.recorder import Recorder
+    from tci.recording.recording import Recording
+
+    path = Path(tempfile.mkdtemp()) / "seed.mcap"
+    with Recorder(path, None) as recorder:
+        for now, reading in made_up(2):
+            recorder.tick(now, reading)
+    return by_file(lambda file: list(Recording(file).ticks()), "a.mcap"), [path.read_bytes()]
+
+
+def heartbeat() -> tuple[Target, Iterable[bytes]]:
+    """Datagrams between processes."""
+    from tci.runtime.heartbeat import decode, encode
+
+    return decode, [encode("brain", 7)]
+
+
+def remote() -> tuple[Target, Iterable[bytes]]:
+    """Messages of a served robot: bodies under a sound check, since a damaged one is never looked at."""
+    import tci
+    from tci.errors import TciError
+    from tci.middleware import remote_cdr
+
+    robot = tci.load_robot("nao")
+    readers = {b"S": remote_cdr.to_state, b"F": remote_cdr.to_skin, b"O": remote_cdr.to_orders}
+
+    def target(data: bytes) -> None:
+        for kind, read in readers.items():
+            with contextlib.suppress(TciError):
+                read(robot, remote_cdr.seal(robot, kind, data))
+                read(robot, data)
+
+    return target, [b"\x00\x01\x00\x00" + bytes(64)]
+
+
+def yarp() -> tuple[Target, Iterable[bytes]]:
+    """Bottles, vectors and messages in both of YARP's dialects."""
+    from tci.errors import TciError
+    from tci.middleware.yarp.bottle import decode_bottle, decode_vector, encode_bottle
+    from tci.middleware.yarp.dialect import V3, V4
+    from tci.middleware.yarp.message import read_message
+    from tci.middleware.yarp.source import Memory
+
+    def target(data: bytes) -> None:
+        for dialect in (V3, V4):
+            for read in (decode_bottle, decode_vector):
+                with contextlib.suppress(TciError):
+                    read(data, dialect)
+        read_message(Memory(data))
+
+    return target, [encode_bottle([1, 2.5, "set", ["pos", [3]]], dialect) for dialect in (V3, V4)]
+
+
+TARGETS = {one.__name__: one for one in (description, facts, skin_file, recording, heartbeat, remote, yarp)}
+
+
+def fuzz(name: str, seconds: float) -> tuple[int, str]:
+    """Fuzz one target in a process of its own; how many inputs it took, and what was not caught."""
+    command = [sys.executable, str(Path(__file__)), name, f"{seconds:.0f}"]
+    with tempfile.TemporaryDirectory() as folder:
+        done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)
+        lines = done.stderr.splitlines()
+        runs = [line.split()[1] for line in lines if line.startswith("Done ")]
+        if done.returncode == 0 and runs:
+            return int(runs[-1]), ""
+        crashes = [path.read_bytes() for path in Path(folder).glob("crash-*")]
+        return 0, f"{name}: {crashes[:1] or ''} {' '.join(lines[-6:]) or done.stdout}"
+
+
+def main() -> None:
+    """One target, by libFuzzer, for some seconds."""
+    if len(sys.argv) == 1:
+        print("\n".join(TARGETS))
+        return
+    import atheris
+
+    name, seconds = sys.argv[1:]
+    sys.path.insert(0, str(TESTS))
+    # Numba can't compile what is instrumented.
+    import tci.capabilities.answer
+    import tci.interface.contacts
+    import tci.interface.skin  # noqa: F401
+
+    with atheris.instrument_imports(include=["tci"]):
+        target, seeds = TARGETS[name]()
+    from tci.errors import TciError
+
+    def one_input(data: bytes) -> None:
+        with contextlib.suppress(TciError):
+            target(data)
+
+    corpus = Path(tempfile.mkdtemp())
+    for number, seed in enumerate(seeds):
+        (corpus / str(number)).write_bytes(seed)
+    flags = [f"-max_total_time={seconds}", f"-rss_limit_mb={MEMORY}", f"-max_len={LONGEST}"]
+    atheris.Setup([sys.argv[0], *flags, str(corpus)], one_input)
+    atheris.Fuzz()
+
+
+if __name__ == "__main__":
+    main()

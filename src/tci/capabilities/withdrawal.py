@@ -186,7 +186,9 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         if not answers:
             return before
         if before is not None:
-            gains = [answer.gain for answer in answers if answer.field == before.field]
+            name = before.field.name  # compared first: whole fields take longer
+            same = [answer for answer in answers if answer.field.name == name]
+            gains = [answer.gain for answer in same if answer.field == before.field]
             return replace(before, gain=max([before.gain, *gains]), touched=now)
         if posture.shape != (len(answers[0].field.motion),):
             raise CommandError(

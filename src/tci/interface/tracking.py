@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,9 +30,9 @@ class TrackSettings:
 class _Track:
     identity: int
     began: float
-    origin: Array
+    origin: tuple[float, ...]
     seen: float
-    p_L: Array
+    p_L: tuple[float, ...]
 
 
 class Tracker:
@@ -50,17 +51,20 @@ class Tracker:
         """
         old = [one for one in self._tracks.get(patch, ()) if stamp - one.seen <= self.settings.linger]
         found: list[_Track | None] = [None] * len(centres)
-        if old and len(centres):
-            apart = np.linalg.norm(centres[:, None] - np.array([one.p_L for one in old]), axis=2)
-            taken: set[int] = set()
-            for place in np.argsort(apart, axis=None, kind="stable").tolist():
-                now, before = divmod(place, len(old))
-                if apart[now, before] > self.settings.reach:
-                    break
-                if found[now] is None and before not in taken:
-                    found[now] = old[before]
-                    taken.add(before)
-        for now, centre in enumerate(centres):
+        # A patch has few contacts: plain numbers are quicker than arrays of so few.
+        places = [tuple(centre) for centre in centres.tolist()]
+        pairs = [
+            (apart, now, before)
+            for now, centre in enumerate(places)
+            for before, one in enumerate(old)
+            if (apart := math.dist(centre, one.p_L)) <= self.settings.reach
+        ]
+        taken: set[int] = set()
+        for _, now, before in sorted(pairs):
+            if found[now] is None and before not in taken:
+                found[now] = old[before]
+                taken.add(before)
+        for now, centre in enumerate(places):
             track = found[now]
             if track is None:
                 track = found[now] = _Track(self._next, stamp, centre, stamp, centre)
@@ -69,7 +73,7 @@ class Tracker:
             track.seen, track.p_L = stamp, centre
         self._tracks[patch] = old
         return [
-            (track.identity, track.began, float(np.linalg.norm(track.p_L - track.origin)))
+            (track.identity, track.began, math.dist(track.p_L, track.origin))
             for track in found
             if track is not None
         ]

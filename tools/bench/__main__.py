@@ -42,6 +42,7 @@ CASES = {
     "touch": "touch:touch",
     "worlds": "touch:worlds",
     "loop": "loop:loop",
+    "links": "links:links",
     "start": "start:start",
 }
 """Module and function of each case; a function returns rows."""
@@ -56,12 +57,13 @@ def child(case: str) -> None:
 
 
 def measure(case: str) -> list[dict[str, Any]]:
-    """The rows of a case, from a process of its own."""
+    """The rows of a case, from a process of its own; none where it failed."""
     command = [sys.executable, str(HERE), "--child", case]
     answer = subprocess.run(command, capture_output=True, text=True, check=False)
     lines = [line for line in answer.stdout.splitlines() if line.startswith(MARK)]
     if answer.returncode or not lines:
-        raise SystemExit(f"case {case} failed:\n{answer.stdout}{answer.stderr}")
+        print(f"case {case} failed:\n{answer.stdout}{answer.stderr}", file=sys.stderr)
+        return []
     rows: list[dict[str, Any]] = json.loads(lines[-1].removeprefix(MARK))
     return [{"case": case, **row} for row in rows]
 
@@ -88,12 +90,21 @@ def main() -> None:
     unknown = [case for case in cases if case not in CASES]
     if unknown:
         raise SystemExit(f"no case {', '.join(unknown)}; valid: {', '.join(CASES)}")
-    rows = [row for case in track(cases, "measuring", disable=None) for row in measure(case)]
+    found = {case: measure(case) for case in track(cases, "measuring", disable=None)}
+    rows = [row for case in cases for row in found[case]]
     show(rows)
     out = Path(os.environ.get("OUT", "out"))
     out.mkdir(parents=True, exist_ok=True)
-    machine = {"machine": platform.machine(), "cores": os.cpu_count(), "python": platform.python_version()}
+    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else None
+    machine = {
+        "load": load,
+        "machine": platform.machine(),
+        "cores": os.cpu_count(),
+        "python": platform.python_version(),
+    }
     (out / "bench.json").write_text(json.dumps({"on": machine, "rows": rows}, indent=2) + "\n")
+    if failed := [case for case in cases if not found[case]]:
+        raise SystemExit(f"not measured: {', '.join(failed)}")
 
 
 if __name__ == "__main__":

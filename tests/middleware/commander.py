@@ -1,4 +1,4 @@
-"""A process that moves the NAO at `python commander.py VIA` until it is killed. It prints `moving`."""
+"""A process that moves the NAO at `python commander.py VIA [SILENCE]` until it is killed: prints `moving`."""
 
 from __future__ import annotations
 
@@ -12,16 +12,13 @@ from middleware.patient import patient
 
 
 def main() -> None:
-    with tci.connect(patient("nao"), sys.argv[1], arm=True) as link:
+    with tci.connect(patient("nao", *map(float, sys.argv[2:])), sys.argv[1], arm=True) as link:
         arm = link.native("LArm")
-        elbow = next(servo.index for servo in arm.servos if servo.name == "LElbowRoll")
-        goal, told = -0.4, False
+        begun, told = arm.positions(link.read().joints)["LElbowRoll"], False
         for now in link.ticks():
             joints = link.read().joints
-            if abs(joints.position[elbow] - goal) < 0.05:
-                goal = -1.4
-            link.write(link.gate.step([arm.command({"LElbowRoll": goal}, speed=0.2)], joints, now))
-            if goal == -1.4 and joints.position[elbow] < -0.7 and not told:
+            link.write(link.gate.step([arm.command({"LElbowRoll": -0.1}, speed=0.1)], joints, now))
+            if not told and abs(arm.positions(joints)["LElbowRoll"] - begun) > 0.03:
                 told = True
                 print("moving", flush=True)
 

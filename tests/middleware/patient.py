@@ -1,12 +1,13 @@
-"""A simulated NAO, shown as `tci serve nao --via VIA` shows it, for tests: `python patient.py VIA [NAME]`.
+"""A simulated robot, shown as `tci serve` shows it, for tests: `python patient.py VIA [SILENCE]`.
 
-Its times are longer than those of the description, so that a busy machine is no fault. It prints `ready`,
-then a line for each change of the gate's state, with its reason.
+Unless told otherwise its times are longer than those of the description, so that a busy machine is no fault.
+It prints `ready`, then a line for each change of the gate's state, with the time [s] and the reason.
 """
 
 from __future__ import annotations
 
 import sys
+import time
 
 import tci
 from tci.middleware.simulated import SimulatedLink
@@ -19,10 +20,10 @@ PATIENCE = 0.5
 """Silence [s] after which something counts as lost in these tests."""
 
 
-def patient(name: str) -> Robot:
-    """A robot by name that waits for `PATIENCE` before it holds."""
+def patient(name: str, silence: float = PATIENCE) -> Robot:
+    """A robot by name that waits for `silence` [s] before it holds."""
     robot = tci.load_robot(name)
-    bindings = tuple(binding.model_copy(update={"stale_after": PATIENCE}) for binding in robot.bindings)
+    bindings = tuple(binding.model_copy(update={"stale_after": silence}) for binding in robot.bindings)
     return robot.model_copy(update={"bindings": bindings})
 
 
@@ -34,10 +35,10 @@ def main() -> None:
             print("ready", flush=True)
         if not state or state[0] != tick.sent.state.value:
             state[:] = [tick.sent.state.value]
-            print(tick.sent.state.value, tick.sent.reason, flush=True)
+            print(tick.sent.state.value, time.monotonic(), tick.sent.reason, flush=True)
 
-    name = sys.argv[2] if len(sys.argv) > 2 else "nao"
-    with SimulatedLink(patient(name), paced=True) as link, open_server(link, sys.argv[1]) as server:
+    robot = patient("nao", *map(float, sys.argv[2:]))
+    with SimulatedLink(robot, paced=True) as link, open_server(link, sys.argv[1]) as server:
         serve(server, observe=tell)
 
 

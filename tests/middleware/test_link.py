@@ -274,7 +274,7 @@ def test_43_a_commander_that_is_killed_leaves_a_robot_at_rest(name: str) -> None
         with mine.open(arm=False) as link:
             link.clock.sleep_until(link.clock.now() + 2.0)
             there = elbow(link)
-            assert -1.3 < there < -0.5  # still on its way
+            assert there < -0.5  # on its way, which takes 9 s
             link.clock.sleep_until(link.clock.now() + 1.0)
             assert elbow(link) == pytest.approx(there, abs=0.02)
     finally:

@@ -13,6 +13,7 @@ from tci.cli.fault import app as fault_app
 from tci.cli.gesture import app as gesture_app
 from tci.cli.log import app as log_app
 from tci.cli.skin import app as skin_app
+from tci.cli.zenoh import app as zenoh_app
 from tci.errors import DescriptionError, TciError
 
 app = typer.Typer(
@@ -28,6 +29,7 @@ app.add_typer(skin_app, name="skin")
 app.add_typer(fault_app, name="fault")
 app.add_typer(gesture_app, name="gesture")
 app.add_typer(log_app, name="log")
+app.add_typer(zenoh_app, name="zenoh")
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for programs instead of a table.")]
 

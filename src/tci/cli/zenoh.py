@@ -1,0 +1,79 @@
+"""`tci zenoh`: secure configuration files, and a router between networks."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tci.cli.console import console, print_json
+from tci.errors import LinkError, MissingExtraError
+
+app = typer.Typer(help="Zenoh over networks: keys, passwords, rights, and a router.", no_args_is_help=True)
+
+Users = Annotated[list[str] | None, typer.Option(help="NAME=ROBOT or NAME=ROBOT,ROBOT; repeat for several.")]
+
+
+@app.command()
+def secure(
+    folder: Annotated[Path, typer.Argument(help="A new folder for the files.")],
+    endpoint: Annotated[str, typer.Option(help="The router as all others reach it: tls/HOST:PORT.")],
+    robot: Annotated[list[str], typer.Option(help="Name of a robot on the network; repeat for several.")],
+    commander: Users = None,
+    watcher: Users = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a list.")] = False,
+) -> None:
+    """Make certificates, passwords and configuration files: who may command, or only see, which robot.
+
+    Example:  tci zenoh secure keys --endpoint tls/10.0.0.1:7447 --robot kitchen --commander reflex=kitchen
+    """
+    _needs_zenoh()
+    from tci.middleware.zenoh_secure import write_files
+
+    files = write_files(
+        folder, endpoint=endpoint, robots=robot, commanders=_users(commander), watchers=_users(watcher)
+    )
+    if as_json:
+        print_json({"files": [str(file) for file in files]})
+        return
+    console.print(f"{folder}: certificates, users.txt for the router, and", highlight=False)
+    for file in files:
+        console.print(f"  {file.name}", highlight=False)
+    console.print(
+        f"start the router:  tci zenoh router {files[0]}\n"
+        f"serve a robot:     tci serve nao --via zenoh:{robot[0]}@{files[1]}\n"
+        "Copy to each machine only its own file, ca.pem and its two .pem files, to the same path.",
+        highlight=False, markup=False,
+    )  # fmt: skip
+
+
+@app.command()
+def router(file: Annotated[Path, typer.Argument(help="Configuration file of Zenoh.")]) -> None:
+    """Run a router until interrupted, as zenohd does, for machines without it."""
+    _needs_zenoh()
+    from tci.middleware.remote_address import RemoteAddress
+    from tci.middleware.zenoh_session import close_session, open_session
+
+    session = open_session(RemoteAddress("zenoh", "router", str(file)), "listen")
+    console.print(f"router {session.zid()}; end with Ctrl-C", highlight=False)
+    signal.sigwait({signal.SIGINT, signal.SIGTERM})
+    close_session(session)
+
+
+def _users(told: Sequence[str] | None) -> dict[str, list[str]]:
+    users = {}
+    for text in told or ():
+        name, equals, robots = text.partition("=")
+        if not equals or not robots:
+            raise LinkError(f"{text!r}; valid: NAME=ROBOT or NAME=ROBOT,ROBOT")
+        users[name] = robots.split(",")
+    return users
+
+
+def _needs_zenoh() -> None:
+    if find_spec("zenoh") is None:
+        raise MissingExtraError("tci zenoh", "zenoh")

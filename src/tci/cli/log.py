@@ -108,23 +108,35 @@ def export(
 
 @app.command("import")
 def import_(
-    log: Annotated[Path, typer.Argument(help="Log of yarpdatadumper: data.log, or its folder.")],
+    log: Annotated[
+        Path, typer.Argument(help="Log of yarpdatadumper (data.log, or its folder), or a ROS bag.")
+    ],
     out: Annotated[Path, typer.Argument(help="The recording to write.")],
     patch: Annotated[str, typer.Option(help="Name of the patch of skin that sent it.")] = "skin",
     robot: Annotated[
-        str | None, typer.Option(help="For a log of an iCub's contact list: the robot whose skin it was.")
+        str | None, typer.Option(help="For an iCub's contact list or a ROS bag: the robot that it was.")
     ] = None,
 ) -> None:
-    """Make a recording of a skin's log of YARP's yarpdatadumper.
+    """Make a recording of a log of YARP's yarpdatadumper, or of a ROS bag (extra ros2).
 
     Example:  tci log import data.log foot.mcap --patch right_foot
 
     Example:  tci log import skin_events/data.log touches.mcap --robot icub
+
+    Example:  tci log import rosbag2_folder touches.mcap --robot nao
     """
     from tci.cli.console import console
+    from tci.errors import RecordingError
     from tci.model.catalogue import load_robot
+    from tci.recording.ros_bag import import_ros_bag, is_bag
     from tci.recording.yarp_log import import_skin_events, import_yarp_log
 
+    if is_bag(log):
+        if robot is None:
+            raise RecordingError(f"{log} is a ROS bag; say which robot it was: --robot")
+        periods = import_ros_bag(log, out, load_robot(robot))
+        console.print(f"{out}: {periods} periods, {out.stat().st_size / 1e6:.2f} MB", highlight=False)
+        return
     if robot is not None:
         periods, left_out = import_skin_events(log, out, load_robot(robot))
         size = out.stat().st_size / 1e6

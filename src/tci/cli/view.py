@@ -64,16 +64,17 @@ def view(
     behaviour = next((source.capability for source in sources if isinstance(source, Session)), None)
     fields = behaviour.fields if isinstance(behaviour, WithdrawalReflex) else ()
     viewer = Viewer(sources, fields=fields or default_fields(), host=host, port=port, folder=folder)
-    console.print(f"open {viewer.address}   (end with Ctrl-C)", highlight=False, markup=False, soft_wrap=True)
-    try:
-        for source in sources:
-            source.start()
-        if browser and sys.stdout.isatty() and (os.environ.get("DISPLAY") or sys.platform != "linux"):
-            webbrowser.open(viewer.address)
-        with suppress(KeyboardInterrupt):
+    with suppress(KeyboardInterrupt):
+        try:
+            for source in sources:
+                source.start()
+            words = f"open {viewer.address}   (end with Ctrl-C)"
+            console.print(words, highlight=False, markup=False, soft_wrap=True)
+            if browser and sys.stdout.isatty() and (os.environ.get("DISPLAY") or sys.platform != "linux"):
+                webbrowser.open(viewer.address)
             viewer.run(duration=duration)
-    finally:
-        viewer.close()
+        finally:
+            viewer.close()
 
 
 def _sources(names: Sequence[str], vias: Sequence[str], capability: str, *, arm: bool) -> list[Source]:

@@ -1,0 +1,99 @@
+"""Bags of ROS 1 and ROS 2 with the messages of a recording: joint states and raw frames of skin.
+
+Needs rosbags (extra `ros2`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tci.errors import MissingExtraError, RecordingError
+from tci.frames import read_only
+from tci.messages import JointReading, Reading, SkinFrame
+from tci.model.description import Robot
+from tci.recording.recorder import Recorder
+from tci.recording.schemas import JOINTS, SKIN, to_frame
+
+SUFFIXES = (".bag", ".db3", ".mcap")
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path looks like a bag: the folder that `ros2 bag record` makes, or a file of one."""
+    return path.suffix in SUFFIXES or (path / "metadata.yaml").is_file()
+
+
+def import_ros_bag(bag: Path, out: Path, robot: Robot) -> int:
+    """Make a recording of a bag's `sensor_msgs/JointState` and `tci_msgs/SkinFrame`; the number of periods.
+
+    A period for each joint state that names every servo of the robot, as the robot calls it or as its model
+    does, with the latest frame of each patch. Times are those of the headers. Raises MissingExtraError,
+    RecordingError for a bag that can't be read or does not fit the robot.
+    """
+    with Recorder(out, robot, middleware="ros", about={"source": f"ROS bag {bag.name}"}) as recorder:
+        for reading in _readings(bag, robot):
+            recorder.tick(reading.joints.stamp, reading)
+    if recorder.failed:
+        raise RecordingError(recorder.failed)
+    if not recorder.ticks:
+        out.unlink()
+        servos = ", ".join(servo.name for servo in robot.servos[:4])
+        raise RecordingError(f"{bag} has no {JOINTS.name} of all servos of {robot.name}: {servos}, ...")
+    return recorder.ticks
+
+
+def _readings(bag: Path, robot: Robot) -> Iterator[Reading]:
+    patches = {patch.name for patch in robot.patches}
+    frames: dict[str, SkinFrame] = {}
+    number = 0
+    for kind, message in _messages(bag):
+        if kind == SKIN.name:
+            frame = to_frame({name: getattr(message, name) for _, name in SKIN.fields})
+            if frame.patch not in patches:
+                valid = ", ".join(sorted(patches))
+                raise RecordingError(f"{bag} has skin {frame.patch!r}; {robot.name} has {valid}")
+            frames[frame.patch] = frame
+            continue
+        joints = _joints(message, robot, number)
+        if joints is not None:
+            number += 1
+            yield Reading(joints, tuple(frames.values()))
+
+
+def _joints(message: Any, robot: Robot, number: int) -> JointReading | None:
+    """The reading in a JointState; None when it is another's."""
+    index = {name: place for place, name in enumerate(message.name)}
+    places = [index.get(servo.name, index.get(servo.joint or servo.name)) for servo in robot.servos]
+    if any(place is None for place in places) or len(message.position) != len(index):
+        return None
+    order = np.array(places, dtype=int)
+    velocity = message.velocity if len(message.velocity) == len(index) else np.zeros(len(index))
+    torque = read_only(message.effort[order]) if len(message.effort) == len(index) else None
+    stamp = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+    return JointReading(stamp, number, read_only(message.position[order]), read_only(velocity[order]), torque)
+
+
+def _messages(bag: Path) -> Iterator[tuple[str, Any]]:
+    """Type and message of those that count, in the order of the bag."""
+    try:
+        from rosbags.highlevel import AnyReader, AnyReaderError
+        from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("importing a ROS bag", "ros2") from error
+    types = get_typestore(Stores.ROS2_HUMBLE)
+    types.register(get_types_from_msg(SKIN.definition, SKIN.name))
+    wanted = (JOINTS.name, SKIN.name)
+    try:
+        with AnyReader([bag], default_typestore=types) as reader:
+            connections = [c for c in reader.connections if c.msgtype in wanted]
+            for connection, _, raw in reader.messages(connections):
+                yield connection.msgtype, reader.deserialize(raw, connection.msgtype)
+    except RecordingError:
+        raise
+    except (AnyReaderError, OSError) as error:
+        raise RecordingError(f"{bag} is no ROS bag that can be read: {error}") from error
+    except Exception as error:  # whatever a damaged message makes rosbags raise
+        raise RecordingError(f"{bag} is damaged: {type(error).__name__}: {error}") from error

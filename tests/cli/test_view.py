@@ -1,0 +1,73 @@
+"""`tci view` as a user starts and ends it."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import sys
+import urllib.request
+from pathlib import Path
+
+import pytest
+
+from cli.test_cli import tci
+from recording.recorded import record_poke
+
+
+def opened(*words: str) -> tuple[subprocess.Popen[str], str]:
+    """A running command, once it says where its page is."""
+    command = [sys.executable, "-m", "tci.cli.main", *words]
+    run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    assert run.stdout is not None
+    told = ""
+    for line in run.stdout:
+        told += line
+        if found := re.search(r"open (http\S+)", line):
+            return run, found[1]
+    raise AssertionError(told)
+
+
+def ended(run: subprocess.Popen[str]) -> str:
+    """What it says after Ctrl-C."""
+    run.send_signal(signal.SIGINT)
+    said, _ = run.communicate(timeout=60)
+    assert run.returncode == 0, said
+    return said
+
+
+@pytest.mark.parametrize("robots", [("nao",), ("nao", "nao")])
+def test_the_page_is_served_until_ctrl_c(robots: tuple[str, ...]) -> None:
+    words = [word for robot in robots for word in ("--robot", robot)]
+    run, address = opened("view", *words, "--port", "0", "--headless")
+    with urllib.request.urlopen(address, timeout=30) as answer:
+        assert b"<html" in answer.read().lower()
+    assert "Traceback" not in ended(run)
+
+
+def test_the_demo_ends_in_the_viewer(tmp_path: Path) -> None:
+    run, address = opened("demo", "--robot", "nao", "--out", str(tmp_path), "--headless", "--view")
+    assert (tmp_path / "report.json").exists()
+    with urllib.request.urlopen(address, timeout=30) as answer:
+        assert answer.status == 200
+    assert "Traceback" not in ended(run)
+
+
+def test_a_recording_is_shown_without_naming_its_robot(tmp_path: Path) -> None:
+    record_poke(tmp_path / "poke.mcap", duration=0.2)
+    run, _ = opened("view", "--via", f"replay:{tmp_path / 'poke.mcap'}", "--port", "0", "--headless")
+    assert "Traceback" not in ended(run)
+
+
+def test_a_duration_ends_it() -> None:
+    assert "open http" in tci("view", "--robot", "nao", "--port", "0", "--headless", "--duration", "0.5")
+
+
+def test_mistakes_are_told() -> None:
+    words = ("view", "--robot", "nao", "--port", "0", "--headless")
+    assert "1 robots and 2 --via" in tci(*words, "--via", "sim", "--via", "sim", status=1)
+    assert "no capability named 'dance'" in tci(*words, "--run", "dance", status=1)
+    assert "no such file" in tci(*words, "--via", "replay:/no/such.mcap", status=1).lower()
+    assert "valid: a free port" in tci(
+        *words[:3], "--headless", "--host", "203.0.113.1", "--port", "0", status=1
+    )

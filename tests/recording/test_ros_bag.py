@@ -1,0 +1,117 @@
+"""Bags written by somebody else's library, as ROS 1 and ROS 2 make them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from cli.test_cli import tci
+from recording.recorded import record_poke
+from tci.errors import RecordingError
+from tci.model.catalogue import load_robot
+from tci.recording.recording import Recording
+from tci.recording.ros_bag import import_ros_bag
+from tci.recording.schemas import SKIN
+from tci.runtime.loop import Tick
+
+JOINT_STATE = "sensor_msgs/msg/JointState"
+
+
+@pytest.fixture(scope="module")
+def ticks(tmp_path_factory: pytest.TempPathFactory) -> list[Tick]:
+    return record_poke(tmp_path_factory.mktemp("bag") / "poke.mcap")
+
+
+def write_bag(path: Path, ticks: list[Tick], kind: str, *, by_model: bool = False) -> Path:
+    """The readings of a run as a bag; joints in reversed order, as ROS promises none."""
+    robot = load_robot("nao")
+    types = get_typestore(Stores.ROS1_NOETIC if kind == "ros1" else Stores.ROS2_HUMBLE)
+    types.register({SKIN.name: get_types_from_msg(SKIN.definition, SKIN.name)[SKIN.name]})
+    make = types.types
+    names = [(servo.joint or servo.name) if by_model else servo.name for servo in robot.servos][::-1]
+    seen: dict[str, int] = {}
+    if kind == "ros1":
+        path = path.with_suffix(".bag")
+        writer: Any = Writer1(path)
+        pack = types.serialize_ros1
+    else:
+        plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
+        writer = Writer2(path, version=9, storage_plugin=plugin)
+        pack = types.serialize_cdr
+
+    def head(stamp: float, frame: str) -> Any:
+        nanoseconds = round(stamp * 1e9)
+        time = make["builtin_interfaces/msg/Time"](nanoseconds // 10**9, nanoseconds % 10**9)
+        words = (0, time, frame) if kind == "ros1" else (time, frame)
+        return make["std_msgs/msg/Header"](*words)
+
+    with writer:
+        topics = {
+            patch.name: writer.add_connection(f"/nao/skin/{patch.name}", SKIN.name, typestore=types)
+            for patch in robot.patches
+        }
+        states = writer.add_connection("/nao/joint_states", JOINT_STATE, typestore=types)
+        other = writer.add_connection("/other/joint_states", JOINT_STATE, typestore=types)
+        for tick in ticks:
+            at = round(tick.now * 1e9)
+            for number, frame in enumerate(tick.reading.skin):
+                if seen.get(frame.patch) == frame.sequence:
+                    continue
+                seen[frame.patch] = frame.sequence
+                data = np.frombuffer(frame.values.tobytes(), dtype=np.uint8)
+                message = make[SKIN.name](
+                    head(frame.stamp, frame.patch), frame.stamp, frame.sequence, number, frame.patch,
+                    frame.values.dtype.str, data,
+                )  # fmt: skip
+                writer.write(topics[frame.patch], at, pack(message, SKIN.name))
+            joints = tick.reading.joints
+            assert joints.torque is not None
+            columns = [joints.position[::-1], joints.velocity[::-1], joints.torque[::-1]]
+            state = make[JOINT_STATE](head(joints.stamp, ""), names, *(c.copy() for c in columns))
+            writer.write(states, at, pack(state, JOINT_STATE))
+            stranger = make[JOINT_STATE](head(joints.stamp, ""), ["x"], *(np.zeros(1) for _ in range(3)))
+            writer.write(other, at, pack(stranger, JOINT_STATE))
+    return path
+
+
+@pytest.mark.parametrize("kind", ["ros1", "sqlite", "mcap"])
+def test_a_bag_becomes_a_recording_bit_for_bit(kind: str, ticks: list[Tick], tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", ticks, kind, by_model=kind == "mcap")
+    assert import_ros_bag(bag, tmp_path / "out.mcap", load_robot("nao")) == len(ticks)
+    for found, tick in zip(Recording(tmp_path / "out.mcap").ticks(), ticks, strict=True):
+        assert found.now == pytest.approx(tick.now, abs=1e-9)
+        for name in ("position", "velocity", "torque"):
+            assert np.array_equal(getattr(found.reading.joints, name), getattr(tick.reading.joints, name))
+        frames = {frame.patch: frame for frame in found.reading.skin}
+        for frame in tick.reading.skin:
+            assert frames[frame.patch].values.dtype == frame.values.dtype
+            assert np.array_equal(frames[frame.patch].values, frame.values)
+            assert frames[frame.patch].stamp == frame.stamp
+
+
+def test_the_command_imports_and_plots_a_bag(ticks: list[Tick], tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", ticks, "mcap")
+    out = str(tmp_path / "out.mcap")
+    assert "which robot" in tci("log", "import", str(bag), out, status=1)
+    assert f"{len(ticks)} periods" in tci("log", "import", str(bag), out, "--robot", "nao")
+    told = json.loads(tci("plot", out, "--json"))
+    assert [touch["patch"] for touch in told["touches"]] == ["left_forearm"]
+
+
+def test_what_does_not_fit_is_told(ticks: list[Tick], tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", ticks[:5], "sqlite")
+    with pytest.raises(RecordingError, match=r"has skin '.*'; icub has"):
+        import_ros_bag(bag, tmp_path / "a.mcap", load_robot("icub"))
+    (tmp_path / "broken.bag").write_bytes(b"#ROSBAG V2.0\nnonsense")
+    with pytest.raises(RecordingError, match=r"broken.bag is"):
+        import_ros_bag(tmp_path / "broken.bag", tmp_path / "b.mcap", load_robot("nao"))
+    with pytest.raises(RecordingError, match=r"none.bag is no ROS bag"):
+        import_ros_bag(tmp_path / "none.bag", tmp_path / "c.mcap", load_robot("nao"))

@@ -109,6 +109,11 @@ class Incoming:
 
     def run(self) -> None:
         """Deliver what comes until the end. Raises WireError for what can't be read."""
+        # The system's own time-out: Python's would cost a call more for each message.
+        self._socket.settimeout(None)
+        seconds = struct.pack("@ll", int(PATIENCE), int(PATIENCE % 1 * 1e6))
+        for option in (socket.SO_RCVTIMEO, socket.SO_SNDTIMEO):
+            self._socket.setsockopt(socket.SOL_SOCKET, option, seconds)
         if self._datagrams is not None:
             self._run_datagrams(self._datagrams)
         elif self.carrier.code is None:
@@ -129,7 +134,7 @@ class Incoming:
         acknowledge = message.number(0) if self.carrier.acknowledged else b""
         while True:
             self._wait()
-            command, body = message.unpack_command(b"".join(message.read_message(self._source)))
+            command, body = message.unpack_command(message.read_payload(self._source))
             reply = b""
             if command.kind != message.QUIT:
                 answer = self._handle(command, body)
@@ -184,8 +189,7 @@ class Incoming:
                     continue
                 self._wait_slice()
                 try:
-                    blocks = message.read_message(Memory(data[8:]))
-                    command, body = message.unpack_command(b"".join(blocks))
+                    command, body = message.unpack_command(message.read_payload(Memory(data[8:])))
                 except WireError:
                     continue
                 if command.kind == message.QUIT:
@@ -196,10 +200,11 @@ class Incoming:
         """Wait for the next message for ever, and for its rest not long."""
         self._source.allow()
         self._wait_slice()
-        if not self._source.waiting():
-            self._socket.settimeout(None)
-            self._source.peek(1)
-            self._socket.settimeout(PATIENCE)
+        while not self._source.waiting():
+            try:
+                self._source.peek(1)
+            except TimeoutError:
+                continue
 
     def _wait_slice(self) -> None:
         now = time.monotonic()

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from tci.errors import WireError
 from tci.middleware.yarp.source import LONGEST, Source
 
+INDEX = struct.Struct("<2si2sBB8x")
 MAGIC = 7777
 LONGEST_NAME = 1000
 """Longest name [bytes] in a header, NUL included; as in YARP."""
@@ -57,6 +58,10 @@ class Command:
         return stamp if math.isfinite(stamp.time) and len(words) == 2 else None
 
 
+COMMAND = struct.Struct("<ixc")
+LETTERS = {letter.encode(): Command(letter) for letter in (DATA, CALL, ADMIN)}
+
+
 def number(value: int) -> bytes:
     """A yarp number."""
     return struct.pack("<2si2s", b"YA", value, b"RP")
@@ -96,15 +101,24 @@ def pack_message(blocks: Sequence[bytes]) -> bytes:
 
 def read_message(source: Source) -> list[bytes]:
     """The blocks of a message. Raises WireError for lengths that can't be."""
-    if (size := read_number(source)) != 10:
-        raise WireError(f"an index of {size} bytes; valid: 10")
-    blocks, replies = source.take(10)[:2]
-    lengths = struct.unpack(f"<{blocks + replies}i", source.take(4 * (blocks + replies)))
-    if any(length < 0 for length in lengths) or sum(lengths) > min(LONGEST, source.left()):
+    return [source.take(length) for length in _lengths(source)]
+
+
+def read_payload(source: Source) -> bytes:
+    """The same in one piece: boundaries of blocks carry no meaning."""
+    return source.take(sum(_lengths(source)))
+
+
+def _lengths(source: Source) -> tuple[int, ...]:
+    head, size, tail, blocks, replies = INDEX.unpack(source.take(INDEX.size))
+    if (head, size, tail) != (b"YA", 10, b"RP"):
+        raise WireError(f"{head!r} {size} {tail!r} where an index begins with b'YA' 10 b'RP'")
+    lengths: tuple[int, ...] = struct.unpack(f"<{blocks + replies}i", source.take(4 * (blocks + replies)))
+    if min(lengths, default=0) < 0 or sum(lengths) > min(LONGEST, source.left()):
         raise WireError(
             f"blocks of {lengths[:4]} ... bytes; valid: 0 to {min(LONGEST, source.left())} in all"
         )
-    return [source.take(length) for length in lengths[:blocks]]
+    return lengths[:blocks]
 
 
 def pack_command(kind: str, rest: str = "") -> bytes:
@@ -121,9 +135,9 @@ def unpack_command(payload: bytes) -> tuple[Command, bytes]:
         raise WireError(
             f"a message begins with {payload[:8]!r}; valid: a command, 8 bytes with '~' as the fifth"
         )
-    length, letter = struct.unpack_from("<ixc", payload)
+    length, letter = COMMAND.unpack_from(payload)
     if length == 0:
-        return Command(letter.decode("latin-1")), payload[8:]
+        return LETTERS.get(letter) or Command(letter.decode("latin-1")), payload[8:]
     if not 1 <= length <= len(payload) - 8 or letter != b"\0":
         raise WireError(f"a command of {length} bytes; valid: 1 to {len(payload) - 8}")
     text = payload[8 : 8 + length].split(b"\0")[0].decode("utf-8", errors="replace")

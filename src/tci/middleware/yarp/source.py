@@ -47,7 +47,8 @@ class SocketSource:
 
     def __init__(self, sock: socket.socket) -> None:
         self._socket = sock
-        self._buffer = bytearray()
+        self._buffer = b""
+        self._at = 0
         self._budget = LONGEST
 
     def allow(self, budget: int = LONGEST) -> None:
@@ -62,34 +63,52 @@ class SocketSource:
         if not 0 <= count <= self._budget:
             raise WireError(f"length {count}; valid: 0 to {self._budget}")
         self._budget -= count
-        while len(self._buffer) < count:
-            self._receive(CHUNK)
-        taken = bytes(self._buffer[:count])
-        del self._buffer[:count]
-        return taken
+        self._need(count)
+        self._at += count
+        return self._buffer[self._at - count : self._at]
 
     def peek(self, count: int) -> bytes:
         """The next `count` bytes, which stay."""
-        while len(self._buffer) < count:
-            self._receive(CHUNK)
-        return bytes(self._buffer[:count])
+        self._need(count)
+        return self._buffer[self._at : self._at + count]
 
     def line(self) -> str:
         """The next line of text without its end. Raises WireError for one without an end."""
-        while (end := self._buffer.find(b"\n")) < 0:
-            if len(self._buffer) > LONGEST_LINE:
+        while (end := self._buffer.find(b"\n", self._at)) < 0:
+            held = len(self._buffer) - self._at
+            if held > LONGEST_LINE:
                 raise WireError(f"a line of more than {LONGEST_LINE} bytes")
-            self._receive(CHUNK)
-        line = bytes(self._buffer[:end])
-        del self._buffer[: end + 1]
+            self._need(held + 1)
+        line = self._buffer[self._at : end]
+        self._at = end + 1
         return line.rstrip(b"\r").decode("utf-8", errors="replace")
 
     def waiting(self) -> bool:
         """Whether bytes were received that nobody took yet."""
-        return bool(self._buffer)
+        return self._at < len(self._buffer)
 
-    def _receive(self, most: int) -> None:
-        received = self._socket.recv(most)
-        if not received:
-            raise EOFError
-        self._buffer += received
+    def _need(self, count: int) -> None:
+        """Receive until `count` bytes are at hand. Memory is taken for what has come, not for what may."""
+        held = len(self._buffer) - self._at
+        if held >= count:
+            return
+        pieces = [self._buffer[self._at :]] if held else []
+        while held < count:
+            try:
+                received = self._socket.recv(CHUNK)
+            except BlockingIOError as error:
+                self._keep(pieces)
+                raise TimeoutError("nothing came in time") from error
+            except OSError:
+                self._keep(pieces)
+                raise
+            if not received:
+                self._keep(pieces)
+                raise EOFError
+            pieces.append(received)
+            held += len(received)
+        self._keep(pieces)
+
+    def _keep(self, pieces: list[bytes]) -> None:
+        self._buffer = pieces[0] if len(pieces) == 1 else b"".join(pieces)
+        self._at = 0

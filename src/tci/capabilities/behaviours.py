@@ -1,0 +1,174 @@
+"""Capabilities composed in a behaviour tree, in the sense of the paper's task description language (TDL).
+
+The tree is py-trees' own: selectors, sequences, parallels and decorators as in its manual. What TCI adds are
+leaves that are capabilities, and the tree as a capability of its own, which `run` takes like any other.
+
+    def tree():
+        return Selector("arm", memory=False, children=[
+            Reflex("withdraw", WithdrawalReflex()),
+            Task("wave", Wave(), done=lambda memory, perception: memory.count == 3),
+        ])
+
+    tci.run(link, BehaviourTree(tree))
+
+The reflex comes first in each tick. While it is busy, the task is interrupted; then it is handed back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from tci.capabilities.capability import Capability
+from tci.errors import MissingExtraError, TciError
+from tci.messages import CONTROL_MODES, CartesianCommand, GenericCommand, Order, Perception, SwitchMode
+
+try:
+    from py_trees.behaviour import Behaviour
+    from py_trees.common import Status
+except ModuleNotFoundError as error:
+    raise MissingExtraError("a behaviour tree", "behaviours") from error
+
+
+class Leaf(Behaviour):
+    """A capability in a tree. Its memory stays when it is interrupted."""
+
+    def __init__(self, name: str, capability: Capability[Any]) -> None:
+        super().__init__(name)
+        self.capability = capability
+        self.memory = capability.init()
+        """What the capability remembers."""
+        self.perception: Perception | None = None
+        """What the tree sees in this tick."""
+        self.orders: list[Order] = []
+        """What the capability wanted in this tick."""
+
+    def _step(self) -> Perception:
+        if self.perception is None:
+            raise TciError(f"the leaf {self.name!r} was ticked alone; valid: in a BehaviourTree")
+        orders, self.memory = self.capability.step(self.memory, self.perception)
+        self.orders += orders
+        return self.perception
+
+
+class Reflex(Leaf):
+    """A capability that has something to do now and then: running while it is busy, failure otherwise.
+
+    It must be ticked in every tick to feel anything, so it stands first in a selector without memory.
+    """
+
+    def __init__(self, name: str, capability: Capability[Any], *, busy: Callable[[Any], bool] = bool) -> None:
+        """`busy` tells by its memory whether the capability moves anything now."""
+        super().__init__(name, capability)
+        self._busy = busy
+
+    def update(self) -> Status:
+        self._step()
+        return Status.RUNNING if self._busy(self.memory) else Status.FAILURE
+
+
+class Task(Leaf):
+    """A capability that goes on until it is done: running, then success. Ticked again it starts anew.
+
+    After an interruption it goes on from its memory, and its last motion of each part is ordered again.
+    """
+
+    def __init__(
+        self, name: str, capability: Capability[Any], *, done: Callable[[Any, Perception], bool]
+    ) -> None:
+        """`done` tells by its memory and what is seen whether the capability has done its work."""
+        super().__init__(name, capability)
+        self._done = done
+        self._wanted: dict[str, Order] = {}
+        self._interrupted = False
+
+    def initialise(self) -> None:
+        if self._interrupted:
+            self._interrupted = False
+            self.orders += self._wanted.values()
+        else:
+            self.memory, self._wanted = self.capability.init(), {}
+
+    def update(self) -> Status:
+        seen = self._step()
+        for order in self.orders:
+            if part := _moved(order):
+                self._wanted[part] = order
+        return Status.SUCCESS if self._done(self.memory, seen) else Status.RUNNING
+
+    def terminate(self, new_status: Status) -> None:
+        self._interrupted = new_status is Status.INVALID and self.status is Status.RUNNING
+
+
+@dataclass(frozen=True)
+class BehaviourTree(Capability[Behaviour]):
+    """A tree as a capability. Raises TciError for a tree without leaves of TCI.
+
+    Its memory is the tree itself, which a step uses up: for a replay begin with `init`.
+    """
+
+    tree: Callable[[], Behaviour]
+    """Makes the tree, a new one in each call."""
+
+    def __post_init__(self) -> None:
+        if not any(_leaves(self.tree())):
+            raise TciError("a behaviour tree without a Task or a Reflex; valid: at least one")
+
+    def init(self) -> Behaviour:
+        return self.tree()
+
+    def begin(self, perception: Perception) -> tuple[Order, ...]:
+        """What all leaves begin with. Raises TciError where two want the same part in other modes."""
+        begun: list[Order] = []
+        modes: dict[str, SwitchMode] = {}
+        for leaf in _leaves(self.tree()):
+            for order in leaf.capability.begin(perception):
+                if isinstance(order, SwitchMode):
+                    first = modes.setdefault(order.part, order)
+                    if first.mode is not order.mode:
+                        raise TciError(
+                            f"{leaf.name} wants {order.part} in {order.mode.value} mode, another leaf in "
+                            f"{first.mode.value}; valid: one mode for each part"
+                        )
+                    if first is not order:
+                        continue
+                begun.append(order)
+        return tuple(begun)
+
+    def step(self, memory: Behaviour, perception: Perception) -> tuple[tuple[Order, ...], Behaviour]:
+        """One tick of the tree. Where two leaves move the same part in it, the first one's motion counts."""
+        leaves = list(_leaves(memory))
+        for leaf in leaves:
+            leaf.perception, leaf.orders = perception, []
+        memory.tick_once()
+        orders: list[Order] = []
+        taken: dict[str, Leaf] = {}
+        for leaf in leaves:
+            for order in leaf.orders:
+                part = _moved(order)
+                if not part or taken.setdefault(part, leaf) is leaf:
+                    orders.append(order)
+        return tuple(orders), memory
+
+    def fault(self, perception: Perception) -> str:
+        """The first fault of a leaf."""
+        reasons = (leaf.capability.fault(perception) for leaf in _leaves(self.tree()))
+        return next(filter(None, reasons), "")
+
+
+def _leaves(tree: Behaviour) -> Iterator[Leaf]:
+    """Leaves of TCI in the order of the tree, the first child first."""
+    if isinstance(tree, Leaf):
+        yield tree
+    for child in tree.children:
+        yield from _leaves(child)
+
+
+def _moved(order: Order) -> str:
+    """The generic part that an order moves; empty for none, or for the robot's own joints."""
+    if isinstance(order, CartesianCommand) or (
+        isinstance(order, GenericCommand) and order.mode in CONTROL_MODES
+    ):
+        return order.part
+    return ""

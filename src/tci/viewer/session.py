@@ -199,7 +199,7 @@ class Session:
 
     def _watch(self) -> None:
         """A robot that nobody commands from here."""
-        body = Body(self.robot)
+        body = Body(self.robot, keep_alive=self.link.keep_alive)
         for now in self.link.ticks():
             reading = self.link.read()
             perception = body.perceive(reading, now)

@@ -37,6 +37,18 @@ def test_another_process_decides_the_same_bit_for_bit(robot: str, tmp_path: Path
     assert found.stdout.split() == [str(len(ticks)), "0"]
 
 
+def test_a_skin_that_sends_changes_only_decides_the_same(tmp_path: Path) -> None:
+    ticks = record_poke(tmp_path / "a.mcap", keep_alive=0.25)
+    with ReplayLink(load_robot("nao"), str(tmp_path / "a.mcap")) as link:
+        assert link.keep_alive == 0.25
+        seen: list[Tick] = []
+        run(link, WithdrawalReflex(), observe=seen.append)
+        assert (link.compared, link.different) == (len(ticks), [])
+    for again, tick in zip(seen, ticks, strict=True):
+        pressures = [[p.pressure for p in each.skin.patches.values()] for each in (again, tick)]
+        assert all((a == b).all() for a, b in zip(*pressures, strict=True))
+
+
 def test_the_loop_sees_what_it_saw(tmp_path: Path) -> None:
     ticks = record_poke(tmp_path / "a.mcap", duration=0.1)
     seen: list[Tick] = []

@@ -15,10 +15,15 @@ from tci.recording.recorder import Recorder
 from tci.runtime.loop import Tick, run
 
 
-def record_poke(path: Path, *, robot: str = "nao", duration: float = 0.6) -> list[Tick]:
-    """The reflex of a poked robot; what the loop saw."""
+def record_poke(
+    path: Path, *, robot: str = "nao", duration: float = 0.6, keep_alive: float | None = None
+) -> list[Tick]:
+    """The reflex of a poked robot; what the loop saw. With a `keep_alive` [s] its skin sends changes only."""
     ticks: list[Tick] = []
-    with SimulatedLink(load_robot(robot)) as link, Recorder(path, link.robot, period=link.period) as recorder:
+    with (
+        SimulatedLink(load_robot(robot), keep_alive=keep_alive) as link,
+        Recorder(path, link.robot, period=link.period, keep_alive=keep_alive) as recorder,
+    ):
         poke_forearm(link)
 
         def see(tick: Tick) -> None:

@@ -17,7 +17,9 @@ from tci.runtime.registry import JOIN, connect
 def recorder_for(path: Path, link: Link, via: str, about: Mapping[str, str]) -> Recorder:
     """A recording of a link. Raises RecordingError."""
     middleware = via.split(JOIN)[0].partition(":")[0]
-    return Recorder(path, link.robot, middleware=middleware, period=link.period, about=about)
+    return Recorder(
+        path, link.robot, middleware=middleware, period=link.period, keep_alive=link.keep_alive, about=about
+    )
 
 
 def about_capability(name: str, capability: Capability[object]) -> dict[str, str]:

@@ -55,6 +55,7 @@ class ReplayLink(Link):
             )
         self._clock = ReplayClock()
         super().__init__(robot, middleware=about.get("middleware", ""), clock=self._clock, armed=arm)
+        self.keep_alive = self.recording.keep_alive
         self.lease_name = f"replay:{robot.name}:{os.getpid()}:{id(self)}"
         self.compared = 0
         """Decisions that were compared with those of then."""

@@ -56,7 +56,7 @@ def recorded_robot(recording: Recording, robot: str | None = None) -> Robot | No
 
 def perceive(recording: Recording, robot: Robot) -> Iterator[Perceived]:
     """Every recorded period with what `robot` felt then. Raises RecordingError on the way."""
-    body = Body(robot)
+    body = Body(robot, keep_alive=recording.keep_alive)
     perception: Perception | None = None
     for tick in recording.ticks():
         try:

@@ -51,9 +51,12 @@ class Recorder:
         *,
         middleware: str = "sim",
         period: float = 0.0,
+        keep_alive: float | None = None,
         about: Mapping[str, str] | None = None,
     ) -> None:
         """Begin a new file. `about` goes into it: capability, its settings, seed, ...
+
+        `keep_alive` [s] is that of the link.
 
         Raises RecordingError where there is a file already, or none can be made.
         """
@@ -78,7 +81,8 @@ class Recorder:
         self._topics = Topics(writer)
         with _Guard(self):
             writer.start(profile="ros2", library=f"tci {version('tci')}")
-            writer.add_metadata("tci", _metadata(robot, middleware, period, about or {}))
+            known = {} if keep_alive is None else {"keep_alive_s": repr(keep_alive)}
+            writer.add_metadata("tci", _metadata(robot, middleware, period, known | dict(about or {})))
             self._file.flush()
 
     def tick(

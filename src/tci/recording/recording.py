@@ -78,6 +78,14 @@ class Recording:
         except ValueError:
             return 0.0
 
+    @property
+    def keep_alive(self) -> float | None:
+        """Longest time [s] between two frames of a patch that sent only changes; None for one that sent all."""
+        try:
+            return float(self.about["keep_alive_s"])
+        except (KeyError, ValueError):
+            return None
+
     def counts(self) -> dict[str, int]:
         """How many messages each topic has. Reads the whole file."""
         return dict(Counter(topic for topic, *_ in self.messages()))

@@ -161,7 +161,12 @@ class Session:
         about = {"recorded_by": "tci view", **self._about}
         middleware = self._about.get("middleware", "sim")
         self.recorder = Recorder(
-            path, self.robot, middleware=middleware, period=self.link.period, about=about
+            path,
+            self.robot,
+            middleware=middleware,
+            period=self.link.period,
+            keep_alive=self.link.keep_alive,
+            about=about,
         )
         self.say(f"recording to {path}")
 

@@ -44,7 +44,7 @@ fuzz: dev-env  ## all that reads foreign bytes: coverage-guided (TCI_SECONDS eac
 	@for target in $$($(VENV)/python tools/reliability/fuzz.py); do echo "== $$target"; \
 	  $(VENV)/python tools/reliability/fuzz.py $$target $${TCI_SECONDS:-20} || exit 1; done
 	@TCI_FUZZ=$${TCI_FUZZ:-20000} TCI_FUZZ_WIRE=$${TCI_FUZZ_WIRE:-1000000} $(VENV)/python -m pytest -q \
-	  tests/model/test_xml.py tests/middleware/yarp -k "damaged or mutated"
+	  tests/model/test_xml.py tests/middleware/yarp tests/middleware/test_player.py -k "damaged or mutated"
 
 reliability: dev-env  ## the scoreboard of docs/reliability.md (FULL=1: full size); writes reliability.json
 	@OUT=$(OUT) FULL=$(FULL) $(VENV)/python tools/reliability

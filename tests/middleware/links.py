@@ -217,6 +217,19 @@ class Yarp4(Yarp):
     dialect = "4"
 
 
+class Player(Process):
+    """By Player's protocol."""
+
+    def __init__(self) -> None:
+        super().__init__(lambda: f"player:127.0.0.1:{free_port()}")
+
+    def disturb(self, messages: list[bytes]) -> None:
+        for message in messages:
+            with socket.socket() as stranger:
+                stranger.connect(("127.0.0.1", int(self.via.rpartition(":")[2])))
+                stranger.sendall(message)
+
+
 class Ros2(Process):
     """In ROS 2, by cyclonedds."""
 
@@ -266,5 +279,6 @@ PEERS: dict[str, Callable[[], Peer]] = {
     "yarp4": Yarp4,
     "ros2": Ros2,
     "ros1": Ros1,
+    "player": Player,
 }
 """Every link, by name."""

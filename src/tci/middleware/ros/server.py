@@ -16,16 +16,17 @@ import numpy as np
 from tci.errors import FrameError
 from tci.interface.safe_command import SafeCommand
 from tci.messages import Order, Perception, Reading, SkinFrame
+from tci.middleware.controllers import Controllers, Once, values_order
 from tci.middleware.link import Link
 from tci.middleware.query import query
 from tci.middleware.remote import Orders, State
 from tci.middleware.remote_cdr import frame_bytes, state_bytes, to_orders
 from tci.middleware.remote_server import RemoteServer
 from tci.middleware.ros.cloud import PatchCloud
-from tci.middleware.ros.controllers import Controllers
 from tci.middleware.ros.messages import BYTES, NO_LAYOUT, TEXT, TRAJECTORY, VALUES
 from tci.middleware.ros.names import Names
 from tci.middleware.ros.node import RosNode
+from tci.middleware.ros.trajectory import Trajectory
 from tci.model.description import Robot
 from tci.model.kinematics import Kinematics
 from tci.model.surfaces import build_surface
@@ -60,12 +61,10 @@ class RosServer(RemoteServer):
                 patch.name: PatchTopics(robot, number, node, names, kinematics)
                 for number, patch in enumerate(robot.patches)
             }
-            self._controllers = Controllers(robot, names, self.number)
+            self._controllers = Controllers(robot, self.number, of="a ROS node")
             for part in names.parts():
-                node.subscribe(
-                    names.trajectory(part), TRAJECTORY, partial(self._controllers.hear, part, True)
-                )
-                node.subscribe(names.values(part), VALUES, partial(self._controllers.hear, part, False))
+                node.subscribe(names.trajectory(part), TRAJECTORY, partial(self._follow, part))
+                node.subscribe(names.values(part), VALUES, partial(self._take, part))
             node.advertise(names.topic("tci/facts"), TEXT, latched=True)((query(robot).model_dump_json(),))
             if robot.model is not None:
                 node.advertise(names.topic("robot_description"), TEXT, latched=True)((to_urdf(robot),))
@@ -115,6 +114,14 @@ class RosServer(RemoteServer):
 
     def _hear(self, fields: Mapping[str, Any]) -> None:
         self._arrived.append(bytes(fields["data"]))
+
+    def _follow(self, part: str, fields: Mapping[str, Any]) -> None:
+        joints = {self._names.joint(servo): servo.index for servo in self.link.robot.servos_of(part)}
+        self._controllers.hear(part, partial(Trajectory, part, joints, fields))
+
+    def _take(self, part: str, fields: Mapping[str, Any]) -> None:
+        servos = self.link.robot.servos_of(part)
+        self._controllers.hear(part, lambda *_: Once(values_order(part, servos, fields["data"])))
 
     def _epoch(self, stamp: float) -> float:
         """A time on the link's clock as ROS counts: seconds since 1970."""

@@ -1,8 +1,7 @@
-"""What others order by ROS: trajectories over time, and plain values."""
+"""A trajectory that others order by ROS."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,8 +10,8 @@ from numpy.typing import NDArray
 
 from tci.errors import CommandError
 from tci.frames import Array
-from tci.messages import Mode, PlatformCommand
-from tci.model.description import Robot, Servo
+from tci.messages import PlatformCommand
+from tci.middleware.controllers import position_order
 
 MOST_POINTS = 10_000
 """Points of one trajectory. Ours."""
@@ -64,26 +63,3 @@ class Trajectory:
         if self._done:
             values = self._places[-1]
         return position_order(self.servos, values)
-
-
-def position_order(servos: NDArray[np.intp], values: Array) -> PlatformCommand:
-    """A command of positions [rad], as fast as the gate allows."""
-    return PlatformCommand(
-        mode=Mode.POSITION, servos=servos, values=values, speed=np.full(len(servos), math.inf)
-    )
-
-
-def values_order(robot_part: str, servos: tuple[Servo, ...], data: Any) -> PlatformCommand:
-    """Positions [rad] of all servos of a part. Raises CommandError for another count, or no numbers."""
-    values = np.asarray(data, dtype=float)
-    if values.shape != (len(servos),) or not np.isfinite(values).all():
-        found = f"commands for {robot_part}: {len(values)} values"
-        raise CommandError(f"{found}; valid: {len(servos)} finite ones")
-    return position_order(np.array([servo.index for servo in servos], dtype=np.intp), values)
-
-
-def movable(order: PlatformCommand, robot: Robot) -> PlatformCommand:
-    """The same without joints that the gate never moves: a controller's message names them all the same."""
-    known = [None not in (limit.lower, limit.upper, limit.velocity, limit.acceleration, limit.jerk)
-             for limit in (robot.servos[servo].limits for servo in order.servos)]  # fmt: skip
-    return position_order(order.servos[known], order.values[known])

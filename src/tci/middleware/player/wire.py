@@ -1,0 +1,202 @@
+"""Player's messages over TCP: big-endian XDR behind a header of 40 bytes. Pure functions, bounded."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.errors import FrameError
+from tci.frames import Array
+
+HEADER = struct.Struct(">IIIIIIdII")
+"""Host, robot (port of the server), interface, index; type, subtype; time [s], sequence, bytes to follow."""
+GREETING = 32
+"""Bytes that a server says first: its version, then zeros."""
+MOST = 1 << 20
+"""Longest body [bytes] that is accepted. Ours; Player's own limit is 8 MiB."""
+PLAYER, OPAQUE, ACTARRAY = 1, 51, 53
+"""Codes of interfaces."""
+DEVLIST, DRIVERINFO, SUBSCRIBE, GET, DATAMODE = 1, 2, 3, 4, 5
+"""Requests to the server itself."""
+STATE, POSITIONS, GEOMETRY, POWER = 1, 2, 3, 1
+"""Of an actarray: data, command of all positions, requests."""
+POSITION = 1
+"""Of an actarray: command of one position."""
+OPEN, CLOSE, ERROR = 1, 2, 3
+"""Access to a device that a client asks for, or gets."""
+PUSH = 1
+IDLE, MOVING, ROTARY = 1, 2, 2
+
+
+class Kind(IntEnum):
+    """What a message is."""
+
+    DATA = 1
+    COMMAND = 2
+    REQUEST = 3
+    ACK = 4
+    SYNCH = 5
+    NACK = 6
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """One message."""
+
+    interface: int
+    index: int
+    kind: int
+    subtype: int
+    stamp: float
+    """[s], on the sender's clock."""
+    body: bytes
+    host: int = 0
+    robot: int = 0
+
+    def to_bytes(self, sequence: int = 0) -> bytes:
+        """As it travels."""
+        head = HEADER.pack(
+            self.host, self.robot, self.interface, self.index, self.kind, self.subtype, self.stamp, sequence,
+            len(self.body),
+        )  # fmt: skip
+        return head + self.body
+
+
+class Stream:
+    """Bytes of one connection become messages."""
+
+    def __init__(self) -> None:
+        self._bytes = bytearray()
+
+    def feed(self, data: bytes) -> Iterator[Message]:
+        """The messages that are whole now. Raises FrameError for a body longer than MOST: it is over then."""
+        self._bytes += data
+        at = 0
+        while len(self._bytes) - at >= HEADER.size:
+            host, robot, interface, index, kind, subtype, stamp, _, size = HEADER.unpack_from(self._bytes, at)
+            if size > MOST:
+                raise FrameError(f"Player: a body of {size} bytes declared; valid: at most {MOST}")
+            end = at + HEADER.size + size
+            if end > len(self._bytes):
+                break
+            body = bytes(self._bytes[at + HEADER.size : end])
+            at = end
+            yield Message(interface, index, kind, subtype, stamp, body, host, robot)
+        del self._bytes[:at]
+
+
+def array(items: bytes, count: int) -> bytes:
+    """A variable array: Player's count, XDR's count, the items."""
+    return struct.pack(">II", count, count) + items
+
+
+def floats(values: Sequence[float] | Array) -> bytes:
+    """An array of 32-bit floats."""
+    return array(np.asarray(values, dtype=">f4").tobytes(), len(values))
+
+
+def to_floats(body: bytes) -> Array:
+    """The same, read. Raises FrameError."""
+    count = _count(body, 4)
+    return np.frombuffer(body, dtype=">f4", count=count, offset=8).astype(float)
+
+
+def blob(data: bytes) -> bytes:
+    """The body of an opaque message: bytes, padded to four."""
+    return array(data + bytes(-len(data) % 4), len(data))
+
+
+def to_blob(body: bytes) -> bytes:
+    """The same, read. Raises FrameError."""
+    return body[8 : 8 + _count(body, 1)]
+
+
+ACTUATOR = np.dtype([("position", ">f4"), ("speed", ">f4"), ("rest", ">f4", 2), ("state", ">u4")])
+
+
+def actuators(position: Array, velocity: Array) -> bytes:
+    """The state of an actarray: positions [rad] and speeds [rad/s]."""
+    found = np.zeros(len(position), dtype=ACTUATOR)
+    found["position"], found["speed"] = position, velocity
+    found["state"] = np.where(np.abs(velocity) > 1e-3, MOVING, IDLE)
+    return array(found.tobytes(), len(position)) + struct.pack(">I", 1)
+
+
+def to_actuators(body: bytes) -> tuple[Array, Array]:
+    """Positions and speeds in it. Raises FrameError."""
+    found = np.frombuffer(body, dtype=ACTUATOR, count=_count(body, ACTUATOR.itemsize, rest=4), offset=8)
+    return found["position"].astype(float), found["speed"].astype(float)
+
+
+def geometry(limits: Sequence[tuple[float, float, float, float]]) -> bytes:
+    """Of an actarray: least, greatest and first position [rad], and speed [rad/s] of each joint.
+
+    Lengths and axes are zero: links are in the run-time query.
+    """
+    joints = b"".join(
+        struct.pack(">If6d5fI", ROTARY, 0.0, *([0.0] * 6), low, (low + high) / 2, high, home, speed, 0)
+        for low, high, home, speed in limits
+    )
+    return array(joints, len(limits)) + struct.pack(">6d", *([0.0] * 6))
+
+
+def devices(found: Sequence[tuple[int, int]], robot: int) -> bytes:
+    """The list of devices: interface and index of each; it begins with its count once more."""
+    items = b"".join(struct.pack(">IIII", 0, robot, interface, index) for interface, index in found)
+    return array(items, len(found))
+
+
+def to_devices(body: bytes) -> list[tuple[int, int]]:
+    """The same, read. Raises FrameError."""
+    count = _count(body, 16)
+    return [struct.unpack_from(">II", body, 16 + 16 * item) for item in range(count)]
+
+
+def access(interface: int, index: int, mode: int, robot: int, driver: bytes = b"") -> bytes:
+    """A request for a device, or its answer."""
+    return struct.pack(">IIIII", 0, robot, interface, index, mode) + blob(driver)
+
+
+def to_access(body: bytes) -> tuple[int, int, int]:
+    """Interface, index and mode. Raises FrameError."""
+    if len(body) < 20:
+        raise FrameError(f"Player: access to a device in {len(body)} bytes; valid: 20 and a name")
+    interface, index, mode = struct.unpack_from(">III", body, 8)
+    return interface, index, mode
+
+
+FORMATS = {1: ">u1", 2: ">u2", 4: ">f4", 8: ">f8"}
+"""Raw values of skin by their bytes per channel."""
+
+
+def skin(values: NDArray[np.generic]) -> bytes:
+    """Raw values as they travel in an opaque message: whole numbers in one or two bytes, else floats."""
+    kind, size = values.dtype.kind, values.dtype.itemsize
+    if kind not in "bu" or size > 2:
+        size = 4 if (kind, size) == ("f", 4) else 8
+    return values.astype(FORMATS[size]).tobytes()
+
+
+def to_skin(data: bytes, channels: int) -> NDArray[np.generic]:
+    """The same, read. Raises FrameError when `data` is no whole number of bytes for each channel."""
+    size, rest = divmod(len(data), channels)
+    if rest or size not in FORMATS:
+        raise FrameError(f"skin of {channels} channels in {len(data)} bytes; valid: 1, 2, 4 or 8 for each")
+    return np.frombuffer(data, dtype=FORMATS[size]).astype(FORMATS[size].replace(">", "<"))
+
+
+def _count(body: bytes, size: int, rest: int = 0) -> int:
+    """How many items of `size` bytes a variable array holds, checked against what is there."""
+    if len(body) < 8:
+        raise FrameError(f"Player: an array in {len(body)} bytes; valid: 8 and its items")
+    first, second = struct.unpack_from(">II", body)
+    if first != second or 8 + first * size + rest > len(body):
+        raise FrameError(
+            f"Player: {first} and {second} items of {size} bytes declared, {len(body)} bytes there"
+        )
+    return int(first)

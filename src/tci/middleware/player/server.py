@@ -54,6 +54,8 @@ from tci.middleware.remote_server import RemoteServer
 
 MOST_CLIENTS = 16
 """Clients at a time. Ours."""
+BACKLOG = 128
+"""Connections that are looked at in one period; beyond MOST_CLIENTS they are closed at once. Ours."""
 MOST_WAITING = 1 << 16
 """Bytes that may wait for a slow client before it gets no more data; at 16 times that it is let go. Ours."""
 
@@ -111,7 +113,7 @@ class PlayerServer(RemoteServer):
         """Messages that were of no use."""
         self._clients: list[_Client] = []
         try:
-            self._listener = socket.create_server((host, self.port), backlog=MOST_CLIENTS)
+            self._listener = socket.create_server((host, self.port), backlog=BACKLOG)
         except OSError as error:
             raise LinkError(f"Player at {host}:{self.port}: {error.strerror}; valid: a free port") from error
         self._listener.setblocking(False)
@@ -150,7 +152,7 @@ class PlayerServer(RemoteServer):
 
     def _poll(self) -> Iterator[Orders]:
         with contextlib.suppress(BlockingIOError, OSError):
-            for _ in range(MOST_CLIENTS):
+            for _ in range(BACKLOG):
                 self._welcome(self._listener.accept()[0])
         for client in list(self._clients):
             try:

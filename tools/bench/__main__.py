@@ -43,6 +43,7 @@ CASES = {
     "worlds": "touch:worlds",
     "loop": "loop:loop",
     "links": "links:links",
+    "networks": "networks:networks",
     "start": "start:start",
 }
 """Module and function of each case; a function returns rows."""

@@ -98,6 +98,29 @@ def remote() -> tuple[Target, Iterable[bytes]]:
     return target, [b"\x00\x01\x00\x00" + bytes(64)]
 
 
+def lcm() -> tuple[Target, Iterable[bytes]]:
+    """Datagrams of LCM, and the messages in them."""
+    import struct
+    import zlib
+
+    import tci
+    from tci.errors import TciError
+    from tci.middleware import remote_lcm
+    from tci.middleware.lcm_datagrams import Datagrams
+
+    robot, datagrams = tci.load_robot("nao"), Datagrams()
+    readers = (remote_lcm.to_state, remote_lcm.to_skin, remote_lcm.to_orders)
+
+    def target(data: bytes) -> None:
+        datagrams.take(data, "one")
+        for read in readers:
+            with contextlib.suppress(TciError):
+                read(robot, data + struct.pack(">I", zlib.crc32(data)))
+
+    short, piece = b"LC02\0\0\0\1tci/nao/state\0" + bytes(64), b"LC03" + bytes(16) + b"c\0" + bytes(32)
+    return target, [short, piece]
+
+
 def yarp() -> tuple[Target, Iterable[bytes]]:
     """Bottles, vectors and messages in both of YARP's dialects."""
     from tci.errors import TciError
@@ -116,7 +139,9 @@ def yarp() -> tuple[Target, Iterable[bytes]]:
     return target, [encode_bottle([1, 2.5, "set", ["pos", [3]]], dialect) for dialect in (V3, V4)]
 
 
-TARGETS = {one.__name__: one for one in (description, facts, skin_file, recording, heartbeat, remote, yarp)}
+TARGETS = {
+    one.__name__: one for one in (description, facts, skin_file, recording, heartbeat, remote, lcm, yarp)
+}
 
 
 def fuzz(name: str, seconds: float) -> tuple[int, str]:

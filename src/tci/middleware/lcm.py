@@ -109,10 +109,11 @@ class LcmLink(RemoteLink):
         seen = self._bus.receiver.datagrams
         figures = {"lost": float(seen.lost), "rejected": float(seen.rejected + self.rejected)}
         said = f"{seen.lost} messages lost, {seen.rejected + self.rejected} refused"
+        found = super().diagnose()
         if not seen.lost:
-            return (Finding(Level.OK, "datagrams", said, figures=figures),)
+            return (*found, Finding(Level.OK, "datagrams", said, figures=figures))
         advice = "a loss now and then is made up for; many: close other programs, or use zenoh"
-        return (Finding(Level.WARNING, "datagrams", said, advice, figures),)
+        return (*found, Finding(Level.WARNING, "datagrams", said, advice, figures))
 
     def _close(self) -> None:
         super()._close()

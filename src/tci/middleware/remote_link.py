@@ -16,6 +16,7 @@ from tci.errors import LinkError
 from tci.interface.gate import GateSettings
 from tci.interface.safe_command import GateState, SafeCommand
 from tci.messages import PlatformOrder, Reading, SkinFrame
+from tci.middleware.diagnosis import Finding, Level
 from tci.middleware.link import Link
 from tci.middleware.remote import MOST_ORDERS, Commander, Orders, State
 from tci.model.description import Robot
@@ -75,6 +76,27 @@ class RemoteLink(Link):
     @abstractmethod
     def _nobody(self) -> str:
         """Why no state may have come, for the error."""
+
+    def diagnose(self) -> tuple[Finding, ...]:
+        """What the robot's process says: its gate, who commands. Raises LinkError when the link is closed."""
+        self._check_open()
+        self._take()
+        state = self._state
+        assert state is not None
+        running = state.gate == GateState.RUN.value
+        said = f"the gate there: {state.gate}" + (f", {state.reason}" if state.reason else "")
+        advice = (
+            "" if running else "a hold clears by itself; after a stop look at the robot, then serve it anew"
+        )
+        found = [Finding(Level.OK if running else Level.WARNING, "gate", said, advice)]
+        for commander in state.commanders:
+            words = f"commanded by {commander.name}"
+            found.append(Finding(Level.NOTE, "commander", words, "its joints can't be ordered from here"))
+        if self.rejected:
+            words = f"{self.rejected} messages did not count: damaged, out of order or for another robot"
+            advice = "is somebody else using the same name there?"
+            found.append(Finding(Level.WARNING, "messages", words, advice, {"rejected": self.rejected}))
+        return tuple(found)
 
     def _wait(self) -> None:
         """Return when a state and all patches have come. Raises LinkError when no state comes in time."""

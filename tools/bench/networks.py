@@ -1,0 +1,119 @@
+"""Zenoh and LCM: a frame of doubles to another process and back, beside a raw TCP socket."""
+
+from __future__ import annotations
+
+import socket
+import sys
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import zenoh
+from links import TCP, child, line
+from measured import ROUNDS, Measured, each, row
+
+import tci
+from tci.messages import SkinFrame
+from tci.middleware import remote_cdr, remote_lcm
+from tci.middleware.lcm import _Bus
+from tci.middleware.remote_address import parse_remote
+from tci.middleware.zenoh import QOS
+from tci.middleware.zenoh_session import close_session, open_session, parse_address
+
+SIZE, CALLS = 768, 200
+ECHO = """
+import sys
+sys.path[:0] = sys.argv[3:]
+from networks import echo
+echo(sys.argv[1], sys.argv[2])
+"""
+Ways = tuple[Callable[[bytes], None], Callable[[], Iterator[bytes]], Callable[[], None]]
+"""Send, receive, close."""
+
+
+def over_zenoh(where: str, there: bool) -> Ways:
+    session = open_session(parse_address(where, "nao"), "listen" if there else "connect")
+    out = session.declare_publisher("tci/bench/back" if there else "tci/bench/there", **QOS)
+    key = "tci/bench/there" if there else "tci/bench/back"
+    came = session.declare_subscriber(key, zenoh.handlers.RingChannel(1))
+
+    def receive() -> Iterator[bytes]:
+        sample = came.try_recv()
+        if sample is not None:
+            yield sample.payload.to_bytes()
+
+    return out.put, receive, lambda: close_session(session)
+
+
+def over_lcm(where: str, there: bool) -> Ways:
+    bus = _Bus(parse_remote("lcm", where, "bench", ""))
+    wanted = "there" if there else "back"
+
+    def receive() -> Iterator[bytes]:
+        yield from (data for name, data in bus.poll() if name == wanted)
+
+    return lambda data: bus.put("back" if there else "there", data), receive, bus.close
+
+
+OVER = {"zenoh": over_zenoh, "lcm": over_lcm}
+
+
+def echo(name: str, where: str) -> None:
+    """The other process: frames are read, and written again."""
+    robot, codec = tci.load_robot("nao"), remote_cdr if name == "zenoh" else remote_lcm
+    send, receive, _ = OVER[name](where, True)
+    print("ready", flush=True)
+    while True:
+        for data in receive():
+            send(codec.frame_bytes(robot, codec.to_skin(robot, data)))
+        time.sleep(0)
+
+
+def networks() -> list[Measured]:
+    robot = tci.load_robot("nao")
+    values = np.random.default_rng(0).normal(size=SIZE)
+    frame = SkinFrame(robot.patches[0].name, 1.0, 1, values)
+    raw = child(TCP, str(values.nbytes))
+    sock = socket.create_connection(("127.0.0.1", int(line(raw))))
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    back = bytearray(values.nbytes)
+
+    def peer() -> None:
+        sock.sendall(values)
+        view, got = memoryview(back), 0
+        while got < len(back):
+            got += sock.recv_into(view[got:])
+
+    rows = []
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    for name, where in (("zenoh", f"tcp/127.0.0.1:{port}"), ("lcm", f"udpm://239.255.76.67:{port}?ttl=0")):
+        codec = remote_cdr if name == "zenoh" else remote_lcm
+        other = child(ECHO, name, where, *sys.path)
+        assert line(other) == "ready"
+        send, receive, close = OVER[name](where, False)
+        time.sleep(0.5)  # until both know of each other
+        seen: list[SkinFrame] = []
+
+        def ours() -> None:
+            send(codec.frame_bytes(robot, frame))  # noqa: B023
+            end = time.perf_counter() + 2.0
+            seen.clear()  # noqa: B023
+            while not seen:  # noqa: B023
+                seen.extend(codec.to_skin(robot, data) for data in receive())  # noqa: B023
+                if time.perf_counter() > end:
+                    raise SystemExit("the frame did not come back")
+
+        ours()
+        peer()
+        np.testing.assert_array_equal(seen[0].values, values)
+        pairs = [(each(ours, calls=CALLS), each(peer, calls=CALLS)) for _ in range(ROUNDS)]
+        note = f"{values.nbytes} bytes each way; both ends poll, encode, check and decode"
+        rows.append(row(f"{name}, {SIZE} doubles, there and back", "raw TCP", pairs, note=note))
+        close()
+        other.kill()
+        other.communicate()
+    sock.close()
+    raw.communicate()
+    return rows

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import runpy
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -43,3 +44,33 @@ def test_pictures_of_a_page_exist_and_have_words(page: Path) -> None:
 def test_every_page_can_be_found() -> None:
     index = (DOCS / "index.md").read_text().splitlines()
     assert {page.stem for page in PAGES} - {"index"} <= set(index)
+
+
+NAME = re.compile(r"`(tci(?:\.[A-Za-z_][A-Za-z_0-9]*)+)(?:\([^`]*\))?`")
+
+GROUPS = {"tci.robots", "tci.links", "tci.servers", "tci.capabilities"}
+"""Of entry points: names of another kind."""
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_names_of_the_code_exist(page: Path) -> None:
+    for name in sorted(set(NAME.findall(page.read_text())) - GROUPS):
+        assert exists(name), f"{page.name}: {name}"
+
+
+def exists(name: str) -> bool:
+    """Whether a dotted name is a module, or something in one."""
+    parts = name.split(".")
+    for length in range(len(parts), 0, -1):
+        try:
+            found = import_module(".".join(parts[:length]))
+        except ModuleNotFoundError as error:
+            if error.name is None or error.name.split(".")[0] != "tci":
+                return True  # a middleware that is not installed here
+            continue
+        for rest in parts[length:]:
+            if not hasattr(found, rest):
+                return False
+            found = getattr(found, rest)
+        return True
+    return False

@@ -13,6 +13,7 @@ import threading
 import time
 from pathlib import Path
 
+import numpy as np
 from foot import draw as draw_foot
 
 import tci
@@ -96,6 +97,9 @@ def viewer(folder: Path) -> None:
             poke_all(page_of, reflex)
             page.wait_for_timeout(1500)
             page.screenshot(path=IMAGES / "viewer.png")
+            come_near(page_of, "icub", "l_forearm")
+            page.wait_for_timeout(3000)
+            page.screenshot(path=IMAGES / "viewer-touch.png")
             browser.close()
     finally:
         page_of.stop()
@@ -118,6 +122,14 @@ def poke_all(shown: Viewer, reflex: tci.WithdrawalReflex) -> None:
         time.sleep(0.001)
     for other in shown.sessions.values():
         other.pace = 0.0
+
+
+def come_near(shown: Viewer, key: str, link: str) -> None:
+    """Look at a link from near, as somebody who scrolls does."""
+    camera = next(iter(shown.server.get_clients().values())).camera
+    aim = shown.figures[key].pose(link)[:3, 3]
+    camera.position = aim + np.array([0.5, 0.3, 0.15])
+    camera.look_at = aim
 
 
 def main() -> None:

@@ -80,7 +80,7 @@ class Recording:
 
     @property
     def keep_alive(self) -> float | None:
-        """Longest time [s] between two frames of a patch that sent only changes; None for one that sent all."""
+        """Longest time [s] between two frames of a patch that sends changes only; None where all are sent."""
         try:
             return float(self.about["keep_alive_s"])
         except (KeyError, ValueError):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from dataclasses import dataclass
 from typing import Any
 from urllib.parse import parse_qsl, urlsplit
@@ -99,11 +100,20 @@ def service(session: Any, name: str) -> Any:
 
     Raises LinkError when it does not have it within TIMEOUT.
     """
-    try:
-        session.waitForService(name, _async=True).value(int(1e3 * TIMEOUT))
-    except RuntimeError:
-        raise LinkError(f"NAOqi has no service {name}; is the robot still starting?") from None
-    return answer(session.service(name, _async=True), f"service {name}", timeout=TIMEOUT)
+    until = time.monotonic() + TIMEOUT
+    while True:
+        left = max(0.1, until - time.monotonic())
+        try:
+            session.waitForService(name, _async=True).value(int(1e3 * left))
+            return session.service(name, _async=True).value(int(1e3 * left))
+        except RuntimeError as error:
+            # A service that has just been announced may not answer yet.
+            if time.monotonic() < until and session.isConnected():
+                time.sleep(0.05)
+                continue
+            raise LinkError(
+                f"NAOqi has no service {name} ({first_line(error)}); is the robot still starting?"
+            ) from None
 
 
 def answer(future: Any, what: str, *, timeout: float) -> Any:

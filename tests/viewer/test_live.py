@@ -1,0 +1,66 @@
+"""A robot of another process in the viewer: shown, and moved only when armed."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+import tci
+from tci.viewer.session import Session
+
+PATIENCE = 60.0
+
+
+def wait_for(what: Callable[[], object]) -> None:
+    end = time.monotonic() + PATIENCE
+    while not what():
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+@pytest.fixture(scope="module")
+def via() -> Iterator[str]:
+    with socket.create_server(("127.0.0.1", 0)) as found:
+        port = found.getsockname()[1]
+    via = f"zenoh:tcp/127.0.0.1:{port}"
+    command = [sys.executable, "-m", "tci.cli.main", "serve", "nao", "--via", via]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+        assert server.stdout is not None
+        assert "serving nao" in server.stdout.readline()
+        yield via
+        server.terminate()
+
+
+def test_a_robot_of_another_process_is_shown(via: str) -> None:
+    session = Session(tci.connect(tci.load_robot("nao"), via), tci.WithdrawalReflex(), about={})
+    session.start()
+    wait_for(lambda: session.view is not None and session.view.pressure)
+    assert session.view is not None
+    assert session.view.state is None
+    first = session.view.time
+    wait_for(lambda: session.view is not None and session.view.time > first)
+    session.close()
+
+
+def test_an_armed_one_follows_the_sliders(via: str) -> None:
+    link = tci.connect(tci.load_robot("nao"), via, arm=True)
+    session = Session(link, tci.WithdrawalReflex(), about={})
+    session.start()
+    wait_for(lambda: session.view is not None and session.view.state is not None)
+    assert session.view is not None
+    target = np.array(session.view.posture["left_arm"])
+    target[1] += 0.3
+
+    def there() -> bool:
+        # A machine that is too busy to be real time makes the gate hold, which refuses orders meanwhile.
+        session.move("left_arm", target)
+        return session.view is not None and abs(session.view.posture["left_arm"][1] - target[1]) < 0.02
+
+    wait_for(there)
+    session.close()

@@ -7,6 +7,7 @@ import struct
 import subprocess
 import sys
 import threading
+from time import perf_counter as wall
 
 import numpy as np
 from measured import ROUNDS, Measured, each, row
@@ -104,7 +105,10 @@ def links() -> list[Measured]:
             peer()
             np.testing.assert_array_equal(seen[0], values)
             np.testing.assert_array_equal(back, values)
-            pairs = [(each(ours, calls=CALLS), each(peer, calls=CALLS)) for _ in range(ROUNDS)]
+            pairs = [
+                (each(ours, calls=CALLS, clock=wall), each(peer, calls=CALLS, clock=wall))
+                for _ in range(ROUNDS)
+            ]
             note = f"{struct.calcsize('d') * size} bytes each way; two threads and the protocol are ours"
             rows.append(row(f"YARP port, {size} doubles, there and back", "raw TCP", pairs, note=note))
             sock.close()

@@ -1,0 +1,61 @@
+"""The benchmark compares like with like: all versions of the kernel give the same result."""
+
+from __future__ import annotations
+
+import importlib
+import runpy
+import shutil
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+BENCH = Path(__file__).parents[1] / "tools" / "bench"
+
+
+@pytest.fixture
+def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    before = set(sys.modules)
+    monkeypatch.syspath_prepend(str(BENCH))
+    yield
+    for name in set(sys.modules) - before:
+        if getattr(sys.modules[name], "__file__", None) and str(BENCH) in str(sys.modules[name].__file__):
+            del sys.modules[name]
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="did not run: needs cc; as root: apt-get install gcc")
+@pytest.mark.parametrize(
+    ("taxels", "fields", "contacts"), [(30, 5, 1), (230, 5, 1), (768, 16, 5), (4000, 64, 30)]
+)
+def test_the_kernel_in_c_and_ours_are_the_same(bench: None, taxels: int, fields: int, contacts: int) -> None:
+    frame = importlib.import_module("frame")
+    ours = frame.Frame(taxels, fields, contacts)
+    theirs = frame.InC(ours)
+    assert ours.ours() == theirs() > 0
+    # On a cone two faces may be equally near to a contact's mean, and rounding decides between them.
+    np.testing.assert_allclose(ours.gains, theirs.gains, atol=2e-3)
+    np.testing.assert_allclose(ours.gains, ours.numpy(), atol=2e-3)
+    assert ours.gains.max() > 0.0
+    ours.values[:] = 240
+    assert ours.ours() == theirs() == 0
+
+
+def test_every_case_is_there(bench: None) -> None:
+    cases = runpy.run_path(str(BENCH / "__main__.py"), run_name="cases")["CASES"]
+    for place in cases.values():
+        module, function = place.split(":")
+        assert callable(getattr(importlib.import_module(module), function)), place
+
+
+def test_a_row_says_whether_its_target_was_met(bench: None) -> None:
+    row = importlib.import_module("measured").row
+    pairs = [(2.0, 4.0), (3.0, 4.0), (8.0, 4.0)]
+    assert row("a", "b", pairs, most=3.0).met
+    assert not row("a", "b", pairs, most=2.9).met
+    assert row("a", "b", pairs, most=3.0, most_ratio=0.7).met is False
+    assert row("a", "b", pairs, most_ratio=0.8).met
+    assert row("a", "b", pairs, least_ratio=0.8).met is False
+    plain = row("a", "b", pairs)
+    assert (plain.met, plain.ratio, plain.ratio_min, plain.ratio_max) == (None, 0.75, 0.5, 2.0)

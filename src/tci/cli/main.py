@@ -107,7 +107,7 @@ def demo(
     if view:
         from tci.cli.view import view as show
 
-        show(robot or [], [], folder=out / "recordings", browser=not headless)
+        show(robot or [], [], port=0, folder=out / "recordings", browser=not headless)
 
 
 @app.command()
@@ -118,7 +118,7 @@ def view(
             "--robot",
             "-r",
             help="Robot by name or description file; repeat for several. "
-            "[default: every packaged robot that is installed]",
+            "[default: the paper's two, nao and icub, where installed]",
         ),
     ] = None,
     via: Annotated[

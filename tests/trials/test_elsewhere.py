@@ -9,6 +9,7 @@ import pytest
 
 import tci
 from middleware.links import free_port, lcm_url
+from middleware.ros_robots import anywhere, here_only, roscore
 from middleware.served import needs_qi
 from tci.errors import LinkError
 from tci.trials.experiment import trials_of
@@ -19,6 +20,9 @@ VIAS: dict[str, Callable[[], str]] = {
     "zenoh": lambda: f"zenoh:tcp/127.0.0.1:{free_port()}",
     "lcm": lambda: f"lcm:{lcm_url()}",
     "naoqi": lambda: f"naoqi:127.0.0.1:{free_port()}",
+    "player": lambda: f"player:127.0.0.1:{free_port()}",
+    "ros2": lambda: f"ros2:{anywhere()}",
+    "ros1": lambda: f"ros1:{anywhere()}",
 }
 TRIES = 4
 """A busy machine may keep two processes from being real time: then the robot holds, as it should."""
@@ -33,6 +37,10 @@ def undisturbed(trial: Trial) -> bool:
 def test_the_reflex_withdraws_the_arm_from_another_process(name: str) -> None:
     if name == "naoqi":
         needs_qi()
+    if name == "ros2":
+        here_only()
+    if name == "ros1":
+        roscore()
     for _ in range(TRIES):
         robot, reflex = tci.load_robot("nao"), tci.WithdrawalReflex()
         trials = list(islice(trials_of(robot, reflex, stimulus=Stimulus(), seed=3, via=VIAS[name]()), 2))

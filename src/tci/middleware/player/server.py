@@ -24,6 +24,7 @@ from tci.middleware.player.wire import (
     DEVLIST,
     DRIVERINFO,
     ERROR,
+    FACTS,
     GEOMETRY,
     GET,
     GREETING,
@@ -48,6 +49,7 @@ from tci.middleware.player.wire import (
     to_blob,
     to_floats,
 )
+from tci.middleware.query import query
 from tci.middleware.remote import Orders, State
 from tci.middleware.remote_cdr import frame_bytes, state_bytes, to_orders
 from tci.middleware.remote_server import RemoteServer
@@ -111,6 +113,7 @@ class PlayerServer(RemoteServer):
         self._arrived: deque[bytes] = deque(maxlen=64)
         self.rejected = 0
         """Messages that were of no use."""
+        self._facts = blob(query(link.robot).model_dump_json().encode())
         self._clients: list[_Client] = []
         try:
             self._listener = socket.create_server((host, self.port), backlog=BACKLOG)
@@ -121,6 +124,9 @@ class PlayerServer(RemoteServer):
 
     def where(self) -> str:
         return f"Player at {self._host}:{self.port}"
+
+    def reach(self) -> str:
+        return f"player:{self._host}:{self.port}"
 
     def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
         self._position = reading.joints.position
@@ -239,6 +245,8 @@ class PlayerServer(RemoteServer):
             if known:
                 (client.devices.add if mode == OPEN else client.devices.discard)((interface, index))
             return access(interface, index, mode if known else ERROR, self.port, DRIVER)
+        if (message.interface, message.index, message.subtype) == (OPAQUE, STATES, FACTS):
+            return self._facts
         name = self._devices.get((message.interface, message.index))
         if message.interface != ACTARRAY or name is None:
             return None

@@ -27,6 +27,8 @@ STATE, POSITIONS, GEOMETRY, POWER = 1, 2, 3, 1
 """Of an actarray: data, command of all positions, requests."""
 POSITION = 1
 """Of an actarray: command of one position."""
+FACTS = 1
+"""Request to `opaque:99` of a TCI process: the run-time query as JSON."""
 OPEN, CLOSE, ERROR = 1, 2, 3
 """Access to a device that a client asks for, or gets."""
 PUSH = 1

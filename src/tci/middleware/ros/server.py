@@ -45,6 +45,7 @@ class RosServer(RemoteServer):
         self._node = node
         try:
             super().__init__(link, address, middleware=middleware)
+            self._middleware = middleware
             robot = link.robot
             names = self._names = Names(robot, middleware, namespace)
             self._position = robot.initial_position
@@ -74,6 +75,9 @@ class RosServer(RemoteServer):
 
     def where(self) -> str:
         return f"{self._names.joints} and the topics beside it"
+
+    def reach(self) -> str:
+        return f"{self._middleware}:{self.address}"
 
     def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
         self._position = reading.joints.position

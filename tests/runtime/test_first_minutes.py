@@ -165,7 +165,8 @@ def test_a_patch_that_is_dead_swapped_inverted_or_in_another_order_is_found() ->
         class Spoilt(Crossed):
             def _receive(self) -> Any:
                 reading = super()._receive()
-                return replace(reading, skin=tuple(map(change, reading.skin)))
+                skin = [change(frame) if "forearm" in frame.patch else frame for frame in reading.skin]
+                return replace(reading, skin=tuple(skin))
 
         link = Spoilt(ROBOT)
         _, patches = wanted(ROBOT, ["left_forearm"])
@@ -190,7 +191,7 @@ def test_a_patch_that_is_dead_swapped_inverted_or_in_another_order_is_found() ->
 def test_names_of_what_is_to_be_checked() -> None:
     servos, patches = wanted(ROBOT, ["left_arm"])
     assert [servo.name for servo in servos][:2] == ["LShoulderPitch", "LShoulderRoll"]
-    assert [patch.name for patch in patches] == ["left_forearm", "left_upper_arm"]
+    assert [patch.name for patch in patches] == ["left_forearm", "left_upper_arm", "left_hand"]
     with pytest.raises(UnknownNameError, match="left_arm"):
         wanted(ROBOT, ["left_wing"])
 

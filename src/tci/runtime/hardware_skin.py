@@ -20,10 +20,11 @@ REST = 0.5
 """Time [s] for which the skin is watched before it is touched. Ours."""
 PRESS = 10.0
 """Longest time [s] to wait for a touch, and for its end. Ours."""
-LEAST = 5.0
-"""Change [counts] of a raw value that is a touch, or six times its noise if that is more. Ours."""
+LEAST = 0.02
+"""Change, as a share of the sensor's range, that is a touch; or six times the noise if that is more. Ours."""
 NEAR = 0.02
 """A touch felt further [m] from its taxel than this is elsewhere: a fingertip, and a module's size. Ours."""
+_WAYS = (("forward", "backward"), ("left", "right"), ("up", "down"))
 _SIDES = ("front (the flexor side)", "outer side", "back (the extensor side)", "inner side")
 
 
@@ -112,7 +113,13 @@ class SkinCheck:
             for name, values in self._values(self.link.read()).items():
                 samples.setdefault(name, []).append(values)
         rest = {name: np.mean(some, axis=0) for name, some in samples.items()}
-        noise = {name: np.maximum(6.0 * np.std(some, axis=0), LEAST) for name, some in samples.items()}
+        sensors = {name: self.link.robot.patch(name).sensor for name in samples}
+        noise = {
+            name: np.maximum(
+                6.0 * np.std(some, axis=0), LEAST * (sensors[name].highest - sensors[name].lowest)
+            )
+            for name, some in samples.items()
+        }
         return rest, noise
 
     def _settle(self) -> None:
@@ -136,6 +143,10 @@ class SkinCheck:
 
     def _where(self, patch: Patch, taxel: int) -> str:
         """Where a taxel is, for people."""
+        if self.link.robot.limb_segment(patch) is None:
+            normal = self.skin.normals(patch.name, self.link.read().joints, frame="torso")[taxel]
+            axis = int(np.argmax(np.abs(normal)))
+            return f"{patch.link}, on the side that looks {_WAYS[axis][int(normal[axis] < 0.0)]}"
         u, theta, _ = self.skin.limb(patch.name, self.link.read().joints)
         side = _SIDES[round(float(theta[taxel]) / (np.pi / 2.0)) % 4]
         return f"{patch.part}, {patch.segment}: {100 * u[taxel]:.0f} % of the way down, on its {side}"

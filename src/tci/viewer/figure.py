@@ -19,7 +19,7 @@ from tci.model.collisions import NO_MODEL, solid_spec
 from tci.model.description import Robot
 from tci.simulation.finger import RADIUS
 from tci.simulation.paint import FIELD_COLOURS, FULL_SCALE, SKIN_COLOUR, pressure_colours
-from tci.viewer.meshes import body_meshes
+from tci.viewer.meshes import body_meshes, disc, quaternion, towards
 from tci.viewer.view import View
 
 # All looks are ours.
@@ -117,7 +117,7 @@ class Figure:
         """Put the robot on the floor, its middle `y` [m] to its left."""
         self.T_SW = transform(self._turn, self._standing + np.array([0.0, y, 0.0]))
         self._root.position = self.T_SW[:3, 3]
-        self._root.wxyz = _quaternion(self._turn)
+        self._root.wxyz = quaternion(self._turn)
 
     def show_fields(self, fields: Sequence[ReceptiveField]) -> None:
         """The receptive fields that tint the skin; none for no tint."""
@@ -144,7 +144,7 @@ class Figure:
             self._finger.visible = view.finger is not None
             if view.finger is not None:
                 self._finger.position = view.finger[:3, 3]
-                self._finger.wxyz = _quaternion(view.finger[:3, :3])
+                self._finger.wxyz = quaternion(view.finger[:3, :3])
 
     def pose(self, link: str) -> Array:
         """`T_SL` (4, 4): a link in the scene, as shown. For one thread as all else."""
@@ -205,12 +205,12 @@ class Figure:
             cast_shadow=False,
             receive_shadow=False,
         )
-        disc, faces = _disc(0.52 * float(np.sqrt(np.median(surface.areas))))
+        shape, faces = disc(0.52 * float(np.sqrt(np.median(surface.areas))))
         return self._server.scene.add_batched_meshes_simple(
             f"/{key}/{body}/{name}_taxels",
-            disc,
+            shape,
             faces,
-            np.array([_towards(normal) for normal in surface.normals]),
+            np.array([towards(normal) for normal in surface.normals]),
             positions + ABOVE * surface.normals,
             batched_colors=np.zeros((len(surface.positions), 3), dtype=np.uint8),
             lod="off",
@@ -279,24 +279,3 @@ class Figure:
             size = max(float(np.linalg.norm(force)), 1e-9)
             points.append([tip - length * force / size, tip])
         self._arrows.points = np.array(points, dtype=np.float32)
-
-
-def _disc(radius: float) -> tuple[Array, np.ndarray]:
-    """A hexagon of `radius` [m] across z."""
-    angle = np.arange(6) * np.pi / 3.0
-    rim = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(6)])
-    faces = np.array([[0, k, k + 1] for k in range(1, 5)])
-    return rim, faces
-
-
-def _towards(normal: Array) -> Array:
-    """Quaternion (4,) that turns z to `normal`."""
-    quaternion = np.zeros(4)
-    mujoco.mju_quatZ2Vec(quaternion, normal)
-    return quaternion
-
-
-def _quaternion(rotation: Array) -> Array:
-    quaternion = np.zeros(4)
-    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(rotation).ravel())
-    return quaternion

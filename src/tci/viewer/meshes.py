@@ -96,3 +96,25 @@ def _lighter(vertices: Array, faces: NDArray[np.intp]) -> tuple[Array, NDArray[n
     merged = cell[faces]
     flat = (merged[:, 0] == merged[:, 1]) | (merged[:, 1] == merged[:, 2]) | (merged[:, 2] == merged[:, 0])
     return means, np.unique(merged[~flat], axis=0)
+
+
+def disc(radius: float) -> tuple[Array, NDArray[np.intp]]:
+    """A hexagon of `radius` [m] across z."""
+    angle = np.arange(6) * np.pi / 3.0
+    rim = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(6)])
+    faces = np.array([[0, k, k + 1] for k in range(1, 5)])
+    return rim, faces
+
+
+def towards(normal: Array) -> Array:
+    """Quaternion (4,) that turns z to `normal`."""
+    found = np.zeros(4)
+    mujoco.mju_quatZ2Vec(found, normal)
+    return found
+
+
+def quaternion(rotation: Array) -> Array:
+    """Quaternion (4,) of a rotation (3, 3)."""
+    found = np.zeros(4)
+    mujoco.mju_mat2Quat(found, np.ascontiguousarray(rotation).ravel())
+    return found

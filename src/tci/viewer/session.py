@@ -25,14 +25,11 @@ from tci.recording.recorder import Recorder
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport
 from tci.simulation.finger import STIFFNESS
+from tci.viewer.real_time import RealTime
 from tci.viewer.steered import Steered
 from tci.viewer.view import History, View
 from tci.viewer.words import touch
 
-AHEAD = 0.03
-"""How far [s] a simulation may run ahead of real time before it waits. Ours."""
-LATE = 0.1
-"""How far [s] it may fall behind before it stops catching up. Ours."""
 FRESH = 0.01
 """Time [s] between two views, unless something happened."""
 IDLE = 0.02
@@ -78,7 +75,7 @@ class Session:
         self._again, self._closing = threading.Event(), threading.Event()
         self._recording = threading.Lock()
         self._noted: dict[str, float] = {}
-        self._due: tuple[float, float] | None = None
+        self._real_time = RealTime()
         self._leave = np.inf
         self._state: tuple[GateState, str] = (GateState.RUN, "")
         self._thread = threading.Thread(target=self._work, name=f"loop of {self.robot.name}", daemon=True)
@@ -186,7 +183,7 @@ class Session:
     def _work(self) -> None:
         while not self._closing.is_set():
             self.ended = ""
-            self._due = None
+            self._real_time.forget()
             try:
                 if self.armed:
                     run(self.link, self._steered, observe=self._see, report=self.report)
@@ -276,16 +273,9 @@ class Session:
                 return
             if self.pace > 0.0:
                 break
-            self._due = None
+            self._real_time.forget()
             time.sleep(IDLE)
-        wall = time.monotonic()
-        if self._due is None or self._due[1] != self.pace:
-            self._due = (wall - now / self.pace, self.pace)
-        ahead = self._due[0] + now / self.pace - wall
-        if ahead > AHEAD:
-            time.sleep(ahead)
-        elif ahead < -LATE:
-            self._due = (self._due[0] - ahead, self.pace)
+        self._real_time.wait(now, self.pace)
 
     def _serve_inbox(self) -> None:
         while True:

@@ -180,7 +180,7 @@ def test_two_machines_a_router_two_robots_three_behaviours_and_a_cut(
     for attempt in range(TRIES):
         users = (("cook", "kitchen"), ("porter", "hall"))
         minds = [
-            network.start("minds", str(HERE / "commander.py"), f"zenoh:{robot}@{files / user}.json5", SILENCE)
+            network.start("minds", str(HERE / "commander.py"), f"zenoh:{robot}@{files / user}.json5")
             for user, robot in users
         ]
         watcher = network.start(

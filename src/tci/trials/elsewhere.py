@@ -18,6 +18,7 @@ from typing import Self
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.errors import LinkError
 from tci.messages import CONTROL_MODES, Mode, Order, PlatformCommand
+from tci.middleware.link import Link
 from tci.middleware.simulated import SimulatedLink
 from tci.model.catalogue import load_robot
 from tci.model.description import Robot
@@ -28,6 +29,8 @@ from tci.simulation.world import World
 
 STARTING = 60.0
 """Time [s] that the other process has to be there, compile and connect. Ours."""
+APPEARING = 10.0
+"""Time [s] that the served robot has to answer whoever connects. Ours."""
 MORE = 0.5
 """Time [s] that it goes on after the trial's length, since it begins before the finger does."""
 
@@ -49,12 +52,14 @@ class Elsewhere:
     """The other process, with the withdrawal reflex for one robot. It serves any number of pokes."""
 
     def __init__(self, robot: Robot, via: str, mode: Mode) -> None:
-        """`via` as `tci serve` takes it."""
+        """`via` as `tci serve` takes it. Raises UnknownNameError for a robot without a binding to it."""
         self.robot, self.via = robot, via
         rates = {str(patch.rate) for patch in robot.patches}
         rate = rates.pop() if len(rates) == 1 else ""
+        name = via.partition(":")[0]
+        silence = str(robot.binding(name).stale_after)
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "tci.trials.elsewhere", robot.source, mode.value, rate],
+            [sys.executable, "-m", "tci.trials.elsewhere", robot.source, mode.value, rate, name, silence],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
         )  # fmt: skip
         self._said: queue.Queue[str] = queue.Queue()
@@ -137,12 +142,29 @@ def part_of(robot: Robot, order: Order) -> str | None:
     return ""
 
 
+def _patiently(robot: Robot, via: str) -> Link:
+    """A link to a robot that may just be starting."""
+    end = time.monotonic() + APPEARING
+    while True:
+        try:
+            return connect(robot, via, arm=True)
+        except LinkError:
+            if time.monotonic() > end:
+                raise
+            time.sleep(0.2)
+
+
 def main() -> None:
     """The other process: for each line, an address and a duration, it connects and runs the reflex."""
     from tci.trials.experiment import with_skin_rate
 
-    source, mode, rate = sys.argv[1:]
+    source, mode, rate, name, silence = sys.argv[1:]
     robot = load_robot(source)
+    bindings = tuple(
+        binding.model_copy(update={"stale_after": float(silence)}) if binding.middleware == name else binding
+        for binding in robot.bindings
+    )
+    robot = robot.model_copy(update={"bindings": bindings})
     if rate:
         robot = with_skin_rate(robot, float(rate))
     reflex = WithdrawalReflex(mode=Mode(mode))
@@ -157,7 +179,7 @@ def main() -> None:
                 print("ready", flush=True)
 
         try:
-            with connect(robot, via, arm=True) as link:
+            with _patiently(robot, via) as link:
                 run(link, reflex, duration=float(duration), observe=tell)
         except Exception as error:
             print(f"{type(error).__name__}: {error}".replace("\n", "; "), flush=True)

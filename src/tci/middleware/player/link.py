@@ -1,7 +1,7 @@
 """`player:[HOST][:PORT]`: a robot behind a Player server, or one that another TCI process shows as such.
 
 actarray:N are the joints of the robot's N-th part, opaque:N is the skin of its N-th patch; other numbers
-stand in the binding. opaque:98 and opaque:99 are spoken between TCI processes (`remote`).
+stand in the binding. from opaque:99 on it is spoken between TCI processes (`remote`).
 """
 
 from __future__ import annotations
@@ -36,8 +36,8 @@ from tci.middleware.remote_link import RemoteLink
 from tci.middleware.source_clock import SourceClock
 from tci.model.description import Robot
 
-FRAMES, STATES = 98, 99
-"""Indices of the opaque devices between TCI processes."""
+STATES, FRAMES = 99, 100
+"""Indices of the opaque devices between TCI processes; the first patch's frames are at FRAMES."""
 WAIT = 5.0
 """How long [s] a link waits for joints and skin when it opens. Ours."""
 
@@ -82,7 +82,7 @@ class PlayerLink(RemoteLink):
                 self._open_devices(offered)
                 self._wait_for_joints(wait)
             else:
-                for index in (FRAMES, STATES):
+                for index in range(STATES, FRAMES + len(robot.patches)):
                     self._client.open(OPAQUE, index)
                 self._wait()
         except BaseException:
@@ -132,10 +132,9 @@ class PlayerLink(RemoteLink):
         self._client.close()
 
     def _poll(self) -> Iterator[State | SkinFrame]:
-        found = [m for m in self._client.poll() if (m.interface, m.kind) == (OPAQUE, Kind.DATA)]
-        frames = [m for m in found if m.index == FRAMES][-2 * len(self.robot.patches) :]
-        states = [m for m in found if m.index == STATES][-1:]
-        for message in (*frames, *states):
+        found = self._client.poll()
+        latest = {m.index: m for m in found if (m.interface, m.kind) == (OPAQUE, Kind.DATA)}
+        for message in latest.values():
             try:
                 data = to_blob(message.body)
                 yield to_state(self.robot, data) if message.index == STATES else to_skin(self.robot, data)

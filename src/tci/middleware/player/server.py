@@ -105,7 +105,9 @@ class PlayerServer(RemoteServer):
         super().__init__(link, address, middleware="player")
         host, self.port = parse(address)
         self._devices = numbers(link.robot)
-        self._offered = [*self._devices, (OPAQUE, FRAMES), (OPAQUE, STATES)]
+        self._frames = {patch.name: FRAMES + n for n, patch in enumerate(link.robot.patches)}
+        own = [STATES, *self._frames.values()]
+        self._offered = [*self._devices, *((OPAQUE, index) for index in own)]
         self._controllers = Controllers(link.robot, self.number, of="a Player client")
         self._position = link.robot.initial_position
         self._period = 1.0 / link.robot.binding("player").rate
@@ -179,7 +181,7 @@ class PlayerServer(RemoteServer):
 
     def _show_skin(self, frame: SkinFrame) -> None:
         stamp = self._epoch(frame.stamp)
-        self._say(OPAQUE, FRAMES, stamp, blob(frame_bytes(self.link.robot, frame)))
+        self._say(OPAQUE, self._frames[frame.patch], stamp, blob(frame_bytes(self.link.robot, frame)))
         for (interface, index), name in self._devices.items():
             if (interface, name) == (OPAQUE, frame.patch):
                 self._say(OPAQUE, index, stamp, blob(skin(frame.values)))

@@ -7,7 +7,6 @@ own gate makes the motion. A robot that speaks ROS itself gets the set-points of
 from __future__ import annotations
 
 import time
-from collections import deque
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -24,7 +23,7 @@ from tci.middleware.remote_link import RemoteLink
 from tci.middleware.ros.messages import BYTES, NO_LAYOUT
 from tci.middleware.ros.names import Names
 from tci.middleware.ros.native import NativeRobot
-from tci.middleware.ros.node import Publish, RosNode
+from tci.middleware.ros.node import Hear, Publish, RosNode
 from tci.model.description import Robot
 from tci.recording.schemas import JOINTS
 
@@ -49,10 +48,11 @@ class RosLink(RemoteLink):
             names = self._names = Names(robot, middleware, namespace)
             now = self.clock.now
             self._native: NativeRobot | None = None
-            self._received: deque[tuple[bool, bytes]] = deque(maxlen=2 * len(robot.patches) + 2)
-            node.subscribe(names.state, BYTES, self._keep(True))
+            self._received: dict[str, bytes] = {}
+            node.subscribe(names.state, BYTES, self._keep(names.state))
             for patch in robot.patches:
-                node.subscribe(names.frames(patch.name), BYTES, self._keep(False))
+                topic = names.frames(patch.name)
+                node.subscribe(topic, BYTES, self._keep(topic))
             self._out: Publish | None = None
             self._why = ""
             if not self._is_tci(wait):
@@ -99,8 +99,9 @@ class RosLink(RemoteLink):
     def _poll(self) -> Iterator[State | SkinFrame]:
         self._node.poll()
         while self._received:
-            is_state, data = self._received.popleft()
+            topic, data = self._received.popitem()
             try:
+                is_state = topic == self._names.state
                 yield to_state(self.robot, data) if is_state else to_skin(self.robot, data)
             except FrameError as error:
                 self.rejected += 1
@@ -113,9 +114,9 @@ class RosLink(RemoteLink):
     def _nobody(self) -> str:
         return self._why or "its process sends no states"
 
-    def _keep(self, is_state: bool) -> Any:
+    def _keep(self, topic: str) -> Hear:
         def keep(fields: Mapping[str, Any]) -> None:
-            self._received.append((is_state, bytes(fields["data"])))
+            self._received[topic] = bytes(fields["data"])  # the latest of each topic
 
         return keep
 

@@ -180,6 +180,8 @@ def run_capability(
             try:
                 run(link, capability, duration=duration, observe=see, report=report)
             except (Exception, KeyboardInterrupt, SystemExit) as failure:
+                if not report.ended:  # it never began
+                    raise
                 error = failure
                 now = link.clock.now()
                 teller.tell_faults(now)

@@ -24,11 +24,11 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 class Silence:
     """Whether skin that once sent has fallen silent, while the joints go on: then nobody feels a touch."""
 
-    def __init__(self, robot: Robot, *, stale_after: float) -> None:
-        """`stale_after` [s]: age from which joint data is too old."""
-        self._longest = {
-            patch.name: max(PERIODS / patch.rate, stale_after, LEAST_SILENCE) for patch in robot.patches
-        }
+    def __init__(self, robot: Robot, *, stale_after: float, keep_alive: float | None = None) -> None:
+        """`stale_after` [s]: age from which joint data is too old; `keep_alive` [s] where the skin's senders
+        send changes only: each patch at least once in that time."""
+        least = max(stale_after, LEAST_SILENCE, PERIODS * (keep_alive or 0.0))
+        self._longest = {patch.name: max(PERIODS / patch.rate, least) for patch in robot.patches}
         self._heard: dict[str, tuple[int, float]] = {}
 
     def fault(self, reading: Reading, now: float) -> str:

@@ -118,7 +118,7 @@ class _Loop(Generic[Memory]):
         self._begun = False
         self._before: float | None = None
         self._start = 0.0
-        self._silence = Silence(link.robot, stale_after=link.gate.stale_after)
+        self._silence = Silence(link.robot, stale_after=link.gate.stale_after, keep_alive=link.keep_alive)
         self._misfit: float | None = None
         self._perception: Perception | None = None
         self._joints: JointReading | None = None

@@ -1,0 +1,78 @@
+"""`tci run`, faults on purpose, and what a person or a program is told of it."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from cli.test_cli import tci
+from tci.middleware.fault_list import FAULTS
+from tci.middleware.injectors import INJECTORS
+
+POKED = ("run", "withdrawal", "--robot", "nao", "--poke", "--duration", "0.7")
+
+
+def kinds(told: dict[str, list[dict[str, str]]]) -> list[str]:
+    return [event["kind"] for event in told["events"]]
+
+
+def test_a_poke_is_answered() -> None:
+    told = json.loads(tci(*POKED, "--json"))
+    assert told["worst"] == told["state"] == "run"
+    assert kinds(told) == ["command"]
+    assert told["loop"]["ticks"] == 350
+    assert told["gate"]["refusals"] == 0
+
+
+def test_a_stall_stops_the_robot_and_the_status_says_so() -> None:
+    told = json.loads(tci(*POKED, "--fault", "stall@0.32", "--json", status=1))
+    assert told["worst"] == told["state"] == "stop"
+    assert kinds(told)[-2:] == ["FAULT", "STOP"]
+    fault, stop = told["events"][-2:]
+    assert fault["time_s"] == pytest.approx(0.32, abs=0.005)
+    assert "fault 21" in fault["words"]
+    assert "expected: following-error STOP" in fault["words"]
+    assert "does not follow" in stop["words"]
+
+
+def test_a_person_sees_what_happened_and_why_the_robot_holds() -> None:
+    text = tci(*POKED, "--fault", "dropped-frames@0.3:0.2")
+    assert "dropped-frames (fault 10: dropped frames)" in text
+    held = text.index("HOLD")
+    assert "ms old" in text[held:]
+    assert "clears by itself" in text[held:]
+    assert text.index("RUN", held) > held, "it goes on"
+
+
+def test_faults_can_be_combined_and_a_killed_thread_ends_it() -> None:
+    told = json.loads(
+        tci(*POKED, "--fault", "nan-taxel@0.1", "--fault", "thread-fails@0.4", "--json", status=1)
+    )
+    assert kinds(told).count("FAULT") == 2
+    assert "a thread failed on purpose; the robot was brought to rest" in told["events"][-1]["words"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("run", "withdrawl", "--robot", "nao"), "withdrawal"),
+        (("run", "withdrawal", "--robot", "nao", "--fault", "plague@1"), "stall"),
+        (("run", "withdrawal", "--robot", "nao", "--fault", "stall"), "NAME@TIME:DURATION"),
+        (("run", "withdrawal", "--robot", "nao", "--via", "nowhere"), "sim"),
+    ],
+)
+def test_what_is_not_there_is_one_message_with_what_is(arguments: tuple[str, ...], words: str) -> None:
+    text = tci(*arguments, status=1)
+    assert words in text
+    assert "Traceback" not in text
+
+
+def test_the_list_of_faults() -> None:
+    rows = json.loads(tci("fault", "list", "--json"))
+    assert [row["number"] for row in rows] == list(FAULTS)
+    assert {name for row in rows for name in row["injectors"]} == set(INJECTORS)
+    assert all(row["test"] for row in rows if row["state"] == "tested")
+    text = tci("fault", "list")
+    assert all(name in text for name in ("stall", "dead patch", "tested"))
+    assert "tci run withdrawal --robot nao --poke --fault stall@0.5" in text

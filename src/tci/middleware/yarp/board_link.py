@@ -93,12 +93,19 @@ class BoardLink:
         if self._output is not None:
             self._output.close()
 
-    def state(self) -> tuple[BoardState, float, int]:
-        """The latest state, in the board's own order and degrees, its time [s] and its number."""
-        latest = self.feed.latest if self.feed is not None else None
-        if latest is None:
+    def state(self, at: float | None = None) -> tuple[BoardState, float]:
+        """The latest state, or the nearest to a time [s], in the board's order and degrees; and its time."""
+        found = None
+        if self.feed is not None:
+            found = self.feed.latest if at is None else self.feed.at(at)
+        if found is None:
             raise LinkError(f"{self.prefix} has sent no state yet")
-        return latest.value, latest.stamp, latest.sequence
+        return found.value, found.stamp
+
+    def number(self) -> int:
+        """Of the latest state."""
+        latest = self.feed.latest if self.feed is not None else None
+        return latest.sequence if latest is not None else 0
 
     def modes(self, state: BoardState) -> list[tuple[Mode | None, bool]]:
         """Control mode and whether it is on, of each servo."""

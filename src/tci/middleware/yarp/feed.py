@@ -14,6 +14,8 @@ from tci.middleware.yarp.names import Names
 from tci.middleware.yarp.port import Port
 from tci.middleware.yarp.stamps import Offset
 
+KEPT = 4
+"""Messages that are kept, so that those of several ports can be taken from about one time. Ours."""
 RESTARTED = 100
 """By so many a count may fall back before its sender counts as started anew. Ours."""
 Value = TypeVar("Value")
@@ -21,7 +23,7 @@ Value = TypeVar("Value")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sample(Generic[Value]):
-    """The latest message of a port."""
+    """One message of a port."""
 
     value: Value
     stamp: float
@@ -31,7 +33,7 @@ class Sample(Generic[Value]):
 
 
 class Feed(Generic[Value]):
-    """Reads one port. Only the latest message is kept; what can't be read is counted and dropped."""
+    """Reads one port. Only the latest messages are kept; what can't be read is counted and dropped."""
 
     def __init__(
         self,
@@ -45,7 +47,8 @@ class Feed(Generic[Value]):
     ) -> None:
         """Connect. Raises LinkError, UnknownNameError for a port that is not there."""
         self.source = source
-        self.latest: Sample[Value] | None = None
+        self.recent: tuple[Sample[Value], ...] = ()
+        """The latest few messages, oldest first."""
         self.offset = Offset()
         """Their clock and ours."""
         self.lost = 0
@@ -65,6 +68,15 @@ class Feed(Generic[Value]):
         except (LinkError, UnknownNameError):
             self.port.close()
             raise
+
+    @property
+    def latest(self) -> Sample[Value] | None:
+        """The latest message."""
+        return self.recent[-1] if self.recent else None
+
+    def at(self, stamp: float) -> Sample[Value] | None:
+        """The message that was measured nearest to a time [s]."""
+        return min(self.recent, key=lambda sample: abs(sample.stamp - stamp), default=None)
 
     def wait(self, seconds: float) -> bool:
         """Whether something came, at the latest after so long."""
@@ -100,8 +112,8 @@ class Feed(Generic[Value]):
             if self._is_old(stamp.count):
                 return
             measured = self.offset.map(stamp.time, delivery.arrived)
-        sequence = self.latest.sequence + 1 if self.latest is not None else 0
-        self.latest = Sample(value, measured, sequence)
+        sequence = self.recent[-1].sequence + 1 if self.recent else 0
+        self.recent = (*self.recent[1 - KEPT :], Sample(value, measured, sequence))
         self._came.set()
 
     def _is_old(self, count: int) -> bool:

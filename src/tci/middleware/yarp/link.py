@@ -68,6 +68,7 @@ class YarpLink(Link):
         self._own, self._carrier = own, options.carrier
         self._dialect = options.dialect
         self._compensated = options.skin == "comp"
+        self._joints: JointReading | None = None
         self._reconnected = threading.Event()
         self._closed = threading.Event()
         try:
@@ -122,14 +123,19 @@ class YarpLink(Link):
         if self._reconnected.is_set():
             self._reconnected.clear()
             self.gate.drop()
+        stamp = min((board.state()[1] for board in self.boards.values()), default=self.clock.now())
+        if self._joints is None or stamp != self._joints.stamp:
+            self._joints = self._joints_at(stamp)
+        return Reading(joints=self._joints, skin=tuple(self._frames()))
+
+    def _joints_at(self, stamp: float) -> JointReading:
+        """All boards at about one time [s]: the latest of the oldest, and of the others the nearest to it."""
         count = len(self.robot.servos)
-        position, velocity = np.full(count, np.nan), np.full(count, np.nan)
-        torque = np.full(count, np.nan)
+        position, velocity, torque = np.full((3, count), np.nan)
         modes: list[Mode | None] = [None] * count
         powered = np.ones(count, dtype=bool)
-        stamp, sequence = np.inf, None
         for board in self.boards.values():
-            state, measured, number = board.state()
+            state, _ = board.state(stamp)
             servos, axes = [servo.index for servo in board.servos], list(board.axis)
             position[servos] = np.deg2rad(state.position[axes])
             if state.velocity is not None:
@@ -138,18 +144,15 @@ class YarpLink(Link):
                 torque[servos] = state.torque[axes]
             for servo, (mode, on) in zip(servos, board.modes(state), strict=True):
                 modes[servo], powered[servo] = mode, on
-            stamp = min(stamp, measured)
-            sequence = number if sequence is None else min(sequence, number)
-        joints = JointReading(
+        return JointReading(
             stamp=float(stamp),
-            sequence=sequence or 0,
+            sequence=min((board.number() for board in self.boards.values()), default=0),
             position=read_only(position),
             velocity=read_only(velocity),
             torque=None if np.isnan(torque).all() else read_only(torque),
             modes=tuple(modes),
             powered=read_only(powered, np.bool_),
         )
-        return Reading(joints=joints, skin=tuple(self._frames()))
 
     def _frames(self) -> list[SkinFrame]:
         frames = []

@@ -20,7 +20,7 @@ class OrderBook:
 
     def __init__(self) -> None:
         self._changed = threading.Condition()
-        self._waiting: list[Order] = []
+        self._waiting: list[tuple[float, Order]] = []
         self._given: list[Order] = []
         self._refused: dict[int, str] = {}
         self._mine = threading.local()
@@ -28,17 +28,18 @@ class OrderBook:
     def put(self, order: Order) -> None:
         """Hand in an order."""
         with self._changed:
-            self._waiting.append(order)
+            self._waiting.append((time.monotonic(), order))
             del self._waiting[:-MOST_ORDERS]
         if getattr(self._mine, "orders", None) is not None:
             self._mine.orders.append(order)
 
-    def take(self) -> list[Order]:
-        """Orders since the last call, oldest first."""
+    def take(self, since: float) -> tuple[list[Order], list[Order]]:
+        """Orders since the last call, oldest first: those that came after `since` [s], and those before."""
         with self._changed:
-            orders, self._waiting = self._waiting, []
-            self._given += orders
-        return orders
+            waiting, self._waiting = self._waiting, []
+            self._given += [order for _, order in waiting]
+        fresh = [order for when, order in waiting if when >= since]
+        return fresh, [order for when, order in waiting if when < since]
 
     def refuse(self, order: Order, reason: str) -> bool:
         """Tell that an order did not even reach the gate; whether it was one of these."""
@@ -63,6 +64,9 @@ class OrderBook:
         """Whether orders wait for the loop's verdict."""
         return bool(self._waiting or self._given)
 
+    def _pending(self) -> list[Order]:
+        return [*(order for _, order in self._waiting), *self._given]
+
     def begin(self) -> None:
         """From here on this thread's orders are waited for by `settle`."""
         self._mine.orders = []
@@ -72,7 +76,7 @@ class OrderBook:
         mine, self._mine.orders = self._mine.orders, None
         until = time.monotonic() + SETTLE
         with self._changed:
-            while any(order is other for order in mine for other in (*self._waiting, *self._given)):
+            while any(order is other for order in mine for other in self._pending()):
                 if not self._changed.wait(max(0.0, until - time.monotonic())):
                     raise CommandError("the robot's loop does not answer")
             reasons = [self._refused.pop(id(order)) for order in mine if id(order) in self._refused]

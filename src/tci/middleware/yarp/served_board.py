@@ -15,6 +15,7 @@ from tci.frames import Array
 from tci.messages import JointReading, Mode, Order, PlatformCommand, PlatformSwitch
 from tci.middleware.yarp.board import COMPLIANT, DIRECT, IDLE, POSITION, STIFF, TORQUE, VELOCITY, Stream
 from tci.middleware.yarp.order_book import OrderBook
+from tci.middleware.yarp.set_points import SetPoints
 from tci.middleware.yarp.state import BoardState
 from tci.middleware.yarp.values import Vocab
 from tci.model.description import Servo
@@ -51,6 +52,9 @@ class ServedBoard:
         self._words = [POSITION] * self.count
         self._compliant = [False] * self.count
         self._impedance = np.tile([FULL_STIFFNESS, FULL_DAMPING], (self.count, 1))
+        velocity = [servo.limits.velocity or 0.0 for servo in self.servos]
+        acceleration = [servo.limits.acceleration or 0.0 for servo in self.servos]
+        self._set_points = SetPoints(np.array(velocity), np.array(acceleration))
         self._targets = np.full(self.count, np.nan)
         self.state = BoardState(np.zeros(self.count))
         """The latest state."""
@@ -119,6 +123,18 @@ class ServedBoard:
         if stream is Stream.POSITION:
             self._targets[chosen] = values
         values = values if stream is Stream.TORQUE else np.deg2rad(values)
+        if stream is Stream.POSITION:
+            values = self._set_points.lead(chosen, values)
+        self._stream(stream, chosen, values)
+
+    def mind(self) -> None:
+        """For the loop, once per period: a stream of set-points that ended comes to rest at its last."""
+        if (ended := self._set_points.last()) is not None:
+            joints, values = ended
+            if all(self._words[joint] == DIRECT for joint in joints):
+                self._stream(Stream.POSITION, joints, values)
+
+    def _stream(self, stream: Stream, chosen: Sequence[int], values: Array) -> None:
         modes = {Mode.IMPEDANCE if self._compliant[n] else COMMANDS[stream] for n in chosen}
         for mode in modes if stream is Stream.POSITION else {COMMANDS[stream]}:
             mine = [k for k, n in enumerate(chosen) if self._mode(n, COMMANDS[stream]) is mode]

@@ -95,14 +95,17 @@ class YarpServer(Server):
         return f"yarp:{host}:{port}, ports /{self.prefix}/... of YARP {self.dialect.name}{hint}"
 
     def orders(self) -> Sequence[Order]:
-        now = self._beat(False)
+        self._beat(False)
         if not self._shown:
             return []  # they wait for the first reading
-        orders = [order for board in self.boards.values() for order in board.book.take()]
-        if now < self._deaf:
-            for order in orders:
+        for board in self.boards.values():
+            board.mind()
+        orders: list[Order] = []
+        for board in self.boards.values():
+            fresh, stale = board.book.take(self._deaf)
+            orders += fresh
+            for order in stale:
                 self.refuse(order, "it is from before this process stood still")
-            return []
         return orders
 
     def refuse(self, order: Order, reason: str) -> None:

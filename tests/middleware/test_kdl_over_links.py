@@ -1,6 +1,6 @@
 """The chains of the run-time query, fetched over a link and built in OROCOS KDL by another process.
 
-That process knows nothing of TCI: Debian's Python with rospy, genuine rclpy, or some lines that speak Player.
+That process knows nothing of TCI: Debian's Python with rospy, genuine rclpy, Zenoh alone, or some lines that speak Player.
 """
 
 from __future__ import annotations
@@ -58,6 +58,13 @@ with socket.create_connection(("127.0.0.1", int(sys.argv[1])), timeout=60.0) as 
     count = struct.unpack(">I", body[:4])[0]
     print(body[8 : 8 + count].decode())
 """
+BY_ZENOH = """
+import sys, time, zenoh
+config = zenoh.Config.from_json5('{mode: "client", connect: {endpoints: ["tcp/127.0.0.1:%s"]}}' % sys.argv[1])
+with zenoh.open(config) as session:
+    found = [reply.ok for reply in session.get("tci/nao/facts", timeout=10.0)]
+print(found[0].payload.to_string())
+"""
 KDL = """
 import json, sys
 import PyKDL as kdl
@@ -97,10 +104,21 @@ def ros2(programs: Programs) -> str:
 def player(programs: Programs) -> str:
     port = free_port()
     programs.start(*SERVE, f"player:127.0.0.1:{port}")
+    return patiently(DEBIAN_PYTHON, BY_PLAYER, str(port))
+
+
+def zenoh(programs: Programs) -> str:
+    port = free_port()
+    programs.start(*SERVE, f"zenoh:tcp/127.0.0.1:{port}")
+    return patiently(sys.executable, BY_ZENOH, str(port))
+
+
+def patiently(*command: str) -> str:
+    """The same, of a robot that is starting."""
     end = time.monotonic() + 60.0
     while True:
         try:
-            return asked(DEBIAN_PYTHON, BY_PLAYER, str(port))
+            return asked(*command)
         except subprocess.CalledProcessError:
             assert time.monotonic() < end
             time.sleep(0.5)
@@ -118,7 +136,7 @@ def asked(*command: str) -> str:
     return done.stdout
 
 
-@pytest.mark.parametrize("ask", [ros1, ros2, player], ids=lambda ask: ask.__name__)
+@pytest.mark.parametrize("ask", [ros1, ros2, player, zenoh], ids=lambda ask: ask.__name__)
 def test_kdl_builds_the_chain_that_came_over_the_link(
     ask: Callable[[Programs], str], programs: Programs, tmp_path: Path
 ) -> None:

@@ -14,8 +14,9 @@ One way for the data (docs/architecture.md):
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -170,6 +171,20 @@ class Contact:
     """How far [m] its centre is from where it began, in the patch's link."""
 
 
+@dataclass(frozen=True, slots=True)
+class Spot:
+    """A point of a part's skin on any robot: where one comes from the skin's middle in a direction."""
+
+    segment: str
+    """Segment of the part whose skin is meant; empty for all that is on no segment."""
+    towards: tuple[float, float, float]
+    """Direction (3,) with the part's generic joints at zero: x forward, y left (right on right sides), z up."""
+
+
+def _no_skin(contact: Contact, spot: Spot) -> float:
+    raise TciError(f"no distance of the contact on {contact.patch}: this perception comes without a robot")
+
+
 def _no_kinematics(contact: Contact) -> Array:
     raise TciError(f"no Jacobian of the contact on {contact.patch}: this perception comes without a robot")
 
@@ -194,6 +209,11 @@ class Perception:
     jacobian: Callable[[Contact], Array] = _no_kinematics
     """Of one of them: how its point moves (3, n) [m/rad], seen from the torso, with each generic joint of
     its part. Worked out when asked for."""
+    apart: Callable[[Contact, Spot], float] = _no_skin
+    """Geodesic distance [m] along the skin of one of them from a spot of its part; infinite where the spot is
+    on other skin. Worked out when asked for."""
+    movable: Mapping[str, Array] = field(default_factory=lambda: MappingProxyType({}))
+    """1 for each generic joint (n,) of a part that the robot has, else 0, by name; a part may be absent."""
     covered: Covered | None = None
     """How much of a place its skin still feels; None while no taxel is masked."""
 

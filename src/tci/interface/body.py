@@ -12,6 +12,7 @@ from tci.interface.coverage import Coverage
 from tci.interface.events import FilledFrames
 from tci.interface.part import generic_columns, generic_posture, switch, to_platform
 from tci.interface.skin import Skin
+from tci.interface.spots import Spots
 from tci.interface.tracking import Tracker
 from tci.messages import (
     CartesianCommand,
@@ -46,6 +47,12 @@ class Body:
         self._contacts: tuple[Contact, ...] = ()
         self._tracker = Tracker()
         self._coverage = Coverage(self.skin)
+        self._movable = {
+            part.name: read_only([float(joint.servo is not None) for joint in part.servos])
+            for part in robot.parts
+        }
+        self.spots = Spots(self.skin)
+        """Distances along the skin where there is no limb."""
         self._covered: Covered | None = None
 
     def perceive(self, reading: Reading, now: float) -> Perception:
@@ -76,6 +83,8 @@ class Body:
             contacts=self._contacts,
             ended=ended,
             jacobian=lambda contact: self.jacobian(contact, position),
+            apart=self.spots.distance,
+            movable=self._movable,
             covered=self._covered,
         )
 

@@ -1,6 +1,7 @@
 """Robots by name: those in `robots/`, and those of other packages (entry points `tci.robots`).
 
-A robot is a folder `robots/<name>/` with a `robot.xml`; nothing else in TCI names it. An entry
+A robot is a folder `robots/<name>/` with a `robot.xml`; nothing else in TCI names it. Another description
+there is a variant: `nao/whole.xml` is the robot `nao-whole`. An entry
 point gives the path of a description, or a function that returns it.
 """
 
@@ -49,7 +50,9 @@ def _is_path(text: str) -> bool:
 
 
 def _packaged() -> dict[str, Path]:
-    return {path.parent.name: path for path in sorted(_FOLDER.glob(f"*/{FILE}"))}
+    robots = {path.parent.name: path for path in sorted(_FOLDER.glob(f"*/{FILE}"))}
+    others = {path for path in _FOLDER.glob("*/*.xml") if path.suffixes == [".xml"] and path.name != FILE}
+    return robots | {f"{path.parent.name}-{path.stem}": path for path in sorted(others)}
 
 
 def _entries() -> dict[str, EntryPoint]:

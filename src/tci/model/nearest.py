@@ -8,6 +8,10 @@ from numpy.typing import NDArray
 from tci.frames import Array
 
 
+FLAT = 1e-12
+"""Squared sine of a face's angle at its first corner below which it has no area."""
+
+
 def nearest_on_faces(
     vertices: Array, faces: NDArray[np.intp], points: Array
 ) -> tuple[NDArray[np.intp], Array, Array]:
@@ -46,8 +50,12 @@ def _inside(a: Array, b: Array, c: Array, points: Array) -> Array:
     uu, uv, vv = (np.einsum("fi,fi->f", *pair) for pair in ((u, u), (u, v), (v, v)))
     wu, wv = np.einsum("kfi,fi->kf", w, u), np.einsum("kfi,fi->kf", w, v)
     determinant = uu * vv - uv * uv
-    second = (vv * wu - uv * wv) / determinant
-    third = (uu * wv - uv * wu) / determinant
+    flat = determinant <= FLAT * uu * vv
+    safe = np.where(flat, 1.0, determinant)
+    second = (vv * wu - uv * wv) / safe
+    third = (uu * wv - uv * wu) / safe
+    # A face without area has only edges.
+    second, third = np.where(flat, -1.0, second), np.where(flat, -1.0, third)
     return np.stack([1.0 - second - third, second, third], axis=2)
 
 

@@ -195,6 +195,12 @@ class World:
         """
         return self._skin.to_torso(*self._skin.point(patch, place, normal))
 
+    def skin_point_in_world(
+        self, patch: str, place: int | ArrayLike, normal: ArrayLike | None = None
+    ) -> tuple[Array, Array]:
+        """The same, seen from the world."""
+        return self._skin.point(patch, place, normal)
+
 
 def start_angles(robot: Robot, posture: Mapping[str, ArrayLike]) -> Array:
     """Angles (n,) [rad] of all servos (inverse of eq. 1) at a generic `posture` by part.

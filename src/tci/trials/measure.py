@@ -92,8 +92,7 @@ def _first_motion(acted: Trace, held: Trace) -> float | None:
 
 
 def _withdrawn(trace: Trace) -> float:
-    moved: Array = trace.point[-1] - trace.point[0]
-    return float(-moved @ trace.normal * 1e3)
+    return (trace.away[-1] - trace.away[0]) * 1e3
 
 
 def cop_error(trace: Trace) -> float | None:

@@ -61,6 +61,8 @@ class Trace:
     """Force-weighted contact point (3,) [m] of the physics, seen from the torso, by time [s]."""
     point: list[Array] = field(default_factory=list)
     """Where `place` is (3,) [m], seen from the torso."""
+    away: list[float] = field(default_factory=list)
+    """How far [m] it is from where it began, along the inward normal, seen from the world: the torso may move."""
     positions: list[Array] = field(default_factory=list)
     """Joint angles of the physics (n,) [rad]."""
     velocities: list[Array] = field(default_factory=list)
@@ -82,13 +84,13 @@ class _Poke(Trial):
     """The finger's way to one place, and what happens."""
 
     def __init__(
-        self, world: World, part: str, site: ReceptiveField, stimulus: Stimulus, seed: int,
+        self, world: World, place: Place, stimulus: Stimulus, seed: int,
         watch: Callable[[Tick], None] | None,
     ) -> None:  # fmt: skip
-        skin = Skin(world.robot)
-        self.place = find_place(skin, part, site.segment, site.u, site.theta, world.joints())
-        _, normal = world.skin_point(self.place.patch, self.place.p_L, self.place.n_L)
-        self.trace = Trace(self.place, normal, len(skin.surfaces[self.place.patch].positions))
+        self.place = place
+        _, normal = world.skin_point(place.patch, place.p_L, place.n_L)
+        self._begun = world.skin_point_in_world(place.patch, place.p_L, place.n_L)
+        self.trace = Trace(place, normal, len(world.surfaces[place.patch].positions))
         shift = np.random.default_rng(seed).uniform(0.0, 0.020) * stimulus.speed
         self._way = {"speed": stimulus.speed, "depth": stimulus.depth, "gap": stimulus.gap + shift}
         self._world, self._watch = world, watch
@@ -106,6 +108,9 @@ class _Poke(Trial):
         if truth.force > 0.0:
             trace.center[tick.now] = truth.center
         trace.point.append(world.skin_point(place.patch, place.p_L, place.n_L)[0])
+        point, outward = self._begun
+        now = world.skin_point_in_world(place.patch, place.p_L, place.n_L)[0]
+        trace.away.append(float(outward @ (point - now)))
         trace.positions.append(world.joints().position)
         trace.velocities.append(world.joints().velocity)
         trace.sent.append(tick.sent)
@@ -144,7 +149,23 @@ def poke(
     With `elsewhere` the reflex there answers instead. Raises what `run` and `Elsewhere.run` raise.
     """
     world.reset()
-    trial = _Poke(world, part, site, stimulus, seed, watch)
+    place = find_place(Skin(world.robot), part, site.segment, site.u, site.theta, world.joints())
+    return poke_place(world, place, stimulus, reflex=reflex, seed=seed, watch=watch, elsewhere=elsewhere)
+
+
+def poke_place(
+    world: World,
+    place: Place,
+    stimulus: Stimulus,
+    *,
+    reflex: Capability[Any],
+    seed: int,
+    watch: Callable[[Tick], None] | None = None,
+    elsewhere: Elsewhere | None = None,
+) -> Trace:
+    """The same at any place of the skin."""
+    world.reset()
+    trial = _Poke(world, place, stimulus, seed, watch)
     if elsewhere is not None:
         elsewhere.run(world, stimulus.duration, trial)
         return trial.end()

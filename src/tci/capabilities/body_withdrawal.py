@@ -1,0 +1,164 @@
+"""Withdrawal of head, torso, hands and legs (§4, beyond the arm): what is touched moves away (eqs 5-6).
+
+The distance in eq. 5 is along the skin, since these parts are no limbs, and the force is that of all taxels
+of a contact. A leg that carries the robot must not give way: legs answer only when somebody says that the
+robot is supported, and never while a sole feels its weight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from tci.capabilities.body_fields import JOINTS, BodyField, BodyFields, default_body_fields
+from tci.capabilities.capability import Capability
+from tci.capabilities.discounts import phi, psi
+from tci.errors import TciError
+from tci.frames import Array, read_only
+from tci.messages import Contact, GenericCommand, Mode, Order, Perception, Spot
+
+SOLE = "foot"
+"""Segment of a leg whose skin stands on the ground."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BodyMotion:
+    """One part that withdraws."""
+
+    field: BodyField
+    """Field that started it."""
+    origin: Array
+    """Generic posture (n,) [rad] when it started."""
+    gain: float
+    """Largest gain so far."""
+    touched: float
+    """When a touch of this part last answered [s]."""
+
+    @property
+    def target(self) -> Array:
+        """Where the part goes (n,) [rad]."""
+        return read_only(self.origin + self.gain * np.array(self.field.motion))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BodyMemory(Mapping[str, BodyMotion]):
+    """What goes on, by part; and why legs did not answer."""
+
+    motions: Mapping[str, BodyMotion]
+    refused: Mapping[str, str]
+    """Why a touched leg stays, by part: the latest touch."""
+
+    def __getitem__(self, part: str) -> BodyMotion:
+        return self.motions[part]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.motions)
+
+    def __len__(self) -> int:
+        return len(self.motions)
+
+
+@dataclass(frozen=True)
+class BodyWithdrawal(Capability[BodyMemory]):
+    """Moves every touched head, torso, hand and leg away from the touch, once per touch.
+
+    Raises TciError for settings that make no reflex. Defaults are ours.
+    """
+
+    fields: BodyFields = field(default_factory=default_body_fields)
+    """Receptive fields; `load_body_fields` reads others from a file."""
+    refractory: float = 0.5
+    """How long [s] the skin of a part must be quiet before it can withdraw again."""
+    stance: Literal["standing", "supported"] = "standing"
+    """Whether the robot stands on its legs, or hangs, sits or lies, so that they carry nothing."""
+    weight: float = 15.0
+    """Force [N] under a sole from which it carries the robot, whatever `stance` says; a touch that the sole
+    withdraws from is lighter."""
+
+    def __post_init__(self) -> None:
+        for name in ("refractory", "weight"):
+            if not 0.0 < getattr(self, name) < np.inf:
+                raise TciError(f"body withdrawal: {name} {getattr(self, name)}; valid: above 0, finite")
+        if self.stance not in ("standing", "supported"):
+            raise TciError(f"body withdrawal: stance {self.stance!r}; valid: standing, supported")
+
+    def init(self) -> BodyMemory:
+        return BodyMemory({}, {})
+
+    def step(self, memory: BodyMemory, perception: Perception) -> tuple[tuple[Order, ...], BodyMemory]:
+        """One command for each part whose target changed."""
+        commands: list[Order] = []
+        motions: dict[str, BodyMotion] = {}
+        refused = dict(memory.refused)
+        for part, posture in perception.posture.items():
+            touches = [contact for contact in perception.contacts if contact.part == part]
+            answers = self._answers(touches, part, posture, perception)
+            if answers and answers[0][0].kind == "leg" and (reason := self._carries(perception.contacts)):
+                refused[part] = reason
+                answers = []
+            before = memory.motions.get(part)
+            after = self._next(before, answers, posture, perception.stamp)
+            if after is None:
+                continue
+            motions[part] = after
+            if before is None or (after.gain, after.field) != (before.gain, before.field):
+                commands.append(GenericCommand(part, Mode.POSITION, after.target))
+        return tuple(commands), BodyMemory(motions, refused)
+
+    def _answers(
+        self, touches: Sequence[Contact], part: str, posture: Array, perception: Perception
+    ) -> list[tuple[BodyField, float]]:
+        """What each touch of a part asks for: the closest of the fields that it lies in, and its gain."""
+        answers = []
+        for touch in touches:
+            closest: tuple[float, BodyField] | None = None
+            for candidate in self.fields.field:
+                if not _is_of(candidate, part, posture, touch.segment):
+                    continue
+                if not (np.array(candidate.motion) * perception.movable.get(part, 1.0)).any():
+                    continue  # the robot has no joint for this motion
+                distance = perception.apart(touch, Spot(candidate.segment, candidate.towards))
+                if distance < candidate.radius_m and (closest is None or distance < closest[0]):
+                    closest = distance, candidate
+            if closest is None:
+                continue
+            distance, found = closest
+            force = self.fields.force
+            gain = phi(touch.force, force.threshold_n, force.saturation_n) * psi(distance, found.radius_m)
+            if gain > 0.0:
+                answers.append((found, gain))
+        return answers
+
+    def _carries(self, contacts: Sequence[Contact]) -> str:
+        """Why the legs carry the robot; empty when they don't."""
+        if self.stance == "standing":
+            return "the robot stands: a leg answers only where stance is supported"
+        for contact in contacts:
+            if contact.segment == SOLE and contact.force >= self.weight:
+                return f"{contact.patch} feels {contact.force:.1f} N: it carries the robot"
+        return ""
+
+    def _next(
+        self, before: BodyMotion | None, answers: list[tuple[BodyField, float]], posture: Array, now: float
+    ) -> BodyMotion | None:
+        """The part's withdrawal after this instant: the same rules as an arm's."""
+        if before is not None and now - before.touched >= self.refractory:
+            before = None
+        if not answers:
+            return before
+        if before is not None:
+            gains = [gain for found, gain in answers if found == before.field]
+            return replace(before, gain=max([before.gain, *gains]), touched=now)
+        if not np.isfinite(posture).all():
+            return None
+        found, gain = max(answers, key=lambda answer: (answer[1], answer[0].name))
+        return BodyMotion(found, read_only(posture), gain, now)
+
+
+def _is_of(candidate: BodyField, part: str, posture: Array, segment: str) -> bool:
+    """Whether a field lies on a part, whose name tells its kind: `left_leg`, `head`."""
+    kind = part.rsplit("_", 1)[-1]
+    return kind == candidate.kind and segment == candidate.segment and posture.size == len(JOINTS[kind])

@@ -1,0 +1,135 @@
+"""Distances along skin that is on no limb: torso, head, palm, sole. Receptive fields there are discs.
+
+A field's centre is a spot of the surface, and its radius a geodesic one: the length of the shortest way
+over the skin's faces, along their edges (Dijkstra 1959), which is at most some percent too long.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import dijkstra
+
+from tci.errors import TciError
+from tci.frames import Array, read_only
+from tci.interface.places import Place, leave_surface
+from tci.interface.skin import Skin
+from tci.messages import Contact, Spot
+from tci.model.description import GenericPart, Patch
+from tci.model.joint_map import joint_map
+from tci.model.nearest import nearest_on_faces
+from tci.model.surfaces import Surface
+
+NEAR = 0.03
+"""Distance [m] up to which the straight way is the way along the skin: edges would only make it longer."""
+FAR = 1.0
+"""Distance [m] from which a surface is looked at from outside."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Reach:
+    """A spot on one patch."""
+
+    place: Place
+    distances: Array
+    """Of every taxel (n,) [m]."""
+
+
+class Spots:
+    """Finds spots on one robot's skin, and remembers them."""
+
+    def __init__(self, skin: Skin) -> None:
+        self._skin = skin
+        self._found: dict[tuple[str, Spot], _Reach | None] = {}
+
+    def place(self, part: str, spot: Spot) -> Place:
+        """The spot of a part's skin. Raises TciError where it has none, UnknownNameError for the part."""
+        reach = self._reach(part, spot)
+        if reach is None:
+            where = spot.segment or "no segment"
+            raise TciError(f"{self._skin.robot.name} has no skin on {where} of {part}")
+        return reach.place
+
+    def distance(self, contact: Contact, spot: Spot) -> float:
+        """Geodesic distance [m] of a contact from a spot of its part; infinite on other skin."""
+        reach = self._reach(contact.part, spot)
+        if reach is None or reach.place.patch != contact.patch:
+            return np.inf
+        surface = self._skin.surfaces[contact.patch]
+        straight = float(np.linalg.norm(contact.p_L - reach.place.p_L))
+        if straight <= NEAR:
+            return straight
+        return max(straight, _along(surface, reach.distances, contact.p_L))
+
+    def _reach(self, part: str, spot: Spot) -> _Reach | None:
+        if (part, spot) not in self._found:
+            self._found[part, spot] = self._find(part, spot)
+        return self._found[part, spot]
+
+    def _find(self, name: str, spot: Spot) -> _Reach | None:
+        robot = self._skin.robot
+        part = robot.part(name)
+        patches = [p for p in robot.patches if p.part == name and p.segment == spot.segment]
+        patches = [p for p in patches if len(self._skin.surfaces[p.name].faces)]
+        best: tuple[float, Patch, Array, Array] | None = None
+        for patch in patches:
+            surface = self._skin.surfaces[patch.name]
+            direction = self._direction(part, patch, spot)
+            middle = (surface.positions.min(axis=0) + surface.positions.max(axis=0)) / 2.0
+            # A sheet has no inside: its spot is what is nearest to one who looks from outside.
+            reach = leave_surface(surface, middle, direction)
+            points, normals = surface.project((middle + (reach or FAR) * direction)[None])
+            out = float((points[0] - middle) @ direction)
+            if best is None or out > best[0]:
+                best = out, patch, points[0], normals[0]
+        if best is None:
+            return None
+        _, patch, point, normal = best
+        surface = self._skin.surfaces[patch.name]
+        place = Place(patch.name, read_only(point), read_only(normal))
+        return _Reach(place, _geodesics(surface, point))
+
+    def _direction(self, part: GenericPart, patch: Patch, spot: Spot) -> Array:
+        """Unit vector (3,) in the patch's link."""
+        skin = self._skin
+        joints = joint_map(skin.robot, part.name)
+        position = np.array(skin.robot.initial_position)
+        position[joints.servos] = joints.to_robot(np.zeros(len(part.servos)), position)
+        towards = np.array(spot.towards) / np.linalg.norm(spot.towards)
+        if part.side == "right":
+            towards = towards * [1.0, -1.0, 1.0]
+        direction: Array = skin.kinematics.poses(position, [patch.link])[patch.link][:3, :3].T @ towards
+        return direction
+
+
+def _geodesics(surface: Surface, point: Array) -> Array:
+    """Distance (n,) [m] of every taxel from a point (3,) [m] of the surface."""
+    count = len(surface.positions)
+    pairs = np.concatenate([surface.faces[:, [0, 1]], surface.faces[:, [1, 2]], surface.faces[:, [2, 0]]])
+    pairs = np.unique(np.sort(pairs, axis=1), axis=0)
+    one, other = pairs.T
+    lengths = np.linalg.norm(surface.positions[one] - surface.positions[other], axis=1)
+    corners = _corners(surface, point)
+    starts = np.linalg.norm(surface.positions[corners] - point, axis=1)
+    rows = np.concatenate([one, np.full(len(corners), count)])
+    columns = np.concatenate([other, corners])
+    # A way of length 0 would be no way for a sparse matrix.
+    weights = np.maximum(np.concatenate([lengths, starts]), 1e-9)
+    graph = coo_array((weights, (rows, columns)), shape=(count + 1, count + 1)).tocsr()
+    found: Array = dijkstra(graph, directed=False, indices=count)[:count]
+    return read_only(found)
+
+
+def _along(surface: Surface, distances: Array, point: Array) -> float:
+    """The shortest way to a point (3,) [m] of the surface, over the corners of its face."""
+    corners = _corners(surface, point)
+    return float((distances[corners] + np.linalg.norm(surface.positions[corners] - point, axis=1)).min())
+
+
+def _corners(surface: Surface, point: Array) -> NDArray[np.intp]:
+    """The corners (3,) of the face that a point lies on."""
+    corners: NDArray[np.intp] = nearest_on_faces(surface.positions, surface.faces, point[None])[0][0]
+    return corners

@@ -178,7 +178,8 @@ class Spot:
     segment: str
     """Segment of the part whose skin is meant; empty for all that is on no segment."""
     towards: tuple[float, float, float]
-    """Direction (3,) with the part's generic joints at zero: x forward, y left (right on right sides), z up."""
+    """Direction (3,) with the part's generic joints at zero: x forward, y left (on a right side right), z
+    up."""
 
 
 def _no_skin(contact: Contact, spot: Spot) -> float:

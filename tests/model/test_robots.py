@@ -17,6 +17,7 @@ from tci.model.catalogue import load_robot, robot_names
 from tci.model.cone import cone_of
 from tci.model.description import Robot
 from tci.model.generic_arm import JOINTS, Side, forearm_rotation, side_sign, upper_arm_rotation
+from tci.model.joint_map import joint_map
 from tci.model.kinematics import Kinematics
 from tci.model.mujoco_model import load_spec
 from tci.model.surfaces import build_surface
@@ -224,3 +225,45 @@ def test_head_and_torso_turn_as_their_convention_says(robot: Robot) -> None:
                 joint = robot.servos[generic.servo].joint
                 axis = R_WT.T @ data.xaxis[model.joint(joint).id] * np.sign(generic.scale)
                 assert axis @ wanted > 0.99, (name, generic.name)
+
+
+def test_legs_and_hands_turn_as_their_convention_says(robot: Robot) -> None:
+    """With straight legs and hanging arms: flexion, abduction, internal rotation, knee flexion, toes up, sole
+    inwards; the wrist flexes towards the body, and deviates towards the thumb."""
+    assert robot.model is not None
+    axes = {
+        "leg": [(0, -1, 0), (1, 0, 0), (0, 0, -1), (0, 1, 0), (0, -1, 0), (-1, 0, 0)],
+        "hand": [(-1, 0, 0), (0, -1, 0)],
+    }
+    kinematics = Kinematics(robot)
+    position = np.zeros(len(robot.servos))
+    for part in robot.parts:
+        if part.kind == "arm":
+            joints = joint_map(robot, part.name)
+            position[joints.servos] = joints.to_robot(np.zeros(5), position)
+    found = 0
+    for part in robot.parts:
+        if part.kind not in axes:
+            continue
+        mirror = np.array([1.0, 1.0, 1.0] if part.side == "left" else [-1.0, 1.0, -1.0])
+        for generic, wanted in zip(part.servos, axes[part.kind], strict=True):
+            if generic.servo is None:
+                continue
+            moved = [link for link in kinematics.links if generic.servo in kinematics.chain(link)]
+            axis = kinematics.jacobian(position, moved[-1])[3:, generic.servo] * np.sign(generic.scale)
+            assert axis @ (mirror * wanted) > 0.96, (part.name, generic.name)
+            found += 1
+    assert found == {"nao-whole": 10, "icub-whole": 16}.get(robot.name, 0)
+
+
+@pytest.mark.parametrize("name", ["nao", "icub"])
+def test_the_whole_body_has_all_that_the_plain_robot_has(name: str) -> None:
+    plain, whole = load_robot(name), load_robot(f"{name}-whole")
+    assert whole.servos[: len(plain.servos)] == plain.servos
+    assert {patch.name: patch for patch in plain.patches}.items() <= {
+        p.name: p for p in whole.patches
+    }.items()
+    for part in plain.parts:
+        if part.kind != "torso":
+            assert whole.part(part.name) == part
+    assert {part.kind for part in whole.parts} >= {"arm", "head", "torso", "leg"}

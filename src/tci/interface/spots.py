@@ -1,7 +1,7 @@
 """Distances along skin that is on no limb: torso, head, palm, sole. Receptive fields there are discs.
 
 A field's centre is a spot of the surface, and its radius a geodesic one: the length of the shortest way
-over the skin's faces, along their edges (Dijkstra 1959), which is at most some percent too long.
+over the skin's faces, from taxel to taxel (Dijkstra 1959), which is at most some percent too long.
 """
 
 from __future__ import annotations
@@ -108,9 +108,7 @@ class Spots:
 def _geodesics(surface: Surface, point: Array) -> Array:
     """Distance (n,) [m] of every taxel from a point (3,) [m] of the surface."""
     count = len(surface.positions)
-    pairs = np.concatenate([surface.faces[:, [0, 1]], surface.faces[:, [1, 2]], surface.faces[:, [2, 0]]])
-    pairs = np.unique(np.sort(pairs, axis=1), axis=0)
-    one, other = pairs.T
+    one, other = _ways(surface.faces).T
     lengths = np.linalg.norm(surface.positions[one] - surface.positions[other], axis=1)
     corners = _corners(surface, point)
     starts = np.linalg.norm(surface.positions[corners] - point, axis=1)
@@ -121,6 +119,19 @@ def _geodesics(surface: Surface, point: Array) -> Array:
     graph = coo_array((weights, (rows, columns)), shape=(count + 1, count + 1)).tocsr()
     found: Array = dijkstra(graph, directed=False, indices=count)[:count]
     return read_only(found)
+
+
+def _ways(faces: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Pairs (m, 2) of taxels: edges of the faces, and from each face over an edge to the next one's corner."""
+    edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    beyond = np.concatenate([faces[:, 2], faces[:, 0], faces[:, 1]])
+    order = np.lexsort((edges[:, 1], edges[:, 0]))
+    edges, beyond = edges[order], beyond[order]
+    shared = np.flatnonzero((edges[1:] == edges[:-1]).all(axis=1))
+    over = np.sort(np.column_stack([beyond[shared], beyond[shared + 1]]), axis=1)
+    over = over[over[:, 0] != over[:, 1]]
+    ways: NDArray[np.intp] = np.unique(np.concatenate([edges, over]), axis=0)
+    return ways
 
 
 def _along(surface: Surface, distances: Array, point: Array) -> float:

@@ -7,7 +7,6 @@ from numpy.typing import NDArray
 
 from tci.frames import Array
 
-
 FLAT = 1e-12
 """Squared sine of a face's angle at its first corner below which it has no area."""
 

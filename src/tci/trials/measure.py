@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tci.frames import Array
 from tci.model.description import Robot
 from tci.trials.checker import command_violations, physics_violations, stray_servos
 from tci.trials.poke import Trace

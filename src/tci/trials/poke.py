@@ -62,7 +62,7 @@ class Trace:
     point: list[Array] = field(default_factory=list)
     """Where `place` is (3,) [m], seen from the torso."""
     away: list[float] = field(default_factory=list)
-    """How far [m] it is from where it began, along the inward normal, seen from the world: the torso may move."""
+    """How far [m] it is from where it began, along the inward normal, seen from the world: torsos move."""
     positions: list[Array] = field(default_factory=list)
     """Joint angles of the physics (n,) [rad]."""
     velocities: list[Array] = field(default_factory=list)

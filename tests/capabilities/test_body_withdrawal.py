@@ -1,0 +1,167 @@
+"""The rules of the body's withdrawal, without a robot."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from capabilities.touches import touch
+from tci.capabilities.body_fields import JOINTS, BodyFields, default_body_fields, load_body_fields
+from tci.capabilities.body_withdrawal import BodyMemory, BodyWithdrawal
+from tci.errors import DescriptionError, TciError
+from tci.frames import Array
+from tci.messages import Contact, GenericCommand, Perception, Spot
+
+POSTURE = {"head": np.zeros(3), "torso": np.zeros(3), "left_leg": np.zeros(6), "left_arm": np.zeros(5)}
+FACE = default_body_fields().field[0]
+SHIN = next(field for field in default_body_fields().field if field.name == "shank_front")
+
+
+def see(
+    *contacts: Contact, stamp: float = 0.0, at: Spot = FACE.spot, distance: float = 0.0,
+    movable: dict[str, Array] | None = None,
+) -> Perception:  # fmt: skip
+    """What is seen when every contact lies `distance` [m] from one spot and on no other."""
+    return Perception(
+        stamp=stamp, posture=POSTURE, contacts=contacts, movable=movable or {},
+        apart=lambda contact, spot: distance if spot == at else np.inf,
+    )  # fmt: skip
+
+
+def press(part: str, force: float, *, segment: str = "", sequence: int = 0) -> Contact:
+    return touch(np.nan, np.nan, [force], part=part, segment=segment, sequence=sequence)
+
+
+def step(
+    reflex: BodyWithdrawal, perception: Perception, memory: BodyMemory | None = None
+) -> tuple[list[GenericCommand], BodyMemory]:
+    orders, after = reflex.step(memory or reflex.init(), perception)
+    commands = [order for order in orders if isinstance(order, GenericCommand)]
+    assert len(commands) == len(orders)
+    return commands, after
+
+
+def test_gain_is_that_of_equation_5() -> None:
+    reflex = BodyWithdrawal()
+    force = reflex.fields.force
+    middle = (force.threshold_n + force.saturation_n) / 2.0
+    for pressed, distance, gain in (
+        (force.saturation_n, 0.0, 1.0),
+        (10.0, 0.0, 1.0),
+        (middle, 0.0, 0.5),
+        (10.0, FACE.radius_m / 2.0, 0.5),
+        (middle, FACE.radius_m / 2.0, 0.25),
+    ):
+        commands, _ = step(reflex, see(press("head", pressed), distance=distance))
+        assert [command.part for command in commands] == ["head"]
+        np.testing.assert_allclose(commands[0].values, gain * np.array(FACE.motion), atol=1e-12)
+    for pressed, distance in ((force.threshold_n, 0.0), (10.0, FACE.radius_m), (np.nan, 0.0), (10.0, np.inf)):
+        assert not step(reflex, see(press("head", pressed), distance=distance))[0]
+
+
+def test_one_touch_is_answered_once() -> None:
+    reflex = BodyWithdrawal()
+    commands, memory = step(reflex, see(press("head", 1.0), stamp=0.0))
+    assert len(commands) == 1
+    assert list(memory) == ["head"]
+    again, memory = step(reflex, see(press("head", 1.0), stamp=0.1), memory)
+    assert not again
+    harder, memory = step(reflex, see(press("head", 5.0), stamp=0.2), memory)
+    np.testing.assert_allclose(harder[0].values, FACE.motion, atol=1e-12)  # from where it began, not added
+    nothing, memory = step(reflex, see(stamp=0.3), memory)
+    assert not nothing
+    assert list(memory) == ["head"]
+    _, memory = step(reflex, see(stamp=0.9), memory)
+    assert not memory
+    assert step(reflex, see(press("head", 1.0), stamp=1.0), memory)[0]
+
+
+def test_a_standing_robot_keeps_its_legs_and_says_why() -> None:
+    shin = see(press("left_leg", 5.0, segment="shank"), at=SHIN.spot)
+    commands, memory = step(BodyWithdrawal(), shin)
+    assert not commands
+    assert "stands" in memory.refused["left_leg"]
+    commands, memory = step(BodyWithdrawal(stance="supported"), shin)
+    assert [command.part for command in commands] == ["left_leg"]
+    assert not memory.refused
+
+
+def test_weight_under_a_sole_is_believed_before_anybody() -> None:
+    reflex = BodyWithdrawal(stance="supported")
+    shank = press("left_leg", 5.0, segment="shank")
+    sole = press("right_leg", 20.0, segment="foot")
+    commands, memory = step(reflex, see(shank, sole, at=SHIN.spot))
+    assert not commands
+    assert "20.0 N: it carries the robot" in memory.refused["left_leg"]
+    light = press("right_leg", 2.0, segment="foot")
+    assert step(reflex, see(shank, light, at=SHIN.spot))[0]
+
+
+def test_other_parts_answer_while_the_legs_carry() -> None:
+    commands, _ = step(BodyWithdrawal(), see(press("head", 5.0), press("right_leg", 50.0, segment="foot")))
+    assert [command.part for command in commands] == ["head"]
+
+
+def test_a_part_without_the_joint_does_not_answer() -> None:
+    head = see(press("head", 5.0), movable={"head": np.array([0.0, 1.0, 1.0])})
+    assert not step(BodyWithdrawal(), head)[0]
+    head = see(press("head", 5.0), movable={"head": np.array([1.0, 0.0, 0.0])})
+    assert step(BodyWithdrawal(), head)[0]
+
+
+def test_arms_are_left_to_their_own_reflex() -> None:
+    assert not step(BodyWithdrawal(), see(press("left_arm", 5.0, segment="forearm")))[0]
+
+
+def test_the_order_of_contacts_plays_no_part() -> None:
+    one, other = press("head", 1.0, sequence=1), press("head", 3.0, sequence=1)
+    first, _ = step(BodyWithdrawal(), see(one, other))
+    second, _ = step(BodyWithdrawal(), see(other, one))
+    np.testing.assert_array_equal(first[0].values, second[0].values)
+
+
+def test_settings_that_make_no_sense_are_refused() -> None:
+    for change in ({"refractory": 0.0}, {"weight": np.inf}, {"stance": "floating"}):
+        with pytest.raises(TciError, match="valid"):
+            replace(BodyWithdrawal(), **change)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("nonsense", "is not TOML"),
+        ("[force]\nthreshold_n = 1\nsaturation_n = 0.5\n", "must be above threshold"),
+        ("[force]\nthreshold_n = 1\nsaturation_n = 2\n", "field: Field required"),
+    ],
+)
+def test_a_wrong_file_is_refused(tmp_path: Path, text: str, told: str) -> None:
+    (tmp_path / "fields.toml").write_text(text)
+    with pytest.raises(DescriptionError, match=told):
+        load_body_fields(tmp_path / "fields.toml")
+
+
+def test_all_faults_of_a_field_are_told(tmp_path: Path) -> None:
+    (tmp_path / "f.toml").write_text(
+        "[force]\nthreshold_n = 0.1\nsaturation_n = 1\n"
+        '[[field]]\nname = "Nose"\nkind = "tail"\ntowards = [1, 0]\nradius_m = 0\nmotion_deg = { wag = 10 }\n'
+    )
+    with pytest.raises(DescriptionError) as caught:
+        load_body_fields(tmp_path / "f.toml")
+    message = str(caught.value)
+    for place in ("field.1.name", "field.1.kind", "field.1.towards", "field.1.radius_m"):
+        assert place in message
+
+
+def test_a_joint_that_the_kind_lacks_is_refused() -> None:
+    field = FACE.model_dump() | {"motion_deg": {"knee_pitch": 5.0}}
+    with pytest.raises(ValueError, match="a head has pitch, roll, yaw"):
+        BodyFields.model_validate({"force": {"threshold_n": 0.1, "saturation_n": 1.0}, "field": [field]})
+
+
+def test_each_motion_has_an_angle_for_each_joint() -> None:
+    for field in default_body_fields().field:
+        assert len(field.motion) == len(JOINTS[field.kind])
+        assert np.abs(field.motion).max() <= np.deg2rad(30.0)

@@ -42,7 +42,7 @@ def test_distances_around_a_head_are_those_of_its_circumference(name: str) -> No
     for angle in np.deg2rad([40, 80, 120, 160]):
         point = middle + np.cos(angle) * across + np.sin(angle) * side
         found = body.spots.distance(contact_at(body, "head_skin", point), FRONT)
-        assert found == pytest.approx(radius * angle, rel=0.1), np.rad2deg(angle)
+        assert found == pytest.approx(radius * angle, rel=0.05), np.rad2deg(angle)
         chord = 2.0 * radius * np.sin(angle / 2.0)
         assert found > chord - 0.002
 

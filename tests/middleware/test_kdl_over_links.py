@@ -1,6 +1,7 @@
 """The chains of the run-time query, fetched over a link and built in OROCOS KDL by another process.
 
-That process knows nothing of TCI: Debian's Python with rospy, genuine rclpy, Zenoh alone, or some lines that speak Player.
+That process knows nothing of TCI: Debian's Python with rospy, genuine rclpy, Zenoh alone, or some lines that
+speak Player.
 """
 
 from __future__ import annotations

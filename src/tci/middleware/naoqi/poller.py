@@ -21,6 +21,8 @@ from tci.model.description import Robot
 
 ANSWER = 0.05
 """Longest time [s] to wait for an answer while running. Ours."""
+GONE = 1.0
+"""Time [s] without an answer after which the connection counts as lost. Ours."""
 AGAIN = 0.3
 """Time [s] between two attempts to connect again. Ours."""
 IDLE = 0.1
@@ -114,6 +116,7 @@ class Poller:
         self.services.close()
 
     def _run(self) -> None:
+        answered = self.clock.now()
         while not self._end.is_set():
             self._wanted.wait(IDLE)
             self._wanted.clear()
@@ -123,9 +126,13 @@ class Poller:
                 if self.trouble:
                     self._reconnect()
                 self.latest = self._ask()
+                answered = self.clock.now()
                 self._fresh.set()
             except LinkError as error:
                 self.counts["failures"] += 1
+                late = self.clock.now() - answered < GONE
+                if not self.trouble and late and self.services.session.isConnected():
+                    continue  # only late: joint data grows old, and the gate holds meanwhile
                 self.trouble = str(error)
                 self.services.close()
                 self._end.wait(AGAIN)

@@ -184,7 +184,8 @@ def test_31_mutated_bytes_are_messages_or_refused() -> None:
         raw = bytearray(chance.choice(good))
         for _ in range(chance.randint(1, 4)):
             raw[chance.randrange(len(raw))] = chance.randrange(256)
-        del raw[chance.randrange(len(raw) + 1) :]
+        if chance.random() < 0.25:
+            del raw[chance.randrange(len(raw) + 1) :]
         try:
             for message in Stream().feed(bytes(raw)):
                 assert len(message.body) <= len(raw)

@@ -153,6 +153,22 @@ def test_14_a_reading_that_comes_again_under_fresh_stamps_is_told() -> None:
     assert "reading 20 comes again under fresh stamps" in told[first]
 
 
+def test_14_is_told_in_time_though_the_first_stamp_came_twice() -> None:
+    watch, first = Watch(ROBOT), next(readings(still))
+    told = [watch.step(first, reference(still, 0.0)) for _ in range(2)]
+    for index in range(1, 13):
+        told.append(watch.step(replace(first, stamp=index * PERIOD), reference(still, 0.0)))
+    assert [bool(fault) for fault in told] == [False] * 12 + [True] * 2
+
+
+def test_23_a_mode_that_comes_right_again_in_time_is_no_fault() -> None:
+    watch = Watch(ROBOT)
+    for joints in readings(still, duration=1.6):
+        wrong = joints.stamp % 0.4 > 0.05
+        modes = (Mode.TORQUE if wrong else Mode.POSITION,) * 6
+        assert watch.step(replace(joints, modes=modes), reference(still, joints.stamp)) == ""
+
+
 def test_22_a_servo_that_is_off_is_told_at_once() -> None:
     powered = np.ones(6, dtype=bool)
     powered[[3, 5]] = False

@@ -50,3 +50,12 @@ def test_a_stream_that_ends_in_the_middle_ends_at_its_last_set_point_and_says_so
     assert ended[0] == [0]
     assert float(ended[1][0]) == pytest.approx(2.0 * PERIOD * 19)
     assert points.last(last + ENDED * 2) is None
+
+
+def test_set_points_that_come_together_are_no_faster_motion() -> None:
+    points, went = make(), []
+    for number in range(60):
+        arrived = 10.0 + PERIOD * (number if number < 50 else 49 + (number - 49) * 1e-3)
+        value = 2.0 * PERIOD * number
+        went.append(float(points.lead([0], np.array([value]), arrived)[0]) - value)
+    assert max(went[50:]) <= went[45] * 1.01

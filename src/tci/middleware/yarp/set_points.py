@@ -20,6 +20,12 @@ KEPT = 5
 """Set-points that its speed is taken from. Ours."""
 
 
+QUICKEST = 0.005
+"""Time [s] that counts between two set-points at least: a lead that is too small only lags. Ours."""
+SLOWLY = 0.05
+"""Share of a new time between set-points in their mean: some that come together are no faster. Ours."""
+
+
 class SetPoints:
     """The latest set-points of a board's joints [rad]."""
 
@@ -28,6 +34,7 @@ class SetPoints:
         self._velocity = velocity
         self._acceleration = np.where(acceleration > 0.0, acceleration, np.inf)
         self._stream: tuple[list[int], list[tuple[float, Array]], bool] = ([], [], False)
+        self._period = 0.0
         # Replaced as a whole: connections and the loop come here from threads of their own.
 
     def lead(self, joints: Sequence[int], values: Array, now: float | None = None) -> Array:
@@ -36,6 +43,10 @@ class SetPoints:
         before, kept, _ = self._stream
         if list(joints) != before or not kept or now - kept[-1][0] > ENDED:
             kept = []
+            self._period = 0.0
+        if kept:
+            gap = now - kept[-1][0]
+            self._period += (gap - self._period) * (SLOWLY if self._period else 1.0)
         kept = [*kept[1 - KEPT :], (now, values)]
         speed = self._speed(list(joints), kept)
         ahead: Array = speed * np.abs(speed) / (2.0 * self._acceleration[list(joints)])
@@ -59,6 +70,8 @@ class SetPoints:
             return np.zeros(values.shape[1])
         steps = np.diff(values, axis=0)
         same = np.all(steps > 0.0, axis=0) | np.all(steps < 0.0, axis=0)
-        slowest = np.sign(steps[0]) * np.abs(steps).min(axis=0) * len(steps) / span
+        slowest = (
+            np.sign(steps[0]) * np.abs(steps).min(axis=0) / max(QUICKEST, self._period, span / len(steps))
+        )
         limit = self._velocity[joints]
         return np.where(same, np.clip(slowest, -limit, limit), 0.0)

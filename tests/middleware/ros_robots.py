@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import atexit
+import ctypes
 import os
 import secrets
+import signal
 import socket
 import subprocess
 import time
@@ -89,8 +90,12 @@ def roscore() -> str:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
     os.environ |= {"ROS_MASTER_URI": f"http://127.0.0.1:{port}", "ROS_IP": "127.0.0.1"}
-    core = subprocess.Popen(["roscore", "-p", str(port)], stdout=subprocess.DEVNULL, start_new_session=True)
-    atexit.register(core.terminate)
+    subprocess.Popen(
+        ["roscore", "-p", str(port)],
+        stdout=subprocess.DEVNULL,
+        start_new_session=True,
+        preexec_fn=_end_with_its_parent,
+    )
     end = time.monotonic() + 60.0
     while True:
         with socket.socket() as asked:
@@ -98,6 +103,12 @@ def roscore() -> str:
                 return os.environ["ROS_MASTER_URI"]
         assert time.monotonic() < end
         time.sleep(0.1)
+
+
+def _end_with_its_parent() -> None:
+    """A worker of pytest-xdist ends without atexit."""
+    set_parent_death_signal = 1  # prctl's PR_SET_PDEATHSIG
+    ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGTERM)
 
 
 def here_only() -> None:

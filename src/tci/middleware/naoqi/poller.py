@@ -95,7 +95,7 @@ class Poller:
             self.services.close()
             raise
         self.generation = 0
-        """Counts up with each new connection."""
+        """Counts up with each new connection, and each time that the robot was away for long."""
         self._wanted, self._fresh = threading.Event(), threading.Event()
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"naoqi {address.host}", daemon=True)
@@ -116,7 +116,8 @@ class Poller:
         self.services.close()
 
     def _run(self) -> None:
-        answered = self.clock.now()
+        answered, missed = self.clock.now(), False
+        stale = self.robot.binding(words.MIDDLEWARE).stale_after
         while not self._end.is_set():
             self._wanted.wait(IDLE)
             self._wanted.clear()
@@ -125,11 +126,15 @@ class Poller:
             try:
                 if self.trouble:
                     self._reconnect()
-                self.latest = self._ask()
-                answered = self.clock.now()
+                sensed = self._ask()
+                if missed and self.clock.now() - answered > stale:
+                    self.generation += 1  # it was away long enough for the gate to hold
+                self.latest = sensed
+                answered, missed = self.clock.now(), False
                 self._fresh.set()
             except LinkError as error:
                 self.counts["failures"] += 1
+                missed = True
                 late = self.clock.now() - answered < GONE
                 if not self.trouble and late and self.services.session.isConnected():
                     continue  # only late: joint data grows old, and the gate holds meanwhile
@@ -141,10 +146,8 @@ class Poller:
         self.services = Services(self.address, motion=self._joints)
         self._find_keys()
         self._before, self._stiffness_due = None, -np.inf
-        self.latest = self._ask()
         self.trouble = ""
         self.counts["reconnections"] += 1
-        self.generation += 1
 
     def _find_keys(self) -> None:
         """What to ask for each patch: text, else a vector and its number, else the vector; or its switches.

@@ -111,7 +111,7 @@ def test_random_pokes_anywhere_on_the_skin(name: str) -> None:
     errors, ratios, covered = [], [], 0
     link = SimulatedLink(robot, world=world)
     while len(errors) < 200:
-        patch = random.choice(list(body.skin.surfaces))
+        patch = random.choice([words.name for words in robot.patches if robot.limb_segment(words)])
         surface = body.skin.surfaces[patch]
         taxel = int(random.integers(len(surface.positions)))
         offset = random.normal(size=3)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -85,6 +86,10 @@ class NaoqiLink(Link):
         if self._poller.generation != self._generation:
             self._generation = self._poller.generation
             if self._stream is not None:
+                if self.armed:  # what it was sent last is not gone on with
+                    with suppress(RuntimeError):
+                        motion = self._poller.services.motion
+                        motion.killTasksUsingResources(self._poller.names, _async=True)
                 self._stream.forget()
             self.gate.drop()
         reading = sensed.reading

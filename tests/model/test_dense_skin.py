@@ -25,7 +25,9 @@ def test_taxels_and_patches(robot: str, taxels: int, patches: int | None) -> Non
 def test_it_lies_where_the_robots_own_skin_lies() -> None:
     robot = load_robot("nao")
     own, dense = Skin(robot).surfaces, Skin(with_dense_skin(robot, 2000)).surfaces
-    for patch, surface in own.items():
+    assert set(dense) == {patch.name for patch in robot.patches if robot.limb_segment(patch)}
+    for patch in dense:
+        surface = own[patch]
         nearest, _ = dense[patch].project(surface.positions)
         assert np.linalg.norm(nearest - surface.positions, axis=1).max() < 0.003
 

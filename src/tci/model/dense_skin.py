@@ -16,17 +16,17 @@ PITCH = 0.004
 
 
 def with_dense_skin(robot: Robot, taxels: int, *, patches: int | None = None, pitch: float = PITCH) -> Robot:
-    """The robot with about `taxels` taxels in `patches` patches: truncated cones fitted to its own skin.
+    """The robot with about `taxels` taxels in `patches` patches: truncated cones fitted to its limbs' skin.
 
     More patches than the robot has share its limbs lengthwise. Where taxels would be closer than `pitch`
-    [m], the cones are larger than the limbs. Raises TciError for a robot without skin, or less than 9 taxels
-    in a patch.
+    [m], the cones are larger than the limbs. Raises TciError for a robot without skin on limbs, or less
+    than 9 taxels in a patch.
     """
-    own = robot.patches
+    own = [patch for patch in robot.patches if robot.limb_segment(patch)]
     count = len(own) if patches is None else patches
     if not own or count < 1 or taxels < 9 * count:
         raise TciError(
-            f"{taxels} taxels in {count} patches on {robot.name}, which has {len(own)}; "
+            f"{taxels} taxels in {count} patches on {robot.name}, which has {len(own)} on limbs; "
             "valid: a robot with skin, and 9 taxels or more in each patch"
         )
     kinematics = Kinematics(robot)

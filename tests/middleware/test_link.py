@@ -28,40 +28,39 @@ ALL = [pytest.param(name, marks=pytest.mark.xdist_group(f"link-{name}")) for nam
 ELSEWHERE = [param for param in ALL if PEERS[str(param.values[0])].other_process]
 
 
-@pytest.fixture(scope="module")
-def peers() -> Iterator[dict[str, Peer]]:
-    """Peers that run, by name; all tests share them."""
-    started: dict[str, Peer] = {}
-    yield started
-    for peer in started.values():
+def started(name: str) -> Iterator[Peer]:
+    """A peer that all tests of one link share; it ends before that of the next link begins."""
+    peer = PEERS[name]()
+    try:
+        peer.start()
+        yield peer
+    finally:
         peer.stop()
 
 
-def running(peers: dict[str, Peer], name: str) -> Peer:
-    if name not in peers:
-        peer = PEERS[name]()
-        peer.start()
-        peers[name] = peer
-    return peers[name]
+@pytest.fixture(scope="module", params=ALL)
+def any_peer(request: pytest.FixtureRequest) -> Iterator[Peer]:
+    """A peer of any link."""
+    yield from started(request.param)
 
 
-@pytest.fixture(params=ALL)
-def open_link(request: pytest.FixtureRequest, peers: dict[str, Peer]) -> Iterator[Callable[..., Link]]:
+@pytest.fixture(scope="module", params=ELSEWHERE)
+def peer(request: pytest.FixtureRequest) -> Iterator[Peer]:
+    """A peer in another process."""
+    yield from started(request.param)
+
+
+@pytest.fixture
+def open_link(any_peer: Peer) -> Iterator[Callable[..., Link]]:
     opened: list[Link] = []
 
     def make(*, arm: bool = True) -> Link:
-        opened.append(running(peers, request.param).open(arm=arm))
+        opened.append(any_peer.open(arm=arm))
         return opened[-1]
 
     yield make
     for link in opened:
         link.close()
-
-
-@pytest.fixture(params=ELSEWHERE)
-def peer(request: pytest.FixtureRequest, peers: dict[str, Peer]) -> Peer:
-    """A peer in another process."""
-    return running(peers, request.param)
 
 
 def drive(

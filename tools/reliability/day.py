@@ -13,6 +13,7 @@ from tci.frames import read_only
 from tci.interface.body import Body
 from tci.interface.skin import Skin
 from tci.messages import JointReading, Reading, SkinFrame
+from tci.model.generic_arm import SEGMENTS
 
 RATE = 50.0
 """Frames per second."""
@@ -45,7 +46,8 @@ class Day:
     def __init__(self, seed: int) -> None:
         self.robot = tci.load_robot("nao")
         self.random = np.random.default_rng(seed)
-        self.patch = self.robot.patches[int(self.random.integers(len(self.robot.patches)))]
+        patches = [patch for patch in self.robot.patches if patch.segment in SEGMENTS]
+        self.patch = patches[int(self.random.integers(len(patches)))]
         self.body, self.reflex = Body(self.robot), tci.WithdrawalReflex()
         skin = Skin(self.robot)
         self.channels = skin.surfaces[self.patch.name].channels

@@ -17,6 +17,7 @@ from tci.clock import MonotonicClock
 from tci.interface.skin import Skin
 from tci.messages import Reading, SkinFrame
 from tci.middleware.link import Link
+from tci.model.generic_arm import SEGMENTS
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import Histogram, LoopReport
 
@@ -53,7 +54,8 @@ class Touched(Link):
         self.angles, self.count, self.busy = np.array(robot.initial_position), 0, 0.0
         self._start = self.clock.now()
         self._rest = {p.name: np.full(p.channels, p.sensor.rest) for p in robot.patches}
-        self._touches = [self._touch(patch, number) for number, patch in enumerate(robot.patches)]
+        patches = [patch for patch in robot.patches if patch.segment in SEGMENTS]
+        self._touches = [self._touch(patch, number) for number, patch in enumerate(patches)]
 
     def _touch(self, patch: tci.model.description.Patch, number: int) -> tuple[str, np.ndarray]:
         """The patch's frame when the taxels nearest to one of the fields are pressed."""

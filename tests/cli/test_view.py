@@ -18,7 +18,9 @@ from recording.recorded import record_poke
 def opened(*words: str) -> tuple[subprocess.Popen[str], str]:
     """A running command, once it says where its page is."""
     command = [sys.executable, "-m", "tci.cli.main", *words]
-    run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    run = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, preexec_fn=_heed_ctrl_c
+    )
     assert run.stdout is not None
     told = ""
     for line in run.stdout:
@@ -26,6 +28,11 @@ def opened(*words: str) -> tuple[subprocess.Popen[str], str]:
         if found := re.search(r"open (http\S+)", line):
             return run, found[1]
     raise AssertionError(told)
+
+
+def _heed_ctrl_c() -> None:
+    """A run in the background has it ignored, and its children too."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def ended(run: subprocess.Popen[str]) -> str:

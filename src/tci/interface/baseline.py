@@ -79,12 +79,13 @@ class Baseline:
         count: int,
         *,
         span: float,
+        floor: float = -np.inf,
         noise: float,
         neighbours: NDArray[np.intp],
         settings: BaselineSettings,
     ) -> None:
-        """`span` [counts] of the sensor's range; `noise` [counts] standard deviation to start with;
-        `neighbours` (m, 2) pairs of taxels that touch."""
+        """`span` [counts] of the sensor's range, `floor` the lowest signal that it can show; `noise` [counts]
+        standard deviation to start with; `neighbours` (m, 2) pairs of taxels that touch."""
         self.settings = settings
         self.offset = np.zeros(count)
         """Rest value (n,) [counts] beyond the description's, positive with pressure."""
@@ -92,6 +93,7 @@ class Baseline:
         """Standard deviation (n,) [counts] of the noise."""
         self.threshold = settings.threshold * self.noise
         """Deviation (n,) [counts] from which a taxel feels something."""
+        self._floor = floor
         self._slew = settings.drift_rate * span
         self._neighbours = neighbours
         self._taught = np.zeros(count, dtype=bool)
@@ -127,7 +129,9 @@ class Baseline:
             self.offset += drift
             deviation -= drift
         self._follow(lesson.elapsed, deviation, quiet, sound)
-        teaches = quiet & restless
+        # At the end of the range noise is cut off: there it may be found larger, never smaller.
+        cut = lesson.mean - np.maximum(4.0 * self.noise, 1.0) < self._floor
+        teaches = quiet & restless & ~(cut & self._taught & (noise < self.noise))
         share = np.where(self._taught, 1.0 - np.exp(-lesson.elapsed / s.noise), 1.0)
         self.noise += np.where(teaches, share * (noise - self.noise), 0.0)
         self._taught |= teaches

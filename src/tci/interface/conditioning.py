@@ -104,6 +104,7 @@ class Conditioner:
         self.baseline = Baseline(
             count,
             span=sensor.highest - sensor.lowest,
+            floor=min(self.sign * (end - sensor.rest) for end in (sensor.lowest, sensor.highest)),
             noise=sensor.noise,
             neighbours=pairs,
             settings=self.settings.baseline,

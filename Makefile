@@ -20,7 +20,8 @@ demo: run-env  ## set up, then poke a simulated NAO and a simulated iCub; writes
 
 test: dev-env lint docs  ## set up, then lint, docs and all tests
 	@$(PYTHON) tools/peers.py
-	@$(VENV)/python -m pytest -n auto --dist loadgroup
+	@$(VENV)/python -m pytest -n auto --dist loadgroup -m "not live" && apart=0 || apart=1; \
+	  $(VENV)/python -m pytest -n 2 --dist loadgroup -m live && exit $$apart
 
 lint: dev-env  ## ruff and strict types
 	@$(VENV)/ruff check .

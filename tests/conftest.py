@@ -2,12 +2,36 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import hypothesis
 import pytest
+
+TESTS = Path(__file__).parent
+
+LIVE = [
+    "cli",
+    "faults/test_processes.py",
+    "middleware",
+    "recording/test_recorder.py",
+    "runtime",
+    "test_examples.py",
+    "trials/test_elsewhere.py",
+    "viewer",
+]
+"""Tests with other processes, in real time. On a busy machine a robot holds, rightly: few run at once."""
 
 # No test times anything: on a shared machine hypothesis' own deadline would fail sound code.
 hypothesis.settings.register_profile("untimed", deadline=None)
 hypothesis.settings.load_profile("untimed")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what is live; `make test` runs that apart from the rest."""
+    live = [TESTS / place for place in LIVE]
+    for item in items:
+        if any(item.path.is_relative_to(place) for place in live):
+            item.add_marker(pytest.mark.live)
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

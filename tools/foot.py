@@ -16,8 +16,8 @@ from tci.interface.conditioning import Conditioner
 from tci.interface.contacts import ContactSettings, find_clusters
 from tci.model.description import Patch, Sensor, Table
 from tci.model.live_channels import live_channels
-from tci.model.skin_layout import SkinLayout
-from tci.model.skin_reader import read_layout
+from tci.model.skin.layout import SkinLayout
+from tci.model.skin.reader import read_layout
 from tci.model.surfaces import find_neighbours
 
 SENSOR = Sensor(rest=240.0, pascal_per_count=-450.0, lowest=0.0, highest=255.0)

@@ -14,8 +14,8 @@ from skin_data import cone_file, real_file
 from tci.cli.main import app
 from tci.cli.skin_picture import maps
 from tci.errors import CommandError, DescriptionError, TciError
-from tci.model.skin_file import read_skin_file
-from tci.model.skin_map import best_cone, skin_cone, unroll
+from tci.model.skin.file import read_skin_file
+from tci.model.skin.map import best_cone, skin_cone, unroll
 
 FOREARM = (np.cos(np.deg2rad(15.0)), 0.0, np.sin(np.deg2rad(15.0)))
 FIGURES = [

@@ -19,7 +19,7 @@ from tci.interface.skin import Skin
 from tci.messages import Reading
 from tci.middleware.simulated import SimulatedLink
 from tci.model.catalogue import load_robot
-from tci.model.skin_calibration import read_calibration
+from tci.model.skin.calibration import read_calibration
 from tci.model.xml import read_robot
 from tci.simulation.world import World
 

@@ -14,7 +14,7 @@ from tci.cli.main import app
 from tci.frames import apply, rotation_rpy, transform
 from tci.model.catalogue import load_robot
 from tci.model.registration import link_surface, register
-from tci.model.skin_file import read_skin_file
+from tci.model.skin.file import read_skin_file
 
 ICUB = load_robot("icub")
 

@@ -20,8 +20,8 @@ from tci.interface.skin_manager import (
     partition,
     read_skin_events,
 )
-from tci.model.skin_file import read_skin_file
-from tci.model.skin_layout import SkinLayout
+from tci.model.skin.file import read_skin_file
+from tci.model.skin.layout import SkinLayout
 
 FILES = {
     "left_hand": "left_hand_V2_1",

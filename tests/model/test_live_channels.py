@@ -8,7 +8,7 @@ import pytest
 from skin_data import real_file
 from tci.errors import TciError
 from tci.model.live_channels import live_channels
-from tci.model.skin_file import read_skin_file
+from tci.model.skin.file import read_skin_file
 
 
 def raw(number: str) -> np.ndarray:

@@ -14,8 +14,8 @@ from tci.model.description import Model, TruncatedCone
 from tci.model.limbs import find_limbs
 from tci.model.proposal import propose
 from tci.model.xml import read_robot
-from tci.model.xml_model import packaged
-from tci.model.xml_writer import write_robot
+from tci.model.xml.model import packaged
+from tci.model.xml.writer import write_robot
 
 MADE = {
     "g1": "g1_description/urdf/g1_29dof_rev_1_0.urdf",

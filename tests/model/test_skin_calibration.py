@@ -9,7 +9,7 @@ import pytest
 import small_robot
 from tci.errors import DescriptionError, TciError, UnknownNameError
 from tci.interface.skin import Skin
-from tci.model.skin_calibration import (
+from tci.model.skin.calibration import (
     PatchCalibration,
     SkinCalibration,
     calibration_path,

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from skin_data import DATA, FOLDERS, cone_file, real_file
 from tci.errors import DescriptionError
-from tci.model.skin_file import read_skin_file
-from tci.model.skin_normals import estimate_normals
+from tci.model.skin.file import read_skin_file
+from tci.model.skin.normals import estimate_normals
 
 HEAD = "name\tdemo\nspatial_sampling taxel\n"
 ROW = "0.01 0.02 0.03 0 0 1\n"

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from skin_data import cone_file, real_file
 from tci.errors import DescriptionError, UnknownNameError
 from tci.frames import rotation_rpy
-from tci.model.skin_csv import read_skin_csv
-from tci.model.skin_layout import SkinLayout
-from tci.model.skin_reader import read_layout
-from tci.model.skin_urdf import read_tactile_sensors
+from tci.model.skin.csv import read_skin_csv
+from tci.model.skin.layout import SkinLayout
+from tci.model.skin.reader import read_layout
+from tci.model.skin.urdf import read_tactile_sensors
 
 HEAD = "channel, x [mm], y [mm], z [mm], nx, ny, nz, module, kind, area [mm2]\n"
 ROWS = (

@@ -18,7 +18,7 @@ from tci.model.description import Robot
 from tci.model.kinematics import Kinematics
 from tci.model.surfaces import Surface, build_surface
 from tci.model.xml import read_robot
-from tci.model.xml_document import read_bytes
+from tci.model.xml.document import read_bytes
 
 NAO = Path(tci.model.__file__).parent / "robots" / "nao"
 

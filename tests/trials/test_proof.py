@@ -10,8 +10,8 @@ from tci.model.catalogue import load_robot
 from tci.model.description import Robot
 from tci.model.proposal import propose
 from tci.model.xml import read_robot
-from tci.model.xml_model import packaged
-from tci.model.xml_writer import write_robot
+from tci.model.xml.model import packaged
+from tci.model.xml.writer import write_robot
 from tci.trials.proof import compare_axes, limit_faults, prove
 
 PACKAGE = "example-robot-data"

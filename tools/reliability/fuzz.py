@@ -54,7 +54,7 @@ def facts() -> tuple[Target, Iterable[bytes]]:
 
 def skin_file() -> tuple[Target, Iterable[bytes]]:
     """Skin calibration files of iCub and NAO."""
-    from tci.model.skin_file import read_skin_file
+    from tci.model.skin.file import read_skin_file
 
     seed = b"[calibration]\ntaxelsCalibration (\n0.1 0.2 0.3 0 0 1 2\n)\n[SENSORS]\nnumber_triangles 1\n"
     return by_file(read_skin_file, "skin.txt"), [seed]

@@ -11,7 +11,7 @@ from tci.errors import CommandError
 from tci.model.description import Robot
 from tci.model.proposal import propose
 from tci.model.xml import read_robot
-from tci.model.xml_writer import write_robot
+from tci.model.xml.writer import write_robot
 
 COMMENT = """Proposed by tci new-robot from {file}: look it over.
 From that file: joints, limits of position, speed and torque where nothing says ours.

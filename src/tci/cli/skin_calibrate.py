@@ -24,7 +24,7 @@ from tci.middleware.link import Link
 from tci.middleware.simulated import SimulatedLink
 from tci.model.catalogue import load_robot
 from tci.model.kinematics import Kinematics
-from tci.model.skin_calibration import (
+from tci.model.skin.calibration import (
     PatchCalibration,
     SkinCalibration,
     calibration_path,

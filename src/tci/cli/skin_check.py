@@ -17,7 +17,7 @@ from tci.model.catalogue import load_robot
 from tci.model.description import Robot
 from tci.model.kinematics import Kinematics
 from tci.model.registration import Registration, link_surface, register
-from tci.model.skin_reader import read_layout
+from tci.model.skin.reader import read_layout
 from tci.model.surfaces import build_surface
 
 

@@ -17,8 +17,8 @@ from tci.frames import Array
 from tci.model.catalogue import load_robot
 from tci.model.cone import Freedom, limb_axis
 from tci.model.kinematics import Kinematics
-from tci.model.skin_map import skin_cone
-from tci.model.skin_reader import read_layout
+from tci.model.skin.map import skin_cone
+from tci.model.skin.reader import read_layout
 from tci.model.surfaces import build_surface
 
 KINDS: dict[str, Freedom] = {"kinematic": "none", "free centre": "centre", "free axis": "axis"}

@@ -14,8 +14,8 @@ from tci.frames import Array
 from tci.model.catalogue import load_robot
 from tci.model.cone import ConeFit, cone_of
 from tci.model.kinematics import Kinematics
-from tci.model.skin_map import best_cone, flatten, unroll
-from tci.model.skin_reader import read_layout
+from tci.model.skin.map import best_cone, flatten, unroll
+from tci.model.skin.reader import read_layout
 from tci.model.surfaces import build_surface
 
 

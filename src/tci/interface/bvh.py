@@ -17,7 +17,7 @@ from tci.errors import DescriptionError, Fault, TciError
 from tci.frames import Array, read_only, rotation_x, rotation_y, rotation_z
 from tci.interface.gesture import Gesture
 from tci.model.generic_arm import Side, forearm_rotation, shoulder_angles, side_sign
-from tci.model.xml_document import read_bytes
+from tci.model.xml.document import read_bytes
 
 LARGEST = 64 << 20
 """Largest file [bytes]."""

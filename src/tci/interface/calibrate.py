@@ -13,7 +13,7 @@ from tci.errors import TciError
 from tci.frames import Array
 from tci.interface.baseline import BaselineSettings
 from tci.model.description import Sensor
-from tci.model.skin_calibration import PatchCalibration
+from tci.model.skin.calibration import PatchCalibration
 
 NODES = 6
 """Pieces of the response. Ours."""

@@ -31,7 +31,7 @@ from tci.interface.kernels.condition import (
 )
 from tci.interface.taxel_health import Health, HealthSettings, TaxelHealth
 from tci.model.description import Patch
-from tci.model.skin_calibration import PatchCalibration
+from tci.model.skin.calibration import PatchCalibration
 
 GAP = 1.0
 """Longest time [s] between two frames that anything is learnt for at once. Ours."""

@@ -10,7 +10,7 @@ import numpy as np
 from tci.errors import DescriptionError, Fault, TciError
 from tci.frames import read_only
 from tci.interface.gesture import Gesture
-from tci.model.xml_document import read_bytes
+from tci.model.xml.document import read_bytes
 
 LARGEST = 64 << 20
 """Largest file [bytes]."""

@@ -19,7 +19,7 @@ from tci.messages import JointReading, PatchState, Reading, SkinFrame, SkinState
 from tci.model.description import GenericPart, Robot, Segment
 from tci.model.generic_arm import limb_coordinates, segment_rotation
 from tci.model.kinematics import Kinematics
-from tci.model.skin_calibration import SkinCalibration, calibration_path, read_calibration
+from tci.model.skin.calibration import SkinCalibration, calibration_path, read_calibration
 from tci.model.surfaces import Surface, build_surface
 
 FrameName = Literal["link", "limb", "torso"]

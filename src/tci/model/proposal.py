@@ -30,8 +30,8 @@ from tci.model.limbs import Body, Limb, find_limbs
 from tci.model.link_points import LinkPoints
 from tci.model.shoulder import Shoulder, angle_about
 from tci.model.sleeves import axes_of, ends_of, sleeves, three
-from tci.model.xml_document import parse, read_bytes
-from tci.model.xml_model import MAX_MODEL_BYTES
+from tci.model.xml.document import parse, read_bytes
+from tci.model.xml.model import MAX_MODEL_BYTES
 
 # All of these are ours.
 SPEED = np.deg2rad(120.0)

@@ -17,8 +17,8 @@ from tci.frames import Array, apply, invert, read_only, rotation_rpy, rotation_z
 from tci.model.description import Patch, Robot, TriangularModules, TruncatedCone
 from tci.model.kinematics import Kinematics
 from tci.model.nearest import nearest_on_faces
-from tci.model.skin_file import MODULE_PITCH
-from tci.model.skin_table import read_table
+from tci.model.skin.file import MODULE_PITCH
+from tci.model.skin.table import read_table
 
 NEIGHBOUR_DISTANCE = 0.015
 """Taxels this close [m] are neighbours: the largest distance that an iCub's skinManager is set to."""

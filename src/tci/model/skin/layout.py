@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from tci.frames import Array, apply, read_only
-from tci.model.skin_normals import estimate_normals
+from tci.model.skin.normals import estimate_normals
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from tci.model.skin_layout import SkinLayout, make_layout
-from tci.model.skin_text import parse_row, read_lines
-from tci.model.xml_document import Faults
+from tci.model.skin.layout import SkinLayout, make_layout
+from tci.model.skin.text import parse_row, read_lines
+from tci.model.xml.document import Faults
 
 
 def read_skin_rows(path: str | Path) -> SkinLayout:

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from tci.messages import CONTROL_MODES
-from tci.model.xml_values import (
+from tci.model.xml.values import (
     Angle,
     Choice,
     Factor,

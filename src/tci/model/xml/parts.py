@@ -11,12 +11,12 @@ import numpy as np
 from tci.frames import rotation_rpy
 from tci.model.description import GenericPart, GenericServo, Segment, Servo
 from tci.model.generic_arm import JOINTS, SEGMENTS
-from tci.model.xml_document import Faults
-from tci.model.xml_grammar import KINDS, MAX_MOUNT
-from tci.model.xml_node import Node, listed
-from tci.model.xml_servos import Servos, once_only
-from tci.model.xml_transforms import check_coupled, check_retarget, read_table, read_terms
-from tci.model.xml_values import in_unit
+from tci.model.xml.document import Faults
+from tci.model.xml.grammar import KINDS, MAX_MOUNT
+from tci.model.xml.node import Node, listed
+from tci.model.xml.servos import Servos, once_only
+from tci.model.xml.transforms import check_coupled, check_retarget, read_table, read_terms
+from tci.model.xml.values import in_unit
 
 _SLACK = 1e-9
 """What conversion between units may add to an angle [rad]."""

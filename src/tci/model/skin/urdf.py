@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 
 from tci.errors import DescriptionError
 from tci.frames import Array, rotation_rpy, transform
-from tci.model.skin_layout import SkinLayout, hexagons, make_layout
-from tci.model.skin_text import MAX_BYTES, MAX_DISTANCE, MAX_ROWS
-from tci.model.xml_document import Faults, parse, read_bytes, refuse, shown
-from tci.model.xml_node import nearest
+from tci.model.skin.layout import SkinLayout, hexagons, make_layout
+from tci.model.skin.text import MAX_BYTES, MAX_DISTANCE, MAX_ROWS
+from tci.model.xml.document import Faults, parse, read_bytes, refuse, shown
+from tci.model.xml.node import nearest
 
 Channels = NDArray[np.intp]
 ORDERS = ("row-major", "col-major", "column-major")

@@ -8,13 +8,13 @@ from pathlib import Path
 
 from tci.errors import MissingExtraError
 from tci.model.description import Address, Binding, Robot
-from tci.model.xml_document import Faults, parse, read_bytes, refuse, shown
-from tci.model.xml_grammar import GENERIC_ROBOT, ROOT
-from tci.model.xml_model import read_model
-from tci.model.xml_node import Node, nearest, read_node
-from tci.model.xml_parts import initial_angles, read_parts
-from tci.model.xml_servos import Servos, once_only, read_couplings, read_servos
-from tci.model.xml_skin import read_skin
+from tci.model.xml.document import Faults, parse, read_bytes, refuse, shown
+from tci.model.xml.grammar import GENERIC_ROBOT, ROOT
+from tci.model.xml.model import read_model
+from tci.model.xml.node import Node, nearest, read_node
+from tci.model.xml.parts import initial_angles, read_parts
+from tci.model.xml.servos import Servos, once_only, read_couplings, read_servos
+from tci.model.xml.skin import read_skin
 
 
 def read_robot(path: str | os.PathLike[str]) -> Robot:

@@ -8,9 +8,9 @@ from typing import Any
 
 from tci.messages import Mode
 from tci.model.description import Coupling, Limits, Servo
-from tci.model.xml_document import Faults
-from tci.model.xml_node import Node, listed, nearest
-from tci.model.xml_values import in_unit
+from tci.model.xml.document import Faults
+from tci.model.xml.node import Node, listed, nearest
+from tci.model.xml.values import in_unit
 
 Key = tuple[str, int]
 """Robot part and id: what a file calls a servo by."""

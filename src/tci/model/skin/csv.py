@@ -17,10 +17,10 @@ from pathlib import Path
 
 import numpy as np
 
-from tci.model.skin_layout import SkinLayout, hexagons, make_layout
-from tci.model.skin_text import MAX_DISTANCE, MAX_ROWS, read_lines
-from tci.model.xml_document import Faults, refuse, shown
-from tci.model.xml_node import listed, nearest
+from tci.model.skin.layout import SkinLayout, hexagons, make_layout
+from tci.model.skin.text import MAX_DISTANCE, MAX_ROWS, read_lines
+from tci.model.xml.document import Faults, refuse, shown
+from tci.model.xml.node import listed, nearest
 
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 LENGTHS = ("x", "y", "z")

@@ -9,8 +9,8 @@ import numpy as np
 from tci.errors import DescriptionError, Fault
 from tci.frames import rotation_rpy, transform
 from tci.model.description import Patch, Robot, Table
-from tci.model.skin_layout import SkinLayout
-from tci.model.skin_reader import read_layout
+from tci.model.skin.layout import SkinLayout
+from tci.model.skin.reader import read_layout
 
 
 def read_table(robot: Robot, patch: Patch, table: Table) -> SkinLayout:

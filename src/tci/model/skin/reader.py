@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Literal
 
 from tci.errors import UnknownNameError
-from tci.model.skin_csv import read_skin_csv
-from tci.model.skin_file import read_skin_file
-from tci.model.skin_layout import SkinLayout
-from tci.model.skin_rows import read_skin_rows
-from tci.model.skin_urdf import read_skin_urdf
+from tci.model.skin.csv import read_skin_csv
+from tci.model.skin.file import read_skin_file
+from tci.model.skin.layout import SkinLayout
+from tci.model.skin.rows import read_skin_rows
+from tci.model.skin.urdf import read_skin_urdf
 
 Format = Literal["rows", "icub", "csv", "urdf"]
 FORMATS: tuple[Format, ...] = ("rows", "icub", "csv", "urdf")

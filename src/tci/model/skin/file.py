@@ -14,9 +14,9 @@ from typing import Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.model.skin_layout import SkinLayout, make_layout
-from tci.model.skin_text import PER_MODULE, check_count, parse_lines, read_lines
-from tci.model.xml_document import Faults
+from tci.model.skin.layout import SkinLayout, make_layout
+from tci.model.skin.text import PER_MODULE, check_count, parse_lines, read_lines
+from tci.model.xml.document import Faults
 
 MODULE_PITCH = 6.534e-3
 """Distance [m] of neighbouring taxels on a triangular module, from pyCub's positions of iCub's skin."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from tci.errors import DescriptionError
-from tci.model.xml_document import Faults, read_bytes, refuse, shown
+from tci.model.xml.document import Faults, read_bytes, refuse, shown
 
 MAX_BYTES = 1 << 21
 """Largest file [bytes] that is read. The largest known has 90 kB."""

@@ -12,8 +12,8 @@ from lxml import etree
 
 from tci.errors import DescriptionError
 from tci.model.description import Model
-from tci.model.xml_document import Faults, parse, read_bytes
-from tci.model.xml_node import Node, nearest
+from tci.model.xml.document import Faults, parse, read_bytes
+from tci.model.xml.node import Node, nearest
 
 MAX_MODEL_BYTES = 16 << 20
 """Largest model file [bytes] whose names are checked."""

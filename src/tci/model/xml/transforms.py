@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from tci.model.description import GenericServo, Term
-from tci.model.xml_document import Faults
-from tci.model.xml_node import Node, listed
-from tci.model.xml_servos import Servos
+from tci.model.xml.document import Faults
+from tci.model.xml.node import Node, listed
+from tci.model.xml.servos import Servos
 
 STEEPEST = 1e3
 """Largest slope, and inverse of the smallest, between neighbouring points of a table: as for gamma. Ours."""

@@ -9,9 +9,9 @@ from typing import Any
 
 from lxml import etree
 
-from tci.model.xml_document import Faults, shown
-from tci.model.xml_grammar import UNIT, Element
-from tci.model.xml_values import InvalidValueError, Unit, Value
+from tci.model.xml.document import Faults, shown
+from tci.model.xml.grammar import UNIT, Element
+from tci.model.xml.values import InvalidValueError, Unit, Value
 
 _XSI = "{http://www.w3.org/2001/XMLSchema-instance}"
 """Attributes of this namespace tell an editor where the schema is."""

@@ -8,10 +8,10 @@ from typing import Literal
 import numpy as np
 
 from tci.model.description import Patch, Sensor, Table, TriangularModules, TruncatedCone
-from tci.model.xml_document import Faults
-from tci.model.xml_model import beside
-from tci.model.xml_node import Node, listed, nearest
-from tci.model.xml_servos import once_only
+from tci.model.xml.document import Faults
+from tci.model.xml.model import beside
+from tci.model.xml.node import Node, listed, nearest
+from tci.model.xml.servos import once_only
 
 SURFACES = ("truncated_cone", "triangular_modules", "table")
 PER_MODULE = 12

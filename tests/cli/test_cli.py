@@ -96,7 +96,8 @@ def test_demo_writes_table_picture_and_report(tmp_path: Path) -> None:
         "robot", "side", "site", "taxels", "responded", "trigger_ms", "first_motion_ms", "contact_lost_ms",
         "peak_force_n", "cop_error_mm", "withdrawn_mm", "withdrawn_without_reflex_mm", "limit_violations",
     } <= report["trials"][0].keys()  # fmt: skip
-    assert report["same_stimulus"].keys() == {"max_generic_difference_rad", "hand_direction_deg"}
+    same = report["same_stimulus"]
+    assert same.keys() == {"max_generic_difference_rad", "hand_direction_deg", "hand_direction_torso_deg"}
     picture = imread(tmp_path / "demo.png")
     assert picture.shape[0] > 400
     assert picture.std() > 0.1

@@ -100,6 +100,7 @@ def test_the_same_stimulus_gets_the_same_answer(report: tuple[float, Report]) ->
     assert same.max_generic_difference_rad <= 1e-9
     assert same.hand_direction_deg.keys() == {field.name for field in FIELDS}
     assert max(same.hand_direction_deg.values()) <= 10.0
+    assert max(same.hand_direction_torso_deg.values()) <= 10.0
 
 
 @pytest.mark.parametrize("name", ROBOTS)

@@ -142,7 +142,8 @@ def _summary(report: Report, robots: Sequence[Robot]) -> None:
         console.print(
             f"the same touch on {' and '.join(robot.name for robot in robots)}: generic motions differ by "
             f"{same.max_generic_difference_rad:.0e} rad, hand directions by at most "
-            f"{max(same.hand_direction_deg.values()):.1f} degrees"
+            f"{max(same.hand_direction_deg.values()):.1f} degrees seen from the shoulder, "
+            f"{max(same.hand_direction_torso_deg.values()):.1f} from the torso"
         )
     for trial in trials:
         for violation in trial.violations:

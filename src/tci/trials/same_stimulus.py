@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
@@ -28,8 +29,10 @@ class SameStimulus:
     max_generic_difference_rad: float
     """Largest difference between two robots' generic targets, over sites, sides and frames."""
     hand_direction_deg: dict[str, float]
-    """Largest angle between the displacements of two robots' hands, each in its arm's own mount
-    frame, by site."""
+    """Largest angle between the displacements of two robots' hands, by site: each seen from its own shoulder,
+    where the upper arm begins, in the axes of its arm's mount frame."""
+    hand_direction_torso_deg: dict[str, float]
+    """The same seen from the mount frame's fixed origin: with how far each shoulder itself travels."""
 
 
 def same_stimulus(bodies: Sequence[Body], fields: Sequence[ReceptiveField]) -> SameStimulus:
@@ -40,17 +43,22 @@ def same_stimulus(bodies: Sequence[Body], fields: Sequence[ReceptiveField]) -> S
     """
     difference, directions = 0.0, {}
     for field in fields:
-        angles = [0.0]
+        angles = np.zeros(2)
         for side in ("left", "right"):
             answers = [answer(body, f"{side}_arm", field) for body in bodies]
-            hands = [
-                hand_displacement(body, f"{side}_arm", a[-1]) for body, a in zip(bodies, answers, strict=True)
-            ]
-            for other, hand in zip(answers[1:], hands[1:], strict=True):
-                difference = max(difference, float(np.abs(answers[0] - other).max()))
-                angles.append(float(np.rad2deg(angle_between(hands[0], hand))))
-        directions[field.name] = max(angles)
-    return SameStimulus(difference, directions)
+            difference = max(
+                difference, *(float(np.ptp(goals, axis=0).max()) for goals in zip(*answers, strict=True))
+            )
+            moved = [displacements(b, f"{side}_arm", a[-1]) for b, a in zip(bodies, answers, strict=True)]
+            for one, other in combinations(moved, 2):
+                apart = [float(np.rad2deg(angle_between(*pair))) for pair in zip(one, other, strict=True)]
+                angles = np.maximum(angles, apart)
+        directions[field.name] = angles.tolist()
+    return SameStimulus(
+        max_generic_difference_rad=difference,
+        hand_direction_deg={name: shoulder for name, (shoulder, _) in directions.items()},
+        hand_direction_torso_deg={name: torso for name, (_, torso) in directions.items()},
+    )
 
 
 def answer(body: Body, part: str, field: ReceptiveField) -> Array:
@@ -114,9 +122,13 @@ def touch(
     )
 
 
-def hand_displacement(body: Body, part: str, target: Array) -> Array:
-    """Displacement (3,) [m] of the forearm's distal end from the initial posture to `target`, seen
-    from the arm's mount frame."""
+def displacements(body: Body, part: str, target: Array) -> Array:
+    """How far (2, 3) [m] the forearm's distal end goes from the initial posture to `target`: seen from where
+    the upper arm begins, and from the torso; both in the axes of the arm's mount frame.
+
+    The first is what the generic arm describes. They differ where a shoulder's axes do not meet: turning them
+    moves the shoulder itself.
+    """
     start = initial_joints(body.robot)
     command = to_platform(body.robot, GenericCommand(part, Mode.POSITION, target))
     position = np.array(start.position)
@@ -124,9 +136,11 @@ def hand_displacement(body: Body, part: str, target: Array) -> Array:
     end = JointReading(0.0, 1, read_only(position), start.velocity)
     generic_part = body.robot.part(part)
     tip_S = np.array([0.0, 0.0, -generic_part.segment("forearm").length])
-    tips = []
+    seen = []
     for joints in (start, end):
         posture = generic_posture(body.robot, joints)[part]
-        tips.append(apply(body.skin.segment_pose(part, "forearm", joints, posture), tip_S))
-    displacement: Array = generic_part.R_TM.T @ (tips[1] - tips[0])
+        shoulder = body.skin.segment_pose(part, "upper_arm", joints, posture)[:3, 3]
+        tip = apply(body.skin.segment_pose(part, "forearm", joints, posture), tip_S)
+        seen.append([tip - shoulder, tip])
+    displacement: Array = (np.array(seen[1]) - seen[0]) @ generic_part.R_TM
     return displacement

@@ -103,6 +103,21 @@ def test_head_and_hands_are_patches_of_switches() -> None:
         }  # fmt: skip
 
 
+def test_bumpers_of_the_feet_are_patches_of_switches() -> None:
+    robot, key = load_robot("nao-whole"), "Device/SubDeviceList/{}/Bumper/{}/Sensor/Value"
+    with StillNao(robot) as nao, connect(robot, nao.via) as link:
+        memory = nao.services["ALMemory"]
+        assert frame(link.read(), "left_bumper").values.tolist() == [0.0, 0.0]
+        memory.insertData(key.format("LFoot", "Left"), 1.0)
+        memory.insertData(key.format("RFoot", "Right"), 1.0)
+        wait_for(lambda: frame(link.read(), "right_bumper").values[1] == 1.0)
+        wait_for(lambda: frame(link.read(), "left_bumper").values[0] == 1.0)
+        contacts = Body(robot).perceive(link.read(), link.clock.now()).contacts
+        assert {(contact.patch, contact.part, *contact.taxels.tolist()) for contact in contacts} == {
+            ("left_bumper", "left_leg", 0), ("right_bumper", "right_leg", 1),
+        }  # fmt: skip
+
+
 def test_a_memory_that_refuses_a_list_for_one_key_is_asked_only_for_what_it_has() -> None:
     with StillNao() as nao:
         memory = nao.services["ALMemory"]

@@ -61,6 +61,8 @@ class Element:
 
 UNIT = Choice(("deg", "rad"))
 NAME = Name()
+ADDRESS = Name(1000)
+"""A name of another world, or several with spaces between them."""
 ID = Integer(0, 9999)
 SHARE = Number(0.0, 1.0)
 LENGTH = Number(most=3.0, positive=True, unit="m")
@@ -188,7 +190,7 @@ BINDING = Element(
         "rate": Number(most=1e4, positive=True, unit="Hz"),
         "stale_after": Number(most=10.0, positive=True, unit="s"),
     },
-    many={"address": Element(needs={"of": NAME, "to": NAME})},
+    many={"address": Element(needs={"of": NAME, "to": ADDRESS})},
 )
 
 ROOT = "generic_robot"

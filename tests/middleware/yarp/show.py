@@ -35,14 +35,17 @@ class Show:
         self.names: Names = self.server.names
         self.served = Served()
         self._stop = False
+        self._ready = threading.Event()
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
+        assert self._ready.wait(60.0), "the loop of the served robot has not begun"
 
     def _serve(self) -> None:
         class Stop(Exception):
             pass
 
         def see(tick: object) -> None:
+            self._ready.set()
             if self._stop:
                 raise Stop
 

@@ -55,6 +55,12 @@ def elbow(show: Show) -> float:
     return float(show.server.boards["LArm"].state.position[ELBOW])
 
 
+def speed(show: Show) -> float:
+    velocity = show.server.boards["LArm"].state.velocity
+    assert velocity is not None
+    return abs(float(velocity[ELBOW]))
+
+
 def test_every_part_is_a_board_with_its_joints_names_and_limits(show: Show) -> None:
     robot = show.link.robot
     for part in ("LArm", "RArm", "Head"):
@@ -120,16 +126,18 @@ def test_streamed_groups_move_their_joints_and_no_other(show: Show) -> None:
 
 def test_a_commander_of_velocities_that_falls_silent_leaves_the_arm_at_rest(show: Show) -> None:
     board = find_board(show.names, "/nao/LArm", "/test/velocity")
-    assert until(lambda: abs(show.server.boards["LArm"].state.velocity[ELBOW]) < 0.01)  # type: ignore[index]
+    assert until(lambda: speed(show) < 0.01)
     insist(lambda: board.set_modes([ELBOW], VELOCITY))
     writer = Port("/test/velocity:o", show.names, show.dialect)
     writer.connect("/nao/LArm/command:i")
     begun = elbow(show)
-    for _ in range(20):
+
+    def moves() -> bool:
         writer.write(board.command(Stream.VELOCITY, [ELBOW], np.array([30.0])))
-        time.sleep(0.02)
-    assert elbow(show) > begun + 5.0
-    assert until(lambda: abs(show.server.boards["LArm"].state.velocity[ELBOW]) < 0.5)  # type: ignore[index]
+        return elbow(show) > begun + 5.0
+
+    assert until(moves)
+    assert until(lambda: speed(show) < 0.01)
     rest = elbow(show)
     time.sleep(0.3)
     assert elbow(show) == pytest.approx(rest, abs=0.5)
@@ -168,15 +176,15 @@ def test_state_and_skin_flow_with_their_stamps(show: Show) -> None:
         show.listen("/nao/LArm/stateExt:o", states.put),
         show.listen("/nao/skin/left_forearm", skins.put),
     ]
-    state = decode_state(states.get(timeout=5).items(show.dialect), show.dialect)
+    state = decode_state(states.get(timeout=40).items(show.dialect), show.dialect)
     assert state.position.shape == (6,)
     assert state.modes is not None
-    first, second = skins.get(timeout=5), skins.get(timeout=5)
+    first, second = skins.get(timeout=40), skins.get(timeout=40)
     assert first.stamp is not None
     assert second.stamp is not None
     assert second.stamp.count == first.stamp.count + 1
-    assert 0.0 < second.stamp.time - first.stamp.time < 0.1
-    assert abs(second.stamp.time - time.time()) < 5.0
+    assert second.stamp.time > first.stamp.time
+    assert abs(second.stamp.time - time.time()) < 60.0
     assert second.vector(show.dialect).tolist() == [240.0] * 240
     for port in ports:
         port.close()
@@ -191,13 +199,13 @@ def test_contacts_are_published_as_skin_events(show: Show) -> None:
     place = find_place(tci.Skin(show.link.robot), "left_arm", "forearm", 0.5, 0.0, show.link.world.joints())
     world.finger.poke(place.patch, place.p_L, place.n_L, speed=0.25, depth=0.01, gap=0.05)
     found = []
-    end = time.monotonic() + 5
+    end = time.monotonic() + 40
     while not found and time.monotonic() < end:
-        found = list(decode_events(came.get(timeout=5).items(show.dialect)))
+        found = list(decode_events(came.get(timeout=40).items(show.dialect)))
     assert found[0].body_part == 3
     assert (found[0].link, found[0].skin_part) == (4, 2)
     assert np.linalg.norm(found[0].force) > 0.1
-    assert until(lambda: skin.get(timeout=5).vector(show.dialect).max() > 0.0)
+    assert until(lambda: skin.get(timeout=40).vector(show.dialect).max() > 0.0)
     events.close()
     compensated.close()
 
@@ -206,6 +214,10 @@ def test_55_a_link_that_is_not_armed_is_read_only(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setenv("YARP_CONFIG_HOME", str(tmp_path))
     link = SimulatedLink(tci.load_robot("nao"), arm=False)
     with YarpServer(link, "127.0.0.1:0") as server:
+        np.testing.assert_allclose(  # known before its loop begins
+            np.deg2rad(server.boards["LArm"].state.position),
+            link.read().joints.position[[servo.index for servo in link.robot.servos_of("LArm")]],
+        )
         board = find_board(server.names, "/nao/LArm", "/test/unarmed")
         with pytest.raises(LinkError, match="refuses"):
             board.set_modes([ELBOW], DIRECT)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +14,12 @@ from middleware.links import free_port
 from middleware.patient import patient
 from middleware.yarp.show import Show, until
 from tci.capabilities.fields import default_fields
-from tci.errors import LinkError, UnknownNameError
+from tci.errors import CommandError, LinkError, UnknownNameError
 from tci.interface.gate import GateState
 from tci.interface.places import Place, find_place
 from tci.messages import Mode, PlatformCommand, SwitchMode
 from tci.middleware.diagnosis import Level
+from tci.middleware.yarp import link as yarp_link
 from tci.middleware.yarp.dialect import DIALECTS, V3, V4
 from tci.middleware.yarp.link import YarpLink
 from tci.middleware.yarp.name_server import NameServer
@@ -36,7 +37,6 @@ def show(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("YARP_CONFIG_HOME", str(tmp_path_factory.mktemp("yarp")))
         running = Show(DIALECTS[dialect], robot)
-        assert until(lambda: running.server.boards[next(iter(running.server.boards))].stamp > 0.0)
         yield running
         running.close()
 
@@ -124,6 +124,39 @@ def test_modes_are_switched_by_order_and_reported(show: Show) -> None:
                 if reported == {mode} or time.monotonic() > end:
                     break
             assert reported == {mode}
+
+
+def test_a_board_that_refuses_a_mode_for_a_moment_means_hold_and_one_that_goes_on_is_an_error(
+    show: Show, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    servo = show.link.robot.servos[show.link.robot.part("left_arm").servos[0].servo]
+    board = show.server.boards[servo.robot_part]
+    left, take = [5], board.set_modes
+
+    def refuse(joints: Sequence[int] | None, words: Sequence[int]) -> None:
+        left[0] -= 1
+        if left[0] >= 0:
+            raise CommandError("the gate holds")
+        take(joints, words)
+
+    monkeypatch.setattr(board, "set_modes", refuse)
+    with link_to(show) as link:
+        here = float(link.read().joints.position[servo.index])
+        orders = [link.native(servo.robot_part).command({servo.name: here})]
+        told: list[str] = []
+
+        def step() -> GateState:
+            sent = link.write(link.gate.step(orders, link.read().joints, link.clock.now()))
+            told.append(sent.reason)
+            time.sleep(link.period)
+            return sent.state
+
+        assert until(lambda: step() is GateState.HOLD and "refuses" in told[-1])
+        assert until(lambda: step() is GateState.RUN and left[0] < 0)
+    monkeypatch.setattr(yarp_link, "REFUSED", 0.1)
+    left[0] = 1_000_000
+    with link_to(show) as link, pytest.raises(LinkError, match=r"refuses.*tci doctor"):
+        until(lambda: step() is None)
 
 
 def test_what_the_description_says_otherwise_is_told(show: Show) -> None:

@@ -38,6 +38,8 @@ LOOK = 0.25
 """How often [s] it is looked whether somebody is silent. Ours."""
 REGISTER_AGAIN = 1.0
 """How often [s] it is looked whether the name server forgot us. Ours."""
+REFUSED = 3.0
+"""How long [s] a board may refuse a change of mode, or not answer one, before that is an error. Ours."""
 EVENTS = "/skinManager/skin_events:o"
 _numbers = itertools.count()
 
@@ -70,6 +72,7 @@ class YarpLink(Link):
         self._compensated = options.skin == "comp"
         self._joints: JointReading | None = None
         self._reconnected = threading.Event()
+        self._refused: dict[str, float] = {}
         self._closed = threading.Event()
         try:
             if joints:
@@ -163,9 +166,25 @@ class YarpLink(Link):
 
     def _send(self, safe: SafeCommand) -> None:
         now = self.clock.now()
-        for board in self.boards.values():
-            if now - board.state()[1] <= self.gate.stale_after:
+        for part, board in self.boards.items():
+            if now - board.state()[1] > self.gate.stale_after:
+                continue
+            try:
                 board.send(safe)
+                self._refused.pop(part, None)
+            except LinkError as error:
+                self._bear(part, error)
+
+    def _bear(self, part: str, error: LinkError) -> None:
+        """A board that holds, or starts, refuses for a moment: hold too, and ask again in the next period.
+        Raises LinkError when it goes on refusing."""
+        now = self.clock.now()
+        since = self._refused.setdefault(part, now)
+        if now - since > REFUSED:
+            raise LinkError(
+                f"{error}; for {now - since:.1f} s; does the robot's own process hold? `tci doctor` looks"
+            ) from error
+        self.gate.hold(str(error))
 
     def _halt(self) -> None:
         for board in self.boards.values():

@@ -63,6 +63,9 @@ class YarpServer(Server):
         self._own, self.names = self._name_server(options)
         parts = dict.fromkeys(servo.robot_part for servo in link.robot.servos)
         self.boards = {part: ServedBoard(part, link.robot.servos_of(part)) for part in parts}
+        joints = link.read().joints
+        for board in self.boards.values():
+            board.see(joints, link.gate.modes)
         self.last_error = ""
         """Why the latest command was not obeyed."""
         self.refused = 0

@@ -20,6 +20,7 @@ from ruckig import (
 from tci.errors import CommandError
 from tci.frames import Array
 from tci.interface.bounds import MARGIN, Bounds
+from tci.interface.kernels.stops import stop_stays_inside
 
 CREEP = 0.1
 """Share of the speed limit at which a servo that starts outside its limits moves inward. Ours."""
@@ -33,8 +34,8 @@ LEAST_SHARE = 1e-6
 class Guard(Protocol):
     """Looks at a stop before the state from which it would be taken is handed out."""
 
-    def __call__(self, lowest: Array, highest: Array, stop: Trajectory) -> bool:
-        """Whether a stop may be taken that stays between `lowest` and `highest` (n,) [rad]."""
+    def __call__(self, span: Array, stop: Trajectory) -> bool:
+        """Whether a stop may be taken that stays between the angles `span` (2, n) [rad]."""
         ...
 
 
@@ -76,6 +77,9 @@ class Limiter:
             parameter.max_acceleration = list(bounds.acceleration)
             parameter.max_jerk = list(bounds.jerk)
         self._escape, self._candidate = Trajectory(count), Trajectory(count)
+        self._span = np.array([position, position])
+        self._most = self._jerk = np.zeros(count)
+        self._state = np.array([position, np.zeros(count), np.zeros(count)])
         self._since = 0.0
         self._stopper.calculate(self._stop, self._escape)
         self._set_interfaces()
@@ -83,8 +87,13 @@ class Limiter:
     @property
     def state(self) -> tuple[Array, Array, Array]:
         """Position [rad], velocity [rad/s], acceleration [rad/s2] that were handed out last, each (n,)."""
-        i = self._input
-        return np.array(i.current_position), np.array(i.current_velocity), np.array(i.current_acceleration)
+        position, velocity, acceleration = self._state
+        return position, velocity, acceleration
+
+    @property
+    def span(self) -> Array:
+        """Least and largest angles (2, n) [rad] of the stop from there."""
+        return self._span
 
     @property
     def speed(self) -> Array:
@@ -102,15 +111,14 @@ class Limiter:
         Raises CommandError when no stop is found from there; then go on with the other one.
         """
         places, others = list(here), list(there)
-        state = self.state
-        for values, theirs in zip(state, other.state, strict=True):
-            values[places] = theirs[others]
-        self._set_state(*(list(values) for values in state))
+        state = np.array(self.state)
+        state[:, places] = np.array(other.state)[:, others]
+        self._set_state(state)
         try:
-            self._plan_stop(*(list(values) for values in state))
+            span = self._plan_stop(state, self._state[0])[1]
         except RuckigError as error:
             raise CommandError("these servos can't join the motion now; valid: ask again later") from error
-        self._accept_stop()
+        self._accept_stop(span)
         self.target[places] = other.target[others]
         self._speed[places] = other.speed[others]
         self._drive[places] = other.drive[others]
@@ -124,7 +132,7 @@ class Limiter:
         """
         self.target = np.array(target)
         self._speed = np.minimum(speed, self.bounds.velocity)
-        self._set_straight(self._straight and not np.any(self._input.current_velocity))
+        self._set_straight(self._straight and not self._state[1].any())
         self._stopping = False
         self._resting = False
 
@@ -134,7 +142,7 @@ class Limiter:
         NaN ends that: such a servo, which must be at rest, then stays.
         """
         self._drive[places] = velocity
-        self.target[places] = np.array(self._input.current_position)[places]
+        self.target[places] = self._state[0][places]
         if not np.array_equal(self._driven, np.isfinite(self._drive)):
             self._set_interfaces()
         self._stopping = False
@@ -147,75 +155,56 @@ class Limiter:
             self._drive[self._driven] = 0.0
         self._stopping = True
 
-    def stop_at(self, time: float) -> Array:
-        """Where the servos would be (n,) [rad] `time` [s] from now if they stopped now."""
-        return np.array(self._escape.at_time(self._since + time)[0])
+    def stop_at(self, times: Array) -> Array:
+        """Where the servos would be (k, n) [rad] at `times` (k,) [s] from now if they stopped now."""
+        if self._resting:
+            return np.tile(self._state[0], (len(times), 1))
+        return np.array([self._escape.at_time(time)[0] for time in (self._since + times).tolist()])
 
     def step(self) -> Array:
         """Positions (n,) [rad] one period later."""
         if not self._resting and (self._stopping or not self._advance()):
             self._brake()
-        return np.array(self._input.current_position)
+        position: Array = self._state[0]
+        return position
 
     def _advance(self) -> bool:
         """Take a step to the target; false, and no step, when a stop from there would leave the bounds."""
-        here = np.array(self._input.current_position)
+        here, output = self._state[0], self._output
         outside = (here < self.bounds.lower) | (here > self.bounds.upper)
-        self._input.max_velocity = list(self._most * (CREEP if outside.any() else 1.0))
-        self._input.target_position = list(self.target)
-        if self._driven.any():
+        self._input.max_velocity = (self._most * (CREEP if outside.any() else 1.0)).tolist()
+        self._input.target_position = self.target.tolist()
+        if self._any_driven:
             allowed = self.bounds.allowed_velocity(here, np.nan_to_num(self._drive))
             self._driving = bool(allowed.any())
-            self._input.target_velocity = list(np.where(outside, CREEP, 1.0) * allowed)
-        output = self._output
+            self._input.target_velocity = (np.where(outside, CREEP, 1.0) * allowed).tolist()
         try:
             result = self._otg.update(self._input, output)
-            self._plan_stop(output.new_position, output.new_velocity, output.new_acceleration)
+            state = np.array([output.new_position, output.new_velocity, output.new_acceleration])
+            inside, span = self._plan_stop(state, here)
         except RuckigError:  # rare states have no synchronised way, mostly where a speed limit falls
             return False
-        if not self._stays_inside(here):
+        if not inside or not self._keeps_couplings(here, *span):
+            return False
+        if self._guard is not None and not self._guard(span, self._candidate):
+            self.halt()
             return False
         output.pass_to_input(self._input)
-        self._accept_stop()
+        self._state = state
+        self._accept_stop(span)
         self._resting = result == Result.Finished and not self._driving
         return True
 
     def _brake(self) -> None:
         """Take a step of the stop that was checked when the present state was handed out."""
         self._since += self._period
-        position, velocity, acceleration = self._escape.at_time(self._since)
+        state = np.array(self._escape.at_time(self._since))
         if self._since >= self._escape.duration:
-            velocity = acceleration = [0.0] * len(position)
+            state[1:] = 0.0
             self._resting = self._stopping
-        self._set_state(position, velocity, acceleration)
+        self._set_state(state)
         if self._since >= self._escape.duration:
             self._set_straight(True)
-
-    def _stays_inside(self, here: Array) -> bool:
-        """Whether the planned stop stays in bounds, or outside them no farther than `here` (n,) [rad]."""
-        bounds = self.bounds
-        start, velocity, acceleration = (
-            np.array(values)
-            for values in (
-                self._stop.current_position,
-                self._stop.current_velocity,
-                self._stop.current_acceleration,
-            )
-        )
-        turn = turning_point(start, velocity, acceleration, np.array(self._stop.max_jerk))
-        end = np.array(self._candidate.at_time(self._candidate.duration)[0])
-        lowest = np.minimum(np.minimum(start, turn), end)
-        highest = np.maximum(np.maximum(start, turn), end)
-        if not np.all(
-            (lowest >= np.minimum(bounds.lower, here)) & (highest <= np.maximum(bounds.upper, here))
-        ):
-            return False
-        if not self._keeps_couplings(here, lowest, highest):
-            return False
-        if self._guard is not None and not self._guard(lowest, highest, self._candidate):
-            self.halt()
-            return False
-        return True
 
     def _keeps_couplings(self, here: Array, lowest: Array, highest: Array) -> bool:
         """Whether the planned stop, between `lowest` and `highest` (n,) [rad], keeps the couplings."""
@@ -236,22 +225,29 @@ class Limiter:
         values = points @ bounds.coupling.T
         return bool(np.all((values >= lower) & (values <= upper)))
 
-    def _plan_stop(self, position: list[float], velocity: list[float], acceleration: list[float]) -> None:
-        """Plan the jerk-limited stop from a state. Raises RuckigError when there is none."""
-        self._stop.current_position = position
-        self._stop.current_velocity = velocity
-        self._stop.current_acceleration = acceleration
-        self._stopper.calculate(self._stop, self._candidate)
+    def _plan_stop(self, state: Array, here: Array) -> tuple[bool, Array]:
+        """Plan the jerk-limited stop from a `state` (3, n). Raises RuckigError when there is none.
 
-    def _accept_stop(self) -> None:
-        """The planned stop is the one to take from the present state."""
+        Returns whether it stays inside the bounds, or outside no farther than `here` (n,), and its span.
+        """
+        stop = self._stop
+        stop.current_position, stop.current_velocity, stop.current_acceleration = state.tolist()
+        self._stopper.calculate(stop, self._candidate)
+        end, span = np.array(self._candidate.at_time(self._candidate.duration)[0]), np.empty((2, len(here)))
+        bounds = self.bounds
+        inside = stop_stays_inside(state, end, self._jerk, here, bounds.lower, bounds.upper, span)
+        return inside, span
+
+    def _accept_stop(self, span: Array) -> None:
+        """The planned stop, which stays in `span`, is the one to take from the present state."""
         self._escape, self._candidate = self._candidate, self._escape
+        self._span = span
         self._since = 0.0
 
     def _set_interfaces(self) -> None:
         """Tell ruckig which servos go to a target, all in the same time, and which keep a velocity."""
         self._driven = np.isfinite(self._drive)
-        self._driving = False
+        self._any_driven, self._driving = bool(self._driven.any()), False
         self._input.target_velocity = [0.0] * len(self._drive)
         self._input.per_dof_control_interface = [
             ControlInterface.Velocity if driven else ControlInterface.Position for driven in self._driven
@@ -267,31 +263,18 @@ class Limiter:
         They do where all limits are in the ratio of the ways. (ruckig's phase synchronisation is not for
         this: it gives up where states are only nearly on a line, as rounding leaves them.)
         """
-        self._straight = straight and not self._driven.any()
+        self._straight = straight and not self._any_driven
         limits = [self._speed, self.bounds.acceleration, self.bounds.jerk]
         if self._straight:
-            way = np.abs(self.target - np.array(self._input.current_position))
+            way = np.abs(self.target - self._state[0])
             share = np.maximum(way / max(float(way.max()), MARGIN), LEAST_SHARE)
             limits = [share * np.min(limit / share) for limit in limits]
-        self._most, acceleration, jerk = limits
+        self._most, acceleration, self._jerk = limits
         for parameter in (self._input, self._stop):
-            parameter.max_acceleration, parameter.max_jerk = list(acceleration), list(jerk)
+            parameter.max_acceleration, parameter.max_jerk = acceleration.tolist(), self._jerk.tolist()
 
-    def _set_state(self, position: list[float], velocity: list[float], acceleration: list[float]) -> None:
-        self._input.current_position = position
-        self._input.current_velocity = velocity
-        self._input.current_acceleration = acceleration
-
-
-def turning_point(position: Array, velocity: Array, acceleration: Array, jerk: Array) -> Array:
-    """Where (n,) [rad] servos turn back while they stop, or their `position` where they do not.
-
-    A servo turns back when its acceleration alone takes it through zero velocity, even while `jerk`
-    (n,) [rad/s3] takes the acceleration away as fast as it may. With start and end this gives all
-    that a stop passes through. (`Trajectory.position_extrema` is wrong for a stop: it counts 0 in.)
-    """
-    square = acceleration**2 - 2.0 * jerk * np.abs(velocity)
-    turns = (velocity * acceleration < 0.0) & (square > 0.0)
-    time = np.where(turns, (np.abs(acceleration) - np.sqrt(np.maximum(square, 0.0))) / jerk, 0.0)
-    away = -np.sign(acceleration) * jerk
-    return position + time * (velocity + time * (acceleration / 2.0 + time * away / 6.0))
+    def _set_state(self, state: Array) -> None:
+        """What is handed out (3, n): positions, velocities, accelerations."""
+        self._state = state
+        i = self._input
+        i.current_position, i.current_velocity, i.current_acceleration = state.tolist()

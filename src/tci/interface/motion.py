@@ -28,7 +28,8 @@ STILL = 1e-6
 FASTEST = 1e6
 """No servo is asked for more [rad/s]: larger numbers overflow where they are divided."""
 LOOKS = 16
-"""Points of a stop, beside its ends, at which the robot's body is looked at. Ours: others lie between."""
+"""Points of a stop, its ends among them, at which the robot's body is looked at. Ours: others lie between."""
+SHARES_OF_STOP = np.linspace(0.0, 1.0, LOOKS)
 
 
 class Motion:
@@ -277,28 +278,26 @@ class Motion:
         body = self._body
         assert body is not None
 
-        def clear(lowest: Array, highest: Array, stop: Trajectory) -> bool:
+        def clear(span: Array, stop: Trajectory) -> bool:
             chain = self._chains[group]
-            low, high = self._whole(chain, lowest), self._whole(chain, highest)
-            if body.covers(low, high):
+            lower, upper = np.array(self._measured), np.array(self._measured)
+            for other in self._chains.values():
+                lower[other.servos], upper[other.servos] = span if other is chain else other.limiter.span
+            if body.keeps_margin(lower, upper):
                 return True
-            body.look((low + high) / 2.0)
-            if body.covers(low, high):
-                return True
-            times = np.linspace(0.0, stop.duration, LOOKS)
-            path = [self._whole(chain, np.array(stop.at_time(time)[0]), time) for time in times]
-            here = self._whole(chain, chain.limiter.state[0])
-            fault = body.fault(np.array([here, *path]))
+            times = stop.duration * SHARES_OF_STOP
+            path = np.empty((1 + LOOKS, len(lower)))
+            path[:] = self._measured
+            for other in self._chains.values():
+                if other is chain:
+                    path[0, other.servos] = other.limiter.state[0]
+                    path[1:, other.servos] = [stop.at_time(time)[0] for time in times.tolist()]
+                else:
+                    path[1:, other.servos] = other.limiter.stop_at(times)
+                    path[0, other.servos] = path[1, other.servos]
+            fault = body.fault(path)
             if fault:
                 self._near.append(f"stopped on the way: {fault}")
             return not fault
 
         return clear
-
-    def _whole(self, chain: Chain, angles: Array, time: float = 0.0) -> Array:
-        """The whole robot (n_servos,) [rad] with `angles` (n,) in a chain, the other chains `time` [s] into
-        their stops, and what is not under command where it was measured."""
-        position = np.array(self._measured)
-        for other in self._chains.values():
-            position[other.servos] = angles if other is chain else other.limiter.stop_at(time)
-        return position

@@ -1,24 +1,34 @@
 """No command leaves that would make the robot hit itself: the arms, the body, the head, the other arm.
 
-Each answer leaves a certificate behind: at a posture the links are so far apart, and no servo changes
-that by more than its lever. While a motion stays inside what the certificate covers, nothing is computed.
+Mostly nothing is measured: compiled bounds from below tell which pairs of links keep their distance, and
+MuJoCo measures the others (`kernels.apart`).
 """
 
 from __future__ import annotations
 
+import mujoco
 import numpy as np
 
 from tci.errors import TciError
 from tci.frames import Array
+from tci.interface.kernels.apart import come_near, follow, stand
+from tci.interface.kernels.flat import Indices
+from tci.interface.kernels.solids import Solids
 from tci.model.clearance import Clearance
 from tci.model.description import Robot
 
 MARGIN = 0.005
 """Distance [m] that links keep. Ours: room for the servos' lag and for hulls of reduced meshes."""
-SIGHT = 0.1
-"""Distances [m] beyond this one are not told apart: they cost time. Ours."""
+WIDEST = 0.1
+"""Largest margin [m]. Ours."""
+SIGHT = 1.0
+"""Distances [m] beyond this one are not told apart. Ours."""
 STRIDE = 0.002
 """Points of a path are looked at where links may have moved this far [m] since the last. Ours."""
+PATIENCE = 16
+"""Looks until distances are measured anew that did not suffice. Ours."""
+SPECK = 1e-6
+"""Of a shorter way [m] between two links the direction is only rounding."""
 
 
 class SelfCollision:
@@ -27,57 +37,88 @@ class SelfCollision:
     def __init__(self, robot: Robot, *, margin: float = MARGIN) -> None:
         """Links keep `margin` [m] apart.
 
-        Raises TciError for a margin that is not from 0 to SIGHT, and what Clearance raises.
+        Raises TciError for a margin that is not from 0 to WIDEST, and what Clearance and Solids raise.
         """
-        if not 0.0 <= margin < SIGHT:
-            raise TciError(f"margin {margin} m; valid: 0 to {SIGHT} m")
+        if not 0.0 <= margin < WIDEST:
+            raise TciError(f"margin {margin} m; valid: 0 to {WIDEST} m")
         self.margin = margin
         self._clearance = Clearance(robot)
-        self._posture = np.zeros(len(robot.servos))
-        self._distance = -np.inf
+        self._model = self._clearance.model
+        self._data = mujoco.MjData(self._model)
+        s = self._solids = Solids.of(self._clearance)
+        self._arrays = (s.joints, s.shapes, s.points, s.poses, s.pairs, s.levers)
+        joints, pairs = s.levers.shape
+        self._left, self._axis, self._least = np.zeros(pairs, np.int32), np.zeros((pairs, 3)), np.zeros(pairs)
+        self._angles, self._frames = np.zeros(joints), np.zeros((joints, 12))
+        self._slack, self._asked, self._at = np.zeros(pairs), np.zeros(pairs, np.int32), np.zeros(2, np.int64)
+        never = np.full(pairs, -np.inf)
+        self._known = (
+            np.zeros((joints, pairs)), never, self._axis, self._left, self._slack, self._least,
+            np.zeros(pairs), self._frames, self._angles,
+        )  # fmt: skip
+        self._strides = self._clearance.levers[s.servos]
+        self._segment = np.zeros(6)
+        self._patience = 0
+        start = self._of_joints(robot.initial_position)
+        self._measure(start, np.arange(pairs, dtype=np.int32), self._axis)
 
-    def covers(self, lower: Array, upper: Array) -> bool:
+    def keeps_margin(self, lower: Array, upper: Array) -> bool:
         """Whether every posture between `lower` and `upper` (n_servos,) is known to keep the margin."""
-        farthest = np.maximum(np.abs(lower - self._posture), np.abs(upper - self._posture))
-        return bool(self._distance - farthest @ self._clearance.levers > self.margin)
-
-    def look(self, position: Array) -> None:
-        """Measure at `position` (n_servos,) [rad], so that what lies around it may be covered."""
-        self._posture = position
-        self._distance = self._clearance.gap(position, within=SIGHT).distance
+        low, high = self._of_joints(lower), self._of_joints(upper)
+        count = come_near(self._arrays, self._known, low, high, self.margin)
+        if count and self._patience <= 0:
+            self._measure((low + high) / 2.0, self._left[:count].copy(), self._axis)
+            count = come_near(self._arrays, self._known, low, high, self.margin)
+            self._patience = PATIENCE
+        self._patience = self._patience - 1 if count else 0
+        return not count
 
     def fault(self, path: Array) -> str:
         """Why a motion along `path` (k, n_servos) [rad] must not be made; empty when it may.
 
         Links that are nearer than the margin where the path begins may go apart, and no nearer.
         """
-        here = path[0]
-        for point in self._refined(path):
-            if self._distance - np.abs(point - self._posture) @ self._clearance.levers > self.margin:
+        way = self._of_joints(path)
+        count = come_near(self._arrays, self._known, way.min(axis=0), way.max(axis=0), self.margin)
+        if not count:
+            return ""
+        self._at[:] = 0
+        while asked := follow(
+            self._arrays, self._known, count, way, self._strides, STRIDE, self.margin, self._at, self._asked
+        ):
+            pairs = self._asked[:asked].copy()
+            then = self._measure(self._angles, pairs, self._axis)
+            self._slack[pairs] = then - self.margin
+            near = then <= self.margin
+            if not near.any():
                 continue
-            self.look(point)
-            if self._distance > self.margin:
-                continue
-            now = self._clearance.gaps(here, within=self.margin)
-            then = self._clearance.gaps(point, within=self.margin)
-            nearer = then < now
-            if nearer.any():
-                worst = int(np.argmin(np.where(nearer, then, np.inf)))
-                first, second = self._clearance.names(worst)
+            pairs, then = pairs[near], then[near]
+            self._slack[pairs] = 0.0
+            self._least[pairs] = now = np.minimum(self._measure(way[0], pairs), self.margin)
+            then = np.minimum(then, self.margin)
+            if (then < now).any():
+                worst = int(np.argmin(np.where(then < now, then, np.inf)))
+                first, second = self._clearance.names(int(pairs[worst]))
                 return (
                     f"{first} would come {then[worst] * 1e3:.1f} mm near {second}; "
                     f"valid: at least {self.margin * 1e3:g} mm"
                 )
         return ""
 
-    def _refined(self, path: Array) -> Array:
-        """The path with points between, so that no link moves more than STRIDE from one to the next."""
-        steps = np.abs(np.diff(path, axis=0)) @ self._clearance.levers
-        counts = np.maximum(1, np.ceil(steps / STRIDE)).astype(int)
-        if (counts == 1).all():
-            return path
-        at = np.concatenate([[0.0], *(i + np.arange(1, n + 1) / n for i, n in enumerate(counts))])
-        index = np.minimum(at.astype(int), len(path) - 2)
-        share = (at - index)[:, None]
-        points: Array = path[index] * (1.0 - share) + path[index + 1] * share
-        return points
+    def _measure(self, angles: Array, pairs: Indices, axis: Array | None = None) -> Array:
+        """Distances (m,) [m] of some pairs at `angles` (j,) [rad], cut off at SIGHT; keeps their axes."""
+        s, data, segment = self._solids, self._data, self._segment
+        stand(self._arrays, angles, self._frames, data.geom_xpos, data.geom_xmat, s.geoms)
+        result = np.empty(len(pairs))
+        for index, pair in enumerate(pairs.tolist()):
+            one, other = s.geoms[s.pairs[pair]].tolist()
+            found = mujoco.mj_geomDistance(self._model, data, one, other, SIGHT, segment)
+            result[index] = found
+            if axis is not None and SPECK < abs(found) < SIGHT:
+                axis[pair] = (segment[3:] - segment[:3]) / found
+        return result
+
+    def _of_joints(self, angles: Array) -> Array:
+        """Angles (..., j) [rad] of the model's joints, given those of the servos (..., n_servos)."""
+        found: Array = np.take(angles, self._solids.servos, axis=-1) - self._solids.zero
+        return found

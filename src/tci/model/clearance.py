@@ -45,6 +45,10 @@ class Clearance:
         self._data = mujoco.MjData(self._model)
         self._count = len(robot.servos)
         self._servos, self._addresses, columns = joints_of(robot, self._model)
+        self.servos: tuple[int, ...] = tuple(self._servos)
+        """Servos that have a joint in the model."""
+        self.joints: tuple[int, ...] = tuple(int(self._model.dof_jntid[column]) for column in columns)
+        """The joint of each, by MuJoCo's number."""
         self._pairs = _pairs(self._model)
         first, second = self._pairs.T
         self._reach = self._model.geom_rbound[first] + self._model.geom_rbound[second]
@@ -53,6 +57,16 @@ class Clearance:
             levers[servo] = _lever(self._model, column, set(self._pairs.ravel().tolist()))
         self.levers: Array = read_only(levers)
         """How fast (n_servos,) each servo can change any of the distances [m/rad], at most."""
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The robot's solid links and its servos' joints. Nobody writes to it."""
+        return self._model
+
+    @property
+    def pairs(self) -> NDArray[np.intp]:
+        """Pairs (m, 2) of geoms, by MuJoCo's number, that could hit each other."""
+        return self._pairs
 
     def gap(self, position: Array, *, within: float) -> Gap:
         """The nearest pair at `position` (n_servos,) [rad], or `within` [m] when all are farther apart.

@@ -1,0 +1,37 @@
+"""What a planned stop passes through."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import boolean
+
+from tci.frames import Array
+from tci.interface.kernels.arrays import reads, writes
+from tci.interface.kernels.compiled import compiled
+
+
+@compiled(boolean(reads(2), reads(1), reads(1), reads(1), reads(1), reads(1), writes(2)))
+def stop_stays_inside(
+    start: Array, end: Array, jerk: Array, here: Array, lower: Array, upper: Array, span: Array
+) -> bool:
+    """Whether a stop stays in `lower`, `upper` (n,) [rad], or outside them no farther than `here` (n,).
+
+    It goes from `start` (3, n), angles, velocities and accelerations [rad], to `end` (n,) with `jerk` (n,)
+    [rad/s3]. Writes the least and the largest angles (2, n) on the way into `span`. A servo turns back when
+    its acceleration alone takes it through zero velocity, even while `jerk` takes the acceleration away as
+    fast as it may. (`Trajectory.position_extrema` is wrong for a stop: it counts 0 in.)
+    """
+    inside = True
+    for i in range(len(end)):
+        q, v, a = start[0, i], start[1, i], start[2, i]
+        turn, square = q, a * a - 2.0 * jerk[i] * abs(v)
+        if v * a < 0.0 and square > 0.0:
+            time = (abs(a) - np.sqrt(square)) / jerk[i]
+            turn = q + time * (v + time * (a / 2.0 - time * np.sign(a) * jerk[i] / 6.0))
+        span[0, i] = min(q, turn, end[i])
+        span[1, i] = max(q, turn, end[i])
+        if not (span[0, i] >= min(lower[i], here[i]) and span[1, i] <= max(upper[i], here[i])):
+            inside = False
+        if not (np.isfinite(q + v + a) and np.isfinite(turn) and np.isfinite(end[i])):
+            inside = False  # min and max of numbers that are none depend on their order
+    return inside

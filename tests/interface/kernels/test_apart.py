@@ -1,0 +1,97 @@
+"""The compiled bounds on distances, against MuJoCo's kinematics and distances."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+from numba import njit
+
+from tci.frames import Array
+from tci.interface.kernels.apart import at_least, stand
+from tci.interface.kernels.solids import Solids
+from tci.model.catalogue import load_robot, robot_names
+from tci.model.clearance import Clearance
+
+bound = njit(lambda shapes, points, frames, pairs, axis, p: at_least(shapes, points, frames, pairs, axis, p))
+
+
+class Side:
+    """A robot's solids, and MuJoCo's own view of it."""
+
+    def __init__(self, name: str) -> None:
+        self.robot = load_robot(name)
+        self.clearance = Clearance(self.robot)
+        s = self.solids = Solids.of(self.clearance)
+        self.arrays = (s.joints, s.shapes, s.points, s.poses, s.pairs, s.levers)
+        self.data = mujoco.MjData(self.clearance.model)
+        self.frames = np.zeros((len(s.joints), 12))
+        self.axis = np.zeros((len(s.pairs), 3))
+        self.random = np.random.default_rng(2)
+        self.lower = np.array([servo.limits.lower or 0.0 for servo in self.robot.servos])
+        self.upper = np.array([servo.limits.upper or 0.0 for servo in self.robot.servos])
+
+    def stand(self, position: Array) -> None:
+        s = self.solids
+        angles = position[s.servos] - s.zero
+        stand(self.arrays, angles, self.frames, self.data.geom_xpos, self.data.geom_xmat, s.geoms)
+
+    def measure(self, pair: int) -> tuple[float, Array]:
+        """Distance [m], and the way from one geom to the other."""
+        segment, (one, other) = np.zeros(6), self.clearance.pairs[pair].tolist()
+        found = mujoco.mj_geomDistance(self.clearance.model, self.data, one, other, 10.0, segment)
+        return found, segment[3:] - segment[:3]
+
+    def bound(self, pair: int) -> float:
+        s = self.solids
+        return float(bound(s.shapes, s.points, self.frames, s.pairs, self.axis, pair))
+
+
+@pytest.fixture(scope="module", params=robot_names())
+def side(request: pytest.FixtureRequest) -> Side:
+    return Side(request.param)
+
+
+def test_geoms_are_where_mujoco_has_them(side: Side) -> None:
+    model, geoms = side.clearance.model, side.solids.geoms
+    other = mujoco.MjData(model)
+    for _ in range(20):
+        position = side.random.uniform(side.lower, side.upper)
+        side.stand(position)
+        for servo, joint in zip(side.clearance.servos, side.clearance.joints, strict=True):
+            other.qpos[model.jnt_qposadr[joint]] = position[servo]
+        mujoco.mj_kinematics(model, other)
+        assert np.abs(side.data.geom_xpos[geoms] - other.geom_xpos[geoms]).max() < 1e-12
+        assert np.abs(side.data.geom_xmat[geoms] - other.geom_xmat[geoms]).max() < 1e-12
+
+
+def test_no_pair_is_nearer_than_its_bound_and_along_the_way_between_them_it_is_exact(side: Side) -> None:
+    seen = 0
+    for _ in range(8):
+        side.stand(side.random.uniform(side.lower, side.upper))
+        for pair in side.random.permutation(len(side.solids.pairs))[:40].tolist():
+            side.axis[pair] = 0.0
+            found, way = side.measure(pair)
+            assert side.bound(pair) <= found + 1e-9
+            guess = side.random.normal(size=3)
+            side.axis[pair] = guess / np.linalg.norm(guess)
+            assert side.bound(pair) <= found + 1e-9
+            if found > 1e-3:
+                side.axis[pair] = way / found
+                assert found - 1e-6 < side.bound(pair) <= found + 1e-9
+                seen += 1
+    assert seen > 50
+
+
+def test_no_joint_changes_a_distance_by_more_than_its_lever(side: Side) -> None:
+    servos = side.solids.servos
+    for _ in range(8):
+        here = side.random.uniform(side.lower, side.upper)
+        there = here + side.random.choice([1e-3, 0.05, 0.5]) * side.random.normal(size=here.shape)
+        most = np.abs(there - here)[servos] @ side.solids.levers
+        pairs = side.random.permutation(len(most))[:40].tolist()
+        side.stand(here)
+        before = [side.measure(pair)[0] for pair in pairs]
+        side.stand(there)
+        after = [side.measure(pair)[0] for pair in pairs]
+        assert np.all(np.abs(np.subtract(after, before)) <= most[pairs] + 1e-5)

@@ -1,0 +1,48 @@
+"""What a stop passes through, against the stop itself."""
+
+from __future__ import annotations
+
+import numpy as np
+from ruckig import ControlInterface, InputParameter, Ruckig, Synchronization, Trajectory
+
+from tci.interface.kernels.stops import stop_stays_inside
+
+COUNT = 5
+
+
+def test_the_span_is_what_the_stop_passes_through_and_limits_are_judged_by_it() -> None:
+    random = np.random.default_rng(4)
+    otg, plan, stop = Ruckig(COUNT), InputParameter(COUNT), Trajectory(COUNT)
+    plan.control_interface, plan.synchronization = ControlInterface.Velocity, Synchronization.No
+    plan.target_velocity = [0.0] * COUNT
+    turned = outside = 0
+    for _ in range(400):
+        start = random.normal(size=(3, COUNT)) * [[1.0], [1.0], [15.0]]
+        jerk = random.uniform(100.0, 1000.0, COUNT)
+        plan.current_position, plan.current_velocity, plan.current_acceleration = start.tolist()
+        plan.max_velocity, plan.max_acceleration, plan.max_jerk = [9.0] * COUNT, [60.0] * COUNT, jerk.tolist()
+        otg.calculate(plan, stop)
+        times = np.linspace(0.0, stop.duration, 3000)
+        path = np.array([stop.at_time(time)[0] for time in times.tolist()])
+        span, end = np.empty((2, COUNT)), path[-1]
+        lower, upper = start[0] - 0.02, start[0] + 0.02
+        inside = stop_stays_inside(start, end, jerk, start[0], lower, upper, span)
+        assert np.abs(span[0] - path.min(axis=0)).max() < 1e-4
+        assert np.abs(span[1] - path.max(axis=0)).max() < 1e-4
+        assert inside == bool(np.all((span[0] >= lower) & (span[1] <= upper)))
+        turned += bool(np.any((span[0] < np.minimum(start[0], end)) | (span[1] > np.maximum(start[0], end))))
+        outside += not inside
+    assert turned > 100
+    assert 0 < outside < 400
+
+
+def test_who_begins_outside_may_stay_there_and_a_number_that_is_none_never_may() -> None:
+    start, span = np.array([[2.0], [0.0], [0.0]]), np.empty((2, 1))
+    lower, upper, jerk = np.array([-1.0]), np.array([1.0]), np.array([10.0])
+    assert stop_stays_inside(start, start[0], jerk, start[0], lower, upper, span)
+    assert not stop_stays_inside(start, start[0] + 1e-3, jerk, start[0], lower, upper, span)
+    for row in range(3):
+        bad = start.copy()
+        bad[row] = np.nan
+        assert not stop_stays_inside(bad, start[0], jerk, start[0], lower, upper, span)
+    assert not stop_stays_inside(start, np.array([np.nan]), jerk, start[0], lower, upper, span)

@@ -120,12 +120,12 @@ class Both:
         self.random = np.random.default_rng(3)
         self.paths = self.boxes = 0
 
-    def keeps_margin(self, lower: Array, upper: Array) -> bool:
+    def keeps_margin(self, box: Array) -> bool:
         """What is said to be free is free wherever one looks; half of the time the path is asked for too."""
-        kept = self.guard.keeps_margin(lower, upper)
+        kept = self.guard.keeps_margin(box)
         if kept and self.random.random() < 0.5:
             self.boxes += 1
-            posture = self.random.uniform(lower, upper)
+            posture = self.random.uniform(*box)
             assert self.clearance.gap(posture, within=0.1).distance > self.guard.margin
             return bool(self.random.random() < 0.5)
         return kept

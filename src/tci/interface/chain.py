@@ -20,6 +20,8 @@ class Chain:
 
     servos: list[int]
     """Indices (n,) into `Robot.servos`."""
+    index: NDArray[np.intp]
+    """The same, to pick them from an array."""
     limiter: Limiter
     """Moves them."""
     bounds: Bounds
@@ -31,11 +33,13 @@ class Chain:
     def driven(self) -> list[int]:
         """Places of the servos that are driven at a velocity other than zero."""
         drive = self.limiter.drive
+        if not self.limiter.drives:
+            return []
         return np.flatnonzero(np.abs(drive) > 0.0).tolist()  # false for NaN
 
     def look_outside(self, measured: Array) -> None:
         """A coupled servo that is not commanded with these counts where it is `measured` (n_servos,) now."""
-        if self.outside.any():
+        if len(self.outside) and self.outside.any():
             shift = self.outside @ measured
             self.limiter.bounds = replace(
                 self.bounds,
@@ -71,7 +75,7 @@ def make_chain(
         moving = [servo for servo in union if servo in old.servos and servo not in fresh]
         if moving:
             limiter.take_over([union.index(servo) for servo in moving], old.limiter, old.places(moving))
-    chain = Chain(union, limiter, bounds, outside)
+    chain = Chain(union, np.array(union, dtype=np.intp), limiter, bounds, outside)
     chain.look_outside(measured)
     return chain
 

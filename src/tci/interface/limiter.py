@@ -105,6 +105,11 @@ class Limiter:
         """Velocity (n,) [rad/s] at which each servo is driven; NaN for one that goes to a target."""
         return self._drive
 
+    @property
+    def drives(self) -> bool:
+        """Whether any servo is driven at a velocity."""
+        return self._any_driven
+
     def take_over(self, here: Sequence[int], other: Limiter, there: Sequence[int]) -> None:
         """Continue the motion of some servos, places `there` of another limiter and places `here` of this.
 

@@ -62,7 +62,7 @@ class Motion:
         chains = list(self._chains.values())
         states = [chain.limiter.state for chain in chains]
         loose = self._torque.servos
-        servos = np.array([servo for chain in chains for servo in chain.servos] + loose.tolist(), np.intp)
+        servos = np.concatenate([*(chain.index for chain in chains), loose])
         return Reference(
             servos=servos,
             modes=tuple(self.modes[servo] for servo in servos.tolist()),
@@ -280,21 +280,21 @@ class Motion:
 
         def clear(span: Array, stop: Trajectory) -> bool:
             chain = self._chains[group]
-            lower, upper = np.array(self._measured), np.array(self._measured)
+            box = np.array([self._measured, self._measured])
             for other in self._chains.values():
-                lower[other.servos], upper[other.servos] = span if other is chain else other.limiter.span
-            if body.keeps_margin(lower, upper):
+                box[:, other.index] = span if other is chain else other.limiter.span
+            if body.keeps_margin(box):
                 return True
             times = stop.duration * SHARES_OF_STOP
-            path = np.empty((1 + LOOKS, len(lower)))
+            path = np.empty((1 + LOOKS, len(self._measured)))
             path[:] = self._measured
             for other in self._chains.values():
                 if other is chain:
-                    path[0, other.servos] = other.limiter.state[0]
-                    path[1:, other.servos] = [stop.at_time(time)[0] for time in times.tolist()]
+                    path[0, other.index] = other.limiter.state[0]
+                    path[1:, other.index] = [stop.at_time(time)[0] for time in times.tolist()]
                 else:
-                    path[1:, other.servos] = other.limiter.stop_at(times)
-                    path[0, other.servos] = path[1, other.servos]
+                    path[1:, other.index] = other.limiter.stop_at(times)
+                    path[0, other.index] = path[1, other.index]
             fault = body.fault(path)
             if fault:
                 self._near.append(f"stopped on the way: {fault}")

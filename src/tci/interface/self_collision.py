@@ -62,9 +62,9 @@ class SelfCollision:
         start = self._of_joints(robot.initial_position)
         self._measure(start, np.arange(pairs, dtype=np.int32), self._axis)
 
-    def keeps_margin(self, lower: Array, upper: Array) -> bool:
-        """Whether every posture between `lower` and `upper` (n_servos,) is known to keep the margin."""
-        low, high = self._of_joints(lower), self._of_joints(upper)
+    def keeps_margin(self, box: Array) -> bool:
+        """Whether every posture between the angles of `box` (2, n_servos) [rad] surely keeps the margin."""
+        low, high = self._of_joints(box)
         count = come_near(self._arrays, self._known, low, high, self.margin)
         if count and self._patience <= 0:
             self._measure((low + high) / 2.0, self._left[:count].copy(), self._axis)

@@ -195,6 +195,17 @@ Covered = Callable[[str, str, float, float, float], float]
 [limb lengths]."""
 
 
+@dataclass(frozen=True, slots=True)
+class Support:
+    """What would carry a standing robot if one of its legs moved."""
+
+    forces: Mapping[str, float]
+    """What the soles of each leg feel now [N], by part."""
+    margin: float
+    """How far [m] inside the soles of the other legs that feel weight its centre of mass would be, seen along
+    them: negative outside, -inf where there are none, or the model has no masses."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Perception:
     """All that a capability sees: nothing in it depends on the robot."""
@@ -217,6 +228,8 @@ class Perception:
     """1 for each generic joint (n,) of a part that the robot has, else 0, by name; a part may be absent."""
     covered: Covered | None = None
     """How much of a place its skin still feels; None while no taxel is masked."""
+    support: Callable[[str, Array], Support] | None = None
+    """Of a leg that went to generic angles (n,) [rad]; None where nothing is known of the robot."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,6 +11,7 @@ from interface.gate_checks import make_robot, reading
 from tci.errors import CommandError, FrameError, UnknownNameError
 from tci.interface.part import generic_posture, home, to_platform
 from tci.messages import GenericCommand, Mode
+from tci.model.catalogue import load_robot
 from tci.model.description import GenericPart, GenericServo, Robot
 from tci.model.joint_map import joint_map
 
@@ -90,3 +91,12 @@ def test_faults_name_part_place_and_what_is_valid() -> None:
         to_platform(robot, GenericCommand("tail", Mode.POSITION, np.zeros(5)))
     with pytest.raises(FrameError, match="6 servos"):
         generic_posture(robot, reading([0.0] * 4))
+
+
+def test_a_part_without_any_joint_is_refused() -> None:
+    """A NAO has no joint in its torso."""
+    nao = load_robot("nao")
+    with pytest.raises(
+        CommandError, match="nao has no joint in its torso: it lacks pitch, roll, yaw; valid: "
+    ):
+        to_platform(nao, GenericCommand("torso", Mode.POSITION, np.zeros(3)))

@@ -2,7 +2,8 @@
 
 The distance in eq. 5 is along the skin, since these parts are no limbs, and the force is that of all taxels
 of a contact. A leg that carries the robot must not give way: legs answer only when somebody says that the
-robot is supported, and never while a sole feels its weight.
+robot is supported and no sole feels its weight, or when the other legs carry it: their soles feel its
+weight, and its centre of mass would stay above them.
 """
 
 from __future__ import annotations
@@ -19,9 +20,12 @@ from tci.capabilities.discounts import phi, psi
 from tci.errors import TciError
 from tci.frames import Array, read_only
 from tci.messages import Contact, GenericCommand, Mode, Order, Perception, Spot
+from tci.model.description import SOLE
 
-SOLE = "foot"
-"""Segment of a leg whose skin stands on the ground."""
+ALONE = (
+    "the robot stands: a leg answers only where stance is supported, or where another leg's sole feels "
+    "{weight:g} N and carries it alone"
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,11 +79,15 @@ class BodyWithdrawal(Capability[BodyMemory]):
     stance: Literal["standing", "supported"] = "standing"
     """Whether the robot stands on its legs, or hangs, sits or lies, so that they carry nothing."""
     weight: float = 15.0
-    """Force [N] under a sole from which it carries the robot, whatever `stance` says; a touch that the sole
-    withdraws from is lighter."""
+    """Force [N] under the sole of a leg from which it carries the robot, whatever `stance` says; a touch that
+    the sole withdraws from is lighter."""
+
+    margin: float = 0.01
+    """How far [m] inside the soles that stay the centre of mass must be for a leg of a standing robot to
+    answer."""
 
     def __post_init__(self) -> None:
-        for name in ("refractory", "weight"):
+        for name in ("refractory", "weight", "margin"):
             if not 0.0 < getattr(self, name) < np.inf:
                 raise TciError(f"body withdrawal: {name} {getattr(self, name)}; valid: above 0, finite")
         if self.stance not in ("standing", "supported"):
@@ -93,14 +101,20 @@ class BodyWithdrawal(Capability[BodyMemory]):
         commands: list[Order] = []
         motions: dict[str, BodyMotion] = {}
         refused = dict(memory.refused)
+        heavy = self._heavy(perception.contacts)
+        # What a sole feels while the robot stands is the ground.
+        contacts = [contact for contact in perception.contacts if not (heavy and contact.segment == SOLE)]
         for part, posture in perception.posture.items():
-            touches = [contact for contact in perception.contacts if contact.part == part]
+            touches = [contact for contact in contacts if contact.part == part]
             answers = self._answers(touches, part, posture, perception)
-            if answers and answers[0][0].kind == "leg" and (reason := self._carries(perception.contacts)):
-                refused[part] = reason
-                answers = []
             before = memory.motions.get(part)
             after = self._next(before, answers, posture, perception.stamp)
+            if answers and answers[0][0].kind == "leg" and after is not None:
+                if reason := self._carries(part, after.target, heavy, perception):
+                    refused[part] = reason
+                    after = self._next(before, [], posture, perception.stamp)
+                else:
+                    refused.pop(part, None)
             if after is None:
                 continue
             motions[part] = after
@@ -132,14 +146,30 @@ class BodyWithdrawal(Capability[BodyMemory]):
                 answers.append((found, gain))
         return answers
 
-    def _carries(self, contacts: Sequence[Contact]) -> str:
-        """Why the legs carry the robot; empty when they don't."""
-        if self.stance == "standing":
-            return "the robot stands: a leg answers only where stance is supported"
+    def _heavy(self, contacts: Sequence[Contact]) -> dict[str, float]:
+        """Legs on which the robot stands, and what their soles feel [N]."""
+        felt: dict[str, float] = {}
         for contact in contacts:
-            if contact.segment == SOLE and contact.force >= self.weight:
-                return f"{contact.patch} feels {contact.force:.1f} N: it carries the robot"
-        return ""
+            if contact.segment == SOLE:
+                felt[contact.part] = felt.get(contact.part, 0.0) + contact.force
+        return {leg: force for leg, force in felt.items() if force >= self.weight}
+
+    def _carries(self, part: str, target: Array, heavy: Mapping[str, float], perception: Perception) -> str:
+        """Why a leg must not go to generic angles (n,) [rad]; empty when it may: where nothing stands on a
+        leg, or the other legs carry the robot."""
+        if not heavy:
+            return "" if self.stance == "supported" else ALONE.format(weight=self.weight)
+        leg = part if part in heavy else max(heavy, key=lambda name: heavy[name])
+        told = f"the sole of {leg} feels {heavy[leg]:.1f} N: it carries the robot"
+        if leg == part or perception.support is None:
+            return told
+        margin = perception.support(part, target).margin
+        if margin >= self.margin:
+            return ""
+        if not np.isfinite(margin):
+            return told
+        where = f"{abs(margin) * 1e3:.0f} mm {'inside' if margin >= 0.0 else 'outside'}"
+        return f"{told}, whose centre of mass would be {where} of it; valid: {self.margin * 1e3:g} mm inside"
 
     def _next(
         self, before: BodyMotion | None, answers: list[tuple[BodyField, float]], posture: Array, now: float

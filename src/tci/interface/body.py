@@ -13,6 +13,7 @@ from tci.interface.events import FilledFrames
 from tci.interface.part import generic_columns, generic_posture, switch, to_platform
 from tci.interface.skin import Skin
 from tci.interface.spots import Spots
+from tci.interface.support import Balance
 from tci.interface.tracking import Tracker
 from tci.messages import (
     CartesianCommand,
@@ -53,6 +54,7 @@ class Body:
         }
         self.spots = Spots(self.skin)
         """Distances along the skin where there is no limb."""
+        self._balance = Balance(self.skin)
         self._covered: Covered | None = None
 
     def perceive(self, reading: Reading, now: float) -> Perception:
@@ -86,6 +88,7 @@ class Body:
             apart=self.spots.distance,
             movable=self._movable,
             covered=self._covered,
+            support=lambda part, target: self._balance.support(self._contacts, position, part, target),
         )
 
     def jacobian(self, contact: Contact, position: Array) -> Array:

@@ -45,7 +45,8 @@ def to_platform(robot: Robot, command: GenericCommand, *, position: Array | None
 
     `position` (n_servos,) [rad] is where the servos are, by default their initial posture; linear
     transforms don't look at it. Raises CommandError for a wrong number of values, one that is not
-    finite, or a velocity where a transform has no slope; UnknownNameError for an unknown part.
+    finite, a velocity where a transform has no slope, or a part of which the robot has no joint at all;
+    UnknownNameError for an unknown part.
     """
     part = robot.part(command.part)
     values = np.asarray(command.values, dtype=np.float64)
@@ -59,6 +60,12 @@ def to_platform(robot: Robot, command: GenericCommand, *, position: Array | None
         names = ", ".join(f"{part.servos[i].name} = {values[i]}" for i in bad)
         raise CommandError(f"{command.mode.value} of {part.name}: {names}; valid: finite numbers")
     joints = joint_map(robot, part.name)
+    if not joints.servos.size:
+        lacks = ", ".join(joint.name for joint in part.servos)
+        others = [other.name for other in robot.parts if any(j.servo is not None for j in other.servos)]
+        raise CommandError(
+            f"{robot.name} has no joint in its {part.name}: it lacks {lacks}; valid: {', '.join(others)}"
+        )
     here = robot.initial_position if position is None else position
     slope = joints.slope(here)
     if command.mode in (Mode.POSITION, Mode.IMPEDANCE):

@@ -278,6 +278,10 @@ class Table(Words):
     """Orientation [rad] of the file's frame in the patch's link."""
 
 
+SOLE = "foot"
+"""Segment of a leg whose skin stands on the ground."""
+
+
 class Patch(Words):
     """A piece of skin on one link."""
 
@@ -294,6 +298,9 @@ class Patch(Words):
     """Values in a raw frame."""
     sensor: Sensor
     surface: Annotated[TruncatedCone | TriangularModules | Table, Field(discriminator="kind")]
+    rigid: bool = False
+    """Whether its taxels carry one rigid plate, as the load cells under a foot: then all that are pressed
+    are one contact."""
 
 
 class Model(Words):

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 
 from tci.errors import CommandError, DescriptionError, Fault, UnknownNameError
-from tci.frames import Array, read_only
+from tci.frames import Array, apply, invert, read_only, transform
 from tci.model.description import Robot
 from tci.model.kinematics import bare_model, joints_of
 from tci.model.mujoco_model import load_spec
@@ -46,7 +46,7 @@ class Gravity:
         if robot.model.torso_link not in links:
             raise UnknownNameError("link of the kinematic model", robot.model.torso_link, links)
         self._torso = self._model.body(robot.model.torso_link).id
-        self._R_LT = robot.model.T_LT[:3, :3]
+        self._T_LT = robot.model.T_LT
         self._n_servos = len(robot.servos)
         self._servos, self._addresses, self._columns = joints_of(robot, self._model)
 
@@ -66,7 +66,7 @@ class Gravity:
             raise CommandError(f"direction of gravity {down}; valid: a vector (3,) that is not zero")
         self._data.qpos[self._addresses] = position[self._servos]
         mujoco.mj_kinematics(self._model, self._data)
-        R_WT = self._data.xmat[self._torso].reshape(3, 3) @ self._R_LT
+        R_WT = self._data.xmat[self._torso].reshape(3, 3) @ self._T_LT[:3, :3]
         self._model.opt.gravity[:] = R_WT @ np.asarray(down) * (STANDARD_GRAVITY / length)
         mujoco.mj_comPos(self._model, self._data)
         mujoco.mj_comVel(self._model, self._data)
@@ -75,3 +75,12 @@ class Gravity:
         result = np.zeros(self._n_servos)
         result[self._servos] = held[self._columns]
         return result
+
+    def centre_of_mass(self, position: Array) -> Array:
+        """Centre of mass (3,) [m] of the whole robot at `position` (n_servos,) [rad], seen from the torso."""
+        self._data.qpos[self._addresses] = position[self._servos]
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_comPos(self._model, self._data)
+        pose = transform(self._data.xmat[self._torso].reshape(3, 3), self._data.xpos[self._torso])
+        centre: Array = apply(invert(pose @ self._T_LT), self._data.subtree_com[0])
+        return centre

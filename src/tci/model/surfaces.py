@@ -7,6 +7,7 @@ or a table of positions. All end as the same `Surface`.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,7 +58,8 @@ class Surface:
     channels: NDArray[np.intp]
     """Place (n,) of each taxel in the raw frame."""
     neighbours: NDArray[np.intp]
-    """Pairs (m, 2) of taxels that touch: near, and on the same side of a thin limb. Each pair once."""
+    """Pairs (m, 2) of taxels that touch: near, and on the same side of a thin limb; all pairs of those that
+    carry one rigid plate. Each pair once."""
     faces: NDArray[np.intp]
     """Triangles (f, 3) of taxels, anticlockwise seen from outside. Those of a limb lie on its hull, those of
     a sheet (palm, sole, cap) are what one sees of it from outside; taxels on one line have none."""
@@ -106,6 +108,10 @@ def build_surface(robot: Robot, patch: Patch, kinematics: Kinematics) -> Surface
     if needed > patch.channels:
         message = f"patch {patch.name}: it has {patch.channels} channels; its taxels need {needed}"
         raise DescriptionError(robot.source, [Fault(0, message)])
+    if patch.rigid:
+        neighbours = np.array(list(combinations(range(len(positions)), 2)), np.intp).reshape(-1, 2)
+    else:
+        neighbours = find_neighbours(positions, normals)
     return Surface(
         patch=patch.name,
         link=patch.link,
@@ -113,7 +119,7 @@ def build_surface(robot: Robot, patch: Patch, kinematics: Kinematics) -> Surface
         normals=read_only(normals),
         areas=read_only(areas),
         channels=read_only(channels, np.intp),
-        neighbours=read_only(find_neighbours(positions, normals), np.intp),
+        neighbours=read_only(neighbours, np.intp),
         faces=read_only(_outward(faces, positions, normals), np.intp),
         tangents=across,
     )

@@ -13,7 +13,7 @@ from tci.frames import Array
 from tci.model.collisions import SKIN
 from tci.simulation.physics import Physics
 from tci.simulation.posed_skin import PosedSkin
-from tci.simulation.touch import FINGER_PRIORITY, stiff
+from tci.simulation.touch import FINGER_PRIORITY, FINGER_TIP, stiff
 
 RADIUS = 0.005
 """Of the tip [m]."""
@@ -28,7 +28,7 @@ TRACE = 60_000
 
 FINGER = "tci_finger_base"
 """Body that carries the whole finger."""
-_TIP = "tci_finger_tip"
+_TIP = FINGER_TIP
 _PARKED = np.array([0.0, 0.0, -20.0])
 _SHAFT = 0.06
 _COLOUR = (0.85, 0.55, 0.45, 1.0)

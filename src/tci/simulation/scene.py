@@ -7,21 +7,28 @@ from collections.abc import Mapping
 import mujoco
 import numpy as np
 
-from tci.frames import Array
-from tci.model.collisions import exclude_overlaps, solid_spec
-from tci.model.description import Robot
+from tci.errors import CommandError
+from tci.frames import Array, apply, invert, transform
+from tci.model.collisions import SKIN, exclude_overlaps, solid_spec
+from tci.model.description import SOLE, Robot
+from tci.model.kinematics import Kinematics
 from tci.model.surfaces import Surface
 from tci.simulation.finger import add_finger
-from tci.simulation.touch import add_skin
+from tci.simulation.touch import FINGER_PRIORITY, FLOOR, add_skin
+
+FRICTION = [0.8, 0.005, 0.0001]
+"""Of the floor: sliding, spinning [m], rolling [m]. Ours: rubber on wood."""
 
 
 def build_scene(
-    robot: Robot, surfaces: Mapping[str, Surface], posture: Array, *, step: float
+    robot: Robot, surfaces: Mapping[str, Surface], posture: Array, *, step: float, stands: bool = False
 ) -> mujoco.MjModel:
-    """The robot on a fixed base, its servos, its skin and a finger, ready to simulate.
+    """The robot, its servos, its skin and a finger, ready to simulate.
 
-    `posture` (n_servos,) [rad] is the one in which links that overlap are taken to be built so.
-    Raises DescriptionError when the robot has no model.
+    `posture` (n_servos,) [rad] is the one in which links that overlap are taken to be built so. The robot's
+    base is fixed, and it weighs nothing; one that `stands` has its weight, on a floor under its soles as
+    they are in that posture. Raises DescriptionError when the robot has no model, CommandError when it is to
+    stand and has no sole that feels.
     """
     spec = solid_spec(robot)
     spec.option.timestep = step
@@ -30,12 +37,37 @@ def build_scene(
     for body in spec.bodies:
         # A real servo's integral action carries the weight in the end; here gravity is taken off, so
         # that a held posture is met exactly, and from the start.
-        body.gravcomp = 1.0
+        body.gravcomp = 0.0 if stands else 1.0
     for patch in robot.patches:
         if patch.name in surfaces:
-            add_skin(spec, surfaces[patch.name], axes=patch.sensor.axes, step=step)
+            add_skin(spec, surfaces[patch.name], axes=patch.sensor.axes, step=step, floor=stands)
     add_finger(spec, step=step)
+    if stands:
+        _add_floor(spec, robot, surfaces, posture)
     return exclude_overlaps(spec, robot, posture)
+
+
+def _add_floor(spec: mujoco.MjSpec, robot: Robot, surfaces: Mapping[str, Surface], posture: Array) -> None:
+    """A floor under the lowest taxel of the soles, and a base that is free to fall over."""
+    soles = [
+        surfaces[patch.name] for patch in robot.patches if patch.segment == SOLE and patch.name in surfaces
+    ]
+    if not soles:
+        raise CommandError(
+            f"{robot.name} can't stand: no skin on a segment {SOLE!r}, so nothing feels its weight"
+        )
+    base = spec.worldbody.first_body()
+    poses = Kinematics(robot).poses(posture, [base.name, *(sole.link for sole in soles)])
+    R_WB = np.empty(9)
+    mujoco.mju_quat2Mat(R_WB, base.quat)
+    T_WT = transform(R_WB.reshape(3, 3), base.pos) @ invert(poses[base.name])
+    lowest = min(float(apply(T_WT @ poses[sole.link], sole.positions)[:, 2].min()) for sole in soles)
+    spec.worldbody.add_geom(
+        name=FLOOR, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[2.0, 2.0, 0.1], pos=[0.0, 0.0, lowest],
+        contype=SKIN, conaffinity=0, condim=3, friction=FRICTION, priority=FINGER_PRIORITY + 2,
+        rgba=[0.8, 0.8, 0.78, 1.0],
+    )  # fmt: skip
+    base.add_freejoint()
 
 
 def _add_servos(spec: mujoco.MjSpec, robot: Robot) -> None:

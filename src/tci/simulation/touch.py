@@ -31,10 +31,15 @@ _FOUND, _FORCE, _POSITION, _NORMAL, _TANGENT = 0, slice(1, 4), slice(4, 7), slic
 _WIDTH = 13
 """Numbers per slot: found 1, force 3 (along normal, tangent and the third axis), position 3, normal 3,
 tangent 3."""
-_MOST_FORCE = 2
-"""MuJoCo's code for sorting contacts by force."""
+_MOST_FORCE, _NET_FORCE = 2, 3
+"""MuJoCo's codes: contacts sorted by force; or all as one, at their centre of pressure, in the world's
+axes."""
+FINGER_TIP, FLOOR = "tci_finger_tip", "tci_floor"
+"""Geoms that the skin collides with."""
 FINGER_PRIORITY = 1
 """Of the finger's contacts, which are without friction but for skin that feels it."""
+WIDE = 0.02
+"""[m]; far wider than a taxel. Ours."""
 _CORNERS = 8
 _THICKNESS = 2e-3
 """How thick [m] a sheet of skin is. Ours."""
@@ -66,10 +71,11 @@ def stiff(step: float) -> list[float]:
     return [max(0.002, 2.0 * step), 1.0]
 
 
-def add_skin(spec: mujoco.MjSpec, surface: Surface, *, axes: int, step: float) -> None:
+def add_skin(spec: mujoco.MjSpec, surface: Surface, *, axes: int, step: float, floor: bool) -> None:
     """Add a patch to the scene: a geom through its taxels, and a sensor of the contacts on it.
 
-    MuJoCo collides a mesh's convex hull. Faces serve pictures. Only skin that feels `axes` 3 has friction.
+    MuJoCo collides a mesh's convex hull. Faces serve pictures. Only skin that feels `axes` 3 has friction
+    with the finger. What a `floor` does has a sensor of its own.
     """
     name = skin_geom(surface.patch)
     points, faces = _solid(surface)
@@ -98,7 +104,22 @@ def add_skin(spec: mujoco.MjSpec, surface: Surface, *, axes: int, step: float) -
         objtype=mujoco.mjtObj.mjOBJ_GEOM,
         objname=name,
         intprm=[sum(1 << int(field) for field in _FIELDS), _MOST_FORCE, SLOTS],
+        **({"reftype": mujoco.mjtObj.mjOBJ_GEOM, "refname": FINGER_TIP} if floor else {}),
     )
+    if floor:
+        spec.add_sensor(
+            name=_floor_sensor(surface.patch),
+            type=mujoco.mjtSensor.mjSENS_CONTACT,
+            objtype=mujoco.mjtObj.mjOBJ_GEOM,
+            objname=name,
+            reftype=mujoco.mjtObj.mjOBJ_GEOM,
+            refname=FLOOR,
+            intprm=[sum(1 << int(field) for field in _FIELDS), _NET_FORCE, 1],
+        )
+
+
+def _floor_sensor(patch: str) -> str:
+    return f"tci_floor_{patch}"
 
 
 def _solid(surface: Surface) -> tuple[Array, NDArray[np.intp]]:
@@ -120,6 +141,11 @@ def _solid(surface: Surface) -> tuple[Array, NDArray[np.intp]]:
     return points, np.asarray(ConvexHull(points).simplices, dtype=np.intp)
 
 
+def _size(surface: Surface) -> float:
+    """Half the longest side [m] of a patch's box."""
+    return 0.5 * float(np.ptp(surface.positions, axis=0).max())
+
+
 class Touch:
     """One patch of skin in a world."""
 
@@ -134,7 +160,8 @@ class Touch:
     ) -> None:
         self.patch = patch
         self.surface = surface
-        self._width = width(surface.areas)
+        # A rigid plate hands a force on to all that carry it, however far away they are.
+        self._width = _size(surface) if patch.rigid else width(surface.areas)
         self._physics = physics
         self._noise = noise
         self._generator = generator
@@ -143,6 +170,10 @@ class Touch:
         self._body = int(physics.model.geom_bodyid[self._geom])
         start = int(physics.model.sensor(name).adr[0])
         self._slots = slice(start, start + SLOTS * _WIDTH)
+        self._floor: slice | None = None
+        if any(physics.model.geom(geom).name == FLOOR for geom in range(physics.model.ngeom)):
+            start = int(physics.model.sensor(_floor_sensor(patch.name)).adr[0])
+            self._floor = slice(start, start + _WIDTH)
         self._x = tangents(surface.normals) if surface.tangents is None else surface.tangents
         self._y = np.cross(surface.normals, self._x)
         sensor = patch.sensor
@@ -162,7 +193,7 @@ class Touch:
         self._count += 1
         due = (self._count + 1) / (self.patch.rate * self._physics.step)
         self.due = max(int(np.ceil(due - 1e-6)), self._physics.steps + 1)
-        if self._noise or self.found:
+        if self._noise or self.found or self.carried is not None:
             values = self._raw(self.vectors() / self.surface.areas[:, None])
             values.setflags(write=False)
         else:
@@ -175,6 +206,15 @@ class Touch:
         self._physics.refresh()
         return int(self._physics.data.sensordata[self._slots.start + _FOUND])
 
+    @property
+    def carried(self) -> Array | None:
+        """What the floor does to the patch now: `_FIELDS` (13,); None when they don't touch."""
+        if self._floor is None:
+            return None
+        self._physics.refresh()
+        values: Array = self._physics.data.sensordata[self._floor]
+        return values if values[_FOUND] else None
+
     def forces(self) -> Array:
         """Force (taxels,) [N] that presses each taxel now. Raises TciError like `sample`."""
         return self.vectors()[:, 2]
@@ -182,19 +222,26 @@ class Touch:
     def vectors(self) -> Array:
         """Force (taxels, 3) [N] on each taxel now: along its x and y axes, and pressing. Raises TciError like
         `sample`."""
-        found = self.found
+        found, floor = self.found, self.carried
         slots = self._physics.data.sensordata[self._slots].reshape(SLOTS, _WIDTH)
         total = np.zeros((len(self.surface.positions), 3))
-        if found == 0:
+        if found == 0 and floor is None:
             return total
         if found > SLOTS:
             raise TciError(f"{found} contacts on {self.patch.name} at once; valid: up to {SLOTS}")
         T_LW = invert(self._physics.pose(self._body))
+        if floor is not None:
+            # A floor presses a padded sole all over, not in the corners of its hull.
+            normal = self.surface.normals.mean(axis=0)
+            normal /= np.linalg.norm(normal)
+            force = T_LW[:3, :3] @ floor[_FORCE]
+            centre = apply(T_LW, floor[_POSITION])
+            total[:, 2] += abs(float(force @ normal)) * self._shares(centre, normal, _size(self.surface))
         for slot in slots[:found]:
             point = apply(T_LW, slot[_POSITION])
             normal = T_LW[:3, :3] @ slot[_NORMAL]
             pressing, first, second = slot[_FORCE]
-            shares = spread(self.surface.positions, point, normal, self._width)
+            shares = self._shares(point, normal, self._width)
             total[:, 2] += pressing * shares
             if self.patch.sensor.axes == 3:
                 tangent = T_LW[:3, :3] @ slot[_TANGENT]
@@ -202,6 +249,15 @@ class Touch:
                 total[:, 0] += shares * (self._x @ along)
                 total[:, 1] += shares * (self._y @ along)
         return total
+
+    def _shares(self, point: Array, normal: Array, sigma: float) -> Array:
+        """`spread` over the taxels; a wide one is aimed twice, since its softness is in widths."""
+        shares = spread(self.surface.positions, point, normal, sigma)
+        if sigma > WIDE:
+            beside = point - shares @ self.surface.positions
+            aim = point + beside - float(beside @ normal) * normal
+            shares = spread(self.surface.positions, aim, normal, sigma)
+        return shares
 
     def _raw(self, stress: Array) -> NDArray[np.generic]:
         """Raw values (channels,) of `stress` (taxels, 3) [Pa]; pads and absent taxels stay at rest."""

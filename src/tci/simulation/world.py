@@ -31,7 +31,7 @@ _PERIOD = 0.002
 
 
 class World:
-    """One robot on a fixed base, with servos, skin and a finger, at its own time.
+    """One robot, with servos, skin and a finger, at its own time: on a fixed base, or standing on a floor.
 
     The same arguments, calls and MuJoCo version give the same bits. An object serves one thread.
     """
@@ -45,13 +45,16 @@ class World:
         skin: bool | Collection[str] = True,
         noise: float = 0.0,
         posture: Mapping[str, ArrayLike] | None = None,
+        stands: bool = False,
     ) -> None:
         """`step` [s] is the physics' step; `noise` [counts] the standard deviation of raw skin values. `skin`
         says whether the robot wears its skin, or names the patches that it wears.
 
         `posture` are generic angles [rad] by generic part where the robot starts; parts that it does
-        not name start at their initial posture. Raises DescriptionError for a robot that can't be
-        simulated, CommandError for a posture that does not fit.
+        not name start at their initial posture. A robot that `stands` carries its weight on a floor under its
+        soles, and may fall; otherwise its base is fixed and it weighs nothing. Raises DescriptionError for a
+        robot that can't be simulated, CommandError for a posture that does not fit, or one that stands and
+        has no soles that feel.
         """
         if robot.model is None:
             raise DescriptionError(robot.source, [Fault(0, NO_MODEL)])
@@ -68,7 +71,7 @@ class World:
         home = start_angles(robot, posture or {})
         self._seed = seed
         self._generator = np.random.default_rng(seed)
-        self._physics = Physics(build_scene(robot, self.surfaces, home, step=step))
+        self._physics = Physics(build_scene(robot, self.surfaces, home, step=step, stands=stands))
         self._home = home
         self._servos = Servos(self._physics, robot, home, period=_period(robot))
         self._skin = PosedSkin(self._physics, robot.model, self.surfaces)
@@ -107,6 +110,11 @@ class World:
         for touch in self._touches.values():
             touch.reset()
         self._next_frame = min((touch.due for touch in self._touches.values()), default=None)
+
+    @property
+    def torso(self) -> Array:
+        """`T_WT` (4, 4): the torso in the world, now."""
+        return self._skin.torso()
 
     def refresh(self) -> None:
         """Make poses and contacts in `data` belong to its joints. The future stays the same."""

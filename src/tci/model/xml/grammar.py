@@ -147,7 +147,7 @@ PATCH = Element(
         "name": NAME, "part": NAME, "link": NAME,
         "rate": Number(most=1e4, positive=True, unit="Hz"), "channels": Integer(1, 100_000),
     },
-    may={"segment": NAME},
+    may={"segment": NAME, "rigid": Choice(("true", "false"))},
     must={
         "sensor": Element(
             needs={"rest": Number(), "pascal_per_count": Number(), "min": Number(), "max": Number()},

@@ -37,7 +37,7 @@ def read_skin(root: Node, source: Path, faults: Faults) -> tuple[Patch, ...]:
                 Patch(
                     name=node.get("name"), part=node.get("part"), segment=node.get("segment", ""),
                     link=node.get("link"), rate=node.get("rate"), channels=node.get("channels"),
-                    sensor=sensor, surface=surface,
+                    sensor=sensor, surface=surface, rigid=node.get("rigid", "false") == "true",
                 )
             )  # fmt: skip
     return tuple(patches)

@@ -1,0 +1,162 @@
+"""A robot that stands: its soles feel its weight, and its legs don't give way."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tci.capabilities.body_withdrawal import BodyWithdrawal
+from tci.errors import CommandError
+from tci.frames import Array
+from tci.interface.body import Body
+from tci.interface.part import generic_posture
+from tci.messages import Spot
+from tci.middleware.simulated import SimulatedLink
+from tci.model.catalogue import load_robot
+from tci.model.gravity import Gravity
+from tci.runtime.loop import Tick, run
+from tci.simulation.world import World
+
+ROBOTS = {name: load_robot(name) for name in ("nao-whole", "icub-whole")}
+NAMES = pytest.mark.parametrize("name", ROBOTS)
+SHIN = Spot("shank", (1.0, 0.0, 0.0))
+LEAN = {"nao-whole": 20.0, "icub-whole": 10.0}
+"""Angle [degrees] of hips and ankles that brings the weight over the right foot."""
+
+
+def standing(name: str, *, lean: float = 0.0) -> World:
+    """A world in which the robot stands, after it has come to rest; it leans to its right by `lean` [rad]."""
+    robot = ROBOTS[name]
+    legs = {side: np.array(robot.part(f"{side}_leg").initial_posture) for side in ("left", "right")}
+    legs["left"] += lean * np.array([0, 1, 0, 0, 0, 1])
+    legs["right"] -= lean * np.array([0, 1, 0, 0, 0, 1])
+    world = World(robot, stands=True, posture={f"{side}_leg": angles for side, angles in legs.items()})
+    world.advance(1.0)
+    return world
+
+
+def tilt(world: World) -> float:
+    """Angle [rad] between the torso and upright."""
+    return float(np.arccos(np.clip(world.torso[2, 2], -1.0, 1.0)))
+
+
+def poke_the_shin(world: World, reflex: BodyWithdrawal, part: str) -> tuple[set[str], str]:
+    """Poke a leg's shin for a second; parts that were commanded, and why the leg stays."""
+    robot = world.robot
+    place = Body(robot).spots.place(part, SHIN)
+    world.finger.poke(place.patch, place.p_L, place.n_L, depth=0.006)
+    moved: set[str] = set()
+    why = ""
+    memory = reflex.init()
+
+    def see(tick: Tick) -> None:
+        nonlocal why, memory
+        moved.update(command.part for command in tick.commands if hasattr(command, "part"))
+        memory = reflex.step(memory, tick.perception)[1]
+        why = memory.refused.get(part, why)
+
+    run(SimulatedLink(robot, world=world), reflex, duration=1.0, observe=see)
+    assert world.finger.first_contact is not None
+    return moved, why
+
+
+@NAMES
+def test_the_soles_feel_the_weight_where_the_physics_has_it(name: str) -> None:
+    world = standing(name)
+    link = SimulatedLink(world.robot, world=world)
+    reading = link.read()
+    contacts = Body(world.robot).perceive(reading, world.time).contacts
+    total, moment = 0.0, np.zeros(3)
+    for patch in ("left_sole", "right_sole"):
+        own = [contact for contact in contacts if contact.patch == patch]
+        force = sum(contact.force for contact in own)
+        centre = np.sum([contact.force * contact.p_T for contact in own], axis=0) / force
+        truth = world.contact_truth(patch)
+        off = centre - truth.center
+        off -= (off @ truth.normal) * truth.normal
+        print(f"{name} {patch}: {force:.1f} N, centre of pressure {np.linalg.norm(off) * 1e3:.2f} mm off")
+        assert force == pytest.approx(truth.force, rel=0.02)
+        assert np.linalg.norm(off) <= 0.002
+        total, moment = total + force, moment + force * centre
+    mass = float(world.model.body_subtreemass[1])
+    assert total == pytest.approx(mass * 9.81, rel=0.02)
+    # At rest the centre of pressure is under the centre of mass.
+    off = moment / total - Gravity(world.robot).centre_of_mass(reading.joints.position)
+    off = world.torso[:3, :3] @ off
+    assert np.linalg.norm(off[:2]) <= 0.005
+
+
+@NAMES
+def test_a_poked_sole_knows_where(name: str) -> None:
+    robot = ROBOTS[name]
+    world = World(robot, skin=["left_sole"])
+    surface = world.surfaces["left_sole"]
+    random = np.random.default_rng(1)
+    for _ in range(6):
+        corners = surface.faces[random.integers(len(surface.faces))]
+        point = random.dirichlet(np.ones(3)) @ surface.positions[corners]
+        world.reset()
+        world.finger.poke("left_sole", point, surface.normals[corners].mean(axis=0))
+        world.advance(0.3)
+        (contact,) = Body(robot).perceive(SimulatedLink(robot, world=world).read(), world.time).contacts
+        truth = world.contact_truth("left_sole")
+        off: Array = contact.p_T - truth.center
+        off -= (off @ truth.normal) * truth.normal
+        assert np.linalg.norm(off) <= 0.0015
+        assert contact.force == pytest.approx(truth.force, rel=0.03)
+
+
+@NAMES
+@pytest.mark.parametrize("stance", ["standing", "supported"])
+def test_a_leg_that_the_robot_stands_on_stays(name: str, stance: str) -> None:
+    """Also when somebody says that the robot is supported: its soles are believed."""
+    world = standing(name)
+    moved, why = poke_the_shin(world, BodyWithdrawal(stance=stance), "left_leg")  # type: ignore[arg-type]
+    assert not moved
+    assert "the sole of left_leg feels" in why
+    assert "it carries the robot" in why
+    assert np.rad2deg(tilt(world)) < 5.0
+
+
+@NAMES
+def test_a_leg_of_a_robot_that_hangs_answers_when_that_is_said(name: str) -> None:
+    moved, why = poke_the_shin(World(ROBOTS[name]), BodyWithdrawal(stance="supported"), "left_leg")
+    assert moved == {"left_leg"}
+    assert not why
+    moved, why = poke_the_shin(World(ROBOTS[name]), BodyWithdrawal(), "left_leg")
+    assert not moved
+    assert "stands: a leg answers only where stance is supported" in why
+
+
+@NAMES
+def test_a_leg_without_weight_answers_while_the_other_one_carries(name: str) -> None:
+    world = standing(name, lean=np.deg2rad(LEAN[name]))
+    knee = generic_posture(world.robot, world.joints())["left_leg"][3]
+    moved, why = poke_the_shin(world, BodyWithdrawal(), "left_leg")
+    assert moved == {"left_leg"}, why
+    assert generic_posture(world.robot, world.joints())["left_leg"][3] > knee + np.deg2rad(15.0)
+    assert np.rad2deg(tilt(world)) < 5.0
+    moved, why = poke_the_shin(standing(name, lean=np.deg2rad(LEAN[name])), BodyWithdrawal(), "right_leg")
+    assert not moved
+    assert "the sole of right_leg feels" in why
+
+
+def test_where_the_centre_of_mass_would_be_is_told() -> None:
+    """NAO with little weight on the left foot, but not over the right one: it would fall."""
+    world = standing("nao-whole", lean=np.deg2rad(11.0))
+    reading = SimulatedLink(world.robot, world=world).read()
+    perception = Body(world.robot).perceive(reading, world.time)
+    assert perception.support is not None
+    posture = generic_posture(world.robot, reading.joints)["left_leg"]
+    support = perception.support("left_leg", posture)
+    assert support.forces["right_leg"] > 2.0 * support.forces["left_leg"] > 0.0
+    assert -0.01 < support.margin < 0.01
+    moved, why = poke_the_shin(world, BodyWithdrawal(), "left_leg")
+    assert not moved
+    assert "centre of mass would be" in why
+    assert "valid: 10 mm inside" in why
+
+
+def test_a_robot_without_soles_can_not_stand() -> None:
+    with pytest.raises(CommandError, match="can't stand: no skin on a segment 'foot'"):
+        World(load_robot("nao"), stands=True)

@@ -17,7 +17,7 @@ from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 about = json.loads(sys.argv[1])
 rclpy.init()
-node = rclpy.create_node("client")
+node = rclpy.create_node("client", namespace=about["namespace"])
 found: dict[str, object] = {"states": 0, "refusals": []}
 latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -42,36 +42,36 @@ moves = node.create_publisher(JointTrajectory, about["trajectory"]["topic"], 10)
 values = node.create_publisher(Float64MultiArray, about["values"]["topic"], 10)
 
 
-def spin(seconds: float, done: str = "") -> None:
-    end = time.monotonic() + seconds
-    while time.monotonic() < end and (not done or done not in found):
+def wait(done) -> None:
+    end = time.monotonic() + 40.0
+    while time.monotonic() < end and not done():
         rclpy.spin_once(node, timeout_sec=0.05)
 
 
-for what in ("position", "urdf", "facts", "cloud"):
-    spin(20.0, what)
-end = time.monotonic() + 20.0
-while (
-    moves.get_subscription_count() == 0 or values.get_subscription_count() == 0
-) and time.monotonic() < end:
-    spin(0.05)
+def there(goal: dict[str, float]) -> bool:
+    return all(abs(found["position"][joint] - angle) < 0.01 for joint, angle in goal.items())
+
+
+wait(lambda: {"position", "urdf", "facts", "cloud"} <= set(found))
+wait(lambda: moves.get_subscription_count() and values.get_subscription_count())
 message = JointTrajectory(joint_names=about["trajectory"]["names"])
 for seconds, place in about["trajectory"]["points"]:
     point = JointTrajectoryPoint(positions=place)
     point.time_from_start.nanosec = int(seconds * 1e9)
     message.points.append(point)
 moves.publish(message)
-spin(2.5)
+wait(lambda: there(about["trajectory"]["goal"]))
 found["after_trajectory"] = found["position"]
 values.publish(Float64MultiArray(data=about["values"]["data"]))
-spin(2.5)
+wait(lambda: there(about["values"]["goal"]))
 found["after_values"] = found["position"]
 moves.publish(JointTrajectory(joint_names=["Nonsense"], points=[JointTrajectoryPoint(positions=[0.0])]))
-spin(1.0)
+wait(lambda: any("Nonsense" in reason for reason in found["refusals"]))
 found["nodes"] = sorted(node.get_node_names())
 found["types"] = dict(node.get_topic_names_and_types())
-(info,) = node.get_publishers_info_by_topic("/joint_states")
+topic = about["namespace"] + "/joint_states"
+(info,) = node.get_publishers_info_by_topic(topic)
 hashes = {info.topic_type: str(info.topic_type_hash)}
-(own,) = [i for i in node.get_subscriptions_info_by_topic("/joint_states") if i.node_name == "client"]
+(own,) = [i for i in node.get_subscriptions_info_by_topic(topic) if i.node_name == "client"]
 found["hashes_agree"] = info.topic_type_hash.value == own.topic_type_hash.value
 print(json.dumps(found))

@@ -18,6 +18,7 @@ import numpy as np
 import tci
 from peers import needs_debian_module
 from tci.interface.safe_command import GateState
+from tci.messages import Reading
 from tci.middleware.link import Link
 from tci.middleware.ros.messages import BYTES, NO_LAYOUT
 from tci.middleware.ros.node import RosNode
@@ -70,10 +71,21 @@ def drive(link: Link, *orders: Any, seconds: float) -> list[Any]:
     return sent
 
 
+def complete(link: Link) -> Reading:
+    """The first reading with a frame of every patch, all of the right size."""
+    end = time.monotonic() + 60.0
+    while True:
+        reading = link.read()
+        if {frame.patch: len(frame.values) for frame in reading.skin} == PATCHES:
+            return reading
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
 def go(link: Link, joint: str, angle: float) -> None:
     """Order it again where a pause of the machine made the robot hold."""
     arm = link.native("LArm")
-    end = time.monotonic() + 30.0
+    end = time.monotonic() + 60.0
     while abs(arm.positions(link.read().joints)[joint] - angle) > 0.01:
         assert link.gate.state is not GateState.STOP
         assert time.monotonic() < end

@@ -6,7 +6,7 @@ import json
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import tci
-from middleware.ros_robots import PATCHES, Programs, Start, drive, go, nao_in_ros, roscore
+from middleware.ros_robots import Programs, Start, anywhere, complete, drive, go, nao_in_ros, roscore
 from peers import DEBIAN_PYTHON, needs_debian_module
 from tci.errors import LinkError
 from tci.interface.safe_command import GateState
@@ -22,6 +22,7 @@ from tci.middleware.query import query, read_facts
 from tci.runtime.registry import connect
 
 HERE = Path(__file__).parent
+SERVE = (sys.executable, "-m", "tci.cli.main", "serve", "nao", "--duration", "120", "--via")
 pytestmark = pytest.mark.xdist_group("link-ros1")
 """rospy has one node per process, and a node has one master."""
 
@@ -35,16 +36,20 @@ def start() -> Iterator[Start]:
     programs.kill()
 
 
-def ros_robot(start: Start, **more: Any) -> subprocess.Popen[str]:
+def ros_robot(start: Start, namespace: str, **more: Any) -> subprocess.Popen[str]:
     """A NAO in genuine ROS 1 that TCI has no part in."""
-    return start(DEBIAN_PYTHON, str(HERE / "ros1_robot.py"), json.dumps(nao_in_ros(**more)))
+    about = json.dumps(nao_in_ros(**more))
+    return start(DEBIAN_PYTHON, str(HERE / "ros1_robot.py"), about, f"__ns:={namespace or '/'}")
 
 
-def test_a_robot_in_ros_sends_joints_and_skin_and_takes_trajectories(start: Start) -> None:
-    process = ros_robot(start)
-    with connect(tci.load_robot("nao"), "ros1", arm=True, wait=20.0) as link:
-        first = link.read()
-        assert {frame.patch: len(frame.values) for frame in first.skin} == PATCHES
+@pytest.mark.parametrize("make", [str, anywhere], ids=["at the root", "in a namespace"])
+def test_a_robot_in_ros_sends_joints_and_skin_and_takes_trajectories(
+    start: Start, make: Callable[[], str]
+) -> None:
+    namespace = make()
+    process = ros_robot(start, namespace)
+    with connect(tci.load_robot("nao"), f"ros1:{namespace}", arm=True, wait=60.0) as link:
+        first = complete(link)
         for frame in first.skin:
             np.testing.assert_array_equal(frame.values, np.arange(len(frame.values), dtype=np.uint16))
         go(link, "LElbowRoll", -1.2)
@@ -57,13 +62,30 @@ def test_a_robot_in_ros_sends_joints_and_skin_and_takes_trajectories(start: Star
     assert {(command["part"], command["seconds"]) for command in heard} == {("LArm", 0.01)}
 
 
+def test_what_a_killed_process_left_in_the_master_is_no_robot(start: Start) -> None:
+    via = f"ros1:{anywhere()}"
+    shown = start(*SERVE, via)
+    with connect(tci.load_robot("nao"), via, wait=60.0) as link:
+        assert not link.is_native
+    shown.kill()
+    shown.wait()
+    with pytest.raises(LinkError, match=r"nobody publishes .*/tci_nao_\w+ \(http:.*\) is registered"):
+        connect(tci.load_robot("nao"), via, wait=0.5)
+    process = ros_robot(start, via.removeprefix("ros1:"))
+    with connect(tci.load_robot("nao"), via, wait=60.0) as link:
+        assert link.is_native
+        assert any(finding.subject == "node" for finding in link.diagnose())
+        process.kill()
+
+
 def test_28_a_robot_that_dies_is_held_and_34_nothing_is_replayed(start: Start) -> None:
-    process = ros_robot(start)
-    with connect(tci.load_robot("nao"), "ros1", arm=True, wait=20.0) as link:
+    namespace = anywhere()
+    process = ros_robot(start, namespace)
+    with connect(tci.load_robot("nao"), f"ros1:{namespace}", arm=True, wait=60.0) as link:
         drive(link, seconds=0.3)
         process.kill()
         pending = [link.native("LArm").command({"LElbowRoll": -0.1})]
-        for now in link.ticks(duration=3.0):
+        for now in link.ticks(duration=30.0):
             joints = link.read().joints
             safe = link.write(link.gate.step(pending, joints, now))
             pending = []
@@ -72,26 +94,30 @@ def test_28_a_robot_that_dies_is_held_and_34_nothing_is_replayed(start: Start) -
             # In the first period in which it is too old it holds, however late a busy machine runs that.
             assert now - joints.stamp <= link.gate.stale_after <= 0.1
         assert safe.state is GateState.HOLD
-        ros_robot(start)
-        before, begin = link.read().joints.sequence, time.monotonic()
-        while link.read().joints.sequence < before + 20:
+        while np.any(safe.velocity):  # it comes to rest
+            (safe,) = drive(link, seconds=link.period)
+        process = ros_robot(start, namespace)
+        end, before = time.monotonic() + 90.0, link.read().joints.sequence
+        while link.read().joints.sequence < before + 50 or link.gate.state is not GateState.RUN:
             drive(link, seconds=0.1)
-            assert time.monotonic() < begin + 30.0
-        drive(link, seconds=0.5)
-        assert link.native("LArm").positions(link.read().joints)["LElbowRoll"] < -0.6
+            assert time.monotonic() < end
+        process.kill()
+    assert not list(process.stdout or ()), "it is told nothing before a new command"
 
 
 def test_35_topics_of_a_wrong_type_are_refused_by_name(start: Start) -> None:
-    ros_robot(start, wrong_type=True)
+    namespace = anywhere()
+    ros_robot(start, namespace, wrong_type=True)
     with pytest.raises(
         LinkError, match=r"/joint_states is std_msgs/msg/String; valid: sensor_msgs/msg/JointS"
     ):
-        connect(tci.load_robot("nao"), "ros1", wait=5.0)
+        connect(tci.load_robot("nao"), f"ros1:{namespace}", wait=15.0)
 
 
 def test_33_a_flood_does_not_age_what_is_read(start: Start) -> None:
-    ros_robot(start, flood=100)
-    with connect(tci.load_robot("nao"), "ros1", wait=20.0) as link:
+    namespace = anywhere()
+    ros_robot(start, namespace, flood=100)
+    with connect(tci.load_robot("nao"), f"ros1:{namespace}", wait=60.0) as link:
         time.sleep(2.0)
         end = time.monotonic() + 30.0
         while link.clock.now() - link.read().joints.stamp > link.gate.stale_after:
@@ -99,13 +125,13 @@ def test_33_a_flood_does_not_age_what_is_read(start: Start) -> None:
 
 
 def test_a_robot_that_tci_shows_is_an_ordinary_robot_to_ros(start: Start) -> None:
-    start(sys.executable, "-m", "tci.cli.main", "serve", "nao", "--via", "ros1:/left", "--duration", "120")
+    start(*SERVE, "ros1:/left")
     robot = tci.load_robot("nao")
-    with connect(robot, "ros1:/left", arm=True, wait=40.0) as link:
+    with connect(robot, "ros1:/left", arm=True, wait=60.0) as link:
         assert link.read().joints.modes is not None, "a TCI process tells more than a JointState can"
         go(link, "LElbowRoll", -1.2)
     asked = subprocess.run(
-        [DEBIAN_PYTHON, "-c", LOOK], capture_output=True, text=True, timeout=60, check=True
+        [DEBIAN_PYTHON, "-c", LOOK], capture_output=True, text=True, timeout=120, check=True
     )
     found = json.loads(asked.stdout.splitlines()[-1])
     assert set(found["position"]) == {servo.joint or servo.name for servo in robot.servos}
@@ -141,8 +167,11 @@ while move.get_num_connections() == 0:
     rospy.sleep(0.05)
 point = JointTrajectoryPoint(positions=[0.8], time_from_start=rospy.Duration(0.4))
 move.publish(JointTrajectory(joint_names=["RElbowRoll"], points=[point]))
-rospy.sleep(2.0)
 found["after"] = joints()
+for _ in range(2000):
+    if abs(found["after"]["RElbowRoll"] - 0.8) < 0.01:
+        break
+    found["after"] = joints()
 print(json.dumps(found))
 """
 

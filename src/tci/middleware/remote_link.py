@@ -25,7 +25,7 @@ TIMEOUT = 3.0
 """Time [s] that a robot has to answer when a link is opened. Ours."""
 STARTING = 30.0
 """The same while its process is there, which may still compile. Ours."""
-SKIN = 0.5
+SKIN = 2.0
 """Time [s] that the first frames of the skin have after that; a dead patch is for the skin to see. Ours."""
 WINDOW = 1.0
 """Time [s] over which the shortest way of a state counts as its undelayed one. Ours."""

@@ -11,10 +11,12 @@ import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cache, partial
+from http.client import HTTPConnection
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
+from xmlrpc.client import ServerProxy, Transport
 
 from tci.errors import LinkError
 from tci.middleware.link import Link
@@ -28,7 +30,7 @@ from tci.recording.cdr import MessageType
 PLACES = ("/opt/ros/noetic/lib/python3/dist-packages", "/usr/lib/python3/dist-packages")
 """Where ROS 1 and Debian put their Python packages."""
 MASTER_TIMEOUT = 3.0
-"""Time [s] that the master has to answer. Ours."""
+"""Time [s] that the master or a node has to answer. Ours."""
 BUFFER = 1 << 20
 """Bytes that a subscriber takes at once, so that the newest of a flood is found. Ours."""
 
@@ -90,16 +92,36 @@ class Ros1Node(RosNode):
         self._topics.append(subscriber)
 
     def types_of(self, topic: str) -> tuple[str, ...]:
+        nodes: Sequence[str] = ()
         with suppress(Exception):  # a master that is away offers nothing
-            offered = {name for name, _ in self._master.getSystemState()[0]}
-            types = {name: type_ for name, type_ in self._master.getTopicTypes() if name in offered}
-            return tuple(type_.replace("/", "/msg/", 1) for name, type_ in types.items() if name == topic)
+            nodes = dict(self._master.getSystemState()[0]).get(topic, ())
+        found = {dict(self._publications(node)).get(topic, "") for node in nodes} - {""}
+        return tuple(sorted(type_.replace("/", "/msg/", 1) for type_ in found))
+
+    def _publications(self, node: str) -> Sequence[tuple[str, str]]:
+        """Topics and types, as the node itself says: the master still lists one that was killed."""
+        uri = ""
+        with suppress(Exception):
+            uri = self._master.lookupNode(node)
+            with ServerProxy(uri, transport=_Brief()) as asked:
+                answer: Any = asked.getPublications("/tci")
+                return [(topic, type_) for topic, type_ in answer[2]]
+        self.silent.add(f"{node} ({uri})")
         return ()
 
     def close(self) -> None:
         while self._topics:
             self._topics.pop().unregister()
         self._master = None  # and its connection
+
+
+class _Brief(Transport):
+    """A call that ends when nobody answers."""
+
+    def make_connection(self, host: Any) -> HTTPConnection:
+        connection = super().make_connection(host)
+        connection.timeout = MASTER_TIMEOUT
+        return connection
 
 
 class Ros1Link(RosLink):

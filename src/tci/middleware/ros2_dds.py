@@ -26,7 +26,7 @@ from cyclonedds.util import duration
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from tci.errors import LinkError
-from tci.middleware.ros.node import Hear, Publish, RosNode
+from tci.middleware.ros.node import LIFESPAN, Hear, Publish, RosNode
 from tci.recording.cdr import HEADER, MessageType, decode, encode, item_of
 
 RANGES = ("SUBNET", "LOCALHOST", "OFF", "SYSTEM_DEFAULT")
@@ -34,6 +34,8 @@ MOST_PARTICIPANTS = 32
 """Processes of one domain on this machine that find each other without multicast, as in ROS."""
 RELIABLE = Policy.Reliability.Reliable(duration(milliseconds=0))
 """Repeats what was lost, but never waits for a slow reader."""
+FRESH = Policy.Lifespan(duration(seconds=LIFESPAN))
+"""Otherwise what a dead reader did not confirm is kept, and a reader that comes later gets it."""
 GRAPH = MessageType(
     "rmw_dds_common/msg/ParticipantEntitiesInfo",
     (("rmw_dds_common/Gid", "gid"), ("rmw_dds_common/NodeEntitiesInfo[]", "nodes")),
@@ -132,6 +134,7 @@ class DdsNode(RosNode):
             RELIABLE,
             Policy.Durability.TransientLocal if latched else Policy.Durability.Volatile,
             Policy.History.KeepLast(1),
+            *(() if latched else (FRESH,)),
         ]
         return DataWriter(self._opened(), self._topic(name, kind), qos=_qos(policies, kind))
 

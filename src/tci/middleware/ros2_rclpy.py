@@ -9,11 +9,12 @@ from typing import Any
 
 import rclpy
 import rclpy.context
+from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from tci.errors import LinkError
-from tci.middleware.ros.node import Hear, Publish, RosNode
+from tci.middleware.ros.node import LIFESPAN, Hear, Publish, RosNode
 from tci.recording.cdr import MessageType, decode, encode
 
 
@@ -39,7 +40,10 @@ class RclpyNode(RosNode):
         self._open = True
 
     def advertise(self, topic: str, kind: MessageType, *, latched: bool = False) -> Publish:
-        publisher = self._node.create_publisher(_type(kind), topic, _qos(1, latched=latched, reliable=True))
+        qos = _qos(1, latched=latched, reliable=True)
+        if not latched:  # a reader, which has another clock, must not have this
+            qos.lifespan = Duration(seconds=LIFESPAN)
+        publisher = self._node.create_publisher(_type(kind), topic, qos)
 
         def send(values: Sequence[Any]) -> None:
             publisher.publish(encode(kind, values))

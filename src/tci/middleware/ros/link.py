@@ -19,7 +19,7 @@ from tci.messages import Reading, SkinFrame
 from tci.middleware.diagnosis import Finding, Level
 from tci.middleware.remote import Orders, State
 from tci.middleware.remote_cdr import orders_bytes, to_skin, to_state
-from tci.middleware.remote_link import RemoteLink
+from tci.middleware.remote_link import STARTING, RemoteLink
 from tci.middleware.ros.messages import BYTES, NO_LAYOUT
 from tci.middleware.ros.names import Names
 from tci.middleware.ros.native import NativeRobot
@@ -30,8 +30,8 @@ from tci.recording.schemas import JOINTS
 WAIT = 5.0
 """How long [s] a link waits for the robot's joints when it opens. Ours."""
 STATE_WAIT = 0.5
-"""How long [s] after a robot's joints the states of a TCI process may show up. Ours."""
-SKIN_WAIT = 1.0
+"""How long [s] joints are offered and states are not, before the robot counts as one of ROS. Ours."""
+SKIN_WAIT = 2.0
 """How long [s] it then waits for patches that have sent nothing yet. Ours."""
 
 
@@ -48,6 +48,7 @@ class RosLink(RemoteLink):
             names = self._names = Names(robot, middleware, namespace)
             now = self.clock.now
             self._native: NativeRobot | None = None
+            self._away = False
             self._received: dict[str, bytes] = {}
             node.subscribe(names.state, BYTES, self._keep(names.state))
             for patch in robot.patches:
@@ -78,19 +79,29 @@ class RosLink(RemoteLink):
         found = [Finding(Level.OK, "dialect", f"{whose} in namespace {self.place}")]
         for reason, count in self._node.rejected.items():
             found.append(Finding(Level.WARNING, "messages", f"{count} of no use: {reason}"))
+        for node in sorted(self._node.silent):
+            advice = "if it died: rosnode cleanup; if not: can its name be resolved here?"
+            found.append(Finding(Level.NOTE, "node", f"{node} is registered and does not answer", advice))
         return tuple(found)
 
     def _receive(self) -> Reading:
         if self._native is None:
             return super()._receive()
         self._node.poll()
-        return self._native.reading()
+        reading = self._native.reading()
+        was_away, self._away = self._away, self.clock.now() - reading.joints.stamp > self.gate.stale_after
+        if was_away and not self._away:  # it may stand elsewhere now, and gets nothing that was meant before
+            self.gate.drop()
+            self._native.forget()
+        return reading
 
     def _send(self, safe: SafeCommand) -> None:
-        if self._native:
-            self._native.send(safe)
-        else:
+        if not self._native:
             super()._send(safe)
+        elif not self._away or np.any(
+            safe.velocity
+        ):  # it stops, whether it tells or not; then it is left alone
+            self._native.send(safe)
 
     def _close(self) -> None:
         super()._close()
@@ -122,20 +133,23 @@ class RosLink(RemoteLink):
 
     def _is_tci(self, wait: float) -> bool:
         """Whether a TCI process shows the robot. Raises LinkError when nobody does anything."""
-        end = time.monotonic() + wait
-        joints_since = np.inf
+        begin = time.monotonic()
+        plain_since = np.inf
         while True:
             self._node.poll()
-            now = time.monotonic()
-            if self._received or self._node.types_of(self._names.state):
+            if self._received:
                 self._wait()
                 return True
-            if JOINTS.name in self._node.types_of(self._names.joints):
-                joints_since = min(joints_since, now)
-            if now - joints_since > STATE_WAIT:
+            # A TCI process offers its states before its joints, so this is the order to look in.
+            joints = JOINTS.name in self._node.types_of(self._names.joints)
+            shown = bool(self._node.types_of(self._names.state))
+            now = time.monotonic()
+            plain_since = min(plain_since, now) if joints and not shown else np.inf
+            if now - plain_since > STATE_WAIT:
                 return False
-            if now > end:
-                raise LinkError(self._why_not(wait))
+            if now - begin > (max(wait, STARTING) if shown else wait):
+                silent = f"{self._names.state} is offered, but {self._nobody()}"
+                raise LinkError(silent if shown else self._why_not(wait))
             time.sleep(0.01)
 
     def _be_heard(self, seconds: float) -> None:
@@ -167,7 +181,9 @@ class RosLink(RemoteLink):
         topic, where = self._names.joints, f"within {seconds:g} s"
         offered = self._node.types_of(topic)
         if not offered:
-            return f"nobody publishes {topic} {where}; is the robot on, and in this ROS domain and namespace?"
+            silent = "".join(f"; {node} is registered and does not answer" for node in self._node.silent)
+            advice = "is the robot on, and in this ROS domain and namespace?"
+            return f"nobody publishes {topic} {where}{silent}; {advice}"
         if JOINTS.name not in offered:
             return f"{topic} is {', '.join(offered)}; valid: {JOINTS.name}"
         if self._node.rejected:

@@ -61,6 +61,10 @@ class NativeRobot:
         frames = (arrivals.latest for arrivals in self.skin.values())
         return Reading(self.joints.latest, tuple(frame for frame in frames if frame is not None))
 
+    def forget(self) -> None:
+        """Hold no joint any more that nobody commands: the robot was away, and may stand elsewhere."""
+        self._held.clear()
+
     def send(self, safe: SafeCommand) -> None:
         """Command each part that has a servo under command. Raises LinkError for a mode but position."""
         wanted: dict[int, float] = {}

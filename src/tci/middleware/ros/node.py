@@ -15,6 +15,8 @@ Publish = Callable[[Sequence[Any]], None]
 """Sends one message, given its values in the order of `MessageType.flat`."""
 Hear = Callable[[Mapping[str, Any]], None]
 """Takes one message, as `tci.recording.cdr.decode` gives it. What it raises is counted, and no more."""
+LIFESPAN = 0.1
+"""Time [s] after which a message is not delivered any more, where the middleware keeps messages. Ours."""
 MOST_REASONS = 100
 """Different reasons that are kept apart. Ours."""
 NAMESPACE = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)*")
@@ -26,6 +28,8 @@ class RosNode(ABC):
     def __init__(self) -> None:
         self.rejected: Counter[str] = Counter()
         """Messages that could not be understood, by reason."""
+        self.silent: set[str] = set()
+        """Nodes that are registered for a topic that was asked for, and do not answer."""
 
     @abstractmethod
     def advertise(self, topic: str, kind: MessageType, *, latched: bool = False) -> Publish:
@@ -39,7 +43,7 @@ class RosNode(ABC):
 
     @abstractmethod
     def types_of(self, topic: str) -> tuple[str, ...]:
-        """Types that others offer a topic with, for people; empty for no such topic."""
+        """Types that others, who are alive, offer a topic with, for people; empty for no such topic."""
 
     @abstractmethod
     def close(self) -> None:

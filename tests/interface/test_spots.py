@@ -47,6 +47,47 @@ def test_distances_around_a_head_are_those_of_its_circumference(name: str) -> No
         assert found > chord - 0.002
 
 
+def unrolled(cone: TruncatedCone, points: Array) -> Array:
+    """Points (n, 3) [m] of a truncated cone as slant height [m] and angle [rad] (n, 2) of its flat sector."""
+    local = (points - np.array(cone.origin)) @ rotation_rpy(*cone.rpy)
+    slope = (cone.r2 - cone.r1) / cone.length
+    sine = abs(slope) / np.hypot(1.0, slope)
+    radius = cone.r1 - slope * local[:, 2]
+    return np.column_stack([radius / sine, np.arctan2(local[:, 1], local[:, 0]) * sine])
+
+
+@pytest.mark.parametrize(
+    ("name", "patch", "spot"),
+    [
+        ("nao-whole", "head_skin", FRONT),
+        ("nao-whole", "torso_skin", Spot("", (-1.0, 0.0, 0.0))),
+        ("icub-whole", "torso_skin", FRONT),
+        ("icub-whole", "left_palm", Spot("", (0.0, -1.0, 0.0))),
+        ("nao-whole", "left_thigh", Spot("thigh", (1.0, 0.0, 0.0))),
+        ("nao-whole", "right_shank", Spot("shank", (-1.0, 0.0, 0.0))),
+        ("icub-whole", "left_thigh", Spot("thigh", (0.0, 1.0, 0.0))),
+    ],
+)
+def test_distances_are_those_of_the_unrolled_cone(name: str, patch: str, spot: Spot) -> None:
+    """A cone is flat when it is unrolled: the shortest way is a straight line there, whichever way around."""
+    body = BODIES[name]
+    words = body.robot.patch(patch)
+    cone = words.surface
+    assert isinstance(cone, TruncatedCone)
+    place = body.spots.place(words.part, spot)
+    surface = body.skin.surfaces[patch]
+    (start,) = unrolled(cone, place.p_L[None])
+    slope = (cone.r2 - cone.r1) / cone.length
+    sector = 2.0 * np.pi * abs(slope) / np.hypot(1.0, slope)
+    for taxel in range(0, len(surface.positions), 7):
+        (end,) = unrolled(cone, surface.positions[taxel : taxel + 1])
+        apart = abs(start[1] - end[1]) % sector
+        angle = min(apart, sector - apart)
+        exact = np.sqrt(start[0] ** 2 + end[0] ** 2 - 2.0 * start[0] * end[0] * np.cos(angle))
+        found = body.spots.distance(contact_at(body, patch, surface.positions[taxel]), spot)
+        assert found == pytest.approx(exact, rel=0.03, abs=0.001), (taxel, exact)
+
+
 @pytest.mark.parametrize("name", ROBOTS)
 def test_spots_lie_where_they_are_said_to(name: str) -> None:
     body = BODIES[name]

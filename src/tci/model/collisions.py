@@ -14,8 +14,9 @@ from tci.frames import Array
 from tci.model.description import Robot
 from tci.model.mujoco_model import load_spec
 
-LEFT, RIGHT, SKIN = 1, 2, 4
-"""Bits of MuJoCo's contype and conaffinity. The skin collides with the finger only."""
+LEFT, RIGHT, SKIN, GROUND = 1, 2, 4, 8
+"""Bits of MuJoCo's contype and conaffinity. The skin collides with the finger only, that of soles with the
+ground too."""
 
 HIDDEN = 3
 """Group of geoms that pictures leave out."""

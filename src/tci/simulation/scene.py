@@ -9,7 +9,7 @@ import numpy as np
 
 from tci.errors import CommandError
 from tci.frames import Array, apply, invert, transform
-from tci.model.collisions import SKIN, exclude_overlaps, solid_spec
+from tci.model.collisions import GROUND, exclude_overlaps, solid_spec
 from tci.model.description import SOLE, Robot
 from tci.model.kinematics import Kinematics
 from tci.model.surfaces import Surface
@@ -40,7 +40,13 @@ def build_scene(
         body.gravcomp = 0.0 if stands else 1.0
     for patch in robot.patches:
         if patch.name in surfaces:
-            add_skin(spec, surfaces[patch.name], axes=patch.sensor.axes, step=step, floor=stands)
+            add_skin(
+                spec,
+                surfaces[patch.name],
+                axes=patch.sensor.axes,
+                step=step,
+                floor=stands and patch.segment == SOLE,
+            )
     add_finger(spec, step=step)
     if stands:
         _add_floor(spec, robot, surfaces, posture)
@@ -64,7 +70,7 @@ def _add_floor(spec: mujoco.MjSpec, robot: Robot, surfaces: Mapping[str, Surface
     lowest = min(float(apply(T_WT @ poses[sole.link], sole.positions)[:, 2].min()) for sole in soles)
     spec.worldbody.add_geom(
         name=FLOOR, type=mujoco.mjtGeom.mjGEOM_PLANE, size=[2.0, 2.0, 0.1], pos=[0.0, 0.0, lowest],
-        contype=SKIN, conaffinity=0, condim=3, friction=FRICTION, priority=FINGER_PRIORITY + 2,
+        contype=GROUND, conaffinity=0, condim=3, friction=FRICTION, priority=FINGER_PRIORITY + 2,
         rgba=[0.8, 0.8, 0.78, 1.0],
     )  # fmt: skip
     base.add_freejoint()

@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull
 from tci.errors import TciError
 from tci.frames import Array, apply, invert, read_only
 from tci.messages import SkinFrame
-from tci.model.collisions import SKIN
+from tci.model.collisions import GROUND, SKIN
 from tci.model.description import Patch
 from tci.model.surfaces import Surface, is_sheet, tangents
 from tci.simulation.kernel import spread, width
@@ -91,7 +91,7 @@ def add_skin(spec: mujoco.MjSpec, surface: Surface, *, axes: int, step: float, f
         meshname=name,
         mass=0.0,
         contype=0,
-        conaffinity=SKIN,
+        conaffinity=SKIN | GROUND if floor else SKIN,
         condim=axes,
         priority=FINGER_PRIORITY + 1 if axes == 3 else 0,
         solref=stiff(step),
@@ -171,7 +171,8 @@ class Touch:
         start = int(physics.model.sensor(name).adr[0])
         self._slots = slice(start, start + SLOTS * _WIDTH)
         self._floor: slice | None = None
-        if any(physics.model.geom(geom).name == FLOOR for geom in range(physics.model.ngeom)):
+        sensors = [physics.model.sensor(index).name for index in range(physics.model.nsensor)]
+        if _floor_sensor(patch.name) in sensors:
             start = int(physics.model.sensor(_floor_sensor(patch.name)).adr[0])
             self._floor = slice(start, start + _WIDTH)
         self._x = tangents(surface.normals) if surface.tangents is None else surface.tangents

@@ -52,9 +52,9 @@ class World:
 
         `posture` are generic angles [rad] by generic part where the robot starts; parts that it does
         not name start at their initial posture. A robot that `stands` carries its weight on a floor under its
-        soles, and may fall; otherwise its base is fixed and it weighs nothing. Raises DescriptionError for a
-        robot that can't be simulated, CommandError for a posture that does not fit, or one that stands and
-        has no soles that feel.
+        soles, which alone touch it, and may fall; otherwise its base is fixed and it weighs nothing. Raises
+        DescriptionError for a robot that can't be simulated, CommandError for a posture that does not fit,
+        or one that stands and has no soles that feel.
         """
         if robot.model is None:
             raise DescriptionError(robot.source, [Fault(0, NO_MODEL)])

@@ -23,6 +23,7 @@ from tci.clock import ManualClock
 from tci.errors import FrameError, LinkError
 from tci.middleware.lcm import LcmLink
 from tci.middleware.lcm_datagrams import LONGEST, PATIENCE, SENDERS, Datagrams, Receiver, parse_url
+from tci.middleware.link import Link
 from tci.middleware.remote_lcm import (
     frame_bytes,
     orders_bytes,
@@ -184,13 +185,8 @@ def test_debians_lcm_logger_records_and_its_logplayer_shows_the_robot_again_but_
     try:
         with subprocess.Popen([logger, f"--lcm-url={url}", "--quiet", log]) as recording:
             with peer.open(arm=True) as link:
-                arm = link.native("LArm")
-                pending = [arm.command({"LElbowRoll": -1.2})]
-                for now in link.ticks(duration=2.0):
-                    joints = link.read().joints
-                    link.write(link.gate.step(pending, joints, now))
-                    pending = []
-                assert arm.positions(joints)["LElbowRoll"] == pytest.approx(-1.2, abs=0.05)
+                for angle in (-0.3, -1.2):
+                    assert bend(link, angle) == pytest.approx(angle, abs=0.05)
             recording.send_signal(signal.SIGINT)
         channels = {}
         for event in lcm.EventLog(str(log)):
@@ -201,18 +197,33 @@ def test_debians_lcm_logger_records_and_its_logplayer_shows_the_robot_again_but_
         assert state_t.decode(channels["tci/nao/state"][-1]).position[0] == pytest.approx(0.0, abs=3.0)
 
         with peer.open(arm=True) as link:  # elsewhere again, then the old orders come once more
-            arm = link.native("LArm")
-            for now in link.ticks(duration=2.0):
-                link.write(link.gate.step([arm.command({"LElbowRoll": -0.5})], link.read().joints, now))
+            assert bend(link, -0.5) == pytest.approx(-0.5, abs=0.05)
         subprocess.run([player, f"--lcm-url={url}", log], check=True, capture_output=True, timeout=60)
         with peer.open(arm=False) as link:
-            assert arm.positions(link.read().joints)["LElbowRoll"] == pytest.approx(-0.5, abs=0.05)
+            assert elbow(link) == pytest.approx(-0.5, abs=0.05)
     finally:
         peer.stop()
-    with subprocess.Popen([player, f"--lcm-url={url}", log], stdout=subprocess.DEVNULL) as playing:
-        with LcmLink(patient("nao"), url) as shown:
-            elbows = []
-            while playing.poll() is None:
-                elbows.append(arm.positions(shown.read().joints)["LElbowRoll"])
-                time.sleep(0.01)
-        assert np.ptp(elbows) > 0.1
+    play = [player, f"--lcm-url={url}", log]
+    with subprocess.Popen(play, stdout=subprocess.DEVNULL):
+        shown = LcmLink(patient("nao"), url)
+    with shown, subprocess.Popen(play, stdout=subprocess.DEVNULL) as playing:  # from its beginning, this time
+        elbows = []
+        while playing.poll() is None:
+            elbows.append(elbow(shown))
+            time.sleep(0.01)
+    assert np.ptp(elbows) > 0.1
+
+
+def elbow(link: Link) -> float:
+    return link.native("LArm").positions(link.read().joints)["LElbowRoll"]
+
+
+def bend(link: Link, to: float) -> float:
+    """Bend the left elbow; where it is when it is there, or after 30 s."""
+    pending = [link.native("LArm").command({"LElbowRoll": to})]
+    for now in link.ticks(duration=30.0):
+        link.write(link.gate.step(pending, link.read().joints, now))
+        pending = []
+        if abs(elbow(link) - to) < 0.02:
+            break
+    return elbow(link)

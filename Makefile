@@ -48,7 +48,7 @@ fuzz: dev-env  ## all that reads foreign bytes: coverage-guided (TCI_SECONDS eac
 	  tests/model/test_xml.py tests/middleware/yarp tests/middleware/test_player.py -k "damaged or mutated"
 
 reliability: dev-env  ## the scoreboard of docs/reliability.md (FULL=1: full size); writes reliability.json
-	@OUT=$(OUT) FULL=$(FULL) $(VENV)/python tools/reliability
+	@OUT=$(OUT) FULL=$(FULL) ROWS="$(ROWS)" PAGE=$(PAGE) $(VENV)/python tools/reliability
 
 lock:  ## renew requirements/*.txt (needs uv)
 	uv pip compile --universal --python-version 3.11 --generate-hashes --index-url https://pypi.org/simple --no-emit-index-url \

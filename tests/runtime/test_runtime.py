@@ -33,6 +33,14 @@ def test_the_loop_runs_a_capability_of_ones_own() -> None:
         assert set(seen[-1].sent.servos) == {1, 0}  # NAO's HeadPitch and HeadYaw; it has no roll
 
 
+def test_after_a_tick_that_came_a_period_late_there_is_none_in_the_same_period() -> None:
+    class Late(ManualClock):
+        def sleep_until(self, stamp: float) -> None:
+            super().sleep_until(stamp + (0.12 if stamp == pytest.approx(0.3) else 0.0))
+
+    assert list(ticks(Late(), 0.1, duration=0.8)) == pytest.approx([0.0, 0.1, 0.2, 0.42, 0.5, 0.6, 0.7])
+
+
 def test_ticks_are_skipped_never_caught_up() -> None:
     clock = ManualClock()
     stamps = []

@@ -7,7 +7,7 @@ import tempfile
 from pathlib import Path
 
 from fuzz import TARGETS, fuzz
-from rich.progress import track
+from pool import Result, gather
 from row import Row
 
 from model.test_xml import GOOD, damage
@@ -18,7 +18,17 @@ from tci.runtime.heartbeat import decode, encode
 
 def descriptions(full: bool) -> Row:
     """Damaged descriptions end in a TciError or are read."""
-    count, chance, uncaught = (100_000 if full else 1_000), random.Random(5), 0
+    jobs = [(seed, 1_000) for seed in range(100 if full else 1)]
+    done = gather("descriptions", _descriptions, jobs, full=full)
+    uncaught = sum(result["uncaught"] for result in done)
+    return Row(
+        "damaged descriptions", sum(result["tried"] for result in done), 1e5, "files",
+        f"{uncaught} uncaught", "0 uncaught", uncaught == 0,
+    )  # fmt: skip
+
+
+def _descriptions(seed: int, count: int) -> Result:
+    chance, uncaught = random.Random(seed), 0
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "robot.xml"
         for _ in range(count):
@@ -29,30 +39,47 @@ def descriptions(full: bool) -> Row:
                 continue
             except Exception:
                 uncaught += 1
-    return Row("damaged descriptions", f"{count}", f"{uncaught} uncaught", "0 uncaught", uncaught == 0)
+    return {"tried": count, "uncaught": uncaught}
 
 
 def guided(full: bool) -> Row:
     """libFuzzer looks for inputs that reach new lines of all that reads foreign bytes."""
-    seconds = (600.0 if full else 14.0) / len(TARGETS)
-    done = [fuzz(name, seconds) for name in track(TARGETS, "coverage-guided fuzzing")]
-    uncaught = [words for _, words in done if words]
+    seconds, wanted = (600.0 if full else 14.0 / len(TARGETS)), 600.0
+    done = gather("guided", _guided, [(name, seconds) for name in TARGETS], full=full)
+    uncaught = [result["words"] for result in done if result["words"]]
     for words in uncaught:
         print(words)
     return Row(
         f"coverage-guided fuzzing, {len(TARGETS)} readers",
-        f"{sum(runs for runs, _ in done)} inputs in {seconds * len(TARGETS):.0f} s",
-        f"{len(uncaught)} uncaught",
-        "10 minutes, 0 uncaught",
+        sum(result["seconds"] for result in done),
+        wanted * len(TARGETS),
+        "s",
+        f"{sum(result['runs'] for result in done)} inputs, {len(uncaught)} uncaught",
+        "10 minutes each, 0 uncaught",
         not uncaught,
     )
 
 
+def _guided(name: str, seconds: float) -> Result:
+    runs, words = fuzz(name, seconds)
+    return {"seconds": seconds, "runs": runs, "words": words}
+
+
 def heartbeats(full: bool) -> Row:
     """Damaged heartbeats are never taken for another beat."""
-    count, chance, wrong = (1_000_000 if full else 50_000), random.Random(6), 0
+    jobs = [(seed, 50_000) for seed in range(20 if full else 1)]
+    done = gather("heartbeats", _heartbeats, jobs, full=full)
+    wrong = sum(result["wrong"] for result in done)
+    return Row(
+        "damaged heartbeats", sum(result["tried"] for result in done), 1e6, "datagrams",
+        f"{wrong} accepted", "0 accepted, 0 crashes", wrong == 0,
+    )  # fmt: skip
+
+
+def _heartbeats(seed: int, count: int) -> Result:
+    chance, wrong = random.Random(seed), 0
     for sequence in range(count):
         good = encode("brain", sequence)
         bad = damage(good, chance)
         wrong += bad != good and decode(bad) is not None
-    return Row("damaged heartbeats", f"{count}", f"{wrong} accepted", "0 accepted, 0 crashes", wrong == 0)
+    return {"tried": count, "wrong": wrong}

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
-from pool import spread
+from pool import Result, gather
 from row import Row
 
 import tci
@@ -125,20 +125,25 @@ class Day:
         )
 
 
-def _live(seed: int, hours: float, touches: int) -> Hours:
-    return Day(seed).live(hours, touches)
+def _live(seed: int, hours: float, touches: int) -> Result:
+    return asdict(Day(seed).live(hours, touches))
 
 
 def false_reflexes(full: bool) -> Row:
     """Hours are simulated: every frame of them goes through conditioning, contacts and reflex."""
     jobs, hours, touches = (96, 0.25, 105) if full else (1, 0.05, 20)
-    done = spread(_live, [(seed, hours, touches) for seed in range(jobs)], "a day of touches")
-    false, missed = sum(d.false for d in done), sum(d.missed for d in done)
+    work = [(seed, hours, touches) for seed in range(jobs)]
+    done = gather("false_reflexes", _live, work, full=full)
+    total = {
+        key: sum(d[key] for d in done) for key in ("hours", "false", "touches", "missed", "twice", "broken")
+    }
     return Row(
         "false reflexes in noise, drift and single-taxel faults",
-        f"{sum(d.hours for d in done):g} h, {sum(d.touches for d in done)} touches",
-        f"{false} false, {missed} missed, {sum(d.twice for d in done)} answered twice; "
-        f"{sum(d.broken for d in done)} taxels broken",
-        "24 h, 0 false, 0 of 1e4 missed",
-        false == 0 and missed == 0,
+        total["hours"],
+        24.0,
+        "hours",
+        f"{total['false']} false, {total['missed']} of {total['touches']} touches missed, "
+        f"{total['twice']} answered twice; {total['broken']} taxels broken",
+        "0 false, 0 of 1e4 missed",
+        total["false"] == total["missed"] == 0,
     )

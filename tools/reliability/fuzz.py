@@ -169,7 +169,10 @@ def main() -> None:
     # Numba can't compile what is instrumented.
     import tci.capabilities.answer
     import tci.interface.contacts
-    import tci.interface.skin  # noqa: F401
+    import tci.interface.kernels.apart
+    import tci.interface.kernels.stops
+    import tci.interface.skin
+    import tci.simulation.kernel  # noqa: F401
 
     with atheris.instrument_imports(include=["tci"]):
         target, seeds = TARGETS[name]()

@@ -3,14 +3,33 @@
 from __future__ import annotations
 
 import numpy as np
+from pool import Result, gather
 from row import Row
 
 from interface.gate_checks import Driven, make_robot, position_command
 
+CHUNK = 10_000
+"""Values of one seed."""
+
 
 def non_finite(full: bool) -> Row:
     """A NaN or infinity in a value, a speed or an angle; none may come out."""
-    count, random = (1_000_000 if full else 10_000), np.random.default_rng(12)
+    jobs = [(seed, CHUNK) for seed in range(100 if full else 1)]
+    done = gather("non_finite", _one, jobs, full=full)
+    reached = sum(result["reached"] for result in done)
+    return Row(
+        "non-finite values at the gate",
+        sum(result["tried"] for result in done),
+        1e6,
+        "values",
+        f"{reached} reached a link",
+        "0",
+        reached == 0,
+    )
+
+
+def _one(seed: int, count: int) -> Result:
+    random = np.random.default_rng(seed)
     driven = Driven(make_robot(), [0.0] * 6)
     reached = 0
     for index in range(count):
@@ -26,4 +45,4 @@ def non_finite(full: bool) -> Row:
         safe = driven.step(position_command(range(6), values, speed=speed))
         reached += not all(np.isfinite(part).all() for part in (safe.position, safe.velocity, safe.torque))
         driven.angles = np.where(np.isfinite(driven.angles), driven.angles, angles)
-    return Row("non-finite values at the gate", f"{count}", f"{reached} reached a link", "0", reached == 0)
+    return {"tried": count, "reached": reached}

@@ -2,18 +2,44 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 
 @dataclass(frozen=True)
 class Row:
-    """A figure, its target, and whether it was met at this size."""
+    """A figure, its target, and whether it was met."""
 
     name: str
-    size: str
+    tried: float
     """How much was tried."""
+    wanted: float
+    """How much the target asks for."""
+    unit: str
+    """What is counted."""
     figure: str
     """What was measured; why there is nothing, for an open row."""
     target: str
-    met: bool | None
-    """None: not measured, since a part is missing."""
+    sound: bool | None
+    """Whether all that was tried is as the target wants it; None: nothing was measured."""
+
+    @property
+    def size(self) -> str:
+        """How much was tried, of how much."""
+        if self.sound is None:
+            return ""
+        if self.tried >= self.wanted:
+            return f"{self.tried:.9g} {self.unit}"
+        return f"{self.tried:.9g} of {self.wanted:.9g} {self.unit}"
+
+    @property
+    def met(self) -> str:
+        """`yes` only at the whole size of the target; `so far` where less was tried and nothing was wrong."""
+        if self.sound is None:
+            return "open"
+        if not self.sound:
+            return "no"
+        return "yes" if self.tried >= self.wanted else "so far"
+
+    def to_json(self) -> dict[str, object]:
+        """All of it."""
+        return {**asdict(self), "size": self.size, "met": self.met}

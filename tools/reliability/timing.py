@@ -9,6 +9,7 @@ import time
 
 import numpy as np
 import psutil
+from pool import Result, gather
 from row import Row
 
 import tci
@@ -35,6 +36,8 @@ print(json.dumps(late.to_json()))
 RATE = 50.0
 TOUCH = (0.5, 2.0)
 """How long [s] a touch lasts, and from one to the next."""
+PIECES = 3
+"""Runs that the hour is made of."""
 WARM = 5.0
 """Time [s] after which memory counts: compiled code is loaded then."""
 
@@ -98,7 +101,29 @@ class Touched(Link):
 
 def one_kilohertz(full: bool) -> Row:
     """Work of a tick on its processor and on the wall clock, lateness of both loops, memory."""
-    seconds = 3600.0 if full else 15.0
+    pieces, seconds = (PIECES, 3600.0 / PIECES) if full else (1, 15.0)
+    done = gather("one_kilohertz", _run, [(piece, seconds) for piece in range(pieces)], full=full, alone=True)
+    work, wall, late, bare, slope = (
+        max((result[key] for result in done), default=0.0)
+        for key in ("work", "wall", "late", "bare", "slope")
+    )
+    missed, unreported = (sum(result[key] for result in done) for key in ("missed", "unreported"))
+    moving = min((result["moving"] for result in done), default=1.0)
+    return Row(
+        "1 kHz loop, a touch every 2 s",
+        sum(result["seconds"] for result in done),
+        3600.0,
+        "s",
+        f"own work p99.9 {work:.2f} ms, on the wall clock {wall:.2f} ms; late p99.9 {late:.2f} ms, "
+        f"bare loop {bare:.2f} ms; {moving:.0%} of the time in motion; {missed} missed, "
+        f"{unreported} of them not counted; memory {slope:+.2f} MB/h",
+        "own work p99.9 <= 0.5 ms, no unreported overrun, memory < 1 MB/h",
+        work <= 0.5 and not unreported and moving > 0.0 and (not full or slope < 1.0),
+    )
+
+
+def _run(piece: int, seconds: float) -> Result:
+    del piece
     link, report, own = Touched(), LoopReport(), Histogram()
     process, memory, moved = psutil.Process(), [], [0]
 
@@ -111,19 +136,15 @@ def one_kilohertz(full: bool) -> Row:
     bare = subprocess.Popen([sys.executable, "-c", BARE, str(seconds)], stdout=subprocess.PIPE, text=True)
     run(link, tci.WithdrawalReflex(), duration=seconds, report=report, observe=observe)
     beside = json.loads(bare.communicate()[0])
-    counted = report.ticks + report.missed
-    slope = float(np.polyfit(*np.array(memory).T, 1)[0]) * 3600.0 / 2**20
-    work = own.quantile(0.999) * 1e3
-    return Row(
-        "1 kHz loop, a touch every 2 s",
-        f"{seconds:.0f} s",
-        f"own work p99.9 {work:.2f} ms, on the wall clock {report.work.quantile(0.999) * 1e3:.2f} ms; "
-        f"late p99.9 {report.lateness.quantile(0.999) * 1e3:.2f} ms, bare loop {beside['p999']:.2f} ms; "
-        f"{moved[0] / report.ticks:.0%} of the time in motion; {report.missed} missed, all counted; "
-        f"memory {slope:+.1f} MB/h",
-        "own work p99.9 <= 0.5 ms, no unreported overrun" + (", memory < 1 MB/h" if full else ""),
-        work <= 0.5
-        and abs(counted - round(seconds * 1000)) <= 1
-        and moved[0] > 0
-        and (not full or slope < 1.0),
-    )
+    unreported = abs(report.ticks + report.missed - round(seconds * 1000))
+    return {
+        "seconds": seconds,
+        "work": own.quantile(0.999) * 1e3,
+        "wall": report.work.quantile(0.999) * 1e3,
+        "late": report.lateness.quantile(0.999) * 1e3,
+        "bare": beside["p999"],
+        "slope": float(np.polyfit(*np.array(memory).T, 1)[0]) * 3600.0 / 2**20,
+        "moving": moved[0] / report.ticks,
+        "missed": report.missed,
+        "unreported": max(0, unreported - 1),
+    }

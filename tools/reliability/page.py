@@ -1,0 +1,24 @@
+"""The scoreboard in docs/reliability.md, between two marks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from row import Row
+
+PAGE = Path(__file__).parents[2] / "docs" / "reliability.md"
+BEGIN, END = "<!-- scoreboard -->\n", "<!-- end of the scoreboard -->\n"
+
+
+def write_page(rows: Sequence[Row], commit: str) -> None:
+    """Put the rows into the page, in the place of what is there."""
+    lines = [
+        f"Measured at {commit}.",
+        "",
+        "| figure | tried | measured | target | met |",
+        "|---|---|---|---|---|",
+    ]
+    lines += [f"| {row.name} | {row.size} | {row.figure} | {row.target} | {row.met} |" for row in rows]
+    before, rest = PAGE.read_text().split(BEGIN)
+    PAGE.write_text(before + BEGIN + "\n".join(lines) + "\n" + END + rest.split(END)[1])

@@ -49,6 +49,15 @@ def test_a_skin_that_sends_changes_only_decides_the_same(tmp_path: Path) -> None
         assert all((a == b).all() for a, b in zip(*pressures, strict=True))
 
 
+def test_a_replay_has_the_period_of_then(tmp_path: Path) -> None:
+    ticks = record_poke(tmp_path / "a.mcap", rate=100.0)
+    assert any(tick.commands for tick in ticks)
+    with ReplayLink(load_robot("nao"), str(tmp_path / "a.mcap")) as link:
+        assert link.period == link.gate.period == 0.01
+        run(link, WithdrawalReflex())
+        assert (link.compared, link.different) == (len(ticks), []) == (60, [])
+
+
 def test_the_loop_sees_what_it_saw(tmp_path: Path) -> None:
     ticks = record_poke(tmp_path / "a.mcap", duration=0.1)
     seen: list[Tick] = []

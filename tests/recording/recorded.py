@@ -16,12 +16,17 @@ from tci.runtime.loop import Tick, run
 
 
 def record_poke(
-    path: Path, *, robot: str = "nao", duration: float = 0.6, keep_alive: float | None = None
+    path: Path,
+    *,
+    robot: str = "nao",
+    duration: float = 0.6,
+    keep_alive: float | None = None,
+    rate: float | None = None,
 ) -> list[Tick]:
     """The reflex of a poked robot; what the loop saw. With a `keep_alive` [s] its skin sends changes only."""
     ticks: list[Tick] = []
     with (
-        SimulatedLink(load_robot(robot), keep_alive=keep_alive) as link,
+        SimulatedLink(load_robot(robot), keep_alive=keep_alive, rate=rate) as link,
         Recorder(path, link.robot, period=link.period, keep_alive=keep_alive) as recorder,
     ):
         poke_forearm(link)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -64,11 +64,19 @@ def page_of(viewer: Viewer) -> Iterator[Page]:
         browser.close()
 
 
-def skin_on_screen(viewer: Viewer, key: str, patch: str, page: Page) -> tuple[float, float, Place]:
-    """A pixel of the page under which a receptive field on `patch` is seen, and the place there."""
-    camera = next(iter(viewer.server.get_clients().values())).camera
+def canvas_of(page: Page) -> tuple[float, float, float, float]:
+    """Where the scene is on the page: left, top, width and height [pixels]."""
     box = page.locator("canvas").first.bounding_box()
     assert box is not None
+    return box["x"], box["y"], box["width"], box["height"]
+
+
+def skin_on_screen(
+    viewer: Viewer, key: str, patch: str, canvas: Sequence[float]
+) -> tuple[float, float, Place]:
+    """A pixel of the page under which a receptive field on `patch` is seen, and the place there."""
+    camera = next(iter(viewer.server.get_clients().values())).camera
+    left, top, width, height = canvas
     figure = viewer.figures[key]
     rotation = np.zeros(9)
     mujoco.mju_quat2Mat(rotation, camera.wxyz)
@@ -89,9 +97,9 @@ def skin_on_screen(viewer: Viewer, key: str, patch: str, page: Page) -> tuple[fl
         others = [pick(other, np.array(camera.position), ray) for other in _others(viewer, figure)]
         if found is None or found[0].patch != patch or any(others):
             continue
-        focal = box["height"] / 2.0 / np.tan(camera.fov / 2.0)
-        x = box["x"] + box["width"] / 2.0 + focal * seen[0] / seen[2]
-        y = box["y"] + box["height"] / 2.0 + focal * seen[1] / seen[2]
+        focal = height / 2.0 / np.tan(camera.fov / 2.0)
+        x = left + width / 2.0 + focal * seen[0] / seen[2]
+        y = top + height / 2.0 + focal * seen[1] / seen[2]
         return float(x), float(y), found[0]
     raise AssertionError(f"{patch} of {key} is not seen from here")
 

@@ -14,7 +14,7 @@ from tci.interface.gate import GateState
 from tci.recording.recording import Recording
 from tci.viewer.app import Viewer
 from tci.viewer.session import Session
-from viewer.browser import field, files, page_of, running, skin_on_screen, wait_for
+from viewer.browser import canvas_of, field, files, page_of, running, skin_on_screen, wait_for
 
 pytestmark = pytest.mark.xdist_group("browser")
 ROBOTS = ("nao", "icub")
@@ -62,7 +62,7 @@ def test_a_click_on_the_skin_is_answered_on_the_server_and_in_the_page(
     view = session.view
     assert view is not None
     start, pokes = view.posture["left_arm"], session.pokes
-    x, y, _ = skin_on_screen(viewer, name, "left_forearm", page)
+    x, y, _ = skin_on_screen(viewer, name, "left_forearm", canvas_of(page))
     page.mouse.click(x, y)
     wait_for(lambda: session.pokes == pokes + 1, "the click reaches the robot")
     wait_for(lambda: session.history.series("left_arm")[1].max() > 0.1, "the skin feels it")
@@ -81,7 +81,7 @@ def test_the_same_place_is_poked_on_every_robot(viewer: Viewer, page: Page) -> N
     page.get_by_label("same place on every robot").click()
     wait_for(lambda: viewer._everywhere is not None and viewer._everywhere.value, "the box is ticked")
     before = [session.pokes for session in viewer.sessions.values()]
-    x, y, _ = skin_on_screen(viewer, "nao", "left_forearm", page)
+    x, y, _ = skin_on_screen(viewer, "nao", "left_forearm", canvas_of(page))
     page.mouse.click(x, y)
     wait_for(
         lambda: [session.pokes for session in viewer.sessions.values()] == [count + 1 for count in before],

@@ -46,6 +46,7 @@ CASES = {
     "links": "links:links",
     "networks": "networks:networks",
     "start": "start:start",
+    "viewer": "looked_at:viewer",
 }
 """Module and function of each case; a function returns rows."""
 MARK = "bench rows: "

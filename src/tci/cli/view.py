@@ -29,8 +29,9 @@ if TYPE_CHECKING:
     from tci.viewer.player import Player
 
 REPLAY = "replay:"
-STEP = 0.002
-"""Physics step [s] of robots that are simulated to be looked at."""
+SIMULATED = {"step": 0.002, "rate": 100.0}
+"""Physics step [s] and control rate [Hz] of robots that are simulated to be looked at: the rate is that of
+their skins."""
 
 
 def needs_viewer() -> None:
@@ -92,7 +93,7 @@ def _sources(names: Sequence[str], vias: Sequence[str], capability: str, *, arm:
             found.append(_player(via.removeprefix(REPLAY), names[index] if names else None))
             continue
         name = via.partition(":")[0]
-        options = {"step": STEP} if name == "sim" else {}
+        options = SIMULATED if name == "sim" else {}
         link = connect(robots[index], via, arm=arm or name in HARMLESS, **options)
         about = {"middleware": name, **about_capability(capability, behaviour)}
         found.append(Session(link, behaviour, about=about))

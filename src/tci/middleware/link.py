@@ -32,13 +32,17 @@ class Link(ABC):
         clock: Clock,
         armed: bool,
         settings: GateSettings | None = None,
+        period: float | None = None,
     ) -> None:
-        """`settings` are the gate's. Raises UnknownNameError for a robot without a binding to it."""
+        """`settings` are the gate's; `period` [s] from one command to the next is the binding's if not given.
+
+        Raises UnknownNameError for a robot without a binding to it.
+        """
         binding = robot.binding(middleware)
         self.robot = robot
         self.clock = clock
         self.armed = armed
-        self.period = 1.0 / binding.rate
+        self.period = period or 1.0 / binding.rate
         """Time between two commands [s]."""
         self.gate = Gate(robot, period=self.period, stale_after=binding.stale_after, settings=settings)
         """The only maker of what `write` takes."""

@@ -54,7 +54,13 @@ class ReplayLink(Link):
                 f"this is {robot.name!r}, description {robot.digest[:12]}"
             )
         self._clock = ReplayClock()
-        super().__init__(robot, middleware=about.get("middleware", ""), clock=self._clock, armed=arm)
+        super().__init__(
+            robot,
+            middleware=about.get("middleware", ""),
+            clock=self._clock,
+            armed=arm,
+            period=self.recording.period or None,
+        )
         self.keep_alive = self.recording.keep_alive
         self.lease_name = f"replay:{robot.name}:{os.getpid()}:{id(self)}"
         self.compared = 0

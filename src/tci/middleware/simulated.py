@@ -16,6 +16,8 @@ from tci.middleware.link import Link
 from tci.model.description import Robot
 from tci.simulation.world import World
 
+FASTEST = 10_000.0
+"""Highest rate [Hz] of commands. Ours."""
 LATE = 0.1
 """How far [s] a paced simulation may fall behind real time before it stops catching up. Ours."""
 
@@ -61,21 +63,27 @@ class SimulatedLink(Link):
         world: World | None = None,
         paced: bool = False,
         keep_alive: float | None = None,
+        rate: float | None = None,
         **options: Any,
     ) -> None:
         """A link to `world`, or to a new one; `options` go to it: `step`, `seed`, `posture`, ...
 
+        `rate` [Hz] of the commands is the description's if not given.
+
         `paced` worlds run no faster than real time. With a `keep_alive` [s] the skin is event-driven: patches
         send when they change, and at least that often.
 
-        Raises LinkError for an address, which a simulation does not have.
+        Raises LinkError for an address, which a simulation does not have, and for a rate that is none.
         """
         if address:
             raise LinkError(f"the simulation has no address; got {address!r}, valid: sim")
-        self.world = world or World(robot, **options)
+        if rate is not None and not 1.0 <= rate <= FASTEST:
+            raise LinkError(f"rate {rate}; valid: 1 to {FASTEST:g} Hz")
+        period = None if rate is None else 1.0 / rate
+        self.world = world or World(robot, period=period, **options)
         """The simulated world: poke its `finger`, look at its physics."""
         clock = PacedWorldClock(self.world) if paced else WorldClock(self.world)
-        super().__init__(robot, middleware="sim", clock=clock, armed=arm)
+        super().__init__(robot, middleware="sim", clock=clock, armed=arm, period=period)
         self.keep_alive = keep_alive
         self._events = None if keep_alive is None else ChangedFrames(keep_alive)
         self._sent: dict[str, SkinFrame] = {}

@@ -26,6 +26,8 @@ from tci.recording.schemas import COMMAND, DECISION, JOINTS, SKIN, TICK, to_fram
 
 LARGEST = 64 * 2**20
 """Largest record, and largest chunk once unpacked [bytes]. Ours are below 2 MiB."""
+_PERIODS = (1e-4, 10.0)
+"""Shortest and longest period [s] that is believed. Ours."""
 KINDS: dict[str, MessageType] = {kind.name: kind for kind in (JOINTS, SKIN, TICK, COMMAND, DECISION)}
 
 
@@ -72,11 +74,12 @@ class Recording:
 
     @property
     def period(self) -> float:
-        """Time between two periods [s]; 0 where the file does not say."""
+        """Time between two periods [s]; 0 where the file does not say, or nothing that a loop could have."""
         try:
-            return float(self.about.get("period_s", "0"))
+            period = float(self.about.get("period_s", "0"))
         except ValueError:
             return 0.0
+        return period if _PERIODS[0] <= period <= _PERIODS[1] else 0.0
 
     @property
     def keep_alive(self) -> float | None:

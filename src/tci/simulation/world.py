@@ -46,8 +46,10 @@ class World:
         noise: float = 0.0,
         posture: Mapping[str, ArrayLike] | None = None,
         stands: bool = False,
+        period: float | None = None,
     ) -> None:
-        """`step` [s] is the physics' step; `noise` [counts] the standard deviation of raw skin values. `skin`
+        """`step` [s] is the physics' step, `period` [s] the time between two targets of the servos if not the
+        description's; `noise` [counts] the standard deviation of raw skin values. `skin`
         says whether the robot wears its skin, or names the patches that it wears.
 
         `posture` are generic angles [rad] by generic part where the robot starts; parts that it does
@@ -73,7 +75,7 @@ class World:
         self._generator = np.random.default_rng(seed)
         self._physics = Physics(build_scene(robot, self.surfaces, home, step=step, stands=stands))
         self._home = home
-        self._servos = Servos(self._physics, robot, home, period=_period(robot))
+        self._servos = Servos(self._physics, robot, home, period=period or _period(robot))
         self._skin = PosedSkin(self._physics, robot.model, self.surfaces)
         self._touches = {
             patch.name: Touch(

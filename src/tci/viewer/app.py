@@ -30,8 +30,12 @@ RATE = 30.0
 """Pictures per second [Hz]."""
 SLOW = 6
 """Pictures between two updates of plots, sliders and words."""
+WIDTH = 390
+"""Of the panel with the controls [pixels]: an event takes one line."""
 SPACE = 0.25
 """Free space [m] between two robots."""
+SKY = (208, 218, 230), (250, 250, 250)
+"""Colours of the background, from the top down: darker than a white robot."""
 FOV = 0.7
 """Vertical angle of view [rad]."""
 Source = Session | Player
@@ -57,6 +61,8 @@ class Viewer:
         """Those that are not recorded, by key."""
         self._players = [source for source in self.sources.values() if isinstance(source, Player)]
         self.server, self.guard, self.address = open_server(host, port, label="TCI")
+        self.pictures = 0
+        """Pictures that were shown."""
         self._stop = threading.Event()
         self._clicks: list[tuple[Array, Array]] = []
         self.figures = {key: Figure(self.server, source.robot, key) for key, source in self.sources.items()}
@@ -69,10 +75,8 @@ class Viewer:
     def run(self, *, duration: float | None = None) -> None:
         """Show what happens until `stop`, or for `duration` [s]."""
         begin = due = time.monotonic()
-        count = 0
         while not self._stop.is_set() and (duration is None or time.monotonic() - begin < duration):
-            self.update(words=count % SLOW == 0)
-            count += 1
+            self.update(words=self.pictures % SLOW == 0)
             due = max(due + 1.0 / RATE, time.monotonic())
             self._stop.wait(due - time.monotonic())
 
@@ -88,9 +92,12 @@ class Viewer:
 
     def update(self, *, words: bool) -> None:
         """One picture; with `words` also plots, sliders and texts."""
+        self.pictures += 1
         now = time.monotonic()
         for player in self._players:
             player.advance(now)
+        if not self.server.get_clients():
+            return  # a page that is opened gets what was drawn last, and the next picture
         for key, source in self.sources.items():
             if source.view is not None:
                 self.figures[key].show(source.view)
@@ -165,6 +172,7 @@ class Viewer:
         scene = self.server.scene
         scene.configure_default_lights(enabled=False)
         scene.configure_environment_map(hdri=None)
+        scene.set_background_image(np.linspace(*SKY, 64).astype(np.uint8)[:, None], format="png")
         scene.add_light_ambient("/light/ambient", intensity=1.7)
         scene.add_light_directional("/light/sun", intensity=1.6, position=(3.0, 1.5, 4.0))
         scene.add_light_directional("/light/sky", intensity=0.5, position=(1.0, -4.0, 2.0))
@@ -192,15 +200,16 @@ class Viewer:
         if self._players:
             with gui.add_folder("recording"):
                 self.playback = Playback(self.server, self._players)
+        with gui.add_folder("what happened"):
+            self._events = gui.add_html("")
         self.controls: dict[str, Controls] = {}
         if self.sessions:
             tabs = gui.add_tab_group()
             for key, session in self.sessions.items():
                 with tabs.add_tab(_title(session)):
                     self.controls[key] = Controls(self.server, session, key, folder)
-        with gui.add_folder("what happened"):
-            self._events = gui.add_html("")
         gui.main_panel.dock_right()
+        gui.main_panel.set_width(WIDTH)
         panel = gui.add_panel()
         titles = {key: _title(source) for key, source in self.sources.items()}
         arms = dict.fromkeys(
@@ -210,7 +219,7 @@ class Viewer:
         with panel.add_tab("last seconds"):
             self._plots = Plots(self.server, titles, tuple(arms))
         panel.dock_left()
-        panel.set_width(330)
+        panel.set_width(300)
 
     def _add_poke(self) -> None:
         gui = self.server.gui

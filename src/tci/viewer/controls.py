@@ -52,7 +52,7 @@ class Controls:
                 continue
             degrees = np.rad2deg(view.posture[part])
             for joint, slider in sliders:
-                value = float(np.clip(round(degrees[joint] / STEP) * STEP, slider.min, slider.max))
+                value = _on_slider(degrees[joint], slider.min, slider.max)
                 if abs(value - slider.value) > 1e-6:
                     slider.value = value  # type: ignore[misc] # viser's types say read-only
 
@@ -68,7 +68,7 @@ class Controls:
                         continue
                     low = -FULL_TURN if limit.lower is None else float(np.rad2deg(limit.lower))
                     high = FULL_TURN if limit.upper is None else float(np.rad2deg(limit.upper))
-                    start = float(np.clip(np.rad2deg(part.initial_posture[joint]), low, high))
+                    start = _on_slider(np.rad2deg(part.initial_posture[joint]), low, high)
                     name = JOINTS[joint] if joint < len(JOINTS) else limit.joint
                     slider = self._gui.add_slider(
                         f"{name.replace('_', ' ')} [deg]", low, high, STEP, start,
@@ -143,3 +143,8 @@ class Controls:
         while (self._folder / f"{self._key}-{number}.mcap").exists():
             number += 1
         return f"{self._key}-{number}.mcap"
+
+
+def _on_slider(degrees: float, low: float, high: float) -> float:
+    """The nearest value [deg] that a slider from `low` to `high` has."""
+    return float(np.clip(round(degrees / STEP) * STEP, low, high))

@@ -57,11 +57,9 @@ class Figure:
         self._server = server
         self._model = solid_spec(robot).compile()
         self._data = mujoco.MjData(self._model)
-        self._addresses = [
-            (servo.index, int(self._model.joint(servo.joint).qposadr[0]))
-            for servo in robot.servos
-            if servo.joint is not None
-        ]
+        moving = [servo for servo in robot.servos if servo.joint is not None]
+        self._servos = np.array([servo.index for servo in moving], dtype=np.intp)
+        self._addresses = np.array([self._model.joint(s.joint).qposadr[0] for s in moving], dtype=np.intp)
         self._torso_body = self._model.body(robot.model.torso_link).id
         self._T_LT = robot.model.T_LT
         self._links = {name: self._model.body(s.link).id for name, s in self.skin.surfaces.items()}
@@ -79,21 +77,22 @@ class Figure:
         """The model's world in the scene (4, 4)."""
         self.stand(0.0)
         self._bodies: dict[int, viser.FrameHandle] = {}
-        self._sent: dict[int, Array] = {}
         for body in sorted(set(self._links.values()) | {mesh.body for mesh in meshes}):
             self._bodies[body] = server.scene.add_frame(f"/{key}/{body}", show_axes=False)
+        self._shown_bodies = np.array(list(self._bodies), dtype=np.intp)
+        self._sent = np.full((len(self._bodies), 7), np.nan)
         for index, mesh in enumerate(meshes):
             server.scene.add_mesh_simple(
                 f"/{key}/{mesh.body}/mesh{index}",
                 mesh.vertices, mesh.faces, color=mesh.colour,
-                flat_shading=len(mesh.faces) > 4000, cast_shadow=False, receive_shadow=False,
+                cast_shadow=False, receive_shadow=False,
             )  # fmt: skip
         self._taxels = {name: self._add_taxels(key, name) for name in self.skin.surfaces}
         self._shown = {name: np.zeros(len(s.positions)) for name, s in self.skin.surfaces.items()}
         self._tints: dict[str, Array] = {}
         self._fields: tuple[ReceptiveField, ...] = ()
         self._tinted: Array | None = None
-        self._drawn: dict[str, bytes] = {}
+        self._glows = dict.fromkeys(self._taxels, True)
         self._before = time.monotonic()
         self._arrows = server.scene.add_arrows(
             f"/{key}/contacts", np.zeros((1, 2, 3)), _INK,
@@ -161,8 +160,7 @@ class Figure:
         return float(found) if found >= 0.0 else np.inf
 
     def _move(self, position: Array) -> None:
-        for servo, address in self._addresses:
-            self._data.qpos[address] = position[servo]
+        self._data.qpos[self._addresses] = position[self._servos]
         mujoco.mj_kinematics(self._model, self._data)
 
     def _pose(self, body: int) -> Array:
@@ -184,12 +182,13 @@ class Figure:
         return (centre - across)[shown].min(axis=0), (centre + across)[shown].max(axis=0)
 
     def _pose_bodies(self) -> None:
-        for body, frame in self._bodies.items():
-            pose = np.concatenate([self._data.xpos[body], self._data.xquat[body]])
-            before = self._sent.get(body)
-            if before is None or np.abs(pose - before).max() > MOVED:
-                frame.position, frame.wxyz = pose[:3], pose[3:]
-                self._sent[body] = pose
+        bodies = self._shown_bodies
+        poses = np.concatenate([self._data.xpos[bodies], self._data.xquat[bodies]], axis=1)
+        still = np.abs(poses - self._sent).max(axis=1) <= MOVED
+        for index in np.flatnonzero(~still):
+            frame, pose = self._bodies[int(bodies[index])], poses[index]
+            frame.position, frame.wxyz = pose[:3], pose[3:]
+            self._sent[index] = pose
 
     def _add_taxels(self, key: str, name: str) -> viser.BatchedMeshHandle:
         surface = self.skin.surfaces[name]
@@ -235,16 +234,18 @@ class Figure:
         return lift
 
     def _draw_taxels(self, position: Array) -> None:
-        if self._tinted is None or np.abs(position - self._tinted).max() > TURNED:
+        tinted = self._tinted is None or np.abs(position - self._tinted).max() > TURNED
+        if tinted:
             self._tint(position)
         for name, handle in self._taxels.items():
             felt = self._shown[name]
+            glowed, self._glows[name] = self._glows[name], bool(felt.any())
+            if not (tinted or glowed or self._glows[name]):
+                continue
             weight = np.clip(felt / FULL_SCALE * 8.0, 0.0, 1.0)[:, None]
             colours = self._tints[name] * (1.0 - weight) + weight * pressure_colours(felt, FULL_SCALE)
             sent = np.round(255.0 * colours**GAMMA).astype(np.uint8)
-            if self._drawn.get(name) != (raw := sent.tobytes()):
-                handle.batched_colors = sent
-                self._drawn[name] = raw
+            handle.batched_colors = sent
 
     def _tint(self, position: Array) -> None:
         """Colours of the taxels at rest: those of the receptive field that they lie in."""

@@ -13,8 +13,10 @@ from tci.frames import Array, transform
 from tci.simulation.paint import SKIN_COLOUR
 from tci.simulation.render import model_colours
 
-CELL = 0.003
-"""Vertices within a cube of this size [m] become one. Ours: an iCub's 270 000 triangles become a tenth."""
+CELL, COARSER = 0.003, 1.25
+"""Vertices within a cube of this size [m] become one; it grows by this factor if there are too many. Ours."""
+ENOUGH, COARSEST = 4000, 0.006
+"""Triangles of one colour on one body that are enough, unless cubes become larger than this [m]. Ours."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,7 +51,10 @@ def body_meshes(model: mujoco.MjModel, covered: set[int]) -> list[BodyMesh]:
         colour = SKIN_COLOUR if body in covered else colours[geom, :3]
         red, green, blue = (round(255 * float(value)) for value in colour)
         found.setdefault((body, (red, green, blue)), []).append((vertices, faces))
-    return [BodyMesh(body, *_lighter(*_joined(shapes)), colour) for (body, colour), shapes in found.items()]
+    return [
+        BodyMesh(body, *_lighter(*_joined(shapes), coarsest=CELL if body in covered else COARSEST), colour)
+        for (body, colour), shapes in found.items()
+    ]
 
 
 def _triangles(model: mujoco.MjModel, geom: int) -> tuple[Array, NDArray[np.intp]] | None:
@@ -85,11 +90,18 @@ def _joined(shapes: list[tuple[Array, NDArray[np.intp]]]) -> tuple[Array, NDArra
     return np.concatenate([vertices for vertices, _ in shapes]), np.concatenate(faces)
 
 
-def _lighter(vertices: Array, faces: NDArray[np.intp]) -> tuple[Array, NDArray[np.intp]]:
-    """Fewer triangles: the vertices in each cube of `CELL` become their mean (Rossignac and Borrel 1993)."""
-    if len(faces) < 4000:
-        return vertices, faces
-    _, cell = np.unique(np.floor(vertices / CELL).astype(np.int64), axis=0, return_inverse=True)
+def _lighter(vertices: Array, faces: NDArray[np.intp], *, coarsest: float) -> tuple[Array, NDArray[np.intp]]:
+    """Fewer triangles: the vertices in each cube become their mean (Rossignac and Borrel 1993)."""
+    fewer, cell = (vertices, faces), CELL
+    while len(fewer[1]) > ENOUGH and cell <= coarsest:
+        fewer = _merged(vertices, faces, cell)
+        cell *= COARSER
+    return fewer
+
+
+def _merged(vertices: Array, faces: NDArray[np.intp], size: float) -> tuple[Array, NDArray[np.intp]]:
+    """The same with the vertices in each cube of `size` [m] as one, and without what has become flat."""
+    _, cell = np.unique(np.floor(vertices / size).astype(np.int64), axis=0, return_inverse=True)
     cell = cell.ravel()
     count = np.bincount(cell)
     means = np.stack([np.bincount(cell, vertices[:, axis]) / count for axis in range(3)], axis=1)

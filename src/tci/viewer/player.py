@@ -17,6 +17,7 @@ from tci.recording.perceived import Perceived, perceive
 from tci.recording.recording import Recording
 from tci.recording.touches import Touch, find_touches
 from tci.viewer.view import WINDOW, History, View
+from tci.viewer.words import moves
 from tci.viewer.words import touch as touch_words
 
 FINEST = 0.01
@@ -163,11 +164,9 @@ class Player:
             contacts = [c for c in by_time[touch.began].perception.contacts if c.part == touch.part]
             self._happened.append((touch.began, f"touched: {touch_words(contacts[0])}"))
             if touch.commanded is not None:
-                part = touch.part.replace("_", " ")
                 for command in by_time[touch.commanded].commands:
                     if command["kind"] == GenericCommand.__name__ and command["part"] == touch.part:
-                        angles = ", ".join(f"{angle:.0f}" for angle in np.rad2deg(command["values"]))
-                        self._happened.append((touch.commanded, f"{part} goes to {angles} deg"))
+                        self._happened.append((touch.commanded, moves(touch.part, command["values"])))
                         break
         self._happened.sort()
 

@@ -14,6 +14,10 @@ from tci.viewer.view import WINDOW, History
 
 GRID = np.linspace(-WINDOW, 0.0, 201)
 """Times [s] before now that are plotted."""
+LEAST_FORCE, LEAST_RESPONSE = 6.0, 60.0
+"""Least top of the axes [N, deg/s]. Ours."""
+ANGLE, ROOM = 15.0, 2.0
+"""The axes of angles end at multiples of this [deg], at least so far from the lines. Ours."""
 LINES = ("#1c7ed6", "#e8590c", "#2b8a3e", "#9c36b5", "#0b7285", "#c92a2a")
 
 
@@ -46,9 +50,9 @@ class Plots:
             responses.append(np.rad2deg(_on_grid(before, response)))
             rows = [np.rad2deg(_on_grid(before, row)) for row in angles[: len(JOINTS)]]
             rows += [np.zeros(len(GRID))] * (len(JOINTS) - len(rows))
-            self._angles[key].data = (GRID, *rows)
-        self._force.data = (GRID, *forces)
-        self._response.data = (GRID, *responses)
+            _draw(self._angles[key], rows, _around(rows))
+        _draw(self._force, forces, (0.0, _top(forces, LEAST_FORCE)))
+        _draw(self._response, responses, (0.0, _top(responses, LEAST_RESPONSE)))
 
     def _add(self, title: str, names: list[str], *, height: int = 120) -> viser.GuiUplotHandle:
         series = [uplot.Series(label="before now [s]")]
@@ -61,10 +65,42 @@ class Plots:
             (GRID, *(empty for _ in names)),
             tuple(series),
             title=title,
-            scales={"x": uplot.Scale(time=False, auto=False, range=(-WINDOW, 0.0))},
+            scales=_scales((0.0, 1.0)),
             legend=uplot.Legend(live=False),
             height=height,
         )
+
+
+def _draw(plot: viser.GuiUplotHandle, rows: list[Array], ends: tuple[float, float]) -> None:
+    scales = _scales(ends)
+    if plot.scales != scales:
+        plot.scales = scales
+    plot.data = (GRID, *rows)
+
+
+def _scales(ends: tuple[float, float]) -> dict[str, uplot.Scale]:
+    return {
+        "x": uplot.Scale(time=False, auto=False, range=(-WINDOW, 0.0)),
+        "y": uplot.Scale(auto=False, range=ends),
+    }
+
+
+def _top(rows: list[Array], least: float) -> float:
+    """The first of 1, 2, 5, 10, 20 ... times `least` that is above all."""
+    largest = max((float(row.max()) for row in rows), default=0.0)
+    decade = 1.0
+    while True:
+        for step in (1.0, 2.0, 5.0):
+            if largest < least * step * decade:
+                return least * step * decade
+        decade *= 10.0
+
+
+def _around(rows: list[Array]) -> tuple[float, float]:
+    """Multiples of `ANGLE` around all."""
+    low = np.floor((min(float(row.min()) for row in rows) - ROOM) / ANGLE) * ANGLE
+    high = np.ceil((max(float(row.max()) for row in rows) + ROOM) / ANGLE) * ANGLE
+    return float(low), float(high)
 
 
 def _on_grid(before: Array, values: Array) -> Array:

@@ -28,7 +28,7 @@ from tci.simulation.finger import STIFFNESS
 from tci.viewer.real_time import RealTime
 from tci.viewer.steered import Steered
 from tci.viewer.view import History, View
-from tci.viewer.words import touch
+from tci.viewer.words import moves, touch
 
 FRESH = 0.01
 """Time [s] between two views, unless something happened."""
@@ -86,7 +86,7 @@ class Session:
         if not self.armed:
             return "nobody commands it from here"
         work = 1e3 * self.report.work.quantile(0.5)
-        return f"loop: {self.report.ticks} periods, {self.report.overruns} overruns, work {work:.2f} ms"
+        return f"{self.report.ticks} periods, {self.report.overruns} overruns, {work:.2f} ms each"
 
     def start(self) -> None:
         """Begin the loop."""
@@ -254,8 +254,7 @@ class Session:
         for order in tick.commands:
             if isinstance(order, GenericCommand):
                 if tick.now - self._noted.get(order.part, -np.inf) > QUIET:
-                    angles = ", ".join(f"{angle:.0f}" for angle in np.rad2deg(order.values))
-                    self.say(f"{order.part.replace('_', ' ')} goes to {angles} deg")
+                    self.say(moves(order.part, order.values))
                 self._noted[order.part] = tick.now
 
     def _publish(self, view: View) -> None:

@@ -14,8 +14,8 @@ from tci.messages import Contact, JointReading
 
 WINDOW = 10.0
 """Time [s] that plots show."""
-SAMPLE = 0.02
-"""Time [s] between two samples of them."""
+SAMPLE = 0.05
+"""Time [s] between two samples of them. Of force and response the largest since the one before is kept."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,17 +54,21 @@ class History:
         self._rows: deque[tuple[float, float, float, Mapping[str, Array]]] = deque(
             maxlen=int(WINDOW / SAMPLE)
         )
+        self._force = self._response = 0.0
 
     def add(self, view: View) -> None:
         """Keep a view, at most one per `SAMPLE`. Time that runs backwards begins anew."""
         if self._rows and view.time < self._rows[-1][0]:
-            self._rows.clear()
+            self.clear()
+        self._force, self._response = max(self._force, view.force), max(self._response, view.response)
         if not self._rows or view.time >= self._rows[-1][0] + SAMPLE - 1e-9:
-            self._rows.append((view.time, view.force, view.response, view.posture))
+            self._rows.append((view.time, self._force, self._response, view.posture))
+            self._force = self._response = 0.0
 
     def clear(self) -> None:
         """Forget all."""
         self._rows.clear()
+        self._force = self._response = 0.0
 
     def series(self, part: str) -> tuple[Array, Array, Array, Array]:
         """Time (k,) [s], force (k,) [N], response (k,) [rad/s] and posture (n, k) [rad] of a part."""

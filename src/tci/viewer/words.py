@@ -6,6 +6,7 @@ from html import escape
 
 import numpy as np
 
+from tci.frames import Array
 from tci.interface.gate import GateState
 from tci.messages import Contact
 from tci.viewer.view import View
@@ -57,6 +58,11 @@ def event_list(events: list[tuple[str, float, str]]) -> str:
         f'<div><span style="color:{GREY}">{time:.2f} s {escape(robot)}</span> {escape(words)}</div>'
         for robot, time, words in events
     ]
-    return (
-        f'<div style="font-size:12px;line-height:1.4;padding:3px 12px">{"".join(rows) or "nothing yet"}</div>'
-    )
+    look = "font-size:12px;line-height:1.4;padding:3px 12px;height:8.4em;overflow-y:auto"
+    return f'<div style="{look}">{"".join(rows) or "nothing yet"}</div>'
+
+
+def moves(part: str, values: Array) -> str:
+    """A command of generic angles [rad] in words: `left arm goes to 5, 25, 15, 40, 0 deg`."""
+    degrees = np.rint(np.rad2deg(values)) + 0.0  # no -0
+    return f"{part.replace('_', ' ')} goes to {', '.join(f'{angle:.0f}' for angle in degrees)} deg"

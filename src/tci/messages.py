@@ -13,7 +13,7 @@ One way for the data (docs/architecture.md):
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from types import MappingProxyType
@@ -214,7 +214,7 @@ class Perception:
     """Time now [s]."""
     posture: Mapping[str, Array]
     """Generic joint angles (n,) [rad] of each generic part, by name (eqs 1-2)."""
-    contacts: tuple[Contact, ...]
+    contacts: Sequence[Contact]
     """Contacts in the latest frames of the skin."""
     ended: tuple[int, ...] = ()
     """Identities of contacts that were in the perception before this one and are no more."""

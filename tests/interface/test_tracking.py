@@ -19,16 +19,23 @@ def places(*x: float) -> np.ndarray:
     return np.array([[value, 0.0, 0.0] for value in x]).reshape(-1, 3)
 
 
-def identities(tracker: Tracker, *x: float, at: float, patch: str = "arm") -> list[int]:
-    return [one[0] for one in tracker.follow(patch, places(*x), at)]
+def follow(
+    tracker: Tracker, patch: str, centres: np.ndarray, stamp: float
+) -> list[tuple[float, float, float]]:
+    one = np.full(len(centres), ("arm", "hand").index(patch))
+    return [tuple(row) for row in tracker.follow(one, centres, np.full(2, stamp)).tolist()]
+
+
+def identities(tracker: Tracker, *x: float, at: float, patch: str = "arm") -> list[float]:
+    return [one[0] for one in follow(tracker, patch, places(*x), at)]
 
 
 def test_it_lasts_while_the_contact_moves_in_steps() -> None:
     tracker = Tracker()
-    first = tracker.follow("arm", places(0.0), 0.0)
+    first = follow(tracker, "arm", places(0.0), 0.0)
     assert first == [(1, 0.0, 0.0)]
     for step in range(1, 11):
-        ((identity, began, moved),) = tracker.follow("arm", places(0.02 * step), 0.02 * step)
+        ((identity, began, moved),) = follow(tracker, "arm", places(0.02 * step), 0.02 * step)
         assert (identity, began) == (1, 0.0)
         assert moved == pytest.approx(0.02 * step)
 
@@ -63,7 +70,7 @@ def test_no_two_contacts_share_an_identity_and_none_jumps(frames: list[list[floa
     tracker = Tracker(TrackSettings(reach=reach))
     last: dict[int, tuple[float, float]] = {}
     for count, x in enumerate(frames):
-        found = tracker.follow("arm", places(*x), 0.02 * count)
+        found = follow(tracker, "arm", places(*x), 0.02 * count)
         assert len({identity for identity, _, _ in found}) == len(x)
         for (identity, began, _), place in zip(found, x, strict=True):
             if identity in last:

@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numba import boolean, float64, int64
+from numba import boolean, float64, int64, void
+from numpy.typing import NDArray
 
 from tci.capabilities import discounts
 from tci.capabilities.fields import ReceptiveField
 from tci.frames import Array, read_only
 from tci.interface.generic_limb import generic_limb_point
-from tci.interface.kernels.arrays import reads, returns, views
+from tci.interface.kernels.arrays import reads, returns, views, writes
 from tci.interface.kernels.compiled import compiled, inlined
+from tci.interface.kernels.contacts import FORCE, PEAK, THETA, U
 from tci.interface.kernels.weighted_force import limb_point, mean_force
 from tci.model.generic_arm import SEGMENTS
 
@@ -77,3 +79,30 @@ def find_answer(
     gain = _phi(felt, fields[closest, _THRESHOLD], fields[closest, _SATURATION])
     gain *= _psi_cosine(least, radius) if cosine else _psi(least, radius)
     return closest, gain
+
+
+@compiled(
+    void(
+        reads(2), boolean, reads(1, int64), views(1, int64), views(1, int64), reads(2), reads(2),
+        writes(1, int64), writes(1),
+    ),
+    calls=(discounts,),
+)  # fmt: skip
+def find_answers(
+    fields: Array,
+    cosine: bool,
+    segments: NDArray[np.int64],
+    patch: NDArray[np.int64],
+    bounds: NDArray[np.int64],
+    numbers: Array,
+    places: Array,
+    closest: NDArray[np.int64],
+    gains: Array,
+) -> None:
+    """`find_answer` for each contact of a table, with the `segments` (p,) of its patches."""
+    for c in range(len(numbers)):
+        begin, end = bounds[c], bounds[c + 1]
+        closest[c], gains[c] = find_answer(
+            fields, cosine, segments[patch[c]], numbers[c, U], numbers[c, THETA], numbers[c, FORCE],
+            numbers[c, PEAK], places[1, begin:end], places[2, begin:end], places[0, begin:end],
+        )  # fmt: skip

@@ -15,11 +15,12 @@ from typing import Literal
 
 import numpy as np
 
-from tci.capabilities.answer import PLACE, field_table, find_answer
+from tci.capabilities.answer import PLACE, field_table, find_answer, find_answers
 from tci.capabilities.capability import Capability
 from tci.capabilities.fields import ReceptiveField, default_fields
 from tci.errors import CommandError, TciError
 from tci.frames import Array, read_only
+from tci.interface.contact_table import ContactTable
 from tci.messages import Command, Contact, GenericCommand, Mode, Perception, SwitchMode
 from tci.model.generic_arm import JOINTS
 
@@ -127,11 +128,10 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         """
         commands: list[Command] = []
         withdrawals = {}
+        answers = self._answers(perception.contacts) if perception.contacts else {}
         for part, posture in perception.posture.items():
-            touches = [contact for contact in perception.contacts if contact.part == part]
-            answers = [answer for touch in touches if (answer := self.answer(touch)) is not None]
             before = memory.get(part)
-            after = self._next(before, answers, part, posture, perception.stamp)
+            after = self._next(before, answers.get(part, ()), part, posture, perception.stamp)
             if after is None:
                 continue
             withdrawals[part] = after
@@ -168,6 +168,21 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         )  # fmt: skip
         return Answer(self.fields[closest], gain) if gain > 0.0 else None
 
+    def _answers(self, contacts: Sequence[Contact]) -> dict[str, list[tuple[int, float]]]:
+        """Field and gain of each contact that has an answer, by part."""
+        table = ContactTable.of(contacts)
+        closest, gains = np.empty(len(table), np.int64), np.empty(len(table))
+        segments = np.array([PLACE.get(site.segment, -1) for site in table.sites], np.int64)
+        find_answers(
+            self._table, self.distance_discount == "cosine", segments, table.patch, table.bounds,
+            table.numbers, table.places, closest, gains,
+        )  # fmt: skip
+        answers: dict[str, list[tuple[int, float]]] = {}
+        for patch, nearest, gain in zip(table.patch.tolist(), closest.tolist(), gains.tolist(), strict=True):
+            if gain > 0.0:
+                answers.setdefault(table.sites[patch].part, []).append((nearest, gain))
+        return answers
+
     @cached_property
     def _table(self) -> Array:
         return field_table(self.fields)
@@ -175,7 +190,7 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
     def _next(
         self,
         before: Withdrawal | None,
-        answers: Sequence[Answer],
+        answers: Sequence[tuple[int, float]],
         part: str,
         posture: Array,
         now: float,
@@ -186,22 +201,24 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         if not answers:
             return before
         if before is not None:
-            name = before.field.name  # compared first: whole fields take longer
-            same = [answer for answer in answers if answer.field.name == name]
-            gains = [answer.gain for answer in same if answer.field == before.field]
+            gains = [gain for index, gain in answers if self._is_same(index, before.field)]
             return replace(before, gain=max([before.gain, *gains]), touched=now)
-        if posture.shape != (len(answers[0].field.motion),):
-            raise CommandError(
-                f"{part} has {posture.size} joints; a base motion has {len(answers[0].field.motion)}"
-            )
+        motion = self.fields[answers[0][0]].motion
+        if posture.shape != (len(motion),):
+            raise CommandError(f"{part} has {posture.size} joints; a base motion has {len(motion)}")
         if not np.isfinite(posture).all():
             return None
         # Names settle a draw, so that the order of contacts plays no part.
-        strongest = max(answers, key=lambda answer: (answer.gain, answer.field.name))
+        nearest, gain = max(answers, key=lambda answer: (answer[1], self.fields[answer[0]].name))
         return Withdrawal(
-            field=strongest.field,
+            field=self.fields[nearest],
             origin=read_only(posture),
-            gain=strongest.gain,
+            gain=gain,
             started=now,
             touched=now,
         )
+
+    def _is_same(self, index: int, other: ReceptiveField) -> bool:
+        mine = self.fields[index]
+        # Whole fields take long to compare.
+        return mine is other or (mine.name == other.name and mine == other)

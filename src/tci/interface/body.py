@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from tci.frames import Array, read_only
 from tci.interface.cartesian import cartesian_to_platform
+from tci.interface.contact_table import identities
 from tci.interface.contacts import ContactSettings, find_contacts
 from tci.interface.coverage import Coverage
 from tci.interface.events import FilledFrames
@@ -45,7 +46,7 @@ class Body:
         self.skin = Skin(robot)
         self._settings = contacts or ContactSettings()
         self._frames: tuple[tuple[str, int], ...] = ()
-        self._contacts: tuple[Contact, ...] = ()
+        self._contacts: Sequence[Contact] = ()
         self._tracker = Tracker()
         self._coverage = Coverage(self.skin)
         self._movable = {
@@ -74,8 +75,9 @@ class Body:
             self._contacts = find_contacts(
                 self.skin, state, posture, settings=self._settings, tracker=self._tracker
             )
-            here = {contact.identity for contact in self._contacts}
-            ended = tuple(contact.identity for contact in before if contact.identity not in here)
+            if before:
+                here = set(identities(self._contacts))
+                ended = tuple(one for one in identities(before) if one not in here)
             self._covered = self._coverage.step(state, reading.joints)
             self._frames = frames
         position = reading.joints.position

@@ -6,7 +6,7 @@ onto the bare skin between them, or inside the limb.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
@@ -15,15 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import TciError, UnknownNameError
-from tci.frames import Array, read_only
-from tci.interface.kernels.contacts import NUMBERS, P_L, VECTORS, cluster, describe
+from tci.frames import Array
+from tci.interface.contact_table import ContactTable
+from tci.interface.kernels.contacts import F_T, NUMBERS, P_L, VECTORS, cluster
 from tci.interface.kernels.flat import adjacency
+from tci.interface.kernels.flat_skin import FlatSkin
 from tci.interface.kernels.weighted_force import mean_force
+from tci.interface.kernels.whole import TAXEL, cluster_all, describe_all
 from tci.interface.skin import Skin
 from tci.interface.tracking import Tracker
 from tci.messages import Contact, PatchState, SkinState
-from tci.model.description import Patch
 
+_NOWHERE = np.zeros((4, 4))
 Measure = Literal["weighted", "sum", "peak"]
 """One force for a contact: F-bar of eq. 7, the force of all its taxels, or that of the strongest."""
 
@@ -51,27 +54,42 @@ def find_contacts(
     *,
     settings: ContactSettings = ContactSettings(),
     tracker: Tracker | None = None,
-) -> tuple[Contact, ...]:
+) -> Sequence[Contact]:
     """All contacts of the skin, patch by patch in the robot's order, the strongest first.
 
     `posture` holds the generic angles (n,) [rad] of each part that carries skin. A `tracker` gives contacts
     the identity that they had in the frame before; without one all are new. Raises UnknownNameError when
     the posture lacks a part that is touched.
     """
-    tracker = tracker or Tracker()
-    contacts: list[Contact] = []
-    for patch in skin.robot.patches:
-        felt = state.patches.get(patch.name)
-        if felt is None:
-            continue
-        flat = skin.flat(patch.name)
-        # NaN is neither above nor below anything, so it never seeds a contact and never joins one.
-        count = cluster(felt.force, settings.floor, settings.touch, flat.graph, flat.work)
-        if count:
-            if patch.part not in posture:
-                raise UnknownNameError("generic part in this posture", patch.part, posture)
-            contacts += _contacts(count, skin, patch, felt, state, posture[patch.part], tracker)
-    return tuple(contacts)
+    flat = skin.flat_skin()
+    felt = [state.patches.get(site.patch) for site in flat.sites]
+    if not flat.sites:
+        return ()
+    _gather(felt, flat)
+    # NaN is neither above nor below anything, so it never seeds a contact and never joins one.
+    count, taxels = cluster_all(
+        flat.force, settings.floor, settings.touch, flat.graph, flat.begins, flat.work, flat.counts
+    )
+    if not count:
+        return ()
+    touched = np.flatnonzero(flat.counts).tolist()
+    for p in touched:
+        if flat.sites[p].part not in posture:
+            raise UnknownNameError("generic part in this posture", flat.sites[p].part, posture)
+    numbers, vectors = np.empty((count, NUMBERS)), np.empty((count, VECTORS, 3))
+    indices, places = np.empty(taxels, np.intp), np.empty((3, taxels))
+    rows = np.empty((3, count + 1), np.int64)
+    describe_all(
+        flat.force, flat.work, flat.begins, flat.counts, flat.taxels, flat.faces, flat.box, flat.cells,
+        flat.limb, _poses(flat, state), _postures(flat, posture), flat.on, numbers, vectors, indices, places,
+        rows,
+    )  # fmt: skip
+    for p in touched:
+        _turn(p, felt[p], flat, state, rows, vectors, indices)
+    stamps = [np.nan if one is None else one.stamp for one in felt]
+    sequences = [-1 if one is None else one.sequence for one in felt]
+    told = (tracker or Tracker()).follow(rows[1, :-1], vectors[:, P_L], np.array(stamps))
+    return ContactTable(flat.sites, stamps, sequences, rows, numbers, vectors, indices, places, told)
 
 
 def find_clusters(
@@ -117,62 +135,43 @@ def weighted_force(contact: Contact, radius: float, *, measure: Measure = "weigh
     return force
 
 
-def _contacts(
-    count: int,
-    skin: Skin,
-    patch: Patch,
-    felt: PatchState,
+def _gather(felt: Sequence[PatchState | None], flat: FlatSkin) -> None:
+    """The forces on all taxels, in one array; none where a patch has not sent."""
+    if None in felt:
+        flat.force[:] = 0.0
+        for begin, one in zip(flat.begins[:, TAXEL].tolist(), felt, strict=False):
+            if one is not None:
+                flat.force[begin : begin + len(one.force)] = one.force
+    else:
+        np.concatenate([one.force for one in felt if one is not None], out=flat.force)
+
+
+def _poses(flat: FlatSkin, state: SkinState) -> Array:
+    """`T_TL` (l, 4, 4) of the skin's links."""
+    return np.array([state.link_poses.get(link, _NOWHERE) for link in flat.links])
+
+
+def _postures(flat: FlatSkin, posture: Mapping[str, Array]) -> Array:
+    """Generic angles (l, 4) [rad] of the limbs, as `limb_pose` needs them."""
+    result = np.zeros((max(len(flat.parts), 1), 4))
+    for row, part in enumerate(flat.parts):
+        if part in posture:
+            result[row] = posture[part][:4]
+    return result
+
+
+def _turn(
+    p: int,
+    felt: PatchState | None,
+    flat: FlatSkin,
     state: SkinState,
-    posture: Array,
-    tracker: Tracker,
-) -> list[Contact]:
-    """The contacts of one patch that `cluster` found, the strongest first."""
-    flat = skin.flat(patch.name)
-    size = len(felt.force)
-    bounds = flat.work[size : size + count + 1].tolist()
-    numbers, vectors = np.empty((count, NUMBERS)), np.empty((count, VECTORS, 3))
-    indices, places = np.empty(bounds[-1], np.intp), np.empty((3, bounds[-1]))
-    describe(
-        felt.force, flat.work, flat.taxels, flat.faces, flat.box, flat.cells,
-        state.link_poses[patch.link], state.link_poses[flat.link], flat.limb, posture,
-        numbers, vectors, indices, places,
-    )  # fmt: skip
-    for array in (vectors, indices, places):
-        array.setflags(write=False)
-    forces, taxel_u, taxel_theta = places
-    identities = tracker.follow(patch.name, vectors[:, P_L], felt.stamp)
-    found = []
-    for index, (force, peak, area, u, theta) in enumerate(numbers.tolist()):
-        own = slice(bounds[index], bounds[index + 1])
-        identity, began, moved = identities[index]
-        centre_L, n_L, p_T, n_T, f_T = vectors[index]
-        if felt.vector is not None:
-            f_T = read_only(state.link_poses[patch.link][:3, :3] @ felt.vector[indices[own]].sum(axis=0))
-        found.append(
-            Contact(
-                patch=patch.name,
-                part=patch.part,
-                segment=patch.segment,
-                stamp=felt.stamp,
-                sequence=felt.sequence,
-                taxels=indices[own],
-                taxel_forces=forces[own],
-                force=force,
-                peak_force=peak,
-                area=area,
-                p_L=centre_L,
-                n_L=n_L,
-                p_T=p_T,
-                n_T=n_T,
-                f_T=f_T,
-                u=u,
-                theta=theta,
-                taxel_u=taxel_u[own],
-                taxel_theta=taxel_theta[own],
-                identity=identity,
-                began=began,
-                moved=moved,
-            )
-        )
-    found.sort(key=lambda contact: (-contact.force, contact.u, contact.theta))
-    return found
+    rows: NDArray[np.int64],
+    vectors: Array,
+    indices: NDArray[np.intp],
+) -> None:
+    """Where taxels feel the direction of their force, write that of the contacts of a patch."""
+    if felt is not None and felt.vector is not None:
+        R_TL = state.link_poses[flat.patch_links[p]][:3, :3]
+        for row in np.flatnonzero(rows[1, :-1] == p).tolist():
+            own = indices[rows[0, row] : rows[0, row + 1]]
+            vectors[row, F_T] = R_TL @ felt.vector[own].sum(axis=0)

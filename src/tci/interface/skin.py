@@ -13,6 +13,7 @@ from tci.errors import FrameError, TciError, UnknownNameError
 from tci.frames import Array, apply, invert, transform
 from tci.interface.conditioning import Conditioner, ConditioningSettings, PatchHealth
 from tci.interface.kernels.flat import FlatPatch
+from tci.interface.kernels.flat_skin import FlatSkin
 from tci.interface.part import generic_posture
 from tci.interface.shear import AXES, Shear, normal_channels
 from tci.messages import JointReading, PatchState, Reading, SkinFrame, SkinState
@@ -77,6 +78,8 @@ class Skin:
             if patch.sensor.axes == AXES
         }
         self._flat: dict[str, FlatPatch] = {}
+        self._flat_skin: FlatSkin | None = None
+        self._flat_of: object = None
         segments = [robot.limb_segment(patch) for patch in robot.patches]
         links = [patch.link for patch in robot.patches] + [one.link for one in segments if one is not None]
         self._links = tuple(dict.fromkeys(links))
@@ -108,6 +111,14 @@ class Skin:
             segment = self.robot.limb_segment(words)
             flat = self._flat[patch] = FlatPatch.of(surface, words, self.robot.part(words.part), segment)
         return flat
+
+    def flat_skin(self) -> FlatSkin:
+        """All patches as the compiled loops read them, in the robot's order."""
+        if self._flat_skin is None or self._flat_of is not self.surfaces:
+            patches = [patch for patch in self.robot.patches if patch.name in self.surfaces]
+            self._flat_skin = FlatSkin.of(patches, [self.flat(patch.name) for patch in patches])
+            self._flat_of = self.surfaces
+        return self._flat_skin
 
     def rezero(self, patch: str) -> None:
         """What a patch reads now is rest. Raises UnknownNameError for an unknown patch."""

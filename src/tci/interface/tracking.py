@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tci.errors import TciError
 from tci.frames import Array
+from tci.interface.kernels.whole import TRACK, follow_all
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,54 +27,25 @@ class TrackSettings:
                 raise TciError(f"track settings: {name} {getattr(self, name)}; valid: 0 or more, finite")
 
 
-@dataclass(slots=True)
-class _Track:
-    identity: int
-    began: float
-    origin: tuple[float, ...]
-    seen: float
-    p_L: tuple[float, ...]
-
-
 class Tracker:
     """Gives contacts their identity. One lives as long as the skin that it follows."""
 
     def __init__(self, settings: TrackSettings | None = None) -> None:
         self.settings = settings or TrackSettings()
-        self._tracks: dict[str, list[_Track]] = {}
+        self._tracks = np.zeros((0, TRACK))
         self._next = 1
 
-    def follow(self, patch: str, centres: Array, stamp: float) -> list[tuple[int, float, float]]:
-        """Identity, begin [s] and distance [m] from its beginning, of each contact of a frame at `stamp` [s].
+    def follow(self, patches: NDArray[np.int64], centres: Array, stamps: Array) -> Array:
+        """Identity, begin [s] and distance [m] from its beginning (c, 3), of each contact of a frame.
 
-        `centres` (c, 3) [m] are where they press, in the patch's link. The nearest pairs of before and
-        now are the same contact, as far as `reach`; what is left over is new.
+        `patches` (c,) are the places of their patches among all, rising; `centres` (c, 3) [m] where they
+        press, in the patch's link; `stamps` (p,) [s] when each patch was measured. The nearest pairs of
+        before and now are the same contact, as far as `reach`; what is left over is new.
         """
-        old = [one for one in self._tracks.get(patch, ()) if stamp - one.seen <= self.settings.linger]
-        found: list[_Track | None] = [None] * len(centres)
-        # A patch has few contacts: plain numbers are quicker than arrays of so few.
-        places = [tuple(centre) for centre in centres.tolist()]
-        pairs = [
-            (apart, now, before)
-            for now, centre in enumerate(places)
-            for before, one in enumerate(old)
-            if (apart := math.dist(centre, one.p_L)) <= self.settings.reach
-        ]
-        taken: set[int] = set()
-        for _, now, before in sorted(pairs):
-            if found[now] is None and before not in taken:
-                found[now] = old[before]
-                taken.add(before)
-        for now, centre in enumerate(places):
-            track = found[now]
-            if track is None:
-                track = found[now] = _Track(self._next, stamp, centre, stamp, centre)
-                old.append(track)
-                self._next += 1
-            track.seen, track.p_L = stamp, centre
-        self._tracks[patch] = old
-        return [
-            (track.identity, track.began, math.dist(track.p_L, track.origin))
-            for track in found
-            if track is not None
-        ]
+        tracks, told = np.empty((len(self._tracks) + len(centres), TRACK)), np.empty((len(centres), 3))
+        self._next, used = follow_all(
+            self._tracks, centres, patches, stamps, self.settings.reach, self.settings.linger, self._next,
+            tracks, told,
+        )  # fmt: skip
+        self._tracks = tracks[:used]
+        return told

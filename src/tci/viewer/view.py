@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,7 +30,7 @@ class View:
     """Generic angles (n,) [rad] by part."""
     pressure: Mapping[str, Array]
     """Pressure (taxels,) [Pa] by patch; a patch that has not sent is absent."""
-    contacts: tuple[Contact, ...]
+    contacts: Sequence[Contact]
     """Contacts on the skin."""
     state: GateState | None
     """State of the gate; None where nothing is commanded."""

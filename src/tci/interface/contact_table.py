@@ -1,0 +1,132 @@
+"""The contacts of a frame in arrays. A `Contact` is made when somebody asks for it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from itertools import chain
+from typing import overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.frames import Array
+from tci.interface.kernels.contacts import F_T, N_L, N_T, P_L, P_T
+from tci.interface.kernels.flat_skin import Site
+from tci.messages import Contact
+
+
+class ContactTable(Sequence[Contact]):
+    """Contacts (c,) in their order; arrays are read-only, and in the order in which contacts were found."""
+
+    def __init__(
+        self,
+        sites: Sequence[Site],
+        stamps: Sequence[float],
+        sequences: Sequence[int],
+        rows: NDArray[np.int64],
+        numbers: Array,
+        vectors: Array,
+        indices: NDArray[np.intp],
+        places: Array,
+        told: Array,
+    ) -> None:
+        """See `describe_all` and `follow_all` for the arrays; they become read-only."""
+        for array in (rows, numbers, vectors, indices, places, told):
+            array.setflags(write=False)
+        self.sites = sites
+        """The patches (p,) of the skin."""
+        self._stamps, self._sequences = stamps, sequences
+        self.bounds = rows[0]
+        """Where the taxels of each contact begin (c + 1,)."""
+        self.patch = rows[1, :-1]
+        """The patch (c,) of each, among `sites`."""
+        self.numbers = numbers
+        """(c, NUMBERS), see `kernels.contacts`."""
+        self.vectors = vectors
+        """(c, VECTORS, 3), likewise."""
+        self.indices = indices
+        """The taxels (k,) of all contacts, in their patches."""
+        self.places = places
+        """Force [N], u and theta (3, k) of each of them."""
+        self.told = told
+        """Identity, begin [s] and way [m] (c, 3)."""
+        self._order: list[int] = rows[2, :-1].tolist()
+        self._made: dict[int, Contact] = {}
+
+    @staticmethod
+    def of(contacts: Iterable[Contact]) -> ContactTable:
+        """The table of any contacts."""
+        if isinstance(contacts, ContactTable):
+            return contacts
+        made = list(contacts)
+        count = len(made)
+        rows = np.tile(np.arange(count + 1), (3, 1))
+        rows[0, 1:] = np.cumsum([len(one.taxel_forces) for one in made])
+        lists = [(one.taxel_forces, one.taxel_u, one.taxel_theta) for one in made]
+        table = ContactTable(
+            [Site(one.patch, one.part, one.segment) for one in made],
+            [one.stamp for one in made],
+            [one.sequence for one in made],
+            rows,
+            np.array([(c.force, c.peak_force, c.area, c.u, c.theta) for c in made]).reshape(-1, 5),
+            np.array([(c.p_L, c.n_L, c.p_T, c.n_T, c.f_T) for c in made]).reshape(-1, 5, 3),
+            np.array([*chain.from_iterable(one.taxels for one in made)], np.intp),
+            np.ascontiguousarray(np.concatenate([np.zeros((3, 0)), *map(np.array, lists)], axis=1)),
+            np.array([(c.identity, c.began, c.moved) for c in made]).reshape(-1, 3),
+        )
+        table._made.update(enumerate(made))
+        return table
+
+    def __len__(self) -> int:
+        return len(self._order)
+
+    @overload
+    def __getitem__(self, index: int) -> Contact: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Contact, ...]: ...
+    def __getitem__(self, index: int | slice) -> Contact | tuple[Contact, ...]:
+        if isinstance(index, slice):
+            return tuple(self._make(row) for row in self._order[index])
+        return self._make(self._order[index])
+
+    def _make(self, row: int) -> Contact:
+        contact = self._made.get(row)
+        if contact is None:
+            patch = self.patch[row]
+            site = self.sites[patch]
+            own = slice(self.bounds[row], self.bounds[row + 1])
+            force, peak, area, u, theta = self.numbers[row].tolist()
+            identity, began, moved = self.told[row].tolist()
+            vectors, (forces, taxel_u, taxel_theta) = self.vectors[row], self.places[:, own]
+            contact = self._made[row] = Contact(
+                patch=site.patch,
+                part=site.part,
+                segment=site.segment,
+                stamp=self._stamps[patch],
+                sequence=self._sequences[patch],
+                taxels=self.indices[own],
+                taxel_forces=forces,
+                force=force,
+                peak_force=peak,
+                area=area,
+                p_L=vectors[P_L],
+                n_L=vectors[N_L],
+                p_T=vectors[P_T],
+                n_T=vectors[N_T],
+                f_T=vectors[F_T],
+                u=u,
+                theta=theta,
+                taxel_u=taxel_u,
+                taxel_theta=taxel_theta,
+                identity=int(identity),
+                began=began,
+                moved=moved,
+            )
+        return contact
+
+
+def identities(contacts: Sequence[Contact]) -> list[int]:
+    """The numbers (c,) of contacts, in no order."""
+    if isinstance(contacts, ContactTable):
+        return [int(one) for one in contacts.told[:, 0].tolist()]
+    return [one.identity for one in contacts]

@@ -1,0 +1,191 @@
+"""One frame of a whole skin: the loops for one patch, called for all patches without going back to Python."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import float64, int32, int64, void
+
+from tci.frames import Array
+from tci.interface.kernels.arrays import reads, returns, views, writes
+from tci.interface.kernels.compiled import compiled, inlined
+from tci.interface.kernels.contacts import FORCE, THETA, U, cluster, describe
+from tci.interface.kernels.flat import Indices
+
+TAXEL, GRAPH, FACE, CELL = range(4)
+"""Columns of `begins`: where each of a patch's arrays begins in those of the skin."""
+LINK, LIMB_LINK, POSTURE = range(3)
+"""Columns of `on`: place of the patch's link, of its segment's link and of its part's posture."""
+PATCH, IDENTITY, BEGAN, SEEN, ORIGIN, PLACE, TRACK = 0, 1, 2, 3, 4, 7, 10
+"""Columns of a track, and their number: the patch, the contact's number, when it began and was seen last [s],
+where it began and is (3,) [m]."""
+
+
+@inlined
+def _before(one: Array, other: Array) -> bool:
+    if one[FORCE] != other[FORCE]:
+        return one[FORCE] > other[FORCE]  # type: ignore[no-any-return]
+    if one[U] != other[U]:
+        return one[U] < other[U]  # type: ignore[no-any-return]
+    return one[THETA] < other[THETA]  # type: ignore[no-any-return]
+
+
+@inlined
+def _apart(one: Array, other: Array) -> float:
+    x, y, z = one[0] - other[0], one[1] - other[1], one[2] - other[2]
+    return np.sqrt(x * x + y * y + z * z)  # type: ignore[no-any-return]
+
+
+@compiled(
+    returns(int64, int64)(
+        reads(1), float64, float64, reads(1, int32), reads(2, int64), writes(1, int32), writes(1, int64)
+    )
+)
+def cluster_all(
+    force: Array, floor: float, touch: float, graph: Indices, begins: Indices, work: Indices, counts: Indices
+) -> tuple[int, int]:
+    """`cluster` on every patch: the number of contacts and of their taxels; `counts` (p,) of each patch.
+
+    `begins` (p + 1, 4) see above; `work` (4 n + p,) is memory that is zero before the first call.
+    """
+    contacts, taxels = 0, 0
+    for p in range(len(counts)):
+        a, b = begins[p, TAXEL], begins[p + 1, TAXEL]
+        own = work[4 * a + p : 4 * b + p + 1]
+        counts[p] = cluster(force[a:b], floor, touch, graph[begins[p, GRAPH] : begins[p + 1, GRAPH]], own)
+        contacts += counts[p]
+        taxels += own[b - a + counts[p]] if counts[p] else 0
+    return contacts, taxels
+
+
+@compiled(
+    void(
+        reads(1), reads(1, int32), reads(2, int64), reads(1, int64), reads(2), reads(2, int32), reads(2),
+        reads(1, int32), reads(2), reads(3), reads(2), reads(2, int64), writes(2), writes(3),
+        writes(1, int64), writes(2), writes(2, int64),
+    ),
+)  # fmt: skip
+def describe_all(
+    force: Array,
+    work: Indices,
+    begins: Indices,
+    counts: Indices,
+    taxels: Array,
+    faces: Indices,
+    box: Array,
+    cells: Indices,
+    limb: Array,
+    poses: Array,
+    posture: Array,
+    on: Indices,
+    numbers: Array,
+    vectors: Array,
+    indices: Indices,
+    places: Array,
+    rows: Indices,
+) -> None:
+    """`describe` on every patch that has contacts; `rows` (3, c + 1): where each one's taxels begin, its
+    patch, and which one comes at this place of the order, the strongest of each patch first."""
+    c = begin = 0
+    rows[0, 0] = 0
+    for p in range(len(counts)):
+        count = counts[p]
+        if count == 0:
+            continue
+        a, b = begins[p, TAXEL], begins[p + 1, TAXEL]
+        own = work[4 * a + p : 4 * b + p + 1]
+        bounds = own[b - a :]
+        end = begin + bounds[count]
+        part = np.empty((3, end - begin))
+        describe(
+            force[a:b], own, taxels[a:b], faces[begins[p, FACE] : begins[p + 1, FACE]], box[p],
+            cells[begins[p, CELL] : begins[p + 1, CELL]], poses[on[p, LINK]], poses[on[p, LIMB_LINK]],
+            limb[p], posture[on[p, POSTURE]], numbers[c : c + count], vectors[c : c + count],
+            indices[begin:end], part,
+        )  # fmt: skip
+        places[:, begin:end] = part
+        for i in range(count):
+            rows[0, c + i + 1] = begin + bounds[i + 1]
+            rows[1, c + i] = p
+            k = c + i
+            while k > c and _before(numbers[c + i], numbers[rows[2, k - 1]]):
+                rows[2, k] = rows[2, k - 1]
+                k -= 1
+            rows[2, k] = c + i
+        c += count
+        begin = end
+
+
+@compiled(
+    returns(int64, int64)(
+        reads(2), views(2), views(1, int64), reads(1), float64, float64, int64, writes(2), writes(2)
+    )
+)
+def follow_all(
+    old: Array,
+    centres: Array,
+    patches: Indices,
+    stamps: Array,
+    reach: float,
+    linger: float,
+    fresh: int,
+    tracks: Array,
+    told: Array,
+) -> tuple[int, int]:
+    """Which contact is which: the next number that is free, and how many of the `tracks` are in use.
+
+    `old` (t, TRACK) tracks; contacts at `centres` (c, 3) [m], of `patches` (c,) that rise, seen at `stamps`
+    (p,) [s] of each patch. Contacts of a patch and its tracks seen within `linger` [s] are the same
+    where they are the nearest pairs, within `reach` [m]; the rest are new, numbered from `fresh` on. Written
+    are `tracks` (t + c, TRACK) and what is `told` (c, 3) of each: number, begin [s], distance [m] from there.
+    """
+    used, contacts, t = 0, len(patches), len(old)
+    felt = np.zeros(len(stamps), np.bool_)
+    felt[patches] = True
+    for i in range(t):  # of patches without contacts, tracks wait for their next one
+        p = int(old[i, PATCH])
+        if not felt[p] or stamps[p] - old[i, SEEN] <= linger:
+            tracks[used] = old[i]
+            used += 1
+    taken = np.zeros(used, np.bool_)
+    begin, known = 0, used
+    while begin < contacts:
+        p = patches[begin]
+        end = begin
+        while end < contacts and patches[end] == p:
+            end += 1
+        count = 0
+        apart, pair = np.empty(0), np.empty((0, 2), np.int64)
+        for counting in (True, False):
+            if not counting:
+                apart, pair = np.empty(count), np.empty((count, 2), np.int64)
+                count = 0
+            for now in range(begin, end):
+                for i in range(known):
+                    if int(tracks[i, PATCH]) == p:
+                        far = _apart(centres[now], tracks[i, PLACE : PLACE + 3])
+                        if far <= reach:
+                            if not counting:
+                                apart[count] = far
+                                pair[count, 0], pair[count, 1] = now, i
+                            count += 1
+        told[begin:end, 0] = 0.0
+        for k in np.argsort(apart, kind="mergesort"):
+            now, i = pair[k]
+            if told[now, 0] == 0.0 and not taken[i]:
+                taken[i] = True
+                tracks[i, SEEN] = stamps[p]
+                told[now, 0] = tracks[i, IDENTITY]
+                told[now, 1] = tracks[i, BEGAN]
+                told[now, 2] = _apart(centres[now], tracks[i, ORIGIN : ORIGIN + 3])
+                tracks[i, PLACE : PLACE + 3] = centres[now]
+        for now in range(begin, end):
+            if told[now, 0] == 0.0:
+                tracks[used, PATCH], tracks[used, IDENTITY] = p, fresh
+                tracks[used, BEGAN] = tracks[used, SEEN] = stamps[p]
+                tracks[used, ORIGIN : ORIGIN + 3] = centres[now]
+                tracks[used, PLACE : PLACE + 3] = centres[now]
+                told[now, 0], told[now, 1], told[now, 2] = fresh, stamps[p], 0.0
+                used += 1
+                fresh += 1
+        begin = end
+    return fresh, used

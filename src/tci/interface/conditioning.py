@@ -87,7 +87,7 @@ class Conditioner:
     ) -> None:
         """`channels` (taxels,) are the places of the taxels in the raw frame, `neighbours` (m, 2) pairs of
         taxels that touch. A `calibration` takes the place of the description's rest, noise and response.
-        The first lesson is shorter by the share `phase`, so that patches do not all learn in the same frame.
+        The second lesson is longer by the share `phase`, so that patches do not all learn in the same frame.
 
         Raises TciError for a calibration of another number of taxels.
         """
@@ -125,7 +125,7 @@ class Conditioner:
         self._masked = read_only(self._health.state, np.bool_)
         self._saturated = 0
         self._frames = self._in_lesson = self._bends = 0
-        self._due = self.settings.baseline.lesson * (1.0 - phase)
+        self._due, self._phase = self.settings.baseline.lesson, phase
         self._elapsed = self._raised = 0.0
         self._stamp: float | None = None
         self._values: object = None
@@ -256,8 +256,8 @@ class Conditioner:
     def _forget(self) -> None:
         self._memory[TOTAL:RAW] = 0.0
         self._in_lesson = self._bends = 0
-        self._due = self.settings.baseline.lesson
-        self._elapsed = 0.0
+        self._due = self.settings.baseline.lesson * (1.0 + self._phase)
+        self._phase = self._elapsed = 0.0
 
     def _check(self, values: NDArray[np.generic]) -> None:
         name, expected = self.patch.name, (self.patch.channels,)

@@ -164,7 +164,8 @@ def run(
     fault: Faults = None,
     record: Annotated[Path | None, typer.Option(help="Record all of it to this new file (.mcap).")] = None,
     film: Annotated[
-        Path | None, typer.Option(help="Film the simulated robot, three times slower: .gif, .webp or .png.")
+        Path | None,
+        typer.Option(help="Film a simulated robot, 3x slower: .gif, .webp, .png; .mp4 (extra: video)."),
     ] = None,
     as_json: AsJson = False,
 ) -> None:

@@ -16,9 +16,11 @@ from tci.simulation.paint import FULL_SCALE
 from tci.simulation.portrait import Portrait, keep_moment
 from tci.simulation.world import World
 from tci.trials.pictures import field_looks
+from tci.trials.video import needs_video, save_video
 
-FORMATS = ("gif", "webp", "png")
-"""Animated, by the file's suffix."""
+VIDEO = "mp4"
+FORMATS = ("gif", "webp", "png", VIDEO)
+"""Animated pictures, and a video with the extra `video`, by the file's suffix."""
 # All looks are ours.
 EVERY = 0.02
 """Time [s] of the robot between two pictures."""
@@ -37,10 +39,13 @@ class Film:
     """A film in the making: give it every tick of the run, and `save` it."""
 
     def __init__(self, world: World, path: Path, *, fields: Sequence[ReceptiveField], part: str) -> None:
-        """Of the upper body with `part`. Raises UnknownNameError for a format, CommandError for a file that
-        exists."""
-        if path.suffix.removeprefix(".").lower() not in FORMATS:
+        """Of the upper body with `part`. Raises UnknownNameError for a format, MissingExtraError for a
+        video without the extra, CommandError for a file that exists."""
+        self._format = path.suffix.removeprefix(".").lower()
+        if self._format not in FORMATS:
             raise UnknownNameError("format of a film", path.suffix.removeprefix("."), FORMATS)
+        if self._format == VIDEO:
+            needs_video()
         if path.exists():
             raise CommandError(f"{path} exists; valid: a name that is free")
         self.path = path
@@ -76,10 +81,13 @@ class Film:
         """Write the file; how many pictures it has. Raises CommandError for a run without any."""
         if not self._pictures:
             raise CommandError(f"no film at {self.path}: the run had no period")
+        if self._format == VIDEO:
+            save_video(self.path, self._pictures, shown=SHOWN, last=LAST)
+            return len(self._pictures)
         times = [round(1e3 * SHOWN)] * len(self._pictures)
         times[-1] = round(1e3 * LAST)
         pictures: list[Image.Image] = self._pictures
-        if self.path.suffix.lower() == ".gif":
+        if self._format == "gif":
             # One palette for all, or the colours would flicker.
             palette = self._pictures[len(self._pictures) // 2].quantize(256)
             pictures = [

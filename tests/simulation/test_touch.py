@@ -11,8 +11,9 @@ from simulation import kernel_oracle
 from simulation.pokes import frame_of, poke_anywhere, pressures, straight_arms
 from tci.errors import TciError
 from tci.model.catalogue import load_robot
+from tci.simulation.feeling import SLOTS
 from tci.simulation.kernel import spread, width
-from tci.simulation.touch import SLOTS
+from tci.simulation.touch import skin_geom
 from tci.simulation.world import World
 
 PITCH = 0.0065
@@ -136,11 +137,11 @@ def test_frames_can_not_be_written_to(nao: World) -> None:
 
 
 def test_more_contacts_than_slots_are_an_error_not_a_smaller_force(nao: World) -> None:
-    touch = nao._touches[nao.robot.patches[0].name]
+    patch = nao.robot.patches[0].name
     nao.refresh()
-    nao.data.sensordata[touch._slots][0] = SLOTS + 1
+    nao.data.sensordata[nao.model.sensor(skin_geom(patch)).adr[0]] = SLOTS + 1
     with pytest.raises(TciError, match=rf"{SLOTS + 1} contacts on .* valid: up to {SLOTS}"):
-        touch.forces()
+        nao._taxels.vectors(patch)
 
 
 def test_noise_comes_from_the_seed() -> None:

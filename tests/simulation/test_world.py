@@ -13,6 +13,7 @@ from tci.model.catalogue import load_robot
 from tci.model.collisions import LEFT, RIGHT
 from tci.model.kinematics import Kinematics
 from tci.simulation.world import World, start_angles
+from tci.trials.experiment import with_skin_rate
 
 
 def arm_servos(world: World, part: str = "left_arm") -> list[int]:
@@ -37,6 +38,37 @@ def test_time_is_at_least_what_was_asked_for_in_whole_steps(nao: World) -> None:
     for tick in range(12, 400):
         nao.advance(tick * 0.001)
         assert nao.time == tick * 0.001
+
+
+def test_frames_of_skin_change_nothing_that_moves_even_where_joints_are_moved_from_outside() -> None:
+    """A frame takes the first half of the next step; if the joints are elsewhere then, it is taken again."""
+    robot = load_robot("nao")
+    ends = []
+    for rate in (1000.0, 45.0):
+        world = World(with_skin_rate(robot, rate))
+        world.finger.poke("left_forearm", 100, depth=0.006)
+        servos = arm_servos(world, "left_arm")
+        world.set_position_targets(servos, world.joints().position[servos] - 0.1)
+        world.advance(0.1)
+        assert world.finger.touching
+        world.data.qpos[2] += 1e-3
+        world.data.qvel[3] -= 0.1
+        world.advance(0.2)
+        ends.append((world.data.qpos.tobytes(), world.data.qvel.tobytes(), world.finger.trace.tobytes()))
+    assert ends[0] == ends[1]
+
+
+def test_the_loop_takes_the_steps_that_mujoco_takes() -> None:
+    world = World(load_robot("nao"))
+    world.finger.poke("left_forearm", 100, depth=0.006)
+    data = mujoco.MjData(world.model)
+    mujoco.mj_copyData(data, world.model, world.data)
+    for tick in range(1, 61):
+        world.advance(0.001 * tick)
+        data.ctrl[:] = world.data.ctrl
+        mujoco.mj_step(world.model, data)
+        assert data.qpos.tobytes() == world.data.qpos.tobytes(), tick
+    assert world.finger.touching
 
 
 def test_same_calls_give_the_same_bits_and_looking_changes_nothing() -> None:

@@ -97,10 +97,14 @@ class SimulatedLink(Link):
         return Reading(joints=self.world.joints(), skin=skin)
 
     def _send(self, safe: SafeCommand) -> None:
-        self.world.set_modes(safe.servos, safe.modes)
-        loose = np.array([mode is Mode.TORQUE for mode in safe.modes], dtype=bool)
-        self.world.set_position_targets(safe.servos[~loose], safe.position[~loose])
-        self.world.set_torques(safe.servos[loose], safe.torque[loose])
+        if safe.servos.size:
+            self.world.set_modes(safe.servos, safe.modes)
+        if Mode.TORQUE in safe.modes:
+            loose = np.array([mode is Mode.TORQUE for mode in safe.modes], dtype=bool)
+            self.world.set_position_targets(safe.servos[~loose], safe.position[~loose])
+            self.world.set_torques(safe.servos[loose], safe.torque[loose])
+        elif safe.servos.size:
+            self.world.set_position_targets(safe.servos, safe.position)
         for servo, share in safe.stiffness.items():
             self.world.set_stiffness([servo], [share])
         for servo, share in safe.damping.items():

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
-
 import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,6 +9,7 @@ from numpy.typing import ArrayLike
 from tci.errors import CommandError, TciError
 from tci.frames import Array
 from tci.model.collisions import SKIN
+from tci.simulation import stepping as at
 from tci.simulation.physics import Physics
 from tci.simulation.posed_skin import PosedSkin
 from tci.simulation.touch import FINGER_PRIORITY, FINGER_TIP, stiff
@@ -94,8 +93,12 @@ class Finger:
         self._qpos = int(model.joint(_TIP).qposadr[0])
         self._dof = int(model.joint(_TIP).dofadr[0])
         self._actuator = model.actuator(_TIP).id
-        start = int(model.sensor(_TIP).adr[0])
-        self._sensor = physics.data.sensordata[start : start + 3]
+        physics.whole[at.TIP], physics.whole[at.TIP_SENSOR] = self._actuator, model.sensor(_TIP).adr[0]
+        self.state = np.zeros(11)
+        """What it does and felt; places as `stepping` names them."""
+        self.state[at.LEADS] = DAMPING / STIFFNESS
+        self.traced = np.empty((TRACE, 3))
+        """Time [s], contact force [N] and path of the base [m] of the latest steps, in turn."""
         self.retire()
 
     def retire(self) -> None:
@@ -103,25 +106,43 @@ class Finger:
         data = self._physics.data
         data.mocap_pos[self._mocap] = _PARKED
         data.qpos[self._qpos] = data.qvel[self._dof] = data.ctrl[self._actuator] = 0.0
-        self._active = False
+        self.state[at.ACTIVE] = False
         self._clear()
         self._physics.touch()
 
     def _clear(self) -> None:
-        self.force = 0.0
+        self.state[[at.FORCE, at.PEAK]] = 0.0
+        self.state[[at.FIRST, at.LOST]] = np.nan
+        self._physics.whole[at.TRACED] = 0
+
+    @property
+    def force(self) -> float:
         """Contact force [N] in the latest step."""
-        self.first_contact: float | None = None
+        return float(self.state[at.FORCE])
+
+    @property
+    def first_contact(self) -> float | None:
         """When the tip first touched in this poke [s]."""
-        self.contact_lost: float | None = None
+        return self._stamp(at.FIRST)
+
+    @property
+    def contact_lost(self) -> float | None:
         """When it last ceased to touch [s]; None while it touches."""
-        self.peak_force = 0.0
+        return self._stamp(at.LOST)
+
+    @property
+    def peak_force(self) -> float:
         """Largest contact force of this poke [N]."""
-        self._trace: deque[tuple[float, float, float]] = deque(maxlen=TRACE)
+        return float(self.state[at.PEAK])
+
+    def _stamp(self, place: int) -> float | None:
+        stamp = float(self.state[place])
+        return None if np.isnan(stamp) else stamp
 
     @property
     def pose(self) -> Array | None:
         """`T_WF` (4, 4) of the tip's centre in the world, z into the skin; None while there is no finger."""
-        return self._physics.pose(self._tip) if self._active else None
+        return self._physics.pose(self._tip) if self.state[at.ACTIVE] else None
 
     @property
     def touching(self) -> bool:
@@ -131,7 +152,10 @@ class Finger:
     @property
     def trace(self) -> Array:
         """Time [s], contact force [N] and path of the base [m] (steps, 3), the last 60 000 steps."""
-        return np.array(self._trace).reshape(-1, 3)
+        count = int(self._physics.whole[at.TRACED])
+        if count <= TRACE:
+            return self.traced[:count].copy()
+        return np.roll(self.traced, -count, axis=0)
 
     def poke(
         self,
@@ -177,12 +201,9 @@ class Finger:
         data.qpos[self._qpos] = 0.0
         data.qvel[self._dof] = speed
         self._clear()
-        self._active = True
-        self._begin = self._physics.time
-        self._speed = float(speed)
-        self._depth = float(depth)
-        self._path = 0.0
-        self._end = float(gap + depth)
+        self.state[[at.ACTIVE, at.PATH]] = True, 0.0
+        self.state[[at.BEGIN, at.SPEED, at.DEPTH]] = self._physics.time, speed, depth
+        self.state[at.END] = gap + depth
         self._physics.touch()
         self._check_room()
 
@@ -195,31 +216,3 @@ class Finger:
                 other = model.geom(int(contact.geom[contact.geom != self._geom][0])).name
                 self.retire()
                 raise TciError(f"no room for the finger: it would start {-contact.dist:.4f} m inside {other}")
-
-    def drive(self) -> None:
-        """Move the base, before a step."""
-        if not self._active:
-            return
-        data = self._physics.data
-        wanted = self._speed * (self._physics.time - self._begin)
-        self._path = max(self._path, min(wanted, self._end))
-        # The damper lies between base and tip, so it needs the base's speed as well.
-        speed = self._speed if wanted < self._end else 0.0
-        data.ctrl[self._actuator] = self._path + DAMPING / STIFFNESS * speed
-
-    def note(self, time: float) -> None:
-        """Remember what the tip felt in a step that began at `time` [s]."""
-        if not self._active:
-            return
-        x, y, z = self._sensor
-        force = float(np.sqrt(x * x + y * y + z * z))
-        if force > 0.0:
-            if self.first_contact is None:
-                self.first_contact = time
-                self._end = self._path + self._depth
-            self.contact_lost = None
-            self.peak_force = max(self.peak_force, force)
-        elif self.force > 0.0:
-            self.contact_lost = time
-        self.force = force
-        self._trace.append((time, force, self._path))

@@ -110,8 +110,8 @@ def _centre(logarithms: Array, offsets: Array, weights: Array) -> None:
         weights[:] = trial_weights
 
 
-@compiled(int64(reads(2), views(1), views(1), float64, writes(1)))
-def _spread(positions: Array, point: Array, normal: Array, sigma: float, shares: Array) -> int:
+@inlined
+def spread_into(positions: Array, point: Array, normal: Array, sigma: float, shares: Array) -> int:
     """Write `spread`; how many taxels feel anything."""
     n = len(positions)
     least = np.inf
@@ -140,3 +140,8 @@ def _spread(positions: Array, point: Array, normal: Array, sigma: float, shares:
     for k in range(count):
         shares[near[k]] = weights[k]
     return count
+
+
+@compiled(int64(reads(2), views(1), views(1), float64, writes(1)))
+def _spread(positions: Array, point: Array, normal: Array, sigma: float, shares: Array) -> int:
+    return spread_into(positions, point, normal, sigma, shares)  # type: ignore[no-any-return]

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
 from tci.frames import Array, transform
+from tci.simulation import stepping
+
+if TYPE_CHECKING:
+    from tci.simulation.finger import Finger
+    from tci.simulation.servos import Servos
+    from tci.simulation.taxels import Taxels
 
 
 class Physics:
@@ -24,6 +32,24 @@ class Physics:
         self.steps = 0
         """Steps since the start."""
         self._fresh = -1
+        data = self.data
+        self.qpos, self.qvel, self.ctrl, self.sensors = data.qpos, data.qvel, data.ctrl, data.sensordata
+        """MuJoCo's own arrays: looking them up anew takes longer than reading them."""
+        self.motors = data.actuator_force
+        """Torque [N m] of each actuator in the latest step."""
+        self._warm = data.qacc_warmstart
+        self._here = np.zeros(self.model.nq + 2 * self.model.nv)
+        self.whole = np.zeros(5, dtype=np.int64)
+        """Whole numbers of the loop; places as `stepping` names them."""
+
+    @property
+    def still(self) -> bool:
+        """No servo has anything to do."""
+        return bool(self.whole[stepping.STILL])
+
+    @still.setter
+    def still(self, still: bool) -> None:
+        self.whole[stepping.STILL] = still
 
     @property
     def time(self) -> float:
@@ -35,12 +61,15 @@ class Physics:
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[addresses] = angles
         self.steps = 0
-        self._fresh = -1
+        self.touch()
 
-    def advance(self) -> None:
-        """One step."""
-        mujoco.mj_step(self.model, self.data)
-        self.steps += 1
+    def advance(self, until: int, servos: Servos, finger: Finger, taxels: Taxels) -> None:
+        """Steps until there were `until` of them since the start."""
+        self.steps = stepping.march(
+            self.model._address, self.data._address, self.steps, until, self.step, self.qpos, self.qvel,
+            self.ctrl, self._warm, self._here, self.whole, servos.state, servos.places, servos.asked,
+            finger.state, finger.traced, *taxels.arrays,
+        )  # fmt: skip
 
     def refresh(self) -> None:
         """Make poses, contacts and sensors belong to the present joints. Nothing else changes."""
@@ -54,7 +83,7 @@ class Physics:
 
     def touch(self) -> None:
         """Say that joints were moved from outside: what is derived from them is out of date."""
-        self._fresh = -1
+        self._fresh = self.whole[stepping.AHEAD] = -1
 
     def pose(self, body: int) -> Array:
         """`T_WB` (4, 4) of a body in the world, now."""

@@ -34,10 +34,10 @@ def build_scene(
     spec.option.timestep = step
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     _add_servos(spec, robot)
-    for body in spec.bodies:
-        # A real servo's integral action carries the weight in the end; here gravity is taken off, so
-        # that a held posture is met exactly, and from the start.
-        body.gravcomp = 0.0 if stands else 1.0
+    if not stands:
+        # A real servo's integral action carries the weight in the end; here there is none, so that a held
+        # posture is met exactly, and from the start.
+        spec.option.gravity = np.zeros(3)
     for patch in robot.patches:
         if patch.name in surfaces:
             add_skin(

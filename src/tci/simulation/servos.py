@@ -12,6 +12,7 @@ from tci.errors import CommandError
 from tci.frames import Array
 from tci.messages import Mode
 from tci.model.description import Robot
+from tci.simulation import stepping as at
 from tci.simulation.physics import Physics
 
 TIME_CONSTANT = 5e-3
@@ -52,7 +53,16 @@ class Servos:
         limits = [robot.servos[index].limits for index in self.moving]
         speed = [np.inf if limit.velocity is None else limit.velocity for limit in limits]
         self._top = np.array(speed) * physics.step
-        self._lag = np.array(speed) * 2.0 * TIME_CONSTANT
+        self.state = np.zeros((4, len(moving)))
+        """What the moving servos do now; rows as `stepping` names them."""
+        self.places = np.zeros((6, len(moving)), dtype=np.int64)
+        """Where the moving servos are; rows as `stepping` names them."""
+        self.asked = np.zeros((2, len(home)))
+        """What all servos were asked for; rows as `stepping` names them."""
+        self.state[at.LAG] = np.array(speed) * 2.0 * TIME_CONSTANT
+        self.places[: at.LOOSE] = self.moving, self.addresses, self._dofs, self._actuators
+        self._targets, self._torques = self.asked
+        self._setpoint, self._stride = self.state[at.SETPOINT], self.state[at.STRIDE]
         self._kp, self._kv = self._set_up(robot)
 
     def _set_up(self, robot: Robot) -> tuple[Array, Array]:
@@ -77,24 +87,23 @@ class Servos:
         """Full stiffness, no extra damping, targets at home."""
         self._stiffness = np.ones(len(self._home))
         self._damping = np.zeros(len(self._home))
-        self._targets = self._home.copy()
-        self._setpoint = self._home[self.moving].copy()
-        self._stride = np.zeros(len(self.moving))
-        self._torques = np.zeros(len(self._home))
+        self._targets[:] = self._home
+        self._setpoint[:] = self._home[self.moving]
+        self._stride[:] = 0.0
+        self._torques[:] = 0.0
         self.modes = [Mode.POSITION] * len(self._home)
         """Control mode of each servo (n,)."""
         self.powered = np.ones(len(self._home), dtype=bool)
         """Whether each servo (n,) is on."""
-        self._still = True
         self._apply_gains()
+        self._physics.still = True
         self._physics.data.ctrl[self._actuators] = self._setpoint
 
     def set_position_targets(self, servos: ArrayLike, angles: ArrayLike) -> None:
         """Go to `angles` (k,) [rad]. Raises CommandError."""
         index, values = _checked(servos, angles, len(self._home))
-        self._targets[index] = values
-        self._stride = np.minimum(np.abs(self._goal - self._setpoint) / self._ramp_steps, self._top)
-        self._still = False
+        at.aim(index, values, self._top, float(self._ramp_steps), self.places, self.asked, self.state)
+        self._physics.still = False
 
     def set_stiffness(self, servos: ArrayLike, share: ArrayLike) -> None:
         """Share (k,) 0..1 of full stiffness; at 0 a servo is limp. Raises CommandError."""
@@ -114,8 +123,8 @@ class Servos:
         Raises CommandError.
         """
         index, _ = _checked(servos, np.zeros(len(modes)), len(self._home))
-        changes = [(servo, mode) for servo, mode in zip(index.tolist(), modes, strict=True)
-                   if mode is not self.modes[servo]]  # fmt: skip
+        now = self.modes
+        changes = [(s, mode) for s, mode in zip(index.tolist(), modes, strict=True) if mode is not now[s]]
         for servo, mode in changes:
             if self.modes[servo] is Mode.TORQUE:
                 self._catch(servo)
@@ -128,7 +137,7 @@ class Servos:
         """Torques (k,) [N m] of servos in torque mode; the motor's limit holds. Raises CommandError."""
         index, values = _checked(servos, torque, len(self._home))
         self._torques[index] = values
-        self._still = False
+        self._physics.still = False
 
     def set_power(self, servos: ArrayLike, on: bool) -> None:
         """Switch servos off, which leaves them limp, or on, where they are. Raises CommandError."""
@@ -146,68 +155,40 @@ class Servos:
         result[self.moving] = self._kp
         return result
 
-    def torques(self) -> Array:
-        """Torques (n,) [N m] of the motors in the latest step."""
-        result = np.zeros(len(self._home))
-        result[self.moving] = self._physics.data.actuator_force[self._actuators]
-        return result
-
     def _catch(self, servo: int) -> None:
         """Let a servo that was loose stay where it is."""
-        here = self.positions()[servo]
+        here = self.measured()[at.JOINT, servo]
         self._targets[servo] = here
         self._setpoint[self.moving == servo] = here
-        self._still = False
+        self._physics.still = False
 
-    def drive(self) -> None:
-        """Move the set-points by one step, before a step."""
-        if self._still:
-            return
-        data, stride = self._physics.data, self._stride
-        left = self._goal - self._setpoint
-        advance = np.clip(left, -stride, stride)
-        self._setpoint = self._setpoint + advance
-        position = data.qpos[self.addresses]
-        error = self._setpoint - position
-        self._still = bool(np.all(np.abs(left) <= stride) and np.all(np.abs(error) <= self._lag))
-        seen = np.where(self._yielding, error, np.clip(error, -self._lag, self._lag))
-        angles = position + seen + self._lead * advance
-        data.ctrl[self._actuators] = np.where(self._loose, self._torques[self.moving], angles)
-        self._still &= not self._loose.any()
-
-    def positions(self) -> Array:
-        """Angles (n,) [rad]; of a servo without a joint, its target."""
-        result = self._targets.copy()
-        result[self.moving] = self._physics.data.qpos[self.addresses]
-        return result
-
-    def velocities(self) -> Array:
-        """Velocities (n,) [rad/s]."""
-        result = np.zeros(len(self._home))
-        result[self.moving] = self._physics.data.qvel[self._dofs]
-        return result
-
-    @property
-    def _goal(self) -> Array:
-        return self._targets[self.moving]
+    def measured(self) -> Array:
+        """Angles [rad], velocities [rad/s] and motors' torques [N m] of all servos (3, n), the latter in the
+        latest step; of a servo without a joint its target, and 0."""
+        found = np.empty((3, len(self._home)))
+        physics = self._physics
+        at.measure(physics.qpos, physics.qvel, physics.motors, self.places, self.asked, found)
+        found.setflags(write=False)
+        return found
 
     def _apply_gains(self) -> None:
         """Damping stays critical whatever the stiffness, so it goes with its root."""
         model = self._physics.model
         on = self.powered[self.moving]
-        self._loose = np.array([self.modes[servo] is Mode.TORQUE for servo in self.moving], dtype=bool)
+        loose = np.array([self.modes[servo] is Mode.TORQUE for servo in self.moving], dtype=bool)
         stiffness, damping = self._stiffness[self.moving], self._damping[self.moving]
         kp, wanted = stiffness * self._kp, (np.sqrt(stiffness) + damping) * self._kv
         # What the model's joint damps already is not added a second time.
         kv = np.maximum(wanted - model.dof_damping[self._dofs], 0.0)
-        held = on & ~self._loose
+        held = on & ~loose
         kp, kv = kp * held, kv * held
         modes = [self.modes[servo] for servo in self.moving]
-        self._yielding = np.array([mode is Mode.IMPEDANCE for mode in modes], dtype=bool)
+        yielding = np.array([mode is Mode.IMPEDANCE for mode in modes], dtype=bool)
         # Damping in impedance mode acts on the velocity error, so what moves is no drag (Hogan 1985).
         lead = kv / np.where(kp > 0.0, kp, np.inf) / self._physics.step
-        self._lead = np.where(self._yielding, lead, 0.0)
-        model.actuator_gainprm[self._actuators, 0] = np.where(self._loose & on, 1.0, kp)
+        self.state[at.LEAD] = np.where(yielding, lead, 0.0)
+        self.places[at.LOOSE], self.places[at.YIELDING] = loose, yielding
+        model.actuator_gainprm[self._actuators, 0] = np.where(loose & on, 1.0, kp)
         model.actuator_biasprm[self._actuators, 1] = -kp
         model.actuator_biasprm[self._actuators, 2] = -kv
 
@@ -237,14 +218,16 @@ def _enough_torque(acceleration: float | None, inertia: float) -> float:
 def _checked(
     servos: ArrayLike, values: ArrayLike, count: int, *, share: bool = False
 ) -> tuple[NDArray[np.intp], Array]:
-    index, numbers = np.atleast_1d(np.asarray(servos)), np.atleast_1d(np.asarray(values, dtype=float))
+    index, numbers = np.atleast_1d(servos), np.atleast_1d(np.asarray(values, dtype=float))
     if index.shape != numbers.shape or index.ndim != 1:
         raise CommandError(f"{numbers.size} values for {index.size} servos; one for each belongs here")
-    whole = np.issubdtype(index.dtype, np.integer)
-    if index.size and not (whole and index.min() >= 0 and index.max() < count):
+    whole = index.dtype.kind in "iu" or not index.size
+    index = index.astype(np.intp) if whole else index
+    fault = at.fault_of(index, numbers, count) if whole else 1
+    if fault == 1:
         raise CommandError(f"servos {index.tolist()}; valid: 0 to {count - 1}")
-    if not np.isfinite(numbers).all():
+    if fault == 2:
         raise CommandError(f"values {numbers.tolist()} for servos {index.tolist()}; they must be finite")
     if share and not ((numbers >= 0.0) & (numbers <= 1.0)).all():
         raise CommandError(f"shares {numbers.tolist()} for servos {index.tolist()}; valid: 0 to 1")
-    return index.astype(np.intp), numbers
+    return index, numbers

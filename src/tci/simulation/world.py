@@ -21,7 +21,8 @@ from tci.simulation.physics import Physics
 from tci.simulation.posed_skin import PosedSkin
 from tci.simulation.scene import build_scene
 from tci.simulation.servos import Servos
-from tci.simulation.touch import ContactTruth, Touch
+from tci.simulation.taxels import Taxels
+from tci.simulation.touch import ContactTruth, contact_truth
 
 MIDDLEWARE = "sim"
 MAX_STEP = 0.005
@@ -77,12 +78,7 @@ class World:
         self._home = home
         self._servos = Servos(self._physics, robot, home, period=period or _period(robot))
         self._skin = PosedSkin(self._physics, robot.model, self.surfaces)
-        self._touches = {
-            patch.name: Touch(
-                self._physics, patch, self.surfaces[patch.name], noise=noise, generator=self._generator
-            )
-            for patch in worn
-        }
+        self._taxels = Taxels(self._physics, worn, self.surfaces, noise=noise, generator=self._generator)
         self.finger = Finger(self._physics, self._skin)
         """What pokes the skin."""
         self.reset()
@@ -109,9 +105,7 @@ class World:
         self._physics.reset(self._servos.addresses, self._home[self._servos.moving])
         self._servos.reset()
         self.finger.retire()
-        for touch in self._touches.values():
-            touch.reset()
-        self._next_frame = min((touch.due for touch in self._touches.values()), default=None)
+        self._taxels.reset()
 
     @property
     def torso(self) -> Array:
@@ -126,19 +120,10 @@ class World:
         """Step the physics until `time` is at least `until` [s]; skin frames are taken on the way."""
         last = int(np.ceil(until / self._physics.step - 1e-6))
         while self._physics.steps < last:
-            begin = self._physics.time
-            self._servos.drive()
-            self.finger.drive()
-            self._physics.advance()
-            self.finger.note(begin)
-            if self._next_frame is not None and self._physics.steps >= self._next_frame:
-                self._take_frames()
-
-    def _take_frames(self) -> None:
-        for touch in self._touches.values():
-            if self._physics.steps >= touch.due:
-                touch.sample()
-        self._next_frame = min(touch.due for touch in self._touches.values())
+            end = min(last, self._taxels.due) if self._taxels.noisy else last
+            self._physics.advance(end, self._servos, self.finger, self._taxels)
+            if self._taxels.noisy or self._physics.steps < end:
+                self._taxels.frames()
 
     def set_position_targets(self, servos: ArrayLike, angles: ArrayLike) -> None:
         """Let servos (k,), indices into `Robot.servos`, go to `angles` (k,) [rad]. Raises CommandError."""
@@ -158,7 +143,7 @@ class World:
 
     def halt(self) -> None:
         """All servos stay where they are now."""
-        joints = self._servos.positions()
+        joints, _, _ = self._servos.measured()
         self._servos.set_position_targets(np.arange(len(joints)), joints)
 
     @property
@@ -176,24 +161,25 @@ class World:
 
     def joints(self) -> JointReading:
         """Angles and velocities of all servos now, exact. One without a joint reads its target."""
+        position, velocity, torque = self._servos.measured()
         return JointReading(
             stamp=self.time,
             sequence=self._physics.steps,
-            position=read_only(self._servos.positions()),
-            velocity=read_only(self._servos.velocities()),
-            torque=read_only(self._servos.torques()),
+            position=position,
+            velocity=velocity,
+            torque=torque,
             modes=tuple(self._servos.modes),
             powered=read_only(self._servos.powered, np.bool_),
         )
 
     def frames(self) -> tuple[SkinFrame, ...]:
         """The latest frame of every patch, in the description's order."""
-        return tuple(touch.frame for touch in self._touches.values())
+        return self._taxels.frames()
 
     def contact_truth(self, patch: str) -> ContactTruth:
         """What the physics knows of a patch's contacts, now. Raises UnknownNameError."""
         self._skin.surface(patch)
-        return self._touches[patch].truth(invert(self._skin.torso()))
+        return contact_truth(self._physics, patch, invert(self._skin.torso()))
 
     def skin_point(
         self, patch: str, place: int | ArrayLike, normal: ArrayLike | None = None

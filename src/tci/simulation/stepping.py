@@ -1,0 +1,247 @@
+"""Steps of a world in one compiled loop: servos, finger, physics, and nothing in Python between them.
+
+The loop calls MuJoCo's own `mj_step` by its address in the library that the bindings have loaded.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from pathlib import Path
+from typing import Any
+
+import mujoco
+from llvmlite import binding  # type: ignore[import-untyped]
+from numba import float64, int64, types
+
+from tci.frames import Array
+from tci.interface.kernels.arrays import reads, views, writes
+from tci.interface.kernels.compiled import compiled, inlined
+from tci.simulation import feeling, kernel
+from tci.simulation.feeling import DUE, SKIN, SLOTS, feel
+
+SETPOINT, STRIDE, LAG, LEAD = range(4)
+"""Rows of what moving servos (4, k) have: where they are told to be now, how far that goes in a step, how
+much they see of an error [rad], and by how many steps damping looks ahead."""
+SERVO, ADDRESS, DOF, ACTUATOR, LOOSE, YIELDING = range(6)
+"""Rows of their places (6, k) in the robot, `qpos`, `qvel` and `ctrl`; in torque mode; in impedance mode."""
+TARGET, TORQUE = range(2)
+"""Rows of what all servos (2, n) were asked for."""
+ACTIVE, BEGIN, SPEED, DEPTH, LEADS, PATH, END, FORCE, FIRST, LOST, PEAK = range(11)
+"""Numbers of the finger: whether there is one; when it started, its speed, how deep it goes, damping by
+stiffness, its path and the path's end; force, when it first touched and ceased to [s], largest force."""
+STILL, TIP, TIP_SENSOR, TRACED, AHEAD = range(5)
+"""Whole numbers: whether no servo has anything to do, the finger's actuator and sensor, steps in its trace,
+the step whose first half was taken already."""
+JOINT, VELOCITY, MOTOR = range(3)
+"""Rows of what is measured of all servos (3, n)."""
+
+
+def _bring(name: str) -> Any:
+    """A function of MuJoCo for compiled loops. Raises ImportError where its library is missing."""
+    folder = Path(mujoco.__file__).parent
+    for file in sorted([*folder.glob("libmujoco*"), *folder.glob("mujoco.dll")]):
+        address = ctypes.cast(getattr(ctypes.CDLL(str(file)), name), ctypes.c_void_p).value
+        binding.add_symbol(name, address)
+        return types.ExternalFunction(name, types.void(types.intp, types.intp))
+    raise ImportError(f"no library of MuJoCo in {folder}")
+
+
+_step, _step1, _step2 = _bring("mj_step"), _bring("mj_step1"), _bring("mj_step2")
+_actuate, _accelerate = _bring("mj_fwdActuation"), _bring("mj_fwdAcceleration")
+_constrain, _sense = _bring("mj_fwdConstraint"), _bring("mj_sensorAcc")
+
+
+@inlined
+def _drive(qpos: Array, ctrl: Array, servos: Array, places: Array, asked: Array, whole: Array) -> None:
+    """Move the servos' set-points by one step."""
+    still = True
+    for i in range(servos.shape[1]):
+        setpoint, stride, lag = servos[SETPOINT, i], servos[STRIDE, i], servos[LAG, i]
+        left = asked[TARGET, places[SERVO, i]] - setpoint
+        advance = min(max(left, -stride), stride)
+        setpoint += advance
+        servos[SETPOINT, i] = setpoint
+        here = qpos[places[ADDRESS, i]]
+        error = setpoint - here
+        still &= abs(left) <= stride and abs(error) <= lag and places[LOOSE, i] == 0
+        if places[LOOSE, i]:
+            ctrl[places[ACTUATOR, i]] = asked[TORQUE, places[SERVO, i]]
+        else:
+            seen = error if places[YIELDING, i] else min(max(error, -lag), lag)
+            ctrl[places[ACTUATOR, i]] = here + seen + servos[LEAD, i] * advance
+    whole[STILL] = still
+
+
+@inlined
+def _push(time: float, ctrl: Array, finger: Array, whole: Array) -> None:
+    """Move the finger's base."""
+    wanted = finger[SPEED] * (time - finger[BEGIN])
+    finger[PATH] = max(finger[PATH], min(wanted, finger[END]))
+    # The damper lies between base and tip, so it needs the base's speed as well.
+    speed = finger[SPEED] if wanted < finger[END] else 0.0
+    ctrl[whole[TIP]] = finger[PATH] + finger[LEADS] * speed
+
+
+@inlined
+def _note(time: float, sensors: Array, finger: Array, whole: Array, trace: Array) -> None:
+    """Remember what the tip felt in a step that began at `time` [s]."""
+    at = whole[TIP_SENSOR]
+    force = (sensors[at] ** 2 + sensors[at + 1] ** 2 + sensors[at + 2] ** 2) ** 0.5
+    if force > 0.0:
+        if finger[FIRST] != finger[FIRST]:
+            finger[FIRST] = time
+            finger[END] = finger[PATH] + finger[DEPTH]
+        finger[LOST] = float("nan")
+        finger[PEAK] = max(finger[PEAK], force)
+    elif finger[FORCE] > 0.0:
+        finger[LOST] = time
+    finger[FORCE] = force
+    row = trace[whole[TRACED] % len(trace)]
+    row[0], row[1], row[2] = time, force, finger[PATH]
+    whole[TRACED] += 1
+
+
+@inlined
+def _look_ahead(
+    model: int, data: int, number: int, qpos: Array, qvel: Array, warm: Array, here: Array, whole: Array
+) -> None:
+    """Make contacts and sensors belong to the present joints: the first half of the next step, and of its
+    second half all that moves nothing."""
+    n, m = len(qpos), len(qvel)
+    _step1(model, data)
+    here[:n] = qpos
+    here[n : n + m] = qvel
+    # The solver starts from its last result: looking must not change what happens next.
+    here[n + m :] = warm
+    _actuate(model, data)
+    _accelerate(model, data)
+    _constrain(model, data)
+    _sense(model, data)
+    warm[:] = here[n + m :]
+    whole[AHEAD] = number
+
+
+@inlined
+def _moved(qpos: Array, qvel: Array, here: Array) -> bool:
+    """Whether somebody moved joints since `_look_ahead`."""
+    n = len(qpos)
+    moved = False
+    for i in range(n):
+        moved |= qpos[i] != here[i]
+    for i in range(len(qvel)):
+        moved |= qvel[i] != here[n + i]
+    return bool(moved)
+
+
+@compiled(
+    int64(
+        int64, int64, int64, int64, float64, reads(1), reads(1), writes(1), writes(1), writes(1),
+        writes(1, int64), writes(2), reads(2, int64), reads(2), writes(1), writes(2), *SKIN,
+    ),
+    calls=(kernel, feeling),
+)  # fmt: skip
+def march(
+    model: int,
+    data: int,
+    begin: int,
+    end: int,
+    step: float,
+    qpos: Array,
+    qvel: Array,
+    ctrl: Array,
+    warm: Array,
+    here: Array,
+    whole: Array,
+    servos: Array,
+    places: Array,
+    asked: Array,
+    finger: Array,
+    trace: Array,
+    sensors: Array,
+    centres: Array,
+    turns: Array,
+    patches: Array,
+    sizes: Array,
+    positions: Array,
+    taxels: Array,
+    channels: Array,
+    nodes: Array,
+    total: Array,
+    shares: Array,
+    values: Array,
+) -> int:
+    """Take the steps from `begin` to `end` (their numbers), each `step` [s], and frames of the skin.
+
+    Returns the number of the last step: it ends early where a patch has more contacts than slots. `model` and
+    `data` are the addresses of MuJoCo's; from `sensors` on the arrays are those of `feeling`.
+    """
+    due = begin
+    for number in range(begin, end):
+        time = number * step
+        if not whole[STILL]:
+            _drive(qpos, ctrl, servos, places, asked, whole)
+        if finger[ACTIVE]:
+            _push(time, ctrl, finger, whole)
+        if whole[AHEAD] == number and not _moved(qpos, qvel, here):
+            _step2(model, data)
+        else:
+            _step(model, data)
+        if finger[ACTIVE]:
+            _note(time, sensors, finger, whole, trace)
+        if number + 1 < due:
+            continue
+        due, full = end + 1, False
+        for patch in range(len(patches)):
+            if number + 1 >= patches[patch, DUE]:
+                if whole[AHEAD] != number + 1:
+                    _look_ahead(model, data, number + 1, qpos, qvel, warm, here, whole)
+                found = feel(
+                    patch, number + 1, sensors, centres, turns, patches, sizes, positions, taxels, channels,
+                    nodes, total, shares, values,
+                )  # fmt: skip
+                full |= found > SLOTS
+            due = min(due, patches[patch, DUE])
+        if full:
+            return number + 1
+    return end
+
+
+@compiled(int64(reads(1), reads(1), reads(1), reads(2, int64), reads(2), writes(2)))
+def measure(qpos: Array, qvel: Array, forces: Array, places: Array, asked: Array, found: Array) -> int:
+    """Write angles [rad], velocities and motors' torques of all servos (3, n); of one without a joint, its
+    target."""
+    for i in range(found.shape[1]):
+        found[JOINT, i] = asked[TARGET, i]
+        found[VELOCITY, i] = found[MOTOR, i] = 0.0
+    for i in range(places.shape[1]):
+        servo = places[SERVO, i]
+        found[JOINT, servo] = qpos[places[ADDRESS, i]]
+        found[VELOCITY, servo] = qvel[places[DOF, i]]
+        found[MOTOR, servo] = forces[places[ACTUATOR, i]]
+    return int(places.shape[1])
+
+
+@compiled(int64(views(1, int64), views(1), int64))
+def fault_of(servos: Array, values: Array, count: int) -> int:
+    """0 for finite `values` (k,) of `servos` (k,) out of `count`; 1 where a servo is none, 2 where a value is
+    not finite."""
+    for i in range(len(servos)):
+        if not 0 <= servos[i] < count:
+            return 1
+    for i in range(len(values)):
+        if not abs(values[i]) < float("inf"):
+            return 2
+    return 0
+
+
+@compiled(int64(views(1, int64), views(1), reads(1), float64, reads(2, int64), writes(2), writes(2)))
+def aim(
+    servos: Array, angles: Array, top: Array, steps: float, places: Array, asked: Array, state: Array
+) -> int:
+    """Let `servos` (k,) go to `angles` (k,) [rad] in so many steps, each of at most `top` (moving,) [rad]."""
+    for i in range(len(servos)):
+        asked[TARGET, servos[i]] = angles[i]
+    for i in range(state.shape[1]):
+        left = abs(asked[TARGET, places[SERVO, i]] - state[SETPOINT, i])
+        state[STRIDE, i] = min(left / steps, top[i])
+    return len(servos)

@@ -1,0 +1,152 @@
+"""The skin that is not there: contacts of the physics become raw frames of all patches."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.errors import TciError
+from tci.frames import Array, read_only
+from tci.messages import SkinFrame
+from tci.model.description import Patch
+from tci.model.surfaces import Surface, tangents
+from tci.simulation import feeling as at
+from tci.simulation.kernel import width
+from tci.simulation.physics import Physics
+from tci.simulation.touch import floor_sensor, skin_geom
+
+
+class Taxels:
+    """All patches of a world, and their frames."""
+
+    def __init__(
+        self,
+        physics: Physics,
+        patches: Sequence[Patch],
+        surfaces: Mapping[str, Surface],
+        *,
+        noise: float,
+        generator: np.random.Generator,
+    ) -> None:
+        self.worn = {patch.name: number for number, patch in enumerate(patches)}
+        """The number of each patch, by its name."""
+        self._patches = patches
+        self._physics = physics
+        self._noise = noise
+        self._generator = generator
+        self._words = np.zeros((len(patches), 14), dtype=np.int64)
+        sizes, positions, taxels, channels, nodes = (
+            [],
+            [np.zeros((0, 3))],
+            [np.zeros((0, 7))],
+            [],
+            [np.zeros((2, 0))],
+        )
+        floors = {one.name: one.adr[0] for one in map(physics.model.sensor, range(physics.model.nsensor))}
+        for number, patch in enumerate(patches):
+            surface, sensor = surfaces[patch.name], patch.sensor
+            name, words = skin_geom(patch.name), self._words[number]
+            words[at.SENSOR] = physics.model.sensor(name).adr[0]
+            words[at.FLOOR] = floors.get(floor_sensor(patch.name), -1)
+            words[at.BODY] = physics.model.geom_bodyid[physics.model.geom(name).id]
+            words[at.BEGIN] = sum(map(len, positions))
+            words[at.END] = words[at.BEGIN] + len(surface.positions)
+            words[at.CHANNEL] = sum(patch.channels for patch in patches[:number])
+            words[at.CHANNELS] = patch.channels
+            words[at.NODE] = sum(one.shape[1] for one in nodes)
+            words[at.NODES] = words[at.NODE] + len(sensor.response)
+            words[at.AXES] = sensor.axes
+            x = tangents(surface.normals) if surface.tangents is None else surface.tangents
+            shear = sensor.shear_pascal_per_count if sensor.axes == 3 else 1.0
+            # A rigid plate hands a force on to all that carry it, however far away they are.
+            half = 0.5 * float(np.ptp(surface.positions, axis=0).max())
+            outward = surface.normals.mean(axis=0)
+            sizes.append([
+                sensor.rest, sensor.pascal_per_count, shear, patch.rate * physics.step,
+                half if patch.rigid else width(surface.areas), half,
+                *(outward / max(float(np.linalg.norm(outward)), 1e-9)),
+            ])  # fmt: skip
+            positions.append(surface.positions)
+            taxels.append(np.column_stack([x, np.cross(surface.normals, x), surface.areas]))
+            channels += surface.channels.tolist()
+            nodes.append(np.array(sensor.response).reshape(-1, 2).T)
+        longest = max(9, *(np.diff(self._words[:, [at.BEGIN, at.END]]).ravel()), 0)
+        self._total = np.zeros((3, longest))
+        self._values = np.zeros(sum(patch.channels for patch in patches))
+        data = physics.data
+        self.arrays = (
+            physics.sensors, data.xpos, data.xmat, self._words, np.array(sizes).reshape(-1, 9),
+            np.concatenate(positions), np.concatenate(taxels), np.array(channels, dtype=np.int64),
+            np.concatenate(nodes, axis=1), self._total, np.zeros((2, longest)), self._values,
+        )  # fmt: skip
+        """What the loops in `feeling` take."""
+        # One array for all frames at rest, which nobody can change: who sees it again need not look again.
+        self._rest = [_raw(patch, np.full(patch.channels, patch.sensor.rest)) for patch in patches]
+        self._frames: list[SkinFrame] = []
+
+    @property
+    def due(self) -> int:
+        """Step in which the next frame is taken; far away without skin."""
+        return int(self._words[:, at.DUE].min(initial=np.iinfo(np.int64).max))
+
+    @property
+    def noisy(self) -> bool:
+        """Whether frames have noise, which is made after each step with a frame."""
+        return self._noise > 0.0
+
+    def reset(self) -> None:
+        """The first frame is taken now. Raises TciError like `frames`."""
+        self._physics.refresh()
+        self._words[:, at.COUNT] = -1
+        for number in range(len(self._patches)):
+            at.begin(number, self._physics.steps, *self.arrays)
+        self._frames = [self._frame(number) for number in range(len(self._patches))]
+
+    def frames(self) -> tuple[SkinFrame, ...]:
+        """The latest frame of every patch. Raises TciError when a patch had more contacts than slots."""
+        for number, count in enumerate(self._words[:, at.COUNT].tolist()):
+            if self._frames[number].sequence != count:
+                self._frames[number] = self._frame(number)
+        return tuple(self._frames)
+
+    def _frame(self, number: int) -> SkinFrame:
+        patch, words = self._patches[number], self._words[number]
+        found = int(words[at.TOUCHED])
+        self._check(number, found)
+        values = self._rest[number]
+        if found or self._noise:
+            begin = words[at.CHANNEL]
+            counts = self._values[begin : begin + patch.channels].copy() if found else values.astype(float)
+            if self._noise:
+                counts += self._generator.normal(0.0, self._noise, len(counts))
+            values = _raw(patch, counts)
+        return SkinFrame(
+            patch.name, float(words[at.TAKEN]) * self._physics.step, int(words[at.COUNT]), values
+        )
+
+    def vectors(self, patch: str) -> Array:
+        """Force (taxels, 3) [N] on each taxel of a patch now: along its x and y axes, and pressing.
+
+        Raises TciError like `frames`.
+        """
+        self._physics.refresh()
+        number = self.worn[patch]
+        begin, end = self._words[number, [at.BEGIN, at.END]]
+        found = at.look(number, *self.arrays)
+        self._check(number, found)
+        return self._total[:, : end - begin].T.copy() if found else np.zeros((end - begin, 3))
+
+    def _check(self, number: int, found: int) -> None:
+        if found > at.SLOTS:
+            raise TciError(
+                f"{found} contacts on {self._patches[number].name} at once; valid: up to {at.SLOTS}"
+            )
+
+
+def _raw(patch: Patch, counts: Array) -> NDArray[np.generic]:
+    """Raw values (channels,) that the sensor sends for deviations [counts]."""
+    lowest, highest = patch.sensor.lowest, patch.sensor.highest
+    small = 0.0 <= lowest <= highest <= 255.0
+    return read_only(np.clip(np.rint(counts), lowest, highest), np.uint8 if small else np.int32)

@@ -23,8 +23,8 @@ WIDE = 0.02
 """[m]; far wider than a taxel. Ours."""
 SENSOR, FLOOR, BODY, BEGIN, END, CHANNEL, CHANNELS, NODE, NODES, AXES, COUNT, DUE, TAKEN, TOUCHED = range(14)
 """Columns of a patch's whole numbers: its slots in `sensordata`, what a floor does to it there or -1, its
-link; its taxels; its first channel and how many; its response's nodes; axes; of its latest frame: its number, the
-step in which the next is due and the step in which it was taken, contacts."""
+link; its taxels; its first channel and how many; its response's nodes; axes; of its latest frame: its number,
+the step in which the next is due and the step in which it was taken, contacts."""
 REST, PER_COUNT, SHEAR_PER_COUNT, RATE, WIDTH, SIZE, OUTWARD = range(7)
 """Columns of a patch's numbers (9): the sensor's [count], [Pa/count]; frames per step; width of the kernel
 and half its longest side [m]; the mean of its normals (3)."""

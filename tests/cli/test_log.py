@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 from cli.test_cli import tci
+from tci.recording.recording import Recording
 
 
 def test_record_look_cut_export_and_replay(tmp_path: Path) -> None:
@@ -15,13 +16,18 @@ def test_record_look_cut_export_and_replay(tmp_path: Path) -> None:
     assert told["recording"]["failed"] == ""
     assert told["recording"]["periods"] == 300
     again = json.loads(tci(*run, "--via", f"replay:{path}"))
-    assert again["replay"] == {"compared": 300, "different": 0}
+    assert again["replay"] == {"compared": 300, "different": 0, "other_versions": []}
     assert "bit for bit" in tci(*run[:-1], "--via", f"replay:{path}")
 
     info = json.loads(tci("log", "info", path, "--json"))
     assert info["complete"]
     assert info["periods"] == info["topics"]["/tci/decision"] == 300
-    assert info["about"]["capability"] == "withdrawal"
+    about = info["about"]
+    assert (about["capability"], about["robot"], about["middleware"]) == ("withdrawal", "nao", "sim")
+    assert (about["seed"], about["step_s"], about["period_s"]) == ("0", "0.001", "0.002")
+    assert "refractory=0.5" in about["settings"]
+    assert {"tci", "numpy", "mujoco-core", "python"} < set(json.loads(about["versions"]))
+    assert Recording(path).about["description"].startswith("{")
     assert "/joint_states" in tci("log", "info", path)
 
     tci("log", "cut", path, str(tmp_path / "cut.mcap"), "--from", "0.2", "--to", "0.4")

@@ -9,7 +9,7 @@ import pytest
 from recording.recorded import equal_readings, record_poke
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.errors import LinkError, RecordingError
-from tci.middleware.replay import ReplayLink
+from tci.middleware.replay import ReplayLink, changed_versions
 from tci.model.catalogue import load_robot
 from tci.recording.recording import Recording
 from tci.runtime.loop import Tick, run
@@ -56,6 +56,15 @@ def test_a_replay_has_the_period_of_then(tmp_path: Path) -> None:
         assert link.period == link.gate.period == 0.01
         run(link, WithdrawalReflex())
         assert (link.compared, link.different) == (len(ticks), []) == (60, [])
+
+
+def test_what_decides_the_bits_is_named(tmp_path: Path) -> None:
+    record_poke(tmp_path / "a.mcap", duration=0.02)
+    with ReplayLink(load_robot("nao"), str(tmp_path / "a.mcap")) as link:
+        assert link.changed == []
+    then = '{"numpy": "1.0", "mcap": 7, "else": "1"}'
+    assert [words.split(", here ")[0] for words in changed_versions(then)] == ["numpy 1.0", "mcap 7"]
+    assert changed_versions("[1") == changed_versions("[1]") == changed_versions("") == []
 
 
 def test_the_loop_sees_what_it_saw(tmp_path: Path) -> None:

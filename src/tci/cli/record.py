@@ -18,7 +18,12 @@ def recorder_for(path: Path, link: Link, via: str, about: Mapping[str, str]) -> 
     """A recording of a link. Raises RecordingError."""
     middleware = via.split(JOIN)[0].partition(":")[0]
     return Recorder(
-        path, link.robot, middleware=middleware, period=link.period, keep_alive=link.keep_alive, about=about
+        path,
+        link.robot,
+        middleware=middleware,
+        period=link.period,
+        keep_alive=link.keep_alive,
+        about={**link.about, **about},
     )
 
 

@@ -202,7 +202,9 @@ def run_capability(
     if recorder is not None:
         told["recording"] = summary(recorder)
     if isinstance(inner, ReplayLink):
-        told["replay"] = {"compared": inner.compared, "different": len(inner.different)}
+        told["replay"] = {
+            "compared": inner.compared, "different": len(inner.different), "other_versions": inner.changed,
+        }  # fmt: skip
     if as_json:
         print_json(told)
     else:
@@ -233,6 +235,8 @@ def _said(recorder: Recorder | None, link: Link) -> list[str]:
             f"[yellow]{len(link.different)} differ, the first at {link.different[0]:.3f} s[/]")  # fmt: skip
         same = same if link.compared else "none was recorded"
         lines.append(f"replay: {link.compared} decisions compared: {same}")
+        if link.different and link.changed:
+            lines.append(escape(f"recorded with other versions: {'; '.join(link.changed)}"))
     return lines
 
 

@@ -58,7 +58,7 @@ class FaultyLink(Link):
         self.inner = inner
         self.robot, self.clock, self.armed = inner.robot, inner.clock, inner.armed
         self.period, self.gate, self.lease_name = inner.period, inner.gate, inner.lease_name
-        self.keep_alive = inner.keep_alive
+        self.keep_alive, self.about = inner.keep_alive, inner.about
         self.begun: list[FaultPlan] = []
         """Faults that have happened until now, in their order."""
         self._waiting = sorted(plans, key=lambda plan: plan.at)

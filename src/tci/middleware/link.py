@@ -51,6 +51,8 @@ class Link(ABC):
         self.keep_alive: float | None = None
         """Longest time [s] without a frame of a patch, where the skin's senders send changes only; None: they
         send every frame."""
+        self.about: Mapping[str, str] = {}
+        """What a recording says of this link, so that its run can be done again: seed, step of a simulation."""
         self._open = True
 
     @abstractmethod

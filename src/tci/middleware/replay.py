@@ -7,6 +7,7 @@ have felt the same.
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterator
 
@@ -15,8 +16,21 @@ from tci.interface.gate import SafeCommand
 from tci.messages import Reading
 from tci.middleware.link import Link
 from tci.model.description import Robot
+from tci.recording.recorder import versions
 from tci.recording.recording import RecordedTick, Recording
 from tci.recording.schemas import decision_bytes
+
+
+def changed_versions(then: str) -> list[str]:
+    """Which of a recording's versions (JSON) are others here, in words; none where they can't be read."""
+    try:
+        known = json.loads(then)
+    except ValueError:
+        return []
+    here = versions()
+    known = known if isinstance(known, dict) else {}
+    return [f"{name} {str(old)[:20]}, here {here.get(name, 'none')}"
+            for name, old in known.items() if name in here and here[name] != old]  # fmt: skip
 
 
 class ReplayClock:
@@ -62,11 +76,14 @@ class ReplayLink(Link):
             period=self.recording.period or None,
         )
         self.keep_alive = self.recording.keep_alive
+        self.about = {key: about[key] for key in ("seed", "step_s") if key in about}
         self.lease_name = f"replay:{robot.name}:{os.getpid()}:{id(self)}"
         self.compared = 0
         """Decisions that were compared with those of then."""
         self.different: list[float] = []
         """Times [s] of those that differ in any bit."""
+        self.changed = changed_versions(about.get("versions", ""))
+        """Whose versions are others than then, in words: `numpy 2.4.6, here 2.5.0`. Their bits may differ."""
         self._ticks = self.recording.ticks()
         self._tick: RecordedTick | None = None
 

@@ -85,6 +85,7 @@ class SimulatedLink(Link):
         clock = PacedWorldClock(self.world) if paced else WorldClock(self.world)
         super().__init__(robot, middleware="sim", clock=clock, armed=arm, period=period)
         self.keep_alive = keep_alive
+        self.about = {"seed": str(self.world.seed), "step_s": repr(self.world.step)}
         self._events = None if keep_alive is None else ChangedFrames(keep_alive)
         self._sent: dict[str, SkinFrame] = {}
         self.lease_name = f"sim:{robot.name}:{os.getpid()}:{id(self.world)}"

@@ -41,7 +41,8 @@ def tables(recording: Recording) -> dict[str, Table]:
 
 
 def export(recording: Recording, out: Path, form: str) -> list[Path]:
-    """Write the tables: a file for each in the folder `out`, or one file `out` for npz; what was written.
+    """Write the tables: a file for each in the folder `out`, or one file `out` for npz (named so); what was
+    written.
 
     Raises UnknownNameError for a format, MissingExtraError for parquet without its library,
     RecordingError for a recording whose names could lead out of the folder.
@@ -52,6 +53,7 @@ def export(recording: Recording, out: Path, form: str) -> list[Path]:
     if form == "npz":
         columns = {f"{inside(Path(), name)}.{column}": values for name, table in found.items()
                    for column, values in table.items()}  # fmt: skip
+        out = out if out.suffix else out.with_suffix(".npz")
         with out.open("xb") as file:
             np.savez_compressed(file, **columns)  # type: ignore[arg-type]
         return [out]

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import json
 import os
+import platform
+import sys
 import time
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
@@ -37,8 +39,8 @@ from tci.recording.schemas import (
 )
 from tci.recording.topics import Topics
 
-PACKAGES = ("tci", "numpy", "mujoco-core", "ruckig", "mcap")
-"""Whose versions a recording names."""
+PACKAGES = ("tci", "numpy", "mujoco-core", "ruckig", "numba", "mcap")
+"""Whose versions a recording names, beside Python's."""
 
 
 class Recorder:
@@ -210,6 +212,12 @@ def _same_frame(a: SkinFrame, b: SkinFrame) -> bool:
     )
 
 
+def versions() -> dict[str, str]:
+    """What of this machine decides which bits come out."""
+    found = {name: version(name) for name in PACKAGES}
+    return found | {"python": platform.python_version(), "machine": f"{sys.platform} {platform.machine()}"}
+
+
 def _metadata(
     robot: Robot | None, middleware: str, period: float, about: Mapping[str, str]
 ) -> dict[str, str]:
@@ -221,6 +229,6 @@ def _metadata(
         "middleware": middleware,
         "period_s": repr(period),
         "begun": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
-        "versions": json.dumps({name: version(name) for name in PACKAGES}),
+        "versions": json.dumps(versions()),
     }
     return found | dict(about)

@@ -84,6 +84,16 @@ class World:
         self.reset()
 
     @property
+    def seed(self) -> int:
+        """Of the noise on the skin."""
+        return self._seed
+
+    @property
+    def step(self) -> float:
+        """Of the physics [s]."""
+        return self._physics.step
+
+    @property
     def model(self) -> mujoco.MjModel:
         """MuJoCo's model, for those who know it."""
         return self._physics.model

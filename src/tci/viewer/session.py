@@ -155,7 +155,7 @@ class Session:
 
     def record(self, path: Path) -> None:
         """Record from now on. Raises RecordingError."""
-        about = {"recorded_by": "tci view", **self._about}
+        about = {"recorded_by": "tci view", **self.link.about, **self._about}
         middleware = self._about.get("middleware", "sim")
         self.recorder = Recorder(
             path,

@@ -52,7 +52,7 @@ class Link(ABC):
         """Longest time [s] without a frame of a patch, where the skin's senders send changes only; None: they
         send every frame."""
         self.about: Mapping[str, str] = {}
-        """What a recording says of this link, so that its run can be done again: seed, step of a simulation."""
+        """What a recording says of this link, so that its run can be done again: seed and step of physics."""
         self._open = True
 
     @abstractmethod

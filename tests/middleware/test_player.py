@@ -124,7 +124,7 @@ def test_the_server_answers_as_the_genuine_client_understood_and_obeys_it() -> N
         answers: list[tuple[int, Message]] = []
         thread = threading.Thread(target=lambda: answers.extend(play(server.port)), daemon=True)
         thread.start()
-        wait(lambda: serve(server, duration=0.02), lambda: not thread.is_alive())
+        wait(lambda: serve(server, duration=0.02, clock=link.clock), lambda: not thread.is_alive())
         recorded = [read(data) for _, who, data in said("server") if not data.startswith(b"Player v.")]
         expected = [m.body for m in recorded if m.kind == Kind.ACK and m.subtype == wire.SUBSCRIBE]
         got = [m.body for _, m in answers]
@@ -139,7 +139,7 @@ def test_the_server_answers_as_the_genuine_client_understood_and_obeys_it() -> N
                 if (message := next(rest, None)) is not None:
                     connection.sendall(message.to_bytes())
 
-            serve(server, duration=2.0, observe=send)
+            serve(server, duration=2.0, observe=send, clock=link.clock)
         wanted = wire.to_floats(commands[-1].body)
         for servo, angle in zip(link.robot.servos_of("LArm"), wanted, strict=True):
             if servo.limits.jerk is not None:

@@ -13,6 +13,8 @@ from tci.messages import GenericCommand, Mode, Order, Perception, Reading
 from tci.middleware.link import Link
 from tci.middleware.server import Server
 from tci.middleware.simulated import SimulatedLink
+from tci.runtime.guards import PILED_UP
+from tci.runtime.loop import Tick
 from tci.runtime.serve import serve
 
 
@@ -58,7 +60,7 @@ def link() -> SimulatedLink:
 
 def test_generic_orders_and_those_in_the_robots_joints_reach_it(link: SimulatedLink) -> None:
     own = link.native("LArm").command({"LElbowRoll": -1.2})
-    done = serve(Desk(link, {1: [own, turn_head(0.3)]}), duration=1.5)
+    done = serve(Desk(link, {1: [own, turn_head(0.3)]}), duration=1.5, clock=link.clock)
     joints = link.read().joints
     assert link.native("LArm").positions(joints)["LElbowRoll"] == pytest.approx(-1.2, abs=0.01)
     assert tci.generic_posture(link.robot, joints)["head"][0] == pytest.approx(0.3, abs=0.01)
@@ -70,7 +72,7 @@ def test_what_does_not_fit_is_refused_with_a_reason_and_serving_goes_on(link: Si
     strange = GenericCommand("tail", Mode.POSITION, np.zeros(1))
     huge = link.native("LArm").command({"LElbowRoll": float("nan")})
     desk = Desk(link, {0: [wrong], 1: [wrong, strange], 2: [huge]})
-    done = serve(desk, duration=0.5)
+    done = serve(desk, duration=0.5, clock=desk.link.clock)
     assert [order for order, _ in desk.refused] == [wrong, wrong, strange]
     for (_, reason), word in zip(desk.refused, ("read", "7", "tail"), strict=True):
         assert word in reason
@@ -82,10 +84,48 @@ def test_what_does_not_fit_is_refused_with_a_reason_and_serving_goes_on(link: Si
 def test_a_server_that_misses_its_commander_holds_the_robot(link: SimulatedLink) -> None:
     desk = Desk(link, {1: [turn_head(0.8)]})
     desk.reason = "nobody commands"
-    done = serve(desk, duration=0.5)
+    done = serve(desk, duration=0.5, clock=desk.link.clock)
     assert (done.orders, desk.refused) == (1, [])
     assert {sent.state.value for sent in desk.shown} == {"hold"}
     assert abs(tci.generic_posture(link.robot, link.read().joints)["head"][0]) < 0.01
+
+
+def test_28_34_a_process_that_stood_still_holds_from_its_first_period_and_takes_nothing_old(
+    link: SimulatedLink,
+) -> None:
+    own = link.native("LArm")
+    clock = tci.ManualClock()
+    elbow = own.positions(link.read().joints)
+    far, old = (own.command({"LElbowRoll": angle}, speed=0.5) for angle in (-1.4, -0.1))
+    thaw = 200
+    waiting = {thaw + later: [old] for later in (0, 1, 20)}
+    desk = Desk(link, {1: [far], **waiting})
+    angles: list[float] = []
+
+    def see(tick: Tick) -> None:
+        angles.append(own.positions(tick.reading.joints)["LElbowRoll"])
+        clock.advance(5.0 if len(angles) == thaw else link.period)
+
+    serve(desk, duration=2.0, observe=see, clock=clock)
+    states = [sent.state.value for sent in desk.shown]
+    held = round(PILED_UP / link.period)
+    assert set(states[:thaw]) == {"run"}
+    assert set(states[thaw : thaw + held]) == {"hold"}
+    assert set(states[thaw + held + 1 :]) == {"run"}
+    assert "stood still for 5" in desk.shown[thaw].reason
+    for period in waiting:
+        assert "stood still" in desk.shown[period].refusals[0]
+    at_thaw, rest = angles[thaw], angles[-1]
+    assert elbow["LElbowRoll"] - at_thaw > 0.1, "it was on its way"
+    assert at_thaw - rest < 0.02
+    assert np.ptp(angles[thaw + 100 :]) < 1e-3
+
+
+def test_a_period_that_is_late_on_a_busy_machine_is_no_standstill(link: SimulatedLink) -> None:
+    clock = tci.ManualClock()
+    desk = Desk(link, {1: [turn_head(0.3)]})
+    serve(desk, duration=1.0, observe=lambda tick: clock.advance(0.29), clock=clock)
+    assert {sent.state.value for sent in desk.shown} == {"run"}
 
 
 def test_a_paced_simulation_is_not_ahead_of_real_time() -> None:
@@ -101,7 +141,7 @@ def test_55_an_unarmed_robot_is_shown_and_refuses_every_order() -> None:
     with SimulatedLink(tci.load_robot("nao"), arm=False) as unarmed:
         before = unarmed.read().joints.position
         desk = Desk(unarmed, {5: [turn_head(0.3)]})
-        done = serve(desk, duration=0.5)
+        done = serve(desk, duration=0.5, clock=desk.link.clock)
         np.testing.assert_allclose(unarmed.read().joints.position, before, atol=1e-3)
     assert len(desk.shown) == round(0.5 / unarmed.period)
     assert "read-only" in desk.refused[0][1]

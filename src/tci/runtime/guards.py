@@ -11,6 +11,7 @@ from types import FrameType
 
 import numpy as np
 
+from tci.clock import Clock
 from tci.messages import Reading
 from tci.model.description import Robot
 
@@ -19,6 +20,10 @@ PERIODS = 3.0
 LEAST_SILENCE = 0.25
 """And at least so long [s]: skins come over busy networks. Ours."""
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+STOOD = 0.3
+"""A process whose next period comes later [s] stood still. Ours: busy machines take less."""
+PILED_UP = 0.3
+"""Time [s] in which what was sent to a process that stood still has been read. Ours."""
 
 
 class Silence:
@@ -41,6 +46,31 @@ class Silence:
             if now - heard > self._longest.get(patch, np.inf):
                 return f"the skin of {patch} has sent nothing for {(now - heard) * 1e3:.0f} ms"
         return ""
+
+
+class Standstill:
+    """Whether this process stood still: frozen, swapped out, starved. What was sent to it meanwhile waits in
+    sockets and looks new, so the robot holds until that has been read.
+
+    It counts on the machine's clock, since that of a simulation stands still with the process.
+    """
+
+    def __init__(self, clock: Clock, *, stale_after: float) -> None:
+        """`stale_after` [s]: age from which data is too old. The first period begins now."""
+        self._clock = clock
+        self._longest = max(stale_after, STOOD)
+        self._before = clock.now()
+        self._until = -np.inf
+        self._reason = ""
+
+    def fault(self) -> str:
+        """Why the robot should hold, asked once per period; empty when there is no reason."""
+        now = self._clock.now()
+        stood, self._before = now - self._before, now
+        if stood > self._longest:
+            self._until = now + PILED_UP
+            self._reason = f"this process stood still for {stood * 1e3:.0f} ms"
+        return self._reason if now < self._until else ""
 
 
 class Interruption:

@@ -10,10 +10,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from tci.capabilities.capability import Capability
+from tci.clock import Clock, MonotonicClock
 from tci.errors import TciError
 from tci.interface.body import order_to_platform
 from tci.messages import Order, Perception, PlatformOrder
 from tci.middleware.server import Server
+from tci.runtime.guards import Standstill
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport
 
@@ -35,12 +37,14 @@ def serve(
     observe: Callable[[Tick], None] | None = None,
     report: LoopReport | None = None,
     served: Served | None = None,
+    clock: Clock | None = None,
 ) -> Served:
     """Show the robot of `server.link` for `duration` [s], or until interrupted; read-only unless it is armed.
 
-    An order that does not fit the robot is refused and changes nothing. Raises what `run` raises.
+    An order that does not fit the robot is refused and changes nothing. `clock` is the one of those who
+    order: the machine's, unless told otherwise. Raises what `run` raises.
     """
-    orders = _Orders(server, served if served is not None else Served())
+    orders = _Orders(server, served if served is not None else Served(), clock or MonotonicClock())
 
     def see(tick: Tick) -> None:
         orders.see(tick)
@@ -48,7 +52,7 @@ def serve(
             observe(tick)
 
     run(
-        server.link, orders, duration=duration, observe=see, guard=server.fault, report=report,
+        server.link, orders, duration=duration, observe=see, guard=orders.hold, report=report,
         write=server.link.armed,
     )  # fmt: skip
     return orders.served
@@ -57,10 +61,12 @@ def serve(
 class _Orders(Capability[None]):
     """What others order, in the place of a behaviour."""
 
-    def __init__(self, server: Server, served: Served) -> None:
+    def __init__(self, server: Server, served: Served, clock: Clock) -> None:
         self.server = server
         self.served = served
+        self.clock = clock
         self._tick: Tick | None = None
+        self._standstill: Standstill | None = None
 
     def init(self) -> None:
         return None
@@ -82,8 +88,15 @@ class _Orders(Capability[None]):
                 self._refuse(order, str(error))
         return tuple(passed), None
 
+    def hold(self) -> str:
+        """Why the robot should hold in this period; empty for no reason."""
+        missed = self.server.fault()
+        return (self._standstill.fault() if self._standstill is not None else "") or missed
+
     def see(self, tick: Tick) -> None:
         """Publish a period."""
+        if self._standstill is None:  # the first period compiles and reads files
+            self._standstill = Standstill(self.clock, stale_after=self.server.link.gate.stale_after)
         self._tick = tick
         self.served.refusals.update(tick.sent.refusals)
         self.server.publish(tick.reading, tick.perception, tick.sent)

@@ -71,6 +71,7 @@ class YarpLink(Link):
         self._dialect = options.dialect
         self._compensated = options.skin == "comp"
         self._joints: JointReading | None = None
+        self._away: set[str] = set()
         self._reconnected = threading.Event()
         self._refused: dict[str, float] = {}
         self._closed = threading.Event()
@@ -123,12 +124,14 @@ class YarpLink(Link):
         return examine(self)
 
     def _receive(self) -> Reading:
-        if self._reconnected.is_set():
-            self._reconnected.clear()
-            self.gate.drop()
         stamp = min((board.state()[1] for board in self.boards.values()), default=self.clock.now())
         if self._joints is None or stamp != self._joints.stamp:
             self._joints = self._joints_at(stamp)
+        back = self._away and self.clock.now() - stamp <= self.gate.stale_after
+        if back or self._reconnected.is_set():  # it is not where it was led meanwhile
+            self._away.clear()
+            self._reconnected.clear()
+            self.gate.drop()
         return Reading(joints=self._joints, skin=tuple(self._frames()))
 
     def _joints_at(self, stamp: float) -> JointReading:
@@ -168,6 +171,8 @@ class YarpLink(Link):
         now = self.clock.now()
         for part, board in self.boards.items():
             if now - board.state()[1] > self.gate.stale_after:
+                self._away.add(part)
+            if part in self._away:
                 continue
             try:
                 board.send(safe)

@@ -20,7 +20,7 @@ class OrderBook:
 
     def __init__(self) -> None:
         self._changed = threading.Condition()
-        self._waiting: list[tuple[float, Order]] = []
+        self._waiting: list[Order] = []
         self._given: list[Order] = []
         self._refused: dict[int, str] = {}
         self._mine = threading.local()
@@ -28,18 +28,17 @@ class OrderBook:
     def put(self, order: Order) -> None:
         """Hand in an order."""
         with self._changed:
-            self._waiting.append((time.monotonic(), order))
+            self._waiting.append(order)
             del self._waiting[:-MOST_ORDERS]
         if getattr(self._mine, "orders", None) is not None:
             self._mine.orders.append(order)
 
-    def take(self, since: float) -> tuple[list[Order], list[Order]]:
-        """Orders since the last call, oldest first: those that came after `since` [s], and those before."""
+    def take(self) -> list[Order]:
+        """Orders since the last call, oldest first."""
         with self._changed:
             waiting, self._waiting = self._waiting, []
-            self._given += [order for _, order in waiting]
-        fresh = [order for when, order in waiting if when >= since]
-        return fresh, [order for when, order in waiting if when < since]
+            self._given += waiting
+        return waiting
 
     def refuse(self, order: Order, reason: str) -> bool:
         """Tell that an order did not even reach the gate; whether it was one of these."""
@@ -65,7 +64,7 @@ class OrderBook:
         return bool(self._waiting or self._given)
 
     def _pending(self) -> list[Order]:
-        return [*(order for _, order in self._waiting), *self._given]
+        return [*self._waiting, *self._given]
 
     def begin(self) -> None:
         """From here on this thread's orders are waited for by `settle`."""

@@ -39,10 +39,6 @@ PERIOD = 0.01
 """Time [s] between two states of a board, as on iCub."""
 DEFAULT = ("127.0.0.1", 10000)
 """Where a name server of our own listens unless an address is given."""
-BEAT = 0.05
-"""Time [s] between two signs of life of this process to itself. Ours."""
-AWAY = 0.3
-"""After standing still for so long [s], what had piled up meanwhile is read for as long and dropped. Ours."""
 REGISTER_AGAIN = 1.0
 """How often [s] it is looked whether the name server forgot us. Ours."""
 
@@ -75,7 +71,6 @@ class YarpServer(Server):
         self._stamps: dict[str, int] = {}
         self._due = 0.0
         self._shown = False
-        self._beaten, self._deaf = time.monotonic(), -np.inf
         self._closed = threading.Event()
         try:
             for part, board in self.boards.items():
@@ -88,8 +83,7 @@ class YarpServer(Server):
         except LinkError:
             self.close()
             raise
-        for work in (self._keep_registered, self._keep_beating):
-            threading.Thread(target=work, name=f"yarp {work.__name__}", daemon=True).start()
+        threading.Thread(target=self._keep_registered, name="yarp registration", daemon=True).start()
 
     def where(self) -> str:
         host, port = self.names.address
@@ -98,18 +92,11 @@ class YarpServer(Server):
         return f"yarp:{host}:{port}, ports /{self.prefix}/... of YARP {self.dialect.name}{hint}"
 
     def orders(self) -> Sequence[Order]:
-        self._beat(False)
         if not self._shown:
             return []  # they wait for the first reading
         for board in self.boards.values():
             board.mind()
-        orders: list[Order] = []
-        for board in self.boards.values():
-            fresh, stale = board.book.take(self._deaf)
-            orders += fresh
-            for order in stale:
-                self.refuse(order, "it is from before this process stood still")
-        return orders
+        return [order for board in self.boards.values() for order in board.book.take()]
 
     def refuse(self, order: Order, reason: str) -> None:
         self._refuse(reason)
@@ -200,19 +187,6 @@ class YarpServer(Server):
     def _refuse(self, reason: str) -> None:
         self.refused += 1
         self.last_error = reason
-
-    def _beat(self, alive: bool) -> float:
-        """The time now [s]; notes when a thread that only sleeps has not run for too long: nobody has."""
-        now = time.monotonic()
-        if now - self._beaten > AWAY:
-            self._deaf = now + AWAY
-        if alive or now < self._deaf:
-            self._beaten = now
-        return now
-
-    def _keep_beating(self) -> None:
-        while not self._closed.wait(BEAT):
-            self._beat(True)
 
     def _keep_registered(self) -> None:
         """A name server that restarts forgets its ports; what flows between ports goes on meanwhile."""

@@ -55,7 +55,7 @@ lock:  ## renew requirements/*.txt (needs uv)
 	  --extra icub --extra naoqi --extra viewer --no-header pyproject.toml requirements/build.in -o requirements/demo.txt
 	uv pip compile --universal --python-version 3.11 --generate-hashes --index-url https://pypi.org/simple --no-emit-index-url \
 	  --all-extras --group dev --no-header pyproject.toml -c requirements/demo.txt -o requirements/dev.txt
-	for peer in requirements/peers/*.in; do uv pip compile --universal --python-version 3.11 --generate-hashes \
+	for peer in requirements/peers/*.in requirements/bench/*.in; do uv pip compile --universal --python-version 3.11 --generate-hashes \
 	  --index-url https://pypi.org/simple --no-emit-index-url --no-header \
 	  $$(grep -q '^# alone' $$peer && echo --no-deps) $$peer -o $${peer%.in}.txt || exit 1; done
 

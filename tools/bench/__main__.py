@@ -41,6 +41,7 @@ CASES = {
     "kinematics": "parts:kinematics",
     "inverse": "parts:inverse",
     "touch": "touch:touch",
+    "touch_hand": "touch:touch_hand",
     "worlds": "touch:worlds",
     "loop": "loop:loop",
     "links": "links:links",

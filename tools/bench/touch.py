@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import runpy
 import statistics
+import subprocess
 import time
+from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import mujoco
+from lxml import etree
 from measured import ROUNDS, Measured, each, row
 
 import tci
@@ -13,9 +19,11 @@ from tci.model.dense_skin import with_dense_skin
 from tci.model.description import Robot
 from tci.model.surfaces import Surface
 from tci.simulation import scene
+from tci.simulation.touch import skin_geom
 from tci.simulation.world import World
 from tci.trials.experiment import with_skin_rate
 
+ROOT = Path(__file__).parents[2]
 STEP = 0.001
 RADIUS = 0.005
 """Of a touch site [m]."""
@@ -33,21 +41,13 @@ def pressed(robot: Robot) -> World:
     return world
 
 
-def with_sites(robot: Robot) -> World:
-    """The same, with one of MuJoCo's touch sites per taxel."""
+def with_more(robot: Robot, more: Callable[[mujoco.MjSpec, Surface], None]) -> World:
+    """The same with `more` sensors for each patch, and our own skin as good as never read."""
     original = scene.add_skin
 
     def add(spec: mujoco.MjSpec, surface: Surface, **options: object) -> None:
         original(spec, surface, **options)  # type: ignore[arg-type]
-        for i, position in enumerate(surface.positions):
-            name = f"{surface.patch}_{i}"
-            spec.body(surface.link).add_site(name=name, pos=position, size=[RADIUS, 0.0, 0.0])
-            spec.add_sensor(
-                name=name,
-                type=mujoco.mjtSensor.mjSENS_TOUCH,
-                objtype=mujoco.mjtObj.mjOBJ_SITE,
-                objname=name,
-            )
+        more(spec, surface)
 
     scene.add_skin = add
     try:
@@ -56,8 +56,34 @@ def with_sites(robot: Robot) -> World:
         scene.add_skin = original
 
 
+def sites(spec: mujoco.MjSpec, surface: Surface) -> None:
+    """One of MuJoCo's touch sites per taxel."""
+    for i, position in enumerate(surface.positions):
+        name = f"{surface.patch}_{i}"
+        spec.body(surface.link).add_site(name=name, pos=position, size=[RADIUS, 0.0, 0.0])
+        spec.add_sensor(
+            name=name,
+            type=mujoco.mjtSensor.mjSENS_TOUCH,
+            objtype=mujoco.mjtObj.mjOBJ_SITE,
+            objname=name,
+        )
+
+
+def tactile(spec: mujoco.MjSpec, surface: Surface) -> None:
+    """One of MuJoCo's tactile sensors: how deep each vertex of the skin is in what touches it."""
+    name = skin_geom(surface.patch)
+    spec.add_sensor(
+        name=f"tactile_{surface.patch}",
+        type=mujoco.mjtSensor.mjSENS_TACTILE,
+        objtype=mujoco.mjtObj.mjOBJ_MESH,
+        objname=name,
+        reftype=mujoco.mjtObj.mjOBJ_GEOM,
+        refname=name,
+    )
+
+
 def step_time(world: World, runs: int = 15) -> float:
-    """Microseconds of a step: over runs of 20, a frame of the slowest skin in each."""
+    """Microseconds of a step: over runs of 20, frames of the skin in each."""
     return each(lambda: world.advance(world.time + 20 * STEP), calls=runs) / 20
 
 
@@ -66,24 +92,67 @@ def beside(ours: World, peer: World) -> list[tuple[float, float]]:
 
 
 def touch() -> list[Measured]:
-    nao, rows = tci.load_robot("nao"), []
+    nao = tci.load_robot("nao")
     limbs = nao.model_copy(update={"patches": nao.patches[:4]})
-    for taxels, wanted in ((150, 1 / 1.15), (1000, 1 / 2.4), (4000, 1 / 6)):
+    rows = in_contact("whole body", limbs, {150: 1.15, 1000: 2.4, 4000: 6.0})
+    with TemporaryDirectory() as folder:
+        arm = one_arm(limbs, Path(folder))
+        return rows + in_contact("one arm", arm, {150: 1.3, 1000: 3.8, 4000: 10.0})
+
+
+def one_arm(robot: Robot, folder: Path) -> Robot:
+    """A NAO of a torso and a left arm, in a file of `folder`: the other limbs are cut off."""
+    assert robot.model is not None
+    tree = etree.parse(robot.model.path)
+    for body in tree.findall("worldbody/body/body"):
+        if body.get("name") != "LShoulder":
+            body.getparent().remove(body)
+    tree.write(str(folder / "arm.xml"))
+    servos = [
+        servo if servo.robot_part == "LArm" else servo.model_copy(update={"joint": None})
+        for servo in robot.servos
+    ]
+    patches = [patch for patch in robot.patches if patch.part == "left_arm"]
+    model = robot.model.model_copy(update={"path": str(folder / "arm.xml")})
+    return robot.model_copy(update={"model": model, "servos": tuple(servos), "patches": tuple(patches)})
+
+
+def in_contact(what: str, limbs: Robot, faster: dict[int, float]) -> list[Measured]:
+    """Rows for some numbers of taxels, each with how much `faster` than touch sites a step should be."""
+    rows = []
+    for taxels, wanted in faster.items():
         robot = with_dense_skin(limbs, taxels)
-        peer = with_sites(robot)
+        peer, other = with_more(robot, sites), with_more(robot, tactile)
         for rate in (1000.0, 100.0):
             world = pressed(with_skin_rate(robot, rate))
-            name = f"simulated skin in contact, {taxels} taxels, {rate:.0f} frames/s"
-            rows.append(
-                row(f"{name}: step", "MuJoCo touch sites, each step", beside(world, peer), most_ratio=wanted)
-            )
+            name = f"simulated skin in contact, {what}, {taxels} taxels, {rate:.0f} frames/s: step"
+            pairs = beside(world, peer)
+            rows.append(row(name, "MuJoCo touch sites, each step", pairs, most_ratio=1.0 / wanted))
+            rows.append(row(name, "MuJoCo tactile (depths), each step", beside(world, other)))
         force = world.contact_truth(robot.patches[0].name).force
         spread = sum(world._taxels.vectors(patch)[:, 2].sum() for patch in world.surfaces)
         assert abs(spread - force) <= 1e-5 * force, (spread, force)
         if taxels == 1000:
             nobody = pressed(with_skin_rate(robot, NEVER))
-            rows.append(row(f"{name}: step", "the same, never read", beside(world, nobody), most_ratio=1.25))
+            rows.append(row(name, "the same, never read", beside(world, nobody), most_ratio=1.25))
     return rows
+
+
+def touch_hand() -> list[Measured]:
+    """What touch costs: steps with it by steps without, ours and another's."""
+    lock = ROOT / "requirements" / "bench" / "gymnasium_robotics.txt"
+    runpy.run_path(str(ROOT / "tools" / "peers.py"))["install_python"](lock)
+    python = ROOT / ".peers" / lock.stem / "bin" / "python"
+    command = [str(python), str(Path(__file__).with_name("touch_hand.py")), str(ROUNDS)]
+    answer = subprocess.run(command, capture_output=True, text=True, check=True)
+    lines = [line.split() for line in answer.stdout.splitlines()]
+    theirs = [float(line[1]) / float(line[0]) for line in lines if len(line) == 2][1:]
+    robot = tci.load_robot("nao")
+    limbs = with_dense_skin(robot.model_copy(update={"patches": robot.patches[:4]}), 1000)
+    felt, bare = pressed(limbs), pressed(with_skin_rate(limbs, NEVER))
+    pairs = [(a / b, other) for (a, b), other in zip(beside(felt, bare), theirs, strict=True)]
+    name = f"a step with touch by one without: NAO with {sum(p.channels for p in limbs.patches)} taxels"
+    return [row(name, "Gymnasium-Robotics' hand with 92", pairs, unit="x", most=1.25)]
 
 
 def worlds() -> list[Measured]:

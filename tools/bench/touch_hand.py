@@ -1,0 +1,36 @@
+"""Run in an environment of its own: what touch costs Gymnasium-Robotics' Shadow hand with a block in it.
+
+Prints microseconds of a physics step without and with its 92 touch sensors, in turn, one round a line.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+
+import gymnasium
+import gymnasium_robotics
+
+gymnasium.register_envs(gymnasium_robotics)
+NAMES = ("HandManipulateBlock-v1", "HandManipulateBlock_ContinuousTouchSensors-v1")
+STEPS = 50
+"""Of the environment, in a round."""
+
+
+def main() -> None:
+    environments = [gymnasium.make(name).unwrapped for name in NAMES]
+    for environment in environments:
+        environment.reset(seed=0)
+    action = 0.0 * environments[0].action_space.sample()
+    for _ in range(int(sys.argv[1]) + 1):
+        times = []
+        for environment in environments:
+            start = time.thread_time()
+            for _ in range(STEPS):
+                environment.step(action)
+            times.append(1e6 * (time.thread_time() - start) / STEPS / environment.n_substeps)
+        print(*times, flush=True)
+
+
+if __name__ == "__main__":
+    main()

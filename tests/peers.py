@@ -45,6 +45,14 @@ def peer_python(name: str) -> str:
     return str(path)
 
 
+def node_packages(name: str) -> str:
+    """The folder with a peer's packages of Node; where there is none, the test is named as not run."""
+    folder = ROOT / ".peers" / name
+    if not (folder / "installed").exists():
+        pytest.skip(f"did not run: needs .peers/{name}; to get it: python3 tools/peers.py")
+    return str(folder)
+
+
 def debian_python(script: str, stdin: str) -> str:
     """What a script prints that Debian's Python runs; its errors are ours."""
     command = [DEBIAN_PYTHON, "-c", script]

@@ -1,5 +1,5 @@
 """Install what the tests start as peers: the Debian packages of requirements/debian.txt, and a virtual
-environment `.peers/NAME` for each requirements/peers/NAME.txt.
+environment `.peers/NAME` for each requirements/peers/NAME.txt; packages of Node for each NAME/package-lock.json.
 
     python3 tools/peers.py
 
@@ -17,7 +17,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 LIST = ROOT / "requirements" / "debian.txt"
-PYTHONS = ROOT / "requirements" / "peers"
+PEERS = ROOT / "requirements" / "peers"
 
 
 def packages() -> dict[str, str]:
@@ -41,8 +41,10 @@ def missing() -> list[str]:
 
 def main() -> None:
     install_debian()
-    for lock in sorted(PYTHONS.glob("*.txt")):
+    for lock in sorted(PEERS.glob("*.txt")):
         install_python(lock)
+    for lock in sorted(PEERS.glob("*/package-lock.json")):
+        install_node(lock)
 
 
 def install_python(lock: Path) -> None:
@@ -69,6 +71,28 @@ def install_python(lock: Path) -> None:
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         raise SystemExit(f"can't install {lock.relative_to(ROOT)}:\n{done.stderr}")
+    stamp.write_text(state)
+
+
+def install_node(lock: Path) -> None:
+    """The packages of npm's lock file in a folder of their own, unless they are there already."""
+    folder = ROOT / ".peers" / lock.parent.name
+    stamp = folder / "installed"
+    state = hashlib.sha256(lock.read_bytes()).hexdigest()
+    if stamp.exists() and stamp.read_text() == state:
+        return
+    npm = shutil.which("npm")
+    if npm is None:
+        print(f"peer not installed: {lock.parent.name}; it needs npm and node")
+        return
+    print(f"installing {lock.relative_to(ROOT)} into {folder.relative_to(ROOT)}", flush=True)
+    folder.mkdir(parents=True, exist_ok=True)
+    for file in (lock, lock.with_name("package.json")):
+        shutil.copy(file, folder)
+    command = [npm, "ci", "--ignore-scripts", "--no-audit", "--no-fund", "--silent"]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise SystemExit(f"can't install {lock.relative_to(ROOT)}:\n{done.stdout}{done.stderr}")
     stamp.write_text(state)
 
 

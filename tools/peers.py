@@ -1,5 +1,5 @@
 """Install what the tests start as peers: the Debian packages of requirements/debian.txt, and a virtual
-environment `.peers/NAME` for each requirements/peers/NAME.txt; packages of Node for each NAME/package-lock.json.
+environment `.peers/NAME` for each requirements/peers/NAME.txt, Node's packages for NAME/package-lock.json.
 
     python3 tools/peers.py
 

@@ -61,6 +61,47 @@ def test_an_icub_is_found_as_people_described_it() -> None:
             assert ours.length == pytest.approx(theirs.length, abs=0.02)
 
 
+def test_an_icub_gets_its_mount_its_legs_and_its_hands() -> None:
+    """As `icub-whole` has them, by hand: eq. 1 on a mount of 15 degrees, six joints of a leg, two of a
+    wrist."""
+    icub = load_robot("icub-whole")
+    assert icub.model is not None
+    proposed = propose(Path(icub.model.path), name="icub", mount=True)
+    for side in ("left", "right"):
+        ours, theirs = proposed.part(f"{side}_arm"), icub.part(f"{side}_arm")
+        np.testing.assert_allclose(ours.mount, theirs.mount, atol=1e-4)
+        assert {joint.transform for joint in ours.servos} == {"linear"}
+        for kind in ("arm", "leg", "hand"):
+            pairs = zip(
+                proposed.part(f"{side}_{kind}").servos, icub.part(f"{side}_{kind}").servos, strict=True
+            )
+            for one, other in pairs:
+                assert one.servo is not None
+                assert other.servo is not None
+                assert proposed.servos[one.servo].joint == icub.servos[other.servo].joint, one.name
+                assert one.scale == other.scale, one.name
+                assert one.offset == pytest.approx(other.offset, abs=np.deg2rad(1.0)), one.name
+        for one, other in zip(
+            proposed.part(f"{side}_leg").segments, icub.part(f"{side}_leg").segments, strict=False
+        ):
+            assert (one.name, one.link) == (other.name, other.link)
+
+
+def test_hips_of_another_order_are_found_too() -> None:
+    """Talos' and Romeo's hips turn about z, x, y; alex has no legs, and tiago_pro wheels."""
+    files = {
+        "talos_data/robots/talos_full_v2.urdf": 6,
+        "romeo_description/urdf/romeo.urdf": 6,
+        "tiago_pro_description/robots/tiago_pro.urdf": 0,
+    }
+    for file, joints in files.items():
+        proposed = propose(model_file("example-robot-data", file), name="x")
+        legs = [part for part in proposed.parts if part.kind == "leg"]
+        assert len(legs) == (2 if joints else 0)
+        for part in legs:
+            assert sum(one.servo is not None for one in part.servos) == joints
+
+
 def test_skin_goes_around_the_arm() -> None:
     for patch in load_robot("g1").patches:
         assert isinstance(patch.surface, TruncatedCone)

@@ -298,19 +298,25 @@ def new_robot(
     out: Annotated[
         Path | None, typer.Option(help="Description to write [default: robot.xml beside the URDF].")
     ] = None,
+    mount: Annotated[
+        bool,
+        typer.Option(
+            "--mount", help="Eq. 1 on a mount for shoulders that are the generic one but for a small turn."
+        ),
+    ] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace a description that exists.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Propose the description of a humanoid from its URDF.
 
-    Finds arms, head and torso by their geometry, takes limits from the file and puts sleeves of skin
-    around the arms. Look the result over; what no file says is marked as ours in it.
+    Finds arms, hands, head, torso and legs by their geometry, takes limits from the file and puts sleeves of
+    skin around the arms. Look the result over; what no file says is marked as ours in it.
 
     Example:  tci new-robot my_robot.urdf
     """
     from tci.cli.new_robot import new_robot as command
 
-    command(urdf, name=name, package=package, out=out, force=force, as_json=as_json)
+    command(urdf, name=name, package=package, out=out, mount=mount, force=force, as_json=as_json)
 
 
 @app.command()

@@ -5,6 +5,8 @@ from __future__ import annotations
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
+import numpy as np
+
 from tci.cli.check import remarks
 from tci.cli.console import console, print_json
 from tci.errors import CommandError
@@ -20,7 +22,14 @@ response, the initial posture, the zero of pronation, which is the robot's own."
 
 
 def new_robot(
-    urdf: Path, *, name: str | None, package: str | None, out: Path | None, force: bool, as_json: bool
+    urdf: Path,
+    *,
+    name: str | None,
+    package: str | None,
+    out: Path | None,
+    mount: bool,
+    force: bool,
+    as_json: bool,
 ) -> None:
     """Write the proposal and say what it found.
 
@@ -32,7 +41,7 @@ def new_robot(
     file = _in_package(urdf, package) if package else _beside(urdf, target)
     if target.exists() and not force:
         raise CommandError(f"{target} exists; valid: --out with another file, or --force to replace it")
-    robot = propose(urdf, name=name, package=package)
+    robot = propose(urdf, name=name, package=package, mount=mount)
     text = write_robot(robot, file=file, comment=COMMENT.format(file=urdf.name))
     target.parent.mkdir(parents=True, exist_ok=True)
     target.write_text(text, encoding="utf-8")
@@ -89,6 +98,8 @@ def _found(robot: Robot) -> list[str]:
             if generic.servo is not None:
                 how = generic.transform if generic.transform != "linear" else f"{generic.scale:+g}"
                 joints.append(f"{generic.name} = {robot.servos[generic.servo].name} ({how})")
-        lines.append(f"{part.name}: {', '.join(joints) or 'nothing'}")
+        turn = ", ".join(f"{np.rad2deg(angle):.1f}" for angle in part.mount)
+        on = f" on a mount turned by {turn} degrees (roll, pitch, yaw)" if any(part.mount) else ""
+        lines.append(f"{part.name}: {', '.join(joints) or 'nothing'}{on}")
     lines += [f"skin {patch.name}: {patch.channels} taxels on {patch.link}" for patch in robot.patches]
     return lines

@@ -6,13 +6,13 @@ the shapes of the links. What a URDF does not say is proposed and marked as ours
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
 from lxml import etree
 
-from tci.frames import Array, rpy_of
+from tci.frames import Array, rotation_rpy, rpy_of
 from tci.messages import Mode
 from tci.model.description import (
     Binding,
@@ -28,8 +28,9 @@ from tci.model.generic_arm import JOINTS, Side, side_sign
 from tci.model.joint_map import joint_map
 from tci.model.limbs import Body, Limb, find_limbs
 from tci.model.link_points import LinkPoints
+from tci.model.proposed_parts import find_legs, find_mount, generic_joint, hand, leg, middle, segment
 from tci.model.shoulder import Shoulder, angle_about
-from tci.model.sleeves import axes_of, ends_of, sleeves, three
+from tci.model.sleeves import axes_of, ends_of, sleeves
 from tci.model.xml.document import parse, read_bytes
 from tci.model.xml.model import MAX_MODEL_BYTES
 
@@ -38,8 +39,6 @@ SPEED = np.deg2rad(120.0)
 """[rad/s] where the file gives none, or a placeholder."""
 FASTEST = 50.0
 """[rad/s] from which a speed is a placeholder."""
-GENERIC_SPEED = np.deg2rad(180.0)
-"""[rad/s] of generic joints."""
 ACCELERATION = np.deg2rad((400.0, 2400.0))
 """Least and largest [rad/s2]; between them what a quarter of the torque gives the heaviest load."""
 JERK = 100.0
@@ -55,10 +54,11 @@ LINEAR = 1e-6
 """Error [rad] up to which a shoulder is linear (eq. 1)."""
 
 
-def propose(path: Path, *, name: str, package: str | None = None) -> Robot:
+def propose(path: Path, *, name: str, package: str | None = None, mount: bool = False) -> Robot:
     """The description of the robot whose URDF is at `path`, to be looked at by a person.
 
-    `package` is the installed Python package that brought the URDF.
+    `package` is the installed Python package that brought the URDF. With `mount`, shoulders that are the
+    generic one but for a small turn get eq. 1 on a mount; otherwise they are retargeted, in the torso frame.
     Raises DescriptionError for a file that is no URDF of a humanoid with two arms.
     """
     model = Model(format="urdf", path=str(path.resolve()), package=package, torso_link="?")
@@ -76,13 +76,15 @@ def propose(path: Path, *, name: str, package: str | None = None) -> Robot:
     )  # fmt: skip
     parts, patches = [], []
     for side, limb in body.arms.items():
-        arm = _arm(draft, body, limb, "left" if side == "left" else "right", points, index)
+        arm = _arm(draft, body, limb, _side(side), points, index, mount=mount)
         parts.append(arm)
         patches += sleeves(body, limb, arm, points)
-    parts += [
-        _middle(body, "head", body.head, index),
-        _middle(body, "torso", body.trunk, index),
+    parts += [middle(body, "head", body.head, index), middle(body, "torso", body.trunk, index)]
+    hands = [
+        hand(draft, body, limb, arm, index) for limb, arm in zip(body.arms.values(), parts, strict=False)
     ]
+    parts += [one for one in hands if one is not None]
+    parts += [leg(draft, body, chain, side, points, index) for side, chain in find_legs(body).items()]
     return draft.model_copy(update={"parts": tuple(parts), "patches": tuple(patches)})
 
 
@@ -91,8 +93,8 @@ def _servos(body: Body, model: Model, points: LinkPoints) -> tuple[Servo, ...]:
     urdf = parse(read_bytes(Path(model.path), limit=MAX_MODEL_BYTES), model.path)
     described = {joint.get("name"): joint for joint in urdf.iterfind("joint")}
     groups: dict[str, Iterable[int]] = {"torso": body.trunk, "head": body.head}
-    for kind, limbs in (("arm", body.arms), ("leg", body.legs)):
-        groups |= {f"{side}_{kind}": body.behind(_first(body, limb)) for side, limb in limbs.items()}
+    groups |= {f"{side}_arm": body.behind(_first(body, limb)) for side, limb in body.arms.items()}
+    groups |= {f"{side}_leg": body.behind(chain[0]) for side, chain in find_legs(body).items()}
     named = {joint for group in groups.values() for joint in group}
     groups["other"] = [joint for joint in range(len(body.joints)) if joint not in named]
     inertia = points.inertia([joint.name for joint in body.joints])
@@ -109,6 +111,10 @@ def _servos(body: Body, model: Model, points: LinkPoints) -> tuple[Servo, ...]:
                 )
             )  # fmt: skip
     return tuple(servos)
+
+
+def _side(name: str) -> Side:
+    return "left" if name == "left" else "right"
 
 
 def _first(body: Body, limb: Limb) -> int:
@@ -148,7 +154,14 @@ def _limits(joint: etree._Element, inertia: float) -> Limits:
 
 
 def _arm(
-    draft: Robot, body: Body, limb: Limb, side: Side, points: LinkPoints, index: Mapping[str | None, int]
+    draft: Robot,
+    body: Body,
+    limb: Limb,
+    side: Side,
+    points: LinkPoints,
+    index: Mapping[str | None, int],
+    *,
+    mount: bool,
 ) -> GenericPart:
     """The generic arm: transforms, segments, and an initial posture that fits."""
     joints = body.joints
@@ -164,16 +177,16 @@ def _arm(
         ways.append((max(sign * limits.lower, sign * limits.upper) + straight, sign, straight))
     _, scale, offset = max(ways)
     servos = [
-        _joint(id, JOINTS[id], index[joints[joint].name], transform="retarget")
+        generic_joint(id, JOINTS[id], index[joints[joint].name], transform="retarget")
         for id, joint in enumerate(limb.ball)
     ]
-    servos.append(_joint(3, JOINTS[3], index[elbow.name], scale=scale, offset=offset))
+    servos.append(generic_joint(3, JOINTS[3], index[elbow.name], scale=scale, offset=offset))
     if limb.turn is None:
         servos.append(GenericServo(id=4, name=JOINTS[4], servo=None))
     else:
         turn = joints[limb.turn]
         scale = side_sign(side) * float(np.sign(turn.axis @ forearm))
-        servos.append(_joint(4, JOINTS[4], index[turn.name], scale=scale))
+        servos.append(generic_joint(4, JOINTS[4], index[turn.name], scale=scale))
     part = GenericPart(
         name=f"{side}_arm",
         kind="arm",
@@ -181,49 +194,38 @@ def _arm(
         servos=tuple(servos),
         segments=_segments(body, limb, points),
     )
-    part = _linear_where_exact(draft, part)
+    part = _linear_where_exact(draft, part, mount=mount)
     return _with_initial(draft, part)
-
-
-def _joint(id: int, name: str, servo: int | None, **more: object) -> GenericServo:
-    return GenericServo.model_validate(
-        {"id": id, "name": name, "servo": servo, "speed": float(GENERIC_SPEED), **more}
-    )
 
 
 def _segments(body: Body, limb: Limb, points: LinkPoints) -> tuple[Segment, ...]:
     links = {"upper_arm": body.joints[limb.ball[2]].link, "forearm": body.joints[limb.bend].link}
-    found = []
-    for name, (begin, end) in ends_of(body, limb).items():
-        R_RL, p_RL = points.link_pose(links[name])
-        origin = R_RL.T @ (body.R_RH @ begin - p_RL)
-        found.append(
-            Segment(
-                name=name, link=links[name], origin=three(origin), length=float(np.linalg.norm(end - begin))
-            )
-        )
-    return tuple(found)
+    ends = ends_of(body, limb)
+    return tuple(segment(body, points, name, links[name], *ends[name]) for name in ends)
 
 
-def _linear_where_exact(draft: Robot, part: GenericPart) -> GenericPart:
-    """The same arm with eq. 1 for its shoulder, if that is exact in the torso frame."""
+def _linear_where_exact(draft: Robot, part: GenericPart, *, mount: bool) -> GenericPart:
+    """The same arm with eq. 1 for its shoulder, if that is exact in the torso frame, or on a mount."""
     shoulder = Shoulder(draft.model_copy(update={"parts": (part,)}), part)
-    sigma = shoulder.generic(shoulder.rotation(np.zeros(3)), np.eye(3))
-    gamma = []
-    for axis in np.eye(3):
-        bent = shoulder.generic(shoulder.rotation(0.1 * axis), np.eye(3)) - sigma
-        gamma.append(float(np.round(bent @ axis / 0.1)))
-    trials = np.random.default_rng(0).uniform(-0.4, 0.4, size=(50, 3))
-    errors = [
-        np.abs(shoulder.generic(shoulder.rotation(q), np.eye(3)) - gamma * q - sigma).max() for q in trials
-    ]
-    if max(errors) > LINEAR or 0.0 in gamma:
-        return part
-    servos = [
-        joint.model_copy(update={"transform": "linear", "scale": g, "offset": float(np.round(s, 12))})
-        for joint, g, s in zip(part.servos[:3], gamma, sigma, strict=True)
-    ]
-    return part.model_copy(update={"servos": (*servos, *part.servos[3:])})
+    turns = [(0.0, 0.0, 0.0), *([found] if mount and (found := find_mount(shoulder)) else [])]
+    for rpy in turns:
+        R_TM = rotation_rpy(*rpy)
+        sigma = shoulder.generic(shoulder.rotation(np.zeros(3)), R_TM)
+        gamma = []
+        for axis in np.eye(3):
+            bent = shoulder.generic(shoulder.rotation(0.1 * axis), R_TM) - sigma
+            gamma.append(float(np.round(bent @ axis / 0.1)))
+        trials = np.random.default_rng(0).uniform(-0.4, 0.4, size=(50, 3))
+        errors = [
+            np.abs(shoulder.generic(shoulder.rotation(q), R_TM) - gamma * q - sigma).max() for q in trials
+        ]
+        if max(errors) <= LINEAR and 0.0 not in gamma:
+            servos = [
+                one.model_copy(update={"transform": "linear", "scale": g, "offset": float(np.round(s, 12))})
+                for one, g, s in zip(part.servos[:3], gamma, sigma, strict=True)
+            ]
+            return part.model_copy(update={"servos": (*servos, *part.servos[3:]), "mount": rpy})
+    return part
 
 
 def _with_initial(draft: Robot, part: GenericPart) -> GenericPart:
@@ -248,16 +250,3 @@ def _with_initial(draft: Robot, part: GenericPart) -> GenericPart:
         best = joints.to_generic(inside)
     servos = [j.model_copy(update={"initial": float(a)}) for j, a in zip(part.servos, best, strict=True)]
     return part.model_copy(update={"servos": tuple(servos)})
-
-
-def _middle(body: Body, kind: str, joints: Sequence[int], index: Mapping[str | None, int]) -> GenericPart:
-    """Head or torso: pitch nods forward, roll leans right, yaw turns left; what the robot lacks is fixed."""
-    servos = []
-    for id, (name, axis) in enumerate(zip(("pitch", "roll", "yaw"), np.eye(3)[[1, 0, 2]], strict=True)):
-        found = [joint for joint in joints if abs(body.joints[joint].axis @ axis) > 0.99]
-        if len(found) == 1:
-            scale = float(np.sign(body.joints[found[0]].axis @ axis))
-            servos.append(_joint(id, name, index[body.joints[found[0]].name], scale=scale))
-        else:
-            servos.append(GenericServo(id=id, name=name, servo=None))
-    return GenericPart.model_validate({"name": kind, "kind": kind, "servos": tuple(servos)})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -118,30 +119,58 @@ FILE_FROM_TORSO = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
 """The axes of the BVH file below: x left, y up, z forward, as most of them have."""
 
 
-def bvh(angles: Array, *, rest: float) -> str:
+@dataclass(frozen=True)
+class Convention:
+    """How makers of motion capture name an arm's joints, and how they turn them."""
+
+    collar: str
+    arm: tuple[str, str, str]
+    """With {side} for Left or Right, {s} for l or r."""
+    order: str = "ZXY"
+    places: bool = False
+    """Whether every joint has channels for its place, not only the root."""
+
+
+CONVENTIONS = {
+    "Mixamo": Convention("mixamorig:{side}Shoulder", ("mixamorig:{side}Arm", "mixamorig:{side}ForeArm",
+                                                     "mixamorig:{side}Hand")),
+    "CMU": Convention("{side}Shoulder", ("{side}Arm", "{side}ForeArm", "{side}Hand"), order="ZYX"),
+    "Perception Neuron": Convention("Robot_{side}Shoulder", ("Robot_{side}Arm", "Robot_{side}ForeArm",
+                                                            "Robot_{side}Hand"), order="YXZ", places=True),
+    "Biovision": Convention("{side}Collar", ("{side}Shoulder", "{side}Elbow", "{side}Wrist")),
+    "Poser": Convention("{s}Collar", ("{s}Shldr", "{s}ForeArm", "{s}Hand"), order="XZY"),
+}  # fmt: skip
+
+
+def bvh(angles: Array, *, rest: float, convention: Convention = CONVENTIONS["Mixamo"]) -> str:
     """Motion capture of a person with both arms at generic `angles` (k, 5) [rad]; in the rest pose they are
     `rest` [rad] from hanging."""
-    turning = "Zrotation Xrotation Yrotation"
+    order = convention.order
+    turning = " ".join(f"{axis}rotation" for axis in order)
+    own = "CHANNELS 6 Xposition Yposition Zposition" if convention.places else "CHANNELS 3"
     lines = ["HIERARCHY", "ROOT Hips", "{", "OFFSET 0 90 0",
              f"CHANNELS 6 Xposition Yposition Zposition {turning}",
-             "JOINT Spine", "{", "OFFSET 0 40 0", f"CHANNELS 3 {turning}"]  # fmt: skip
+             "JOINT Spine", "{", "OFFSET 0 40 0", f"{own} {turning}"]  # fmt: skip
     sides: dict[Side, float] = {"left": 1.0, "right": -1.0}
     for side, sign in sides.items():
         along = FILE_FROM_TORSO @ rotation_x(sign * rest) @ [0.0, 0.0, -1.0]
-        name = f"mixamorig:{side.title()}"
-        for bone, offset in (
-            ("Arm", [sign * 18.0, 8.0, 0.0]),
-            ("ForeArm", 28.0 * along),
-            ("Hand", 25.0 * along),
-        ):
-            lines += [f"JOINT {name}{bone}", "{", "OFFSET " + " ".join(f"{x:.9f}" for x in offset),
-                      "CHANNELS 3 Zrotation Xrotation Yrotation"]  # fmt: skip
-        lines += ["End Site", "{", "OFFSET " + " ".join(f"{x:.9f}" for x in 8.0 * along), "}", "}", "}", "}"]
+        names = [name.format(side=side.title(), s=side[0]) for name in (convention.collar, *convention.arm)]
+        offsets = [[sign * 4.0, 6.0, 0.0], [sign * 14.0, 2.0, 0.0], 28.0 * along, 25.0 * along]
+        for bone, offset in zip(names, offsets, strict=True):
+            lines += [f"JOINT {bone}", "{", "OFFSET " + " ".join(f"{x:.9f}" for x in offset),
+                      f"{own} {turning}"]  # fmt: skip
+        lines += ["End Site", "{", "OFFSET " + " ".join(f"{x:.9f}" for x in 8.0 * along), *"}}}}}"]
     lines += ["}", "}", "MOTION", f"Frames: {len(angles)}", "Frame Time: 0.05"]
     for index, posture in enumerate(angles):
         lean = Rotation.from_euler("ZXY", [3.0 * index, 10.0, -2.0 * index], degrees=True)
-        row = [1.0 * index, 90.0, 5.0, *lean.as_euler("ZXY", degrees=True), 0.0, 0.0, 0.0]
+
+        def turn_by(rotation: Rotation) -> list[float]:
+            values: list[float] = rotation.as_euler(order, degrees=True).tolist()
+            return [0.0, 0.0, 0.0, *values] if convention.places else values
+
+        row = [1.0 * index, 90.0, 5.0, *lean.as_euler(order, degrees=True), *turn_by(Rotation.identity())]
         for side in sides:
+            row += turn_by(Rotation.identity())
             zero = np.array([0.0, rest, 0.0, 0.0, 0.0])
             turns = [
                 turned(posture, side, axial=axial) @ turned(zero, side, axial=axial).T
@@ -154,28 +183,39 @@ def bvh(angles: Array, *, rest: float) -> str:
             before = np.eye(3)
             for turn in turns:
                 whole = FILE_FROM_TORSO @ turn @ FILE_FROM_TORSO.T
-                row += Rotation.from_matrix(before.T @ whole).as_euler("ZXY", degrees=True).tolist()
+                row += turn_by(Rotation.from_matrix(before.T @ whole))
                 before = whole
         lines.append(" ".join(f"{value:.9f}" for value in row))
     return "\n".join(lines)
 
 
 @pytest.mark.parametrize("rest", [0.0, np.pi / 2], ids=["arms hanging", "T-pose"])
-def test_motion_capture_becomes_a_gesture(tmp_path: Path, rest: float) -> None:
+@pytest.mark.parametrize("convention", CONVENTIONS)
+def test_motion_capture_becomes_a_gesture(tmp_path: Path, rest: float, convention: str) -> None:
     """A person who leans and turns while waving; only the arms against the chest count."""
     angles = waving()
-    (tmp_path / "wave.bvh").write_text(bvh(angles, rest=rest))
+    (tmp_path / "wave.bvh").write_text(bvh(angles, rest=rest, convention=CONVENTIONS[convention]))
     gesture = read_bvh(tmp_path / "wave.bvh")
     assert gesture.duration == pytest.approx(2.0)
     for part in ("left_arm", "right_arm"):
         np.testing.assert_allclose(gesture.postures[part], angles, atol=1e-6)
 
 
+def test_a_rest_pose_before_the_motion_is_left_out(tmp_path: Path) -> None:
+    """As the motions of CMU have it: nobody gets from a T-pose to the next frame in 50 ms."""
+    angles = waving()
+    angles[0] = [0.0, np.deg2rad(140.0), 0.0, 0.0, 0.0]
+    (tmp_path / "wave.bvh").write_text(bvh(angles, rest=np.pi / 2))
+    gesture = read_bvh(tmp_path / "wave.bvh")
+    assert gesture.duration == pytest.approx(1.95)
+    np.testing.assert_allclose(gesture.postures["left_arm"], angles[1:], atol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("change", "told"),
     [
         (("HIERARCHY", "<html>"), "line 1: '<html>'; valid: ROOT"),
-        (("LeftArm", "Tail"), "no left upper arm among the joints"),
+        ((":LeftArm", ":Tail"), "no left upper arm among the joints"),
         (("Frame Time: 0.05", "Frame Time: 0"), "valid: 2 or more, each above 0 s"),
         (("Xrotation", "Wrotation"), "valid: Xposition"),
         (("OFFSET 0 40 0", "OFFSET 0 nan 0"), "line 8: 'nan'; valid: a finite number"),

@@ -115,3 +115,17 @@ def test_the_reflex_interrupts_and_the_gesture_goes_on() -> None:
     assert fitted.gesture.duration + 0.5 < following.duration < fitted.gesture.duration + 4.0
     assert max(following.largest.values()) <= np.deg2rad(1.0)
     assert link.gate.counts.stops == 0
+
+
+def test_a_body_in_the_way_is_told() -> None:
+    """Arms that hang as a person's do are nearer to iCub's body than the gate lets them come."""
+    icub = load_robot("icub")
+    t = np.linspace(0.0, 1.0, 21)
+    angles = np.deg2rad([25.0, 25, 0, 60, 0] + np.outer(t, [-35.0, -25, -10, -30, 25]))
+    world = World(icub, skin=False)
+    following = follow(
+        SimulatedLink(icub, world=world), PlayGesture(fit(icub, Gesture(t, {"left_arm": angles})))
+    )
+    assert following.phase is Phase.DONE
+    assert following.stopped
+    assert all(" near " in pair for pair in following.stopped)

@@ -122,6 +122,11 @@ def play(
                     "missed_rad": dict(fitted.missed), "left_out": list(fitted.left_out)})  # fmt: skip
     else:
         console.print(_table(fitted, following))
+        if following.stopped:
+            console.print(
+                f"[yellow]the robot's own body was in the way: {', '.join(following.stopped)}[/]",
+                highlight=False,
+            )
         again = f", interrupted {following.interruptions} times" if following.interruptions else ""
         console.print(f"played in {following.duration:.1f} s{again}", highlight=False)
     if not done:

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from tci.errors import DescriptionError, Fault, TciError
-from tci.frames import Array, read_only, rotation_x, rotation_y, rotation_z
+from tci.frames import Array, angle_between, read_only, rotation_x, rotation_y, rotation_z
 from tci.interface.gesture import Gesture
 from tci.model.generic_arm import Side, forearm_rotation, shoulder_angles, side_sign
 from tci.model.xml.document import read_bytes
@@ -23,6 +24,8 @@ LARGEST = 64 << 20
 """Largest file [bytes]."""
 STRAIGHT = 0.1
 """Sine of the elbow's angle below which it does not tell how the upper arm is turned. Ours."""
+FASTEST = 25.0
+"""Speed [rad/s] that no limb of a person has: a pitcher's forearm gets there. Ours."""
 ROLES = {
     "upper_arm": r"(upper_?arm|up_?arm|arm|shldr|shoulder)",
     "forearm": r"(fore_?arm|low_?arm|lower_?arm|elbow)",
@@ -138,7 +141,7 @@ def _gesture(bones: list[Bone], period: float, frames: Array) -> Gesture:
     R_RT = _torso(rest, arms["left"][0], arms["right"][0])
     postures: dict[str, list[Array]] = {f"{side}_arm": [] for side in sides}
     bends = {side: np.array([0.0, 1.0, 0.0]) for side in sides}
-    for frame in frames:
+    for frame in frames[1:] if _begins_with_rest(bones, arms, chest, period, frames) else frames:
         rotations, places = _pose(bones, frame)
         R_WT = rotations[chest] @ R_RT
         for side, (upper, fore, hand) in arms.items():
@@ -148,21 +151,44 @@ def _gesture(bones: list[Bone], period: float, frames: Array) -> Gesture:
             postures[f"{side}_arm"].append(posture)
     # No angle jumps by a turn from one frame to the next.
     angles = {part: np.unwrap(np.array(rows), axis=0) for part, rows in postures.items()}
-    times = period * np.arange(len(frames))
+    times = period * np.arange(len(angles["left_arm"]))
     return Gesture(read_only(times), {part: read_only(rows) for part, rows in angles.items()})
 
 
+def _begins_with_rest(
+    bones: list[Bone], arms: dict[Side, list[int]], chest: int, period: float, frames: Array
+) -> bool:
+    """Whether the first frame is a pose that some makers put before the motion: a limb would have to turn
+    faster than anybody's to the second one."""
+    if len(frames) < 3:
+        return False
+    limbs = []
+    for frame in frames[:2]:
+        rotations, places = _pose(bones, frame)
+        ends = [(places[b] - places[a]) @ rotations[chest] for arm in arms.values() for a, b in pairwise(arm)]
+        limbs.append(np.array(ends))
+    turned = [angle_between(one, other) for one, other in zip(*limbs, strict=True)]
+    return max(turned) / period > FASTEST
+
+
 def _find(bones: list[Bone], side: Side, role: str) -> int:
-    """The bone of a side and role. Where `arm` and `shoulder` both occur, the arm is meant."""
+    """The bone of a side and role. A `shoulder` is an upper arm where the forearm hangs on it; else it is the
+    collar bone."""
     pattern = re.compile(rf"^(.*[:_])?({side}|{side[0]})[_ .-]?{ROLES[role]}$", re.IGNORECASE)
     found = [index for index, bone in enumerate(bones) if pattern.match(bone.name)]
-    arms = [index for index in found if not bones[index].name.lower().endswith("shoulder")]
+    if role == "upper_arm":
+        forearm = _find(bones, side, "forearm")
+        found = [
+            index
+            for index in found
+            if not bones[index].name.lower().endswith("shoulder") or bones[forearm].parent == index
+        ]
     if not found:
         names = ", ".join(bone.name for bone in bones[:40])
         raise TciError(
             f"no {side} {role.replace('_', ' ')} among the joints; valid: LeftArm and the like; got {names}"
         )
-    return (arms or found)[0]
+    return found[0]
 
 
 def _line(bones: list[Bone], bone: int) -> list[int]:

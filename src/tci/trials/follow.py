@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -19,6 +20,9 @@ from tci.runtime.loop import Tick, run
 MOST = 60.0
 """Time [s] beside the gesture's own that approaching it and interruptions may take. Ours."""
 
+NEAR = re.compile(r"stopped on the way: (\S+) would come .* near ([^\s;]+)")
+"""What the gate says when the robot's own body is in the way."""
+
 
 @dataclass(frozen=True, slots=True)
 class Following:
@@ -33,12 +37,14 @@ class Following:
     """Root mean square error [rad] of every joint by `part.joint`, against where it should have been then."""
     largest: dict[str, float]
     """Largest error [rad] of every joint."""
+    stopped: tuple[str, ...] = ()
+    """Pairs of links, `one near other`, before which the gate stopped an arm on its way, each once."""
 
     def to_json(self) -> dict[str, Any]:
         """As a dictionary of plain values."""
         return {
             "phase": self.phase.value, "duration_s": self.duration, "interruptions": self.interruptions,
-            "rms_rad": self.rms, "largest_rad": self.largest,
+            "rms_rad": self.rms, "largest_rad": self.largest, "stopped": list(self.stopped),
         }  # fmt: skip
 
 
@@ -85,11 +91,20 @@ def follow(link: Link, play: PlayGesture, *, observe: Callable[[Tick], None] | N
 
     Raises what `run` raises, and CommandError when the robot sends nothing.
     """
+    stopped: dict[str, None] = {}
+
+    def see(tick: Tick) -> None:
+        for said in tick.sent.clamped:
+            if met := NEAR.search(said):
+                stopped[f"{met[1]} near {met[2]}"] = None
+        if observe is not None:
+            observe(tick)
+
     memory = run(
         link,
         _Followed(play),
         duration=play.gesture.duration + MOST,
-        observe=observe,
+        observe=see,
         until=lambda memory: memory.inner.phase is Phase.DONE,
     )
     if memory.first is None:
@@ -104,6 +119,7 @@ def follow(link: Link, play: PlayGesture, *, observe: Callable[[Tick], None] | N
         interruptions=memory.inner.interruptions,
         rms=_named(names, rms),
         largest=_named(names, memory.largest),
+        stopped=tuple(stopped),
     )
 
 

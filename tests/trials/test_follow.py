@@ -121,7 +121,7 @@ def test_a_body_in_the_way_is_told() -> None:
     """Arms that hang as a person's do are nearer to iCub's body than the gate lets them come."""
     icub = load_robot("icub")
     t = np.linspace(0.0, 1.0, 21)
-    angles = np.deg2rad([25.0, 25, 0, 60, 0] + np.outer(t, [-35.0, -25, -10, -30, 25]))
+    angles = np.deg2rad(np.array([25.0, 25, 0, 60, 0]) + np.outer(t, [-35.0, -25, -10, -30, 25]))
     world = World(icub, skin=False)
     following = follow(
         SimulatedLink(icub, world=world), PlayGesture(fit(icub, Gesture(t, {"left_arm": angles})))

@@ -89,6 +89,7 @@ def test_every_trial_meets_its_figures(report: tuple[float, Report]) -> None:
         assert trial.contact_lost_without_reflex_ms is None, trial
         assert trial.withdrawn_mm >= trial.withdrawn_without_reflex_mm + 5.0, trial
         assert trial.limit_violations == 0, trial.violations
+        assert not trial.halts
         assert trial.first_motion_ms is not None, trial
         assert trial.first_motion_ms <= (43.0 if rate == 50.0 else 33.0), trial
         assert trial.cop_error_mm is not None, trial

@@ -146,5 +146,5 @@ def _summary(report: Report, robots: Sequence[Robot]) -> None:
             f"{max(same.hand_direction_torso_deg.values()):.1f} from the torso"
         )
     for trial in trials:
-        for violation in trial.violations:
-            console.print(f"[red]{trial.robot} {trial.side} {trial.site}: {violation}[/]")
+        for what in (*trial.violations, *trial.halts):
+            console.print(f"[red]{trial.robot} {trial.side} {trial.site}: {what}[/]")

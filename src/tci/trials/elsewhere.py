@@ -31,8 +31,6 @@ STARTING = 60.0
 """Time [s] that the other process has to be there, compile and connect. Ours."""
 APPEARING = 10.0
 """Time [s] that the served robot has to answer whoever connects. Ours."""
-MORE = 0.5
-"""Time [s] that it goes on after the trial's length, since it begins before the finger does."""
 
 
 class TrialLink(SimulatedLink):
@@ -79,7 +77,7 @@ class Elsewhere:
         link = TrialLink(world.robot, world=world, paced=True)
         asked = time.monotonic()
         with open_server(link, self.via) as server:
-            self._ask(f"{server.reach()} {duration + MORE}")
+            self._ask(server.reach())
 
             def see(tick: Tick) -> None:
                 if link.until < float("inf"):
@@ -89,13 +87,17 @@ class Elsewhere:
                     trial.begin(tick.now)
 
             serve(server, observe=see)
+            self._tell("enough")  # while the robot is there: nobody misses anybody
         while self._said.get(timeout=STARTING) not in ("done", "ended"):
             pass
 
     def _ask(self, line: str) -> None:
-        assert self._process.stdin is not None
         while not self._said.empty():
             self._said.get()
+        self._tell(line)
+
+    def _tell(self, line: str) -> None:
+        assert self._process.stdin is not None
         print(line, file=self._process.stdin, flush=True)
 
     def _ready(self, asked: float) -> bool:
@@ -155,7 +157,7 @@ def _patiently(robot: Robot, via: str) -> Link:
 
 
 def main() -> None:
-    """The other process: for each line, an address and a duration, it connects and runs the reflex."""
+    """The other process: told an address it connects and runs the reflex, until it is told anything more."""
     from tci.trials.experiment import with_skin_rate
 
     source, mode, rate, name, silence = sys.argv[1:]
@@ -168,22 +170,30 @@ def main() -> None:
     if rate:
         robot = with_skin_rate(robot, float(rate))
     reflex = WithdrawalReflex(mode=Mode(mode))
-    for line in sys.stdin:
-        via, _, duration = line.rpartition(" ")
-        told = False
+    told: queue.Queue[str] = queue.Queue()
+    threading.Thread(target=_hear, args=(told,), daemon=True).start()
+    while via := told.get():
+        ticks = 0
 
         def tell(tick: Tick) -> None:
-            nonlocal told
-            if not told:
-                told = True
+            nonlocal ticks
+            ticks += 1
+            if ticks == 1:
                 print("ready", flush=True)
 
         try:
             with _patiently(robot, via) as link:
-                run(link, reflex, duration=float(duration), observe=tell)
+                run(link, reflex, until=lambda memory: not told.empty(), observe=tell)
         except Exception as error:
             print(f"{type(error).__name__}: {error}".replace("\n", "; "), flush=True)
+        told.get()
         print("done", flush=True)
+
+
+def _hear(told: queue.Queue[str]) -> None:
+    for line in sys.stdin:
+        told.put(line.strip())
+    told.put("")
 
 
 if __name__ == "__main__":

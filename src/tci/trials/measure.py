@@ -44,6 +44,8 @@ class Trial:
     limit_violations: int
     violations: tuple[str, ...]
     """What the separate checker found, in words."""
+    halts: tuple[str, ...]
+    """Why the gate held or stopped the robot in the meantime."""
 
 
 def measure(robot: Robot, part: str, site: str, acted: Trace, held: Trace) -> Trial:
@@ -52,13 +54,12 @@ def measure(robot: Robot, part: str, site: str, acted: Trace, held: Trace) -> Tr
     contact = acted.first_contact
     commanded = [stamp for stamp, _ in acted.commanded]
     violations: list[str] = []
+    halts: dict[str, None] = {}
     for trace in (acted, held):
         violations += command_violations(robot, trace.sent, trace.positions, period)
         violations += stray_servos(robot, part, trace.sent)
         violations += physics_violations(robot, np.array(trace.positions), np.array(trace.velocities))
-        violations += dict.fromkeys(
-            f"{sent.state.value}: {sent.reason}" for sent in trace.sent if sent.reason
-        )
+        halts |= dict.fromkeys(f"{sent.state.value}: {sent.reason}" for sent in trace.sent if sent.reason)
     return Trial(
         robot=robot.name,
         side=robot.part(part).side or "",
@@ -75,6 +76,7 @@ def measure(robot: Robot, part: str, site: str, acted: Trace, held: Trace) -> Tr
         withdrawn_without_reflex_mm=_withdrawn(held),
         limit_violations=len(violations),
         violations=tuple(violations),
+        halts=tuple(halts),
     )
 
 

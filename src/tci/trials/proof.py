@@ -211,4 +211,4 @@ def trial_faults(robot: Robot, trial: Trial) -> list[str]:
             trial.cop_error_mm is not None and trial.cop_error_mm <= 1.0
         ),
     }
-    return [what for what, holds in checks.items() if not holds] + list(trial.violations)
+    return [what for what, holds in checks.items() if not holds] + [*trial.violations, *trial.halts]

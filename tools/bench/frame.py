@@ -15,13 +15,15 @@ from numba import njit
 
 import tci
 from interface.kernels import contact_oracle
-from tci.capabilities.answer import field_table, find_answer
+from tci.capabilities.answer import PLACE, field_table, find_answers
 from tci.capabilities.discounts import phi, psi
 from tci.capabilities.fields import default_fields
 from tci.interface.contacts import ContactSettings
 from tci.interface.generic_limb import generic_limb_distance
-from tci.interface.kernels.condition import condition, empty_memory
-from tci.interface.kernels.contacts import NUMBERS, VECTORS, cluster, describe
+from tci.interface.kernels.condition import empty_memory
+from tci.interface.kernels.contacts import NUMBERS, VECTORS
+from tci.interface.kernels.octets import END, STRAIGHT, TURN, feel
+from tci.interface.kernels.whole import cluster_all, describe_all
 from tci.interface.skin import Skin
 from tci.messages import PatchState, SkinState
 from tci.model.dense_skin import with_dense_skin
@@ -34,59 +36,31 @@ PITCH = 0.012
 
 @njit(error_model="numpy")
 def respond(
-    repeats, values, channels, sensor, offset, threshold, silent, gain, nodes, memory, active, before, force,
-    floor, touch, graph, work, taxels, faces, box, cells, T_TL, T_TG, limb, posture, fields, gains,
+    repeats, values, which, stamps, table, sensor, offset, memory, octets, words, blocks, state, channels,
+    gain, nodes, area, force, active, actives, felt, pressure, ends, floor, touch, graph, begins, work, found,
+    taxels, faces, box, cells, limb, poses, posture, on, segments, fields, gains,
 ):  # fmt: skip
-    count, n = 0, len(force)
-    for _ in range(repeats):
-        force[:] = 0.0
+    count = 0
+    for again in range(repeats):
         gains[:] = 0.0
-        condition(
-            values,
-            channels,
-            sensor,
-            offset,
-            threshold,
-            silent,
-            gain,
-            nodes,
-            memory,
-            active,
-            2,
-            1.0,
-            before,
-            force,
-        )
-        count = cluster(force, floor, touch, graph, work)
+        feel(
+            values[again & 1], which, stamps, 1.0, table, sensor, offset, memory, octets, words, blocks,
+            state, channels, gain, nodes, area, force, active, actives, felt, pressure, ends,
+        )  # fmt: skip
+        count, k = cluster_all(force, floor, touch, active, actives, graph, begins, work, found)
         if count == 0:
             continue
-        bounds = work[n : 2 * n + 1]
         numbers, vectors = np.empty((count, NUMBERS)), np.empty((count, VECTORS, 3))
-        indices, places = np.empty(bounds[count], np.int64), np.empty((3, bounds[count]))
-        describe(
-            force,
-            work,
-            taxels,
-            faces,
-            box,
-            cells,
-            T_TL,
-            T_TG,
-            limb,
-            posture,
-            numbers,
-            vectors,
-            indices,
-            places,
-        )
+        indices, places, rows = np.empty(k, np.int64), np.empty((3, k)), np.empty((3, count + 1), np.int64)
+        describe_all(
+            force, work, begins, found, taxels, faces, box, cells, limb, poses, posture, on, numbers, vectors,
+            indices, places, rows,
+        )  # fmt: skip
+        closest, one = np.empty(count, np.int64), np.empty(count)
+        find_answers(fields, False, segments, rows[1, :count], rows[0], numbers, places, closest, one)
         for c in range(count):
-            begin, end = bounds[c], bounds[c + 1]
-            closest, one = find_answer(
-                fields, False, int(limb[14]), numbers[c, 3], numbers[c, 4], numbers[c, 0], numbers[c, 1],
-                places[1, begin:end], places[2, begin:end], places[0, begin:end],
-            )  # fmt: skip
-            if closest >= 0:
-                gains[closest] = max(gains[closest], one)
+            if closest[c] >= 0:
+                gains[closest[c]] = max(gains[closest[c]], one[c])
     return count
 
 
@@ -99,7 +73,7 @@ class Frame:
         robot = with_dense_skin(one, taxels, patches=1, pitch=PITCH if taxels > 1000 else 0.004)
         self.skin = Skin(robot)
         (self.patch,) = robot.patches
-        self.flat = self.skin.flat(self.patch.name)
+        self.octets, self.flat = self.skin.octets, self.skin.flat_skin()
         self.surface = self.skin.surfaces[self.patch.name]
         n = len(self.flat.taxels)
         self.n, random = n, np.random.default_rng(0)
@@ -113,39 +87,47 @@ class Frame:
             )
             for i in range(fields)
         )  # fmt: skip
-        sensor = self.patch.sensor
-        self.values = np.full(self.patch.channels, sensor.rest, np.uint8)
+        self.rest = np.full(self.patch.channels, self.patch.sensor.rest, np.uint8)
+        self.touched = self.rest.copy()
         pitch = float(np.sqrt(self.flat.taxels[:, 6].mean()))
         for i in range(contacts):
             at = self.surface.positions[int((i + 0.5) * n / contacts)]
             near = np.linalg.norm(self.surface.positions - at, axis=1) < 1.6 * pitch
-            self.values[self.surface.channels[near]] = 120
+            self.touched[self.surface.channels[near]] = 120
+        self.values = np.zeros((2, self.patch.channels), np.uint8)
         position = np.array(robot.initial_position)
-        self.poses = self.skin.kinematics.poses(position, [self.patch.link, self.flat.link])
+        self.poses = self.skin.kinematics.poses(position, self.flat.links)
         self.posture = np.array(robot.part(self.patch.part).initial_posture)
-        full = np.float32(sensor.rest)
-        self.sensor = np.array([0, 255, sensor.rest, -1, full], np.float32)
-        self.gain = abs(sensor.pascal_per_count) * self.flat.taxels[:, 6]
-        self.offset, self.threshold = np.zeros(n, np.float32), np.full(n, 7.0, np.float32)
-        self.silent, self.active = np.zeros(n, bool), np.zeros(n, np.uint8)
-        self.memory, self.force = empty_memory(n), np.zeros(n)
+        self.octets.conditioners[0].threshold[:] = 7.0
+        self.octets.limit(0)
         self.table, self.gains = field_table(self.fields), np.zeros(fields)
-        self.channels = np.ascontiguousarray(self.surface.channels)
+        self.segments = np.array([PLACE[self.patch.segment]])
+        self.felt, self.pressure, self.ends = np.zeros(n, np.int32), np.zeros(n), np.zeros(2, np.int64)
+        self.show(self.touched)
+
+    def show(self, values: np.ndarray, *, flicker: bool = False) -> None:
+        """Two frames that take turns: what is touched differs by one count, with `flicker` most taxels."""
+        random = np.random.default_rng(1)
+        noise = random.integers(-1, 2, (2, len(values))) if flicker else np.zeros((2, len(values)), int)
+        self.values[:] = values + noise
+        self.values[1] -= values < 200
 
     def ours(self, repeats: int = 1) -> int:
-        flat, none = self.flat, np.zeros(0)
+        flat, octets = self.flat, self.octets
+        poses = np.array([self.poses[link] for link in flat.links])
         return respond(  # type: ignore[no-any-return]
-            repeats, self.values, self.channels, self.sensor, self.offset, self.threshold, self.silent,
-            self.gain, np.zeros((2, 0)), self.memory, self.active, none, self.force, SETTINGS.floor,
-            SETTINGS.touch, flat.graph, flat.work, flat.taxels, flat.faces, flat.box, flat.cells,
-            self.poses[self.patch.link], self.poses[flat.link], flat.limb, self.posture, self.table,
-            self.gains,
+            repeats, self.values, np.zeros(1, np.int64), np.full(1, np.nan), *octets.tables, octets.force,
+            octets.active, octets.counts, self.felt, self.pressure, self.ends, SETTINGS.floor, SETTINGS.touch,
+            flat.graph, flat.begins, flat.work, flat.counts, flat.taxels, flat.faces, flat.box, flat.cells,
+            flat.limb, poses, self.posture[None, :4].copy(), flat.on, self.segments, self.table, self.gains,
         )  # fmt: skip
 
     def numpy(self) -> np.ndarray:
         """The oracle of the tests: contacts as objects, gains by NumPy."""
-        counts = self.sensor[2] - self.values[self.channels].astype(float)
-        force = np.where(counts >= self.threshold, counts, 0.0) * self.gain
+        sensor = self.patch.sensor
+        counts = sensor.rest - self.values[0, self.surface.channels].astype(float)
+        areas = self.surface.areas
+        force = np.where(counts >= 7.0, counts, 0.0) * abs(sensor.pascal_per_count) * areas
         name = self.patch.name
         state = SkinState({name: PatchState(name, 0.0, 0, force, force)}, self.poses)
         gains = np.zeros(len(self.fields))
@@ -180,18 +162,24 @@ class InC:
         self._function = ctypes.CDLL(str(library)).respond
         self._function.restype = ctypes.c_int64
         f, flat, n = frame, frame.flat, frame.n
+        link = f.skin.flat(f.patch.name).link
+        table, sensor, offset, _, octets, words, blocks, _, channels, gain, _, area = f.octets.tables
+        octets, words, blocks = octets.copy(), words.copy(), blocks.copy()
         members = [
-            ("n", n), ("fields_n", len(f.fields)), ("repeats", 1), ("values", f.values),
-            ("channels", f.channels), ("sensor", f.sensor), ("offset", f.offset), ("threshold", f.threshold),
-            ("silent", f.silent), ("gain", f.gain), ("memory", empty_memory(n)),
-            ("active", np.zeros(n, np.uint8)), ("force", np.zeros(n)), ("floor", SETTINGS.floor),
+            ("n", n), ("fields_n", len(f.fields)), ("repeats", 1), ("stride", f.values.shape[1]),
+            ("padded", octets.shape[1]), ("straight", int(table[0, STRAIGHT])), ("frames", 0), ("since", 0),
+            ("turn", int(table[0, TURN])), ("end", int(table[0, END])), ("felt", 0),
+            ("values", f.values), ("channels", channels), ("sensor", sensor), ("offset", offset),
+            ("gain", gain), ("area", area), ("memory", empty_memory(n)), ("octets", octets),
+            ("words", words), ("blocks", blocks), ("active", np.zeros(n, np.int32)),
+            ("force", np.zeros(n)), ("floor", SETTINGS.floor),
             ("touch", SETTINGS.touch), ("graph", flat.graph), ("work", np.zeros(4 * n + 1, np.int32)),
             ("taxels", flat.taxels), ("faces", flat.faces), ("box", flat.box), ("cells", flat.cells),
-            ("T_TL", f.poses[f.patch.link]), ("T_TG", f.poses[flat.link]), ("limb", flat.limb),
+            ("T_TL", f.poses[f.patch.link]), ("T_TG", f.poses[link]), ("limb", flat.limb),
             ("posture", f.posture), ("numbers", np.zeros((n, NUMBERS))),
             ("vectors", np.zeros((n, VECTORS, 3))),
             ("indices", np.zeros(n, np.int64)), ("places", np.zeros((3, n))), ("fields", f.table),
-            ("gains", np.zeros(len(f.fields))), ("stride", 0),
+            ("gains", np.zeros(len(f.fields))),
         ]  # fmt: skip
         kinds: dict[type, Any] = {int: ctypes.c_int64, float: ctypes.c_double}
         self._kept = dict(members)
@@ -218,24 +206,27 @@ def kernel(
     small = taxels <= 4000
     if small:
         np.testing.assert_allclose(frame.gains, frame.numpy(), atol=2e-3)
-    repeats = max(1, min(100, 100_000 // taxels))
+    repeats = max(2, min(200, 200_000 // taxels))
+    most_ratio = 1.5 if taxels >= 230 else None
     name = f"kernel, {frame.n} taxels, {fields} fields, {found} contacts"
     pairs = _inner(frame, peer, taxels, repeats)
-    call, late = each(frame.ours, calls=max(3, 10 * repeats)), cold(frame.ours)
-    note = f"one call from Python {call:.1f} us, after 1 ms of sleep {late:.1f} us"
-    rows = [
-        row(f"{name}, hot", "C -O3", pairs, most=most, most_ratio=1.5 if taxels >= 230 else None,
-            note=note)
-    ]  # fmt: skip
+    call, late, theirs_late = each(frame.ours, calls=max(3, 10 * repeats)), cold(frame.ours), cold(peer)
+    note = f"one call from Python {call:.1f} us, after 1 ms of sleep {late:.1f} us, C {theirs_late:.1f} us"
+    rows = [row(f"{name}, hot", "C -O3", pairs, most=most, most_ratio=most_ratio, note=note)]
     if small:
         rows.append(row(name, "the tests' NumPy", in_turn(frame.ours, frame.numpy)))
-    frame.values[:] = 240
-    frame.ours()
-    peer()
-    rows.append(
-        row(f"kernel, {frame.n} taxels, idle", "C -O3", _inner(frame, peer, taxels, repeats), most=idle_most,
-            most_ratio=1.5 if taxels >= 230 else None)
-    )  # fmt: skip
+    for what, values, flicker, limit in (
+        ("every taxel flickers", frame.touched, True, None),
+        ("idle", frame.rest, False, idle_most),
+    ):
+        frame.show(values, flicker=flicker)
+        for _ in range(4):
+            frame.ours(), peer()
+        pairs = _inner(frame, peer, taxels, repeats)
+        late, theirs_late = cold(frame.ours), cold(peer)
+        note = f"one call after 1 ms of sleep {late:.1f} us, C {theirs_late:.1f} us"
+        label = f"{name}, {what}" if flicker else f"kernel, {frame.n} taxels, idle"
+        rows.append(row(label, "C -O3", pairs, most=limit, most_ratio=most_ratio, note=note))
     return rows
 
 

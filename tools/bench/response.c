@@ -7,56 +7,121 @@
 #define RHO 0.3
 
 typedef struct {
-    int64_t n, fields_n, repeats;
-    const uint8_t *values; const int64_t *channels; const float *sensor, *offset, *threshold;
-    const uint8_t *silent; const double *gain; float *memory; uint8_t *active;
+    int64_t n, fields_n, repeats, stride, padded, straight, frames, since, turn, end, felt;
+    const uint8_t *values; const int64_t *channels; const float *sensor, *offset;
+    const double *gain, *area; float *memory; uint8_t *octets; uint16_t *words; int32_t *blocks, *active;
     double *force; double floor, touch;
     const int32_t *graph; int32_t *work; const double *taxels; const int32_t *faces; const double *box;
     const int32_t *cells; const double *T_TL, *T_TG, *limb, *posture;
     double *numbers, *vectors; int64_t *indices; double *places;
-    const double *fields; double *gains; int64_t stride;
+    const double *fields; double *gains;
 } frame_t;
 
-static void note(int64_t n, const float *restrict sensor, const float *restrict offset,
-                 const float *restrict threshold, const uint8_t *restrict silent, float *restrict signals,
-                 float *restrict befores, float *restrict totals, float *restrict peaks, float *restrict bends,
-                 float *restrict changes, const float *restrict raws, uint8_t *restrict active, int32_t *dropped,
-                 int32_t *saturated) {
-    const float lowest = sensor[0], highest = sensor[1], rest = sensor[2], sign = sensor[3], full = sensor[4];
-    int32_t d = 0, s = 0;
-    for (int64_t i = 0; i < n; i++) {
-        float raw = raws[i], zero = offset[i], last = signals[i];
-        int good = (raw >= lowest) & (raw <= highest);
-        float signal = sign * (raw - rest);
-        s += good & (signal >= full);
-        d += !good;
-        signal = good ? signal : zero;
-        float deviation = signal - zero;
-        active[i] = (deviation > 0.0f) & (deviation >= threshold[i]) & !silent[i];
-        bends[i] += fabsf(signal - 2.0f * last + befores[i]);
-        changes[i] += signal != last ? 1.0f : 0.0f;
-        float size = fabsf(deviation);
-        peaks[i] = size > peaks[i] ? size : peaks[i];
-        totals[i] += signal;
-        befores[i] = last;
-        signals[i] = signal;
+#define BLOCK 64
+#define MIN(a, b) ((a) < (b) ? (a) : (b))
+#define MAX(a, b) ((a) > (b) ? (a) : (b))
+
+static float signal_of(uint8_t octet, uint8_t turn, const float *s) { return s[3] * ((float)(octet ^ turn) - s[2]); }
+
+static void catch_up(const uint8_t *restrict last, uint8_t *restrict low, uint8_t *restrict high,
+                     uint16_t *restrict sum, uint16_t times) {
+    for (int i = 0; i < BLOCK; i++) {
+        sum[i] += times * last[i];
+        low[i] = MIN(low[i], last[i]);
+        high[i] = MAX(high[i], last[i]);
     }
-    *dropped = d;
-    *saturated = s;
 }
 
-static int64_t cluster(int64_t n, const double *restrict force, double floor, double touch,
-                       const int32_t *restrict graph, int32_t *restrict work) {
+static void note(const uint8_t *restrict now, uint8_t *restrict last, uint8_t *restrict earlier, uint8_t *restrict low,
+                 uint8_t *restrict high, uint8_t *restrict changes, uint16_t *restrict sum, uint16_t *restrict bends,
+                 uint16_t bending, uint8_t changing) {
+    for (int i = 0; i < BLOCK; i++) {
+        uint16_t ends = now[i] + earlier[i], middle = 2 * last[i];
+        bends[i] += (uint16_t)(MAX(ends, middle) - MIN(ends, middle)) & bending;
+        changes[i] += (now[i] != last[i]) & changing;
+        low[i] = MIN(low[i], now[i]);
+        high[i] = MAX(high[i], now[i]);
+        sum[i] += now[i];
+        earlier[i] = last[i];
+        last[i] = now[i];
+    }
+}
+
+static void spill(frame_t *f) {
+    int64_t n = f->n, w = f->padded, blocks = w / BLOCK;
+    uint8_t *last = f->octets + w, *earlier = last + w, *low = earlier + w, *high = low + w, *changes = high + w;
+    uint16_t *sum = f->words, *bends = sum + w;
+    uint8_t turn = (uint8_t)f->turn;
+    float *m = f->memory;
+    for (int64_t b = 0; b < blocks; b++)
+        if (f->blocks[b]) {
+            int64_t o = b * BLOCK;
+            catch_up(last + o, low + o, high + o, sum + o, (uint16_t)f->blocks[b]);
+            f->blocks[b] = 0;
+        }
+    for (int64_t i = 0; i < n; i++) {
+        float zero = f->offset[i];
+        m[i] = signal_of(last[i], turn, f->sensor);
+        m[n + i] = signal_of(earlier[i], turn, f->sensor);
+        double total = turn ? 255.0 * f->since - sum[i] : sum[i];
+        m[2 * n + i] += (float)(f->sensor[3] * (total - (double)f->since * f->sensor[2]));
+        float up = fabsf(signal_of(high[i], turn, f->sensor) - zero), down = fabsf(signal_of(low[i], turn, f->sensor) - zero);
+        m[3 * n + i] = MAX(m[3 * n + i], MAX(up, down));
+        m[4 * n + i] += bends[i];
+        m[5 * n + i] += changes[i];
+    }
+    memset(sum, 0, 2 * w * sizeof(uint16_t));
+    memset(changes, 0, w);
+    memset(low, 255, w);
+    memset(high, 0, w);
+    f->since = 0;
+}
+
+static void feel(frame_t *f, const uint8_t *restrict values) {
+    int64_t w = f->padded, blocks = w / BLOCK, felt = 0;
+    uint8_t *restrict now = f->octets, *last = now + w, *earlier = last + w, *low = earlier + w, *high = low + w;
+    uint8_t *changes = high + w, *limit = changes + w, turn = (uint8_t)f->turn;
+    uint16_t *sum = f->words, *bends = sum + w;
+    int32_t *still = f->blocks, *settled = still + blocks, *live = settled + blocks, *ends = live + blocks;
+    if (f->since >= 120) spill(f);
+    if (f->straight) for (int64_t i = 0; i < f->n; i++) now[i] = values[i] ^ turn;
+    else for (int64_t i = 0; i < f->n; i++) now[i] = values[f->channels[i]] ^ turn;
+    uint16_t bending = f->frames > 1 ? 0xFFFF : 0;
+    uint8_t changing = f->frames > 0;
+    for (int64_t b = 0; b < blocks; b++) {
+        int64_t o = b * BLOCK;
+        uint8_t other = 0;
+        for (int i = 0; i < BLOCK; i++) other |= now[o + i] ^ last[o + i];
+        if (!other && settled[b]) { still[b]++; continue; }
+        if (still[b]) { catch_up(last + o, low + o, high + o, sum + o, (uint16_t)still[b]); still[b] = 0; }
+        note(now + o, last + o, earlier + o, low + o, high + o, changes + o, sum + o, bends + o, bending, changing);
+        settled[b] = !other;
+        uint8_t some = 0, full = 0;
+        for (int i = 0; i < BLOCK; i++) some |= now[o + i] > limit[o + i];
+        for (int i = 0; i < BLOCK; i++) full += now[o + i] > (uint8_t)f->end;
+        live[b] = some;
+        ends[b] = full;
+    }
+    f->since++;
+    f->frames = MIN(f->frames + 1, 2);
+    for (int64_t i = 0; i < f->felt; i++) f->force[f->active[i]] = 0.0;
+    for (int64_t b = 0; b < blocks; b++)
+        if (live[b])
+            for (int64_t i = b * BLOCK; i < (b + 1) * BLOCK; i++)
+                if (now[i] > limit[i]) {
+                    double counts = signal_of(now[i], turn, f->sensor) - f->offset[i];
+                    f->force[i] = f->gain[i] * counts * f->area[i];
+                    f->active[felt++] = (int32_t)i;
+                }
+    f->felt = felt;
+}
+
+static int64_t cluster(int64_t n, const double *restrict force, double floor, double touch, const int32_t *restrict felt,
+                       int64_t felt_n, const int32_t *restrict graph, int32_t *restrict work) {
     int32_t *members = work, *bounds = work + n, *label = work + 2 * n + 1, *queue = work + 3 * n + 1;
     int64_t active = 0, count = 0;
-    for (int64_t b = 0; b < n; b += 64) {
-        int64_t end = b + 64 < n ? b + 64 : n;
-        int some = 0;
-        for (int64_t i = b; i < end; i++) some += force[i] >= floor;
-        if (some)
-            for (int64_t i = b; i < end; i++)
-                if (force[i] >= floor) members[active++] = (int32_t)i;
-    }
+    for (int64_t i = 0; i < felt_n; i++)
+        if (force[felt[i]] >= floor) members[active++] = felt[i];
     if (!active) return 0;
     bounds[0] = 0;
     for (int64_t p = 0; p < active; p++) {
@@ -155,9 +220,6 @@ static double closer(const double *p, const double *taxels, const int32_t *face,
     return apart;
 }
 
-#define MIN(a, b) ((a) < (b) ? (a) : (b))
-#define MAX(a, b) ((a) > (b) ? (a) : (b))
-
 static void nearest(const double *p, const double *taxels, const int32_t *faces, const double *box,
                     const int32_t *cells, double *p_L, double *n_L) {
     double best = INFINITY, scale = box[3];
@@ -233,7 +295,7 @@ static void describe(int64_t count, const frame_t *f) {
     }
 }
 
-static void answer(int64_t c, const frame_t *f) {
+static void answer(int64_t c, int64_t all, const frame_t *f) {
     const int32_t *bounds = f->work + f->n;
     const double *N = f->numbers + 5 * c, *closest = 0;
     double least = INFINITY, u = N[3], theta = N[4];
@@ -247,7 +309,7 @@ static void answer(int64_t c, const frame_t *f) {
     if (!closest) return;
     double total = 0, weights = 0, radius = closest[4];
     for (int64_t p = bounds[c]; p < bounds[c + 1]; p++) {
-        double weight = 2 * radius - limb_distance(f->places[f->stride + p], f->places[2 * f->stride + p], u, theta);
+        double weight = 2 * radius - limb_distance(f->places[all + p], f->places[2 * all + p], u, theta);
         if (weight > 0) { total += weight * f->places[p]; weights += weight; }
     }
     double felt = weights > 0 ? total / weights : 0;
@@ -257,29 +319,15 @@ static void answer(int64_t c, const frame_t *f) {
     *best = MAX(*best, gain);
 }
 
-int64_t respond(const frame_t *f) {
+int64_t respond(frame_t *f) {
     int64_t count = 0, n = f->n;
-    int32_t dropped, saturated;
     for (int64_t again = 0; again < f->repeats; again++) {
-        float *m = f->memory, *raws = m + 6 * n;
-        memset(f->force, 0, n * sizeof(double));
         memset(f->gains, 0, f->fields_n * sizeof(double));
-        for (int64_t i = 0; i < n; i++) raws[i] = f->values[f->channels[i]];
-        note(n, f->sensor, f->offset, f->threshold, f->silent, m, m + n, m + 2 * n, m + 3 * n, m + 4 * n, m + 5 * n,
-             raws, f->active, &dropped, &saturated);
-        for (int64_t b = 0; b < n; b += 64) {
-            int64_t end = MIN(b + 64, n);
-            uint8_t some = 0;
-            for (int64_t i = b; i < end; i++) some |= f->active[i];
-            if (some)
-                for (int64_t i = b; i < end; i++)
-                    if (f->active[i]) f->force[i] = f->gain[i] * (double)(m[i] - f->offset[i]);
-        }
-        count = cluster(n, f->force, f->floor, f->touch, f->graph, f->work);
+        feel(f, f->values + f->stride * (again & 1));
+        count = cluster(n, f->force, f->floor, f->touch, f->active, f->felt, f->graph, f->work);
         if (!count) continue;
-        ((frame_t *)f)->stride = (f->work + n)[count];
         describe(count, f);
-        for (int64_t c = 0; c < count; c++) answer(c, f);
+        for (int64_t c = 0; c < count; c++) answer(c, (f->work + n)[count], f);
     }
     return count;
 }

@@ -116,10 +116,10 @@ class Conditioner:
             self.baseline.start(self.sign * (np.array(calibration.rest) - sensor.rest), calibration.noise)
             response = calibration.response
         self._health = TaxelHealth(count, full=full, neighbours=pairs, settings=self.settings.health)
-        self._sensor = np.array([sensor.lowest, sensor.highest, sensor.rest, self.sign, full], np.float32)
-        self._nodes = np.array(response).T.copy() if response else np.zeros((2, 0))
-        self._gain = np.full(count, 1.0 if response else abs(sensor.pascal_per_count))
-        self._memory = empty_memory(count)
+        self.sensor = np.array([sensor.lowest, sensor.highest, sensor.rest, self.sign, full], np.float32)
+        self.nodes = np.array(response).T.copy() if response else np.zeros((2, 0))
+        self.gain = np.full(count, 1.0 if response else abs(sensor.pascal_per_count))
+        self.memory = empty_memory(count)
         self._active = np.zeros(count, np.uint8)
         self._pressure = np.zeros(count)
         self._masked = read_only(self._health.state, np.bool_)
@@ -138,6 +138,35 @@ class Conditioner:
         return self._masked
 
     @property
+    def silent(self) -> NDArray[np.bool_]:
+        """Which taxels (n,) are not believed."""
+        return self._health.silent
+
+    @property
+    def still(self) -> bool:
+        """Whether a taxel is dead or stuck, so that a change of it counts."""
+        return self._health.still
+
+    @property
+    def lesson(self) -> tuple[float, float, int, int]:
+        """Time since this lesson began and when it ends [s], frames and second differences in it."""
+        return self._elapsed, self._due, self._in_lesson, self._bends
+
+    def resume(
+        self, *, stamp: float | None, elapsed: float, frames: int, in_lesson: int, bends: int, saturated: int
+    ) -> None:
+        """Go on from what somebody else counted: stamp [s] of the latest frame, time [s] since the lesson
+        began, frames seen, frames and second differences in the lesson, taxels at the end of their range."""
+        self._stamp, self._elapsed, self._frames = stamp, elapsed, frames
+        self._in_lesson, self._bends, self._saturated = in_lesson, bends, saturated
+        self._values = None
+
+    def revive(self, changed: NDArray[np.bool_]) -> None:
+        """Taxels that were dead or stuck and `changed` (n,) are believed again, from the next frame on."""
+        self._health.revive(changed)
+        self._masked = read_only(self._health.state, np.bool_)
+
+    @property
     def health(self) -> PatchHealth:
         """What was found out about the taxels until now."""
         state = self._health.state
@@ -149,7 +178,7 @@ class Conditioner:
         """What the taxels read now is rest: after a step of the baseline, or on an operator's word."""
         if self._frames:
             self._count_repeats()
-            self.baseline.rezero(self._memory[SIGNAL].astype(np.float64))
+            self.baseline.rezero(self.memory[SIGNAL].astype(np.float64))
             self._round()
             self._forget()
 
@@ -175,12 +204,12 @@ class Conditioner:
         self._elapsed += elapsed
         pressure = self._pressure
         if self._elapsed >= self._due and self._in_lesson >= self.settings.baseline.frames:
-            self._learn()
+            self.learn()
         return pressure
 
     def _condition(self, values: NDArray[np.generic], elapsed: float) -> None:
         """Go through all taxels."""
-        self._check(values)
+        self.check(values)
         self._count_repeats()
         latency = self.settings.latency
         smooth = latency > 0.0 and elapsed > 0.0
@@ -188,13 +217,13 @@ class Conditioner:
         self._dropped, self._saturated = condition(
             values if values.dtype == np.uint8 else values.astype(np.float64),
             self.channels,
-            self._sensor,
-            self._offset,
-            self._threshold,
+            self.sensor,
+            self.offset,
+            self.threshold,
             self._health.silent,
-            self._gain,
-            self._nodes,
-            self._memory,
+            self.gain,
+            self.nodes,
+            self.memory,
             self._active,
             self._frames,
             1.0 - math.exp(-elapsed / latency) if smooth else 1.0,
@@ -206,21 +235,21 @@ class Conditioner:
         settled = self._frames == 2 and latency == 0.0 and not self._health.still
         self._values = values if settled and not values.flags.writeable else None
         if self._health.still:
-            self._health.revive(self._memory[CHANGED] > 0.0)
-            self._masked = read_only(self._health.state, np.bool_)
+            self.revive(self.memory[CHANGED] > 0.0)
 
     def _count_repeats(self) -> None:
         """Note in the memory what frames left there that were the same as the one before."""
         if self._repeats:
-            memory = self._memory
+            memory = self.memory
             memory[BEND] += np.abs(memory[BEFORE] - memory[SIGNAL])
             memory[BEFORE] = memory[SIGNAL]
             memory[TOTAL] += np.float32(self._repeats) * memory[SIGNAL]
             self._repeats = 0
 
-    def _learn(self) -> None:
+    def learn(self) -> None:
+        """End a lesson."""
         self._count_repeats()
-        total, peak, bend, changed = self._memory[[TOTAL, PEAK, BEND, CHANGED]].astype(np.float64)
+        total, peak, bend, changed = self.memory[[TOTAL, PEAK, BEND, CHANGED]].astype(np.float64)
         lesson = Lesson(
             elapsed=self._elapsed,
             mean=total / self._in_lesson,
@@ -235,7 +264,7 @@ class Conditioner:
         self._masked = read_only(self._health.state, np.bool_)
         self._round()
         self._forget()
-        self._step(raised & (lesson.mean < SATURATED * self._sensor[-1]), lesson.elapsed)
+        self._step(raised & (lesson.mean < SATURATED * self.sensor[-1]), lesson.elapsed)
 
     def _step(self, raised: NDArray[np.bool_], elapsed: float) -> None:
         """What nearly all taxels read for long, and none at the end of its range, is no touch but rest."""
@@ -250,16 +279,17 @@ class Conditioner:
     def _round(self) -> None:
         """What the loop compares with, in single precision: exact for counts below 2^24."""
         self._values = None
-        self._offset = self.baseline.offset.astype(np.float32)
-        self._threshold = self.baseline.threshold.astype(np.float32)
+        self.offset = self.baseline.offset.astype(np.float32)
+        self.threshold = self.baseline.threshold.astype(np.float32)
 
     def _forget(self) -> None:
-        self._memory[TOTAL:RAW] = 0.0
+        self.memory[TOTAL:RAW] = 0.0
         self._in_lesson = self._bends = 0
         self._due = self.settings.baseline.lesson * (1.0 + self._phase)
         self._phase = self._elapsed = 0.0
 
-    def _check(self, values: NDArray[np.generic]) -> None:
+    def check(self, values: NDArray[np.generic]) -> None:
+        """Raises FrameError unless these can be a frame of the patch."""
         name, expected = self.patch.name, (self.patch.channels,)
         if values.shape != expected:
             raise FrameError(

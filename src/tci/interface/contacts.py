@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 from tci.errors import TciError, UnknownNameError
 from tci.frames import Array
 from tci.interface.contact_table import ContactTable
+from tci.interface.felt import Felt, FeltPatches
 from tci.interface.kernels.contacts import F_T, NUMBERS, P_L, VECTORS, cluster
 from tci.interface.kernels.flat import adjacency
 from tci.interface.kernels.flat_skin import FlatSkin
 from tci.interface.kernels.weighted_force import mean_force
-from tci.interface.kernels.whole import TAXEL, cluster_all, describe_all
+from tci.interface.kernels.whole import cluster_all, describe_all
 from tci.interface.skin import Skin
 from tci.interface.tracking import Tracker
 from tci.messages import Contact, PatchState, SkinState
@@ -62,13 +63,22 @@ def find_contacts(
     the posture lacks a part that is touched.
     """
     flat = skin.flat_skin()
-    felt = [state.patches.get(site.patch) for site in flat.sites]
+    known = state.patches.felt if isinstance(state.patches, FeltPatches) else state.patches
+    felt = [known.get(site.patch) for site in flat.sites]
     if not flat.sites:
         return ()
-    _gather(felt, flat)
+    force, active, actives = skin.force_now(flat, state)
     # NaN is neither above nor below anything, so it never seeds a contact and never joins one.
     count, taxels = cluster_all(
-        flat.force, settings.floor, settings.touch, flat.graph, flat.begins, flat.work, flat.counts
+        force,
+        settings.floor,
+        settings.touch,
+        active,
+        actives,
+        flat.graph,
+        flat.begins,
+        flat.work,
+        flat.counts,
     )
     if not count:
         return ()
@@ -80,7 +90,7 @@ def find_contacts(
     indices, places = np.empty(taxels, np.intp), np.empty((3, taxels))
     rows = np.empty((3, count + 1), np.int64)
     describe_all(
-        flat.force, flat.work, flat.begins, flat.counts, flat.taxels, flat.faces, flat.box, flat.cells,
+        force, flat.work, flat.begins, flat.counts, flat.taxels, flat.faces, flat.box, flat.cells,
         flat.limb, _poses(flat, state), _postures(flat, posture), flat.on, numbers, vectors, indices, places,
         rows,
     )  # fmt: skip
@@ -135,17 +145,6 @@ def weighted_force(contact: Contact, radius: float, *, measure: Measure = "weigh
     return force
 
 
-def _gather(felt: Sequence[PatchState | None], flat: FlatSkin) -> None:
-    """The forces on all taxels, in one array; none where a patch has not sent."""
-    if None in felt:
-        flat.force[:] = 0.0
-        for begin, one in zip(flat.begins[:, TAXEL].tolist(), felt, strict=False):
-            if one is not None:
-                flat.force[begin : begin + len(one.force)] = one.force
-    else:
-        np.concatenate([one.force for one in felt if one is not None], out=flat.force)
-
-
 def _poses(flat: FlatSkin, state: SkinState) -> Array:
     """`T_TL` (l, 4, 4) of the skin's links."""
     return np.array([state.link_poses.get(link, _NOWHERE) for link in flat.links])
@@ -162,7 +161,7 @@ def _postures(flat: FlatSkin, posture: Mapping[str, Array]) -> Array:
 
 def _turn(
     p: int,
-    felt: PatchState | None,
+    felt: Felt | PatchState | None,
     flat: FlatSkin,
     state: SkinState,
     rows: NDArray[np.int64],

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.frames import Array
+from tci.interface.felt import masks_of
 from tci.interface.generic_limb import generic_limb_distance
 from tci.interface.skin import Skin
 from tci.messages import Covered, JointReading, SkinState
@@ -21,7 +22,7 @@ class Coverage:
 
     def step(self, state: SkinState, joints: JointReading) -> Covered | None:
         """What tells the coverage of any place in this state of the skin; None while all taxels are used."""
-        masks = tuple(patch.masked for patch in state.patches.values())
+        masks = masks_of(state.patches)
         if len(masks) != len(self._masks) or any(
             one is not other for one, other in zip(masks, self._masks, strict=True)
         ):

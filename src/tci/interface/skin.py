@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tci.errors import FrameError, TciError, UnknownNameError
 from tci.frames import Array, apply, invert, transform
 from tci.interface.conditioning import Conditioner, ConditioningSettings, PatchHealth
+from tci.interface.felt import Felt, FeltPatches
 from tci.interface.kernels.flat import FlatPatch
 from tci.interface.kernels.flat_skin import FlatSkin
+from tci.interface.kernels.whole import TAXEL
+from tci.interface.octet_skin import OctetSkin
 from tci.interface.part import generic_posture
 from tci.interface.shear import AXES, Shear, normal_channels
 from tci.messages import JointReading, PatchState, Reading, SkinFrame, SkinState
@@ -77,6 +82,13 @@ class Skin:
             for patch in robot.patches
             if patch.sensor.axes == AXES
         }
+        self.octets = OctetSkin(
+            list(self._conditioners.values()), [self.surfaces[name].areas for name in self._conditioners]
+        )
+        """The fast way for frames of bytes."""
+        self._index = {name: p for p, name in enumerate(self._conditioners)}
+        self._areas = [self.surfaces[name].areas for name in self._conditioners]
+        self._felt: dict[str, Felt] = {}
         self._flat: dict[str, FlatPatch] = {}
         self._flat_skin: FlatSkin | None = None
         self._flat_of: object = None
@@ -101,7 +113,11 @@ class Skin:
     @property
     def health(self) -> dict[str, PatchHealth]:
         """How much of each patch can be trusted, by its name."""
-        return {name: conditioner.health for name, conditioner in self._conditioners.items()}
+        octets, found = self.octets, {}
+        for p, (name, conditioner) in enumerate(self._conditioners.items()):
+            health = conditioner.health
+            found[name] = replace(health, saturated=octets.saturated(p)) if octets.takes[p] else health
+        return found
 
     def flat(self, patch: str) -> FlatPatch:
         """A patch as the compiled loops read it. Raises KeyError for an unknown patch."""
@@ -124,7 +140,7 @@ class Skin:
         """What a patch reads now is rest. Raises UnknownNameError for an unknown patch."""
         if patch not in self._conditioners:
             raise UnknownNameError("skin patch", patch, self._conditioners)
-        self._conditioners[patch].rezero()
+        self.octets.rezero(self._index[patch])
 
     def update(self, reading: Reading) -> SkinState:
         """What the skin feels now. A patch that has not sent yet is absent.
@@ -135,16 +151,13 @@ class Skin:
         got, expected = reading.joints.position.shape, (len(self.robot.servos),)
         if got != expected:
             raise FrameError(f"joints of {self.robot.name}: position of shape {got}, expected {expected}")
-        patches = self._state.patches
-        fresh = {}
-        for frame in reading.skin:
-            held = patches.get(frame.patch)
-            if self._is_new(frame, held):
-                fresh[frame.patch] = self._feel(frame, held)
+        fresh = [frame for frame in reading.skin if self._is_new(frame)]
         if not fresh and reading.joints is self._joints:
             return self._state
+        patches = self._state.patches
         if fresh:
-            patches = MappingProxyType({**patches, **fresh})
+            self._felt = {**self._felt, **self._feel(fresh)}
+            patches = FeltPatches(self._felt)
         poses = self._state.link_poses
         if reading.joints is not self._joints:
             poses = MappingProxyType(self.kinematics.poses(reading.joints.position, self._links))
@@ -154,29 +167,78 @@ class Skin:
         self._state = SkinState(patches=patches, link_poses=poses)
         return self._state
 
-    def _is_new(self, frame: SkinFrame, held: PatchState | None) -> bool:
+    def force_now(
+        self, flat: FlatSkin, state: SkinState
+    ) -> tuple[Array, NDArray[np.int32], NDArray[np.int64]]:
+        """Force (n,) [N] on the skin's taxels in a state, the `active` (n,) ones of each patch and how many
+        (p,) they are, see `OctetSkin`; of other states than the latest -1, where nobody knows."""
+        if state is self._state and len(flat.force) == len(self.octets.force):
+            return self.octets.force, self.octets.active, self.octets.counts
+        flat.force[:] = 0.0
+        for p, site in enumerate(flat.sites):
+            felt = state.patches.get(site.patch)
+            if felt is not None:
+                flat.force[flat.begins[p, TAXEL] :][: len(felt.force)] = felt.force
+        return flat.force, self.octets.active[:0], np.full(len(flat.sites), -1, np.int64)
+
+    def _is_new(self, frame: SkinFrame) -> bool:
+        held = self._felt.get(frame.patch)
         if held is None or frame.sequence > held.sequence or frame.stamp > held.stamp + RESTART:
             return True
         self._late += frame.sequence < held.sequence
         return False
 
-    def _feel(self, frame: SkinFrame, held: PatchState | None) -> PatchState:
-        if frame.patch not in self._conditioners:
-            valid = ", ".join(self._conditioners) or "(none)"
-            raise FrameError(f"{self.robot.name} has no skin patch {frame.patch!r}; valid: {valid}")
-        conditioner = self._conditioners[frame.patch]
+    def _feel(self, frames: Iterable[SkinFrame]) -> dict[str, Felt]:
+        octets, felt = self.octets, {}
+        which, values, stamps, quick = [], [], [], []
+        for frame in frames:
+            p = self._index.get(frame.patch)
+            if p is None:
+                valid = ", ".join(self._conditioners) or "(none)"
+                raise FrameError(f"{self.robot.name} has no skin patch {frame.patch!r}; valid: {valid}")
+            raw = frame.values
+            if octets.takes[p] and raw.dtype == np.uint8 and raw.shape == (octets.channels[p],):
+                which.append(p)
+                values.append(raw)
+                stamps.append(frame.stamp)
+                quick.append(frame)
+            else:
+                self._conditioners[frame.patch].check(np.asarray(raw))
+                octets.retire(p)
+                felt[frame.patch] = self._feel_other(p, frame)
+        if which:
+            taxels, pressure, ends, again = octets.feel(which, values, stamps)
+            begin = 0
+            for p, frame, end, same in zip(which, quick, ends[1:], again, strict=True):
+                name = frame.patch
+                masked = self._conditioners[name].masked
+                if same:
+                    felt[name] = self._felt[name].again(frame.stamp, frame.sequence, masked)
+                else:
+                    felt[name] = Felt(
+                        name, frame.stamp, frame.sequence, masked, taxels[begin:end], pressure[begin:end],
+                        self._areas[p],
+                    )  # fmt: skip
+                begin = end
+        return felt
+
+    def _feel_other(self, p: int, frame: SkinFrame) -> Felt:
+        """A frame that does not come the fast way."""
+        conditioner, held = self._conditioners[frame.patch], self._felt.get(frame.patch)
         pressure = conditioner.pressure(frame.values, frame.stamp)
-        if held is not None and pressure is held.pressure:
-            force = held.force
+        if held is not None and pressure is held.state.pressure:
+            force = held.state.force
         else:
-            force = pressure * self.surfaces[frame.patch].areas
+            force = pressure * self._areas[p]
             pressure.setflags(write=False)
             force.setflags(write=False)
+            self.octets.put(p, force)
         shear = self._shears.get(frame.patch)
-        return PatchState(
+        state = PatchState(
             frame.patch, frame.stamp, frame.sequence, pressure, force, masked=conditioner.masked,
             vector=None if shear is None else shear.force(frame.values, pressure, frame.stamp),
         )  # fmt: skip
+        return Felt.of(state)
 
     def positions(self, patch: str, joints: JointReading, *, frame: FrameName = "link") -> Array:
         """Taxel positions (taxels, 3) [m] at the present posture (eq. 3).

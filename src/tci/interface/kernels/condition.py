@@ -63,7 +63,7 @@ def _note(
 
 
 @inlined
-def _response(counts: float, nodes: Array) -> float:
+def response(counts: float, nodes: Array) -> float:
     last = nodes.shape[1] - 1
     k = 1
     while k < last and counts > nodes[0, k]:
@@ -119,7 +119,7 @@ def condition(
             for i in range(block, end):
                 if active[i]:
                     counts = float(signals[i] - offset[i])
-                    pressure[i] = gain[i] * (counts if nodes.shape[1] == 0 else _response(counts, nodes))
+                    pressure[i] = gain[i] * (counts if nodes.shape[1] == 0 else response(counts, nodes))
     if share < 1.0:
         for i in range(n):
             pressure[i] = before[i] + share * (pressure[i] - before[i])

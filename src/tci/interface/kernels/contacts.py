@@ -35,17 +35,10 @@ def _deal(active: Indices, label: Indices, bounds: Indices, members: Indices, co
     bounds[0] = 0
 
 
-@compiled(int64(reads(1), float64, float64, reads(1, int32), writes(1, int32)))
-def cluster(force: Array, floor: float, touch: float, graph: Indices, work: Indices) -> int:
-    """Single-link clusters of taxels with `force` (n,) >= floor, those with one >= touch; their number.
-
-    `work` (4 n + 1,) is memory that is zero before the first call. It holds then all members (n,), each
-    cluster's in their order, the cluster of the first taxel first, and their bounds (n + 1,).
-    """
-    n = len(force)
-    members, bounds = work[:n], work[n : 2 * n + 1]
-    label, queue = work[2 * n + 1 : 3 * n + 1], work[3 * n + 1 :]
-    active = 0
+@inlined
+def _scan(force: Array, floor: float, members: Indices) -> int:
+    """Write the `members` that feel at least the floor; how many."""
+    n, active = len(force), 0
     for block in range(0, n, _BLOCK):
         end = min(block + _BLOCK, n)
         # A slice, since its indices are known to count up from 0: the processor compares four at once.
@@ -58,6 +51,14 @@ def cluster(force: Array, floor: float, touch: float, graph: Indices, work: Indi
                 if part[i] >= floor:
                     members[active] = block + i
                     active += 1
+    return active
+
+
+@inlined
+def _group(force: Array, floor: float, touch: float, graph: Indices, work: Indices, active: int) -> int:
+    n = len(force)
+    members, bounds = work[:n], work[n : 2 * n + 1]
+    label, queue = work[2 * n + 1 : 3 * n + 1], work[3 * n + 1 :]
     if active == 0:
         return 0
     count = 0
@@ -91,6 +92,29 @@ def cluster(force: Array, floor: float, touch: float, graph: Indices, work: Indi
         queue[place] = members[place]
     _deal(queue[:active], label, bounds, members, count)
     return count
+
+
+@compiled(int64(reads(1), float64, float64, reads(1, int32), writes(1, int32)))
+def cluster(force: Array, floor: float, touch: float, graph: Indices, work: Indices) -> int:
+    """Single-link clusters of taxels with `force` (n,) >= floor, those with one >= touch; their number.
+
+    `work` (4 n + 1,) is memory that is zero before the first call. It holds then all members (n,), each
+    cluster's in their order, the cluster of the first taxel first, and their bounds (n + 1,).
+    """
+    return _group(force, floor, touch, graph, work, _scan(force, floor, work[: len(force)]))  # type: ignore[no-any-return]
+
+
+@compiled(int64(reads(1), float64, float64, reads(1, int32), reads(1, int32), writes(1, int32)))
+def cluster_of(
+    force: Array, floor: float, touch: float, active: Indices, graph: Indices, work: Indices
+) -> int:
+    """`cluster` where no other taxels than the `active` (k,) ones, in their order, feel anything."""
+    found = 0
+    for place in range(len(active)):
+        if force[active[place]] >= floor:
+            work[found] = active[place]
+            found += 1
+    return _group(force, floor, touch, graph, work, found)  # type: ignore[no-any-return]
 
 
 @inlined

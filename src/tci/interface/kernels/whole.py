@@ -8,7 +8,7 @@ from numba import float64, int32, int64, void
 from tci.frames import Array
 from tci.interface.kernels.arrays import reads, returns, views, writes
 from tci.interface.kernels.compiled import compiled, inlined
-from tci.interface.kernels.contacts import FORCE, THETA, U, cluster, describe
+from tci.interface.kernels.contacts import FORCE, THETA, U, cluster, cluster_of, describe
 from tci.interface.kernels.flat import Indices
 
 TAXEL, GRAPH, FACE, CELL = range(4)
@@ -37,21 +37,42 @@ def _apart(one: Array, other: Array) -> float:
 
 @compiled(
     returns(int64, int64)(
-        reads(1), float64, float64, reads(1, int32), reads(2, int64), writes(1, int32), writes(1, int64)
+        reads(1),
+        float64,
+        float64,
+        reads(1, int32),
+        reads(1, int64),
+        reads(1, int32),
+        reads(2, int64),
+        writes(1, int32),
+        writes(1, int64),
     )
 )
 def cluster_all(
-    force: Array, floor: float, touch: float, graph: Indices, begins: Indices, work: Indices, counts: Indices
+    force: Array,
+    floor: float,
+    touch: float,
+    active: Indices,
+    actives: Indices,
+    graph: Indices,
+    begins: Indices,
+    work: Indices,
+    counts: Indices,
 ) -> tuple[int, int]:
     """`cluster` on every patch: the number of contacts and of their taxels; `counts` (p,) of each patch.
 
-    `begins` (p + 1, 4) see above; `work` (4 n + p,) is memory that is zero before the first call.
+    `active` taxels (n,) of each patch, and how many (p,) they are, -1 where nobody knows; `begins` (p + 1, 4)
+    see above; `work` (4 n + p,) is memory that is zero before the first call.
     """
     contacts, taxels = 0, 0
     for p in range(len(counts)):
         a, b = begins[p, TAXEL], begins[p + 1, TAXEL]
         own = work[4 * a + p : 4 * b + p + 1]
-        counts[p] = cluster(force[a:b], floor, touch, graph[begins[p, GRAPH] : begins[p + 1, GRAPH]], own)
+        edges = graph[begins[p, GRAPH] : begins[p + 1, GRAPH]]
+        if actives[p] < 0:
+            counts[p] = cluster(force[a:b], floor, touch, edges, own)
+        else:
+            counts[p] = cluster_of(force[a:b], floor, touch, active[a : a + actives[p]], edges, own)
         contacts += counts[p]
         taxels += own[b - a + counts[p]] if counts[p] else 0
     return contacts, taxels

@@ -1,0 +1,225 @@
+"""The fast way for 8-bit skin: frames of all patches at once, in one compiled call.
+
+It gives what each patch's `Conditioner` gives, which still learns, and which takes whatever else a sensor
+sends: other numbers, three axes, a smoothed response.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.frames import Array
+from tci.interface.conditioning import GAP, Conditioner
+from tci.interface.kernels.condition import CHANGED, FULL, HIGHEST, LOWEST, REST, ROWS, SIGN
+from tci.interface.kernels.octets import (
+    BENT,
+    BLOCK,
+    CHANGES,
+    DUE,
+    ELAPSED,
+    FIRST,
+    FRAMES,
+    IN_LESSON,
+    LEAST,
+    LOW,
+    SATURATED,
+    STAMP,
+    TAXELS,
+    feel,
+    set_limits,
+    spill,
+)
+from tci.interface.shear import AXES
+
+_NO_BYTES = np.zeros(0, np.uint8)
+_BYTES = np.arange(256, dtype=np.float32)
+
+
+class OctetSkin:
+    """The patches of a skin. `force` and `active` are of all patches, also of those that go the other way."""
+
+    def __init__(self, conditioners: Sequence[Conditioner], areas: Sequence[Array]) -> None:
+        """`areas` (n,) [m2] of each patch's taxels."""
+        self.conditioners = conditioners
+        sizes = [len(one.channels) for one in conditioners]
+        blocks = [-(-size // BLOCK) for size in sizes]
+        self.begins: list[int] = np.cumsum([0, *sizes]).tolist()
+        """Where the taxels of each patch begin (p + 1,)."""
+        first = np.cumsum([0, *blocks])
+        count, whole = self.begins[-1], int(first[-1])
+        ends = [_end(one) for one in conditioners]
+        self.takes = [end is not None for end in ends]
+        """Whether frames (p,) of bytes may come this way."""
+        self.channels = [one.patch.channels for one in conditioners]
+        nodes = [one.nodes for one in conditioners]
+        node = np.cumsum([0, *(one.shape[1] for one in nodes)])
+        self._table = np.array(
+            [
+                (
+                    self.begins[p], sizes[p], first[p], blocks[p], 255 if one.sign < 0 else 0, ends[p] or 0,
+                    np.array_equal(one.channels, np.arange(sizes[p])), node[p], nodes[p].shape[1],
+                    self.channels[p],
+                )
+                for p, one in enumerate(conditioners)
+            ],
+            np.int64,
+        ).reshape(-1, 10)  # fmt: skip
+        self._sensor = np.array([one.sensor for one in conditioners], np.float32).reshape(-1, 5)
+        self._offset = np.zeros(count, np.float32)
+        self._memory = np.zeros(ROWS * count, np.float32)
+        self._octets, self._words = (
+            np.zeros((7, BLOCK * whole), np.uint8),
+            np.zeros((2, BLOCK * whole), np.uint16),
+        )
+        self._octets[LOW] = 255
+        self._blocks, self._state = np.zeros((4, whole), np.int32), np.zeros((len(sizes), 10))
+        self._state[:, STAMP] = np.nan
+        self._room = sizes
+        none = np.zeros(0, np.int64)
+        self._indices = np.concatenate([none, *(one.channels for one in conditioners)])
+        self._gain = np.concatenate([np.zeros(0), *(one.gain for one in conditioners)])
+        self._nodes = np.ascontiguousarray(np.concatenate([np.zeros((2, 0)), *nodes], axis=1))
+        self._area = np.concatenate([np.zeros(0), *areas])
+        self.tables = (
+            self._table, self._sensor, self._offset, self._memory, self._octets, self._words, self._blocks,
+            self._state, self._indices, self._gain, self._nodes, self._area,
+        )  # fmt: skip
+        """What `feel` reads and remembers."""
+        self.force = np.zeros(count)
+        """Force (n,) [N] on every taxel now."""
+        self.active = np.zeros(count, np.int32)
+        """Taxels (n,) of each patch that feel something, from where the patch begins on."""
+        self.counts = np.zeros(len(sizes), np.int64)
+        """How many (p,) these are."""
+        self._same: list[object] = [None] * len(sizes)
+        self._seen = [0] * len(sizes)
+        self._still: set[int] = set()
+        for p, one in enumerate(conditioners):
+            if self.takes[p]:
+                one.memory = self._memory[ROWS * self.begins[p] : ROWS * self.begins[p + 1]].reshape(ROWS, -1)
+                self._load(p)
+
+    def feel(
+        self, which: list[int], values: list[NDArray[Any]], stamps: list[float]
+    ) -> tuple[NDArray[np.int32], Array, list[int], list[bool]]:
+        """Active taxels (m,) and pressure (m,) [Pa] on them in frames of the patches `which`, where each
+        one's end (k + 1,), and which of them are the same as the frame before, for which nothing is given."""
+        again = [v is self._same[p] for p, v in zip(which, values, strict=True)]
+        fresh = [v for v, same in zip(values, again, strict=True) if not same]
+        raw = (
+            np.concatenate(fresh)
+            if len(fresh) > 1
+            else np.ascontiguousarray(fresh[0])
+            if fresh
+            else _NO_BYTES
+        )
+        room = sum(self._room[p] for p, same in zip(which, again, strict=True) if not same)
+        taxels, pressure = np.empty(room, np.int32), np.empty(room)
+        ends = np.empty(len(which) + 1, np.int64)
+        due = feel(
+            raw, np.array([-1 - p if same else p for p, same in zip(which, again, strict=True)], np.int64),
+            np.array(stamps), GAP, *self.tables, self.force, self.active, self.counts, taxels, pressure, ends,
+        )  # fmt: skip
+        for p, v in zip(which, values, strict=True):
+            if self._seen[p] < 2:
+                self._seen[p] += 1
+            elif not v.flags.writeable and p not in self._still:
+                self._same[p] = v
+            else:
+                self._same[p] = None
+        if self._still:
+            self._revive([p for p, same in zip(which, again, strict=True) if p in self._still and not same])
+        if due:
+            for p in which:
+                if (
+                    self._state[p, ELAPSED] >= self._state[p, DUE]
+                    and self._state[p, IN_LESSON] >= self._state[p, LEAST]
+                ):
+                    self.sync(p)
+                    self.conditioners[p].learn()
+                    self._load(p)
+        return taxels, pressure, ends.tolist(), again
+
+    def put(self, p: int, force: Array) -> None:
+        """The force (n,) [N] on a patch that goes the other way."""
+        begin = self.begins[p]
+        active = np.flatnonzero(force)
+        self.force[begin : begin + len(force)] = force
+        self.active[begin : begin + len(active)] = active
+        self.counts[p] = len(active)
+
+    def retire(self, p: int) -> None:
+        """From now on a patch goes the other way."""
+        if self.takes[p]:
+            self.sync(p)
+            self.takes[p] = False
+
+    def sync(self, p: int) -> None:
+        """The patch's conditioner knows all that was seen until now."""
+        if self.takes[p]:
+            spill(
+                p, self._table, self._sensor, self._offset, self._memory, self._octets, self._words,
+                self._blocks, self._state,
+            )  # fmt: skip
+            state = self._state[p].tolist()
+            self.conditioners[p].resume(
+                stamp=None if np.isnan(state[STAMP]) else state[STAMP],
+                elapsed=state[ELAPSED],
+                frames=int(state[FRAMES]),
+                in_lesson=int(state[IN_LESSON]),
+                bends=int(state[BENT]),
+                saturated=int(state[SATURATED]),
+            )
+
+    def saturated(self, p: int) -> int:
+        """Taxels of a patch at the end of their range now."""
+        return int(self._state[p, SATURATED])
+
+    def rezero(self, p: int) -> None:
+        """What a patch reads now is rest."""
+        self.sync(p)
+        self.conditioners[p].rezero()
+        if self.takes[p]:
+            self._load(p)
+
+    def _load(self, p: int) -> None:
+        """Take over what the patch's conditioner has learnt."""
+        one = self.conditioners[p]
+        self._same[p] = None
+        self._offset[self.begins[p] : self.begins[p + 1]] = one.offset
+        state = self._state[p]
+        state[ELAPSED], state[DUE], state[IN_LESSON], state[BENT] = one.lesson
+        state[LEAST] = one.settings.baseline.frames
+        (self._still.add if one.still else self._still.discard)(p)
+        self.limit(p)
+
+    def limit(self, p: int) -> None:
+        """Find what is felt anew, from what a patch's conditioner has learnt."""
+        one = self.conditioners[p]
+        if not set_limits(
+            p, self._table, self._sensor, self._offset, one.threshold, one.silent, self._octets, self._blocks
+        ):
+            self.retire(p)  # a taxel that feels something whatever it reads
+
+    def _revive(self, patches: list[int]) -> None:
+        for p in patches:
+            first, size = BLOCK * self._table[p, FIRST], self._table[p, TAXELS]
+            changed = self._octets[CHANGES, first : first + size] > 0
+            self.conditioners[p].revive(changed | (self.conditioners[p].memory[CHANGED] > 0.0))
+            self.limit(p)
+
+
+def _end(one: Conditioner) -> int | None:
+    """The largest turned byte that is not at the end of the range; None where frames can't come this way: a
+    sensor that can't send some bytes, or all of whose bytes are its end."""
+    lowest, highest = one.sensor[LOWEST], one.sensor[HIGHEST]
+    if one.patch.sensor.axes == AXES or one.settings.latency > 0.0 or lowest > 0.0 or highest < 255.0:
+        return None
+    raw = _BYTES if one.sign > 0 else _BYTES[::-1]
+    signal = one.sensor[SIGN] * (raw - one.sensor[REST])
+    below = int(np.count_nonzero(signal < one.sensor[FULL]))
+    return below - 1 if below else None

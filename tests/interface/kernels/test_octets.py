@@ -1,0 +1,125 @@
+"""Frames of 8-bit patches at once give what each conditioner gives: bit for bit, also after lessons."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tci.interface.conditioning import Conditioner, ConditioningSettings
+from tci.interface.octet_skin import OctetSkin
+from tci.model.catalogue import load_robot
+from tci.model.description import Patch
+
+PATCH = load_robot("nao").patch("left_forearm")
+CURVE = ((0.0, 0.0), (10.0, 1e3), (100.0, 3e4), (300.0, 5e4))
+SIZES = (1, 63, 64, 150)
+
+
+def patch(size: int, **sensor: object) -> Patch:
+    return PATCH.model_copy(update={"channels": size + 5, "sensor": PATCH.sensor.model_copy(update=sensor)})
+
+
+def conditioners(seed: int) -> list[Conditioner]:
+    random = np.random.default_rng(seed)
+    sensors: list[dict[str, object]] = [
+        {"rest": 240.0, "pascal_per_count": -420.0},
+        {"rest": 20.0, "pascal_per_count": 100.0},
+        {"rest": 240.0, "pascal_per_count": -420.0, "noise": 0.5},
+        {"rest": 30.0, "pascal_per_count": 1.0, "response": CURVE},
+    ]
+    made = []
+    for size, sensor in zip(SIZES, sensors, strict=True):
+        straight = size == 64
+        channels = np.arange(size) if straight else random.permutation(size + 5)[:size]
+        pairs = np.stack([np.arange(size - 1), np.arange(1, size)], axis=1)
+        made.append(Conditioner(patch(size, **sensor), channels, neighbours=pairs))
+    return made
+
+
+def frame(one: Conditioner, random: np.random.Generator, before: np.ndarray, kind: int) -> np.ndarray:
+    """Unchanged, flickering, touched or wild."""
+    size, sensor = one.patch.channels, one.patch.sensor
+    values = np.full(size, sensor.rest)
+    if kind == 0:
+        return before.copy()
+    if kind > 1:
+        values[random.integers(0, size) :][:20] += np.sign(sensor.pascal_per_count) * random.integers(0, 250)
+    values = values + random.normal(0.0, 1.0, size)
+    return (
+        random.integers(0, 256, size).astype(np.uint8)
+        if kind == 5
+        else np.clip(values, 0, 255).astype(np.uint8)
+    )
+
+
+def dense(whole: OctetSkin, p: int, taxels: np.ndarray, pressure: np.ndarray) -> np.ndarray:
+    result = np.zeros(SIZES[p])
+    result[taxels] = pressure
+    np.testing.assert_array_equal(result, whole.force[whole.begins[p] : whole.begins[p + 1]])
+    assert whole.active[whole.begins[p] :][: whole.counts[p]].tolist() == taxels.tolist()
+    return result
+
+
+@settings(max_examples=20)
+@given(seed=st.integers(0, 100_000), calm=st.booleans(), period=st.sampled_from([0.02, 0.004]))
+def test_all_at_once_is_each_alone(seed: int, calm: bool, period: float) -> None:
+    random = np.random.default_rng(seed)
+    alone, together = conditioners(seed), conditioners(seed)
+    whole = OctetSkin(together, [np.ones(size) for size in SIZES])
+    assert whole.takes == [True] * len(SIZES)
+    last = [np.full(one.patch.channels, int(one.patch.sensor.rest), np.uint8) for one in alone]
+    felt = [np.zeros(size) for size in SIZES]
+    for count in range(300):
+        which = [p for p in range(len(SIZES)) if random.random() < 0.9]
+        for p in which:
+            if random.random() < 0.8:
+                kind = int(random.choice([0, 0, 0, 0, 2] if calm else [0, 1, 2, 5]))
+                last[p] = frame(alone[p], random, last[p], kind)
+                last[p].setflags(write=bool(random.random() < 0.5))
+        stamp = period * count
+        taxels, pressure, ends, again = whole.feel(which, [last[p] for p in which], [stamp] * len(which))
+        for k, p in enumerate(which):
+            expected = alone[p].pressure(last[p], stamp)
+            if not again[k]:
+                felt[p] = dense(whole, p, taxels[ends[k] : ends[k + 1]], pressure[ends[k] : ends[k + 1]])
+            np.testing.assert_array_equal(felt[p], expected)
+            np.testing.assert_array_equal(together[p].masked, alone[p].masked)
+            np.testing.assert_array_equal(together[p].baseline.offset, alone[p].baseline.offset)
+            np.testing.assert_array_equal(together[p].baseline.noise, alone[p].baseline.noise)
+            assert whole.saturated(p) == alone[p].health.saturated
+        if count == 200:
+            for p in range(len(SIZES)):
+                whole.rezero(p)
+                alone[p].rezero()
+
+
+def test_what_was_silent_for_long_is_believed_again_when_it_changes() -> None:
+    random = np.random.default_rng(3)
+    alone, together = conditioners(3)[2], conditioners(3)[2]
+    whole = OctetSkin([together], [np.ones(SIZES[2])])
+    channel = alone.channels[7]
+    for count in range(5000):
+        values = frame(alone, random, np.zeros(0), 1)
+        if 100 < count < 4500:
+            values[channel] = 100
+        expected = alone.pressure(values, 0.02 * count)
+        taxels, pressure, (_, end), _ = whole.feel([0], [values], [0.02 * count])
+        felt = np.zeros(SIZES[2])
+        felt[taxels[:end]] = pressure[:end]
+        np.testing.assert_array_equal(felt, expected)
+        np.testing.assert_array_equal(together.masked, alone.masked)
+        if count == 4400:
+            assert alone.masked[7]
+    assert not alone.masked[7]
+
+
+@pytest.mark.parametrize(
+    ("sensor", "words"),
+    [({"lowest": 1.0}, {}), ({"highest": 200.0}, {}), ({"axes": 3}, {}), ({}, {"latency": 0.1})],
+    ids=["lowest", "highest", "axes", "latency"],
+)
+def test_what_does_not_go_this_way(sensor: dict[str, object], words: dict[str, float]) -> None:
+    one = Conditioner(patch(9, **sensor), np.arange(9), settings=ConditioningSettings(**words))  # type: ignore[arg-type]
+    assert OctetSkin([one], [np.ones(9)]).takes == [False]

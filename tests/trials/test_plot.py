@@ -111,4 +111,4 @@ def test_a_film_shows_the_run(tmp_path: Path) -> None:
         with pytest.raises(CommandError, match="exists"):
             Film(link.world, path, fields=(), part="left_arm")
         with pytest.raises(UnknownNameError, match="valid: gif, webp, png"):
-            Film(link.world, tmp_path / "run.mp4", fields=(), part="left_arm")
+            Film(link.world, tmp_path / "run.avi", fields=(), part="left_arm")

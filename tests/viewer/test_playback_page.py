@@ -52,6 +52,12 @@ def test_play_pause_and_scrub(player: Player, page: Page) -> None:
     page.get_by_text("left forearm, flexor side").first.wait_for()
     page.get_by_text("commands pass, within limits").wait_for()
 
+    time.fill("0")
+    time.press("Enter")
+    wait_for(lambda: player.time == player.begin, "it is at the begin")
+    page.get_by_role("button", name="Next touch").click()
+    wait_for(lambda: abs(player.time - (touch.began - 0.2)) < 1e-6, "it is shortly before the touch")
+
     field(page, "speed").click()
     page.get_by_role("option", name="0.1", exact=True).click()
     wait_for(lambda: player.speed == 0.1, "the speed is set")

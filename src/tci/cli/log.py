@@ -77,7 +77,11 @@ def cut(
         raise RecordingError(f"{out} exists; valid: a name that is free")
     if not begin < end:
         raise RecordingError(f"from {begin} s to {end} s; valid: an end after the begin")
-    about = Recording(file).about
+    recording = Recording(file)
+    first, last = recording.span()
+    if begin > last or end <= first:
+        raise RecordingError(f"nothing from {begin} to {end} s; valid: {first:.3f} to {last:.3f} s")
+    about = recording.about
     try:
         robot = load_robot(about.get("robot", "")) if "/" not in about.get("robot", "/") else None
     except Exception:  # a robot that is not installed here: no clouds of points then

@@ -89,6 +89,16 @@ class Recording:
         except (KeyError, ValueError):
             return None
 
+    def span(self) -> tuple[float, float]:
+        """Times [s] of the first and the last message on the recording's clock. Reads the whole file.
+
+        Raises RecordingError for one without messages.
+        """
+        stamps = [stamp for _, _, stamp, _ in self.messages()]
+        if not stamps:
+            raise RecordingError(f"{self.path} has no message")
+        return min(stamps) * 1e-9, max(stamps) * 1e-9
+
     def counts(self) -> dict[str, int]:
         """How many messages each topic has. Reads the whole file."""
         return dict(Counter(topic for topic, *_ in self.messages()))

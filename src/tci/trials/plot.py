@@ -67,7 +67,8 @@ def collect(
     """
     chosen = [period for period in periods if begin <= period.now <= end]
     if not chosen:
-        raise RecordingError(f"no period from {begin} to {end} s")
+        there = f"; valid: {periods[0].now:.3f} to {periods[-1].now:.3f} s" if periods else ""
+        raise RecordingError(f"no period from {begin} to {end} s{there}")
     touches = find_touches(chosen)
     arms = [known.name for known in robot.parts if known.kind == "arm"] or [p.name for p in robot.parts]
     part = part or (touches[0].part if touches else arms[0])

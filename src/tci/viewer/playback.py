@@ -13,6 +13,8 @@ from tci.viewer.player import Player
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "5")
 MINE = 0.5
 """How long [s] the slider stays where a person put it before it follows again. Ours."""
+BEFORE = 0.2
+"""How long [s] before a touch `Next touch` goes. Ours."""
 STEP = 0.01
 """Finest step of the slider [s]."""
 
@@ -28,6 +30,8 @@ class Playback:
         self._button = gui.add_button("Pause")
         self.slider = gui.add_slider("time [s]", 0.0, max(round(longest, 2), STEP), STEP, 0.0)
         self._speed = gui.add_dropdown("speed", SPEEDS, initial_value="1")
+        began = sorted(touch.began - player.begin for player in players for touch in player.touches)
+        jump = gui.add_button("Next touch", disabled=not began)
 
         @self._button.on_click
         def _(_: object) -> None:
@@ -43,6 +47,14 @@ class Playback:
             for player in self._players:
                 player.pause()
                 player.seek(player.begin + float(self.slider.value))
+
+        @jump.on_click
+        def _(_: object) -> None:
+            now = players[0].time - players[0].begin
+            following = [moment for moment in began if moment - BEFORE > now + STEP]
+            moment = (following or began)[0] - BEFORE
+            for player in self._players:
+                player.seek(player.begin + moment)
 
         @self._speed.on_update
         def _(_: object) -> None:

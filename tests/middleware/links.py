@@ -22,6 +22,7 @@ from tci.middleware.lcm_datagrams import parse_url
 from tci.middleware.link import Link
 from tci.middleware.ros1 import Ros1Node
 from tci.middleware.ros2_dds import DdsNode
+from tci.middleware.rosbridge import RosbridgeNode, parse
 from tci.middleware.simulated import SimulatedLink
 from tci.middleware.yarp.carrier import FAST_TCP
 from tci.middleware.yarp.names import Names
@@ -258,6 +259,34 @@ class Ros1(Process):
         garbage_on(Ros1Node("stranger"), self.via.removeprefix("ros1:"), messages)
 
 
+class Rosbridge(Process):
+    """Behind a rosbridge server."""
+
+    relay: subprocess.Popen[str] | None = None
+
+    def __init__(self) -> None:
+        super().__init__(lambda: f"rosbridge:127.0.0.1:{self.port}{anywhere()}")
+
+    def start(self) -> None:
+        self.relay = subprocess.Popen(
+            [sys.executable, str(SERVED.with_name("rosbridge_relay.py"))],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        assert self.relay.stdout is not None
+        self.port = int(self.relay.stdout.readline())
+        super().start()
+
+    def disturb(self, messages: list[bytes]) -> None:
+        host, port, namespace = parse(self.via.removeprefix("rosbridge:"))
+        garbage_on(RosbridgeNode(host, port), namespace, messages)
+
+    def stop(self) -> None:
+        super().stop()
+        if self.relay is not None:
+            self.relay.kill()
+            self.relay.communicate()
+
+
 def free_port() -> int:
     """A TCP port of the loopback that nobody has."""
     with socket.socket() as probe:
@@ -280,5 +309,6 @@ PEERS: dict[str, Callable[[], Peer]] = {
     "ros2": Ros2,
     "ros1": Ros1,
     "player": Player,
+    "rosbridge": Rosbridge,
 }
 """Every link, by name."""

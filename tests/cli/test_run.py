@@ -20,7 +20,8 @@ def kinds(told: dict[str, list[dict[str, str]]]) -> list[str]:
 def test_a_poke_is_answered() -> None:
     told = json.loads(tci(*POKED, "--json"))
     assert told["worst"] == told["state"] == "run"
-    assert kinds(told) == ["command"]
+    assert kinds(told) == ["touch", "command"]
+    assert told["faults"] == []
     assert told["loop"]["ticks"] == 350
     assert told["gate"]["refusals"] == 0
 
@@ -28,12 +29,16 @@ def test_a_poke_is_answered() -> None:
 def test_a_stall_stops_the_robot_and_the_status_says_so() -> None:
     told = json.loads(tci(*POKED, "--fault", "stall@0.32", "--json", status=1))
     assert told["worst"] == told["state"] == "stop"
-    assert kinds(told)[-2:] == ["FAULT", "STOP"]
-    fault, stop = told["events"][-2:]
+    assert kinds(told)[-3:] == ["FAULT", "STOP", "at rest"]
+    fault, stop = told["events"][-3:-1]
     assert fault["time_s"] == pytest.approx(0.32, abs=0.005)
     assert "fault 21" in fault["words"]
     assert "expected: following-error STOP" in fault["words"]
     assert "does not follow" in stop["words"]
+    (outcome,) = told["faults"]
+    assert (outcome["fault"], outcome["answer"]) == ("stall", "STOP")
+    assert outcome["after_s"] == pytest.approx(stop["time_s"] - 0.32, abs=0.005)
+    assert "does not follow" in outcome["why"]
 
 
 def test_a_person_sees_what_happened_and_why_the_robot_holds() -> None:
@@ -42,7 +47,17 @@ def test_a_person_sees_what_happened_and_why_the_robot_holds() -> None:
     held = text.index("HOLD")
     assert "ms old" in text[held:]
     assert "clears by itself" in text[held:]
-    assert text.index("RUN", held) > held, "it goes on"
+    assert held < text.index("at rest") < text.index("over") < text.index("RUN", held), "it goes on"
+    assert "HOLD 50 ms after dropped-frames" in " ".join(text[text.index("outcome") :].split())
+
+
+def test_a_rehearsal_lasts_until_the_fault_can_show() -> None:
+    told = json.loads(tci("demo", "--robot", "nao", "--fault", "dead-patch@5", "--json", status=1))
+    (outcome,) = told["faults"]
+    assert outcome["answer"] == "STOP"
+    assert 59.0 < outcome["after_s"] < 62.0
+    assert "is blind" in outcome["why"]
+    assert kinds(told)[-3:] == ["MASK", "STOP", "at rest"]
 
 
 def test_faults_can_be_combined_and_a_killed_thread_ends_it() -> None:
@@ -58,6 +73,7 @@ def test_faults_can_be_combined_and_a_killed_thread_ends_it() -> None:
     [
         (("run", "withdrawl", "--robot", "nao"), "withdrawal"),
         (("run", "withdrawal", "--robot", "nao", "--fault", "plague@1"), "stall"),
+        (("run", "withdrawal", "--robot", "nao", "--fault", "stal@1"), "did you mean stall?"),
         (("run", "withdrawal", "--robot", "nao", "--fault", "stall"), "NAME@TIME:DURATION"),
         (("run", "withdrawal", "--robot", "nao", "--via", "nowhere"), "sim"),
     ],

@@ -91,7 +91,7 @@ def demo(
         from tci.cli.run import run_capability
 
         run_capability(
-            "withdrawal", (robot or ["nao"])[0], duration=1.5, poke=True, faults=fault, as_json=as_json
+            "withdrawal", (robot or ["nao"])[0], rehearsal=True, poke=True, faults=fault, as_json=as_json
         )
         return
     from tci.cli.demo import demo as command

@@ -3,27 +3,26 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Sequence
+import threading
+from collections.abc import Iterator, Sequence
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rich.live import Live
 from rich.markup import escape
-from rich.text import Text
 
 from tci.capabilities.capability import Capability
 from tci.capabilities.fields import default_fields
 from tci.cli.console import console, print_json
 from tci.cli.record import about_capability, recorder_for, summary
+from tci.cli.teller import COLOURS, Teller
 from tci.errors import CommandError, UnknownNameError
 from tci.interface.gate import GateState
 from tci.interface.places import find_place
 from tci.interface.skin import Skin
-from tci.messages import GenericCommand, Mode
-from tci.middleware.fault_list import FAULTS
 from tci.middleware.faulty import FaultyLink, parse_fault
-from tci.middleware.injectors import INJECTORS
+from tci.middleware.injectors import INJECTORS, THREAD
 from tci.middleware.link import Link
 from tci.middleware.replay import ReplayLink
 from tci.middleware.simulated import SimulatedLink
@@ -39,12 +38,10 @@ if TYPE_CHECKING:
 GROUP = "tci.capabilities"
 HARMLESS = ("sim", "replay")
 """Links behind which nothing moves; they are armed without being asked."""
-COLOURS = {GateState.RUN: "green", GateState.HOLD: "yellow", GateState.STOP: "bold red"}
-MEANING = {
-    GateState.RUN: "commands pass, within limits",
-    GateState.HOLD: "the robot stops and keeps its position; clears by itself",
-    GateState.STOP: "the robot stops and stays stopped until an operator resets it",
-}
+REHEARSAL = 1.5
+"""Least length [s] of a rehearsal: one poke and its answer."""
+FLICKER = 0.4
+"""Counts by which simulated skin flickers in a rehearsal: most values stay, some change by one."""
 POKE_DELAY = 0.3
 """Time [s] from the start to the finger's touch."""
 
@@ -56,76 +53,6 @@ def load_capability(name: str) -> Capability[Any]:
         raise UnknownNameError("capability", name, sorted(points))
     capability: Capability[Any] = points[name].load()()
     return capability
-
-
-class Teller:
-    """Prints what changes, and keeps one line about now."""
-
-    def __init__(self, link: Link, report: LoopReport, live: Live | None) -> None:
-        self.events: list[dict[str, Any]] = []
-        """All that was told: time [s], kind and words."""
-        self.worst = GateState.RUN
-        """STOP once there was one, else HOLD once there was one."""
-        self._link, self._report, self._live = link, report, live
-        self._state = (GateState.RUN, "")
-        self._told_faults = 0
-        self._refused = ""
-        self._modes: dict[str, Mode] = {}
-
-    def see(self, tick: Tick) -> None:
-        """One tick of the loop."""
-        self.tell_faults(tick.now)
-        state = tick.sent.state
-        if (state, tick.sent.reason if state is GateState.STOP else "") != self._state:
-            self._state = (state, tick.sent.reason if state is GateState.STOP else "")
-            reason = tick.sent.reason or "all is well again"
-            self.tell(tick.now, state.name, f"{reason} ({MEANING[state]})", COLOURS[state])
-        if state is GateState.STOP or self.worst is GateState.RUN:
-            self.worst = state
-        for command in tick.commands:
-            if isinstance(command, GenericCommand) and not self._refuses(tick):
-                self._command(tick.now, command)
-        if self._live is not None:
-            self._live.update(self._line(tick))
-
-    def tell_faults(self, now: float) -> None:
-        """Faults that began since the last call."""
-        if isinstance(self._link, FaultyLink):
-            for plan in self._link.begun[self._told_faults :]:
-                expected = FAULTS[INJECTORS[plan.name].number].expected
-                self.tell(
-                    now, "FAULT", f"{plan}: {INJECTORS[plan.name].says}; expected: {expected}", "magenta"
-                )
-            self._told_faults = len(self._link.begun)
-
-    def tell(self, now: float, kind: str, words: str, colour: str) -> None:
-        """One line that stays."""
-        self.events.append({"time_s": round(now, 4), "kind": kind, "words": words})
-        if self._live is not None:
-            console.print(f"{now:8.3f} s  [{colour}]{kind:<7}[/]  {escape(words)}", highlight=False)
-
-    def _refuses(self, tick: Tick) -> bool:
-        refused = "; ".join(tick.sent.refusals)
-        if refused and refused != self._refused:
-            self.tell(tick.now, "refused", refused, "yellow")
-        self._refused = refused
-        return bool(refused)
-
-    def _command(self, now: float, command: GenericCommand) -> None:
-        if self._modes.get(command.part) is not command.mode:
-            self._modes[command.part] = command.mode
-            self.tell(now, "command", f"{command.part} in {command.mode.value} mode", "cyan")
-
-    def _line(self, tick: Tick) -> Text:
-        state = tick.sent.state
-        line = Text(f"{tick.now:8.3f} s  ")
-        line.append(f" {state.name} ", style=f"reverse {COLOURS[state]}")
-        counts = self._link.gate.counts
-        line.append(
-            f"  contacts {len(tick.perception.contacts)}  clamps {sum(counts.clamps.values())}  "
-            f"refusals {counts.refusals}  overruns {self._report.overruns}"
-        )
-        return line
 
 
 def run_capability(
@@ -140,14 +67,19 @@ def run_capability(
     record: Path | None = None,
     film: Path | None = None,
     as_json: bool = False,
+    rehearsal: bool = False,
 ) -> None:
     """Run, tell, and exit with status 1 when the gate has stopped.
+
+    A `rehearsal` is as long as its faults need, and the simulated skin flickers as a real one does.
 
     Raises UnknownNameError, LinkError, CommandError for a fault or a poke that can't be, and what the
     capability raises.
     """
     capability = load_capability(name)
     plans = [parse_fault(fault) for fault in faults]
+    if rehearsal:
+        duration = max(REHEARSAL, *(plan.at + INJECTORS[plan.name].shows_after + 1.0 for plan in plans))
     link = connect(load_robot(robot), via, arm=arm or via.partition(":")[0] in HARMLESS)
     report = LoopReport()
     error: BaseException | None = None
@@ -161,7 +93,8 @@ def run_capability(
             poke_forearm(link)
         filmed = _film(inner, film) if film is not None else None
         if plans:
-            link = FaultyLink(link, plans)
+            closing.enter_context(quiet_rehearsals())
+            link = FaultyLink(link, plans, flicker=FLICKER if rehearsal else 0.0)
         shown: contextlib.AbstractContextManager[Live | None] = (
             contextlib.nullcontext()
             if as_json
@@ -195,6 +128,7 @@ def run_capability(
         "state": link.gate.state.value,
         "worst": teller.worst.value,
         "events": teller.events,
+        "faults": teller.outcome(),
         "gate": {"holds": counts.holds, "stops": counts.stops, "refusals": counts.refusals,
                  "clamps": dict(counts.clamps), "near_misses": counts.near_misses},
         "loop": report.to_json(),
@@ -208,6 +142,7 @@ def run_capability(
     if as_json:
         print_json(told)
     else:
+        teller.conclude()
         console.print(
             f"{report.ticks} periods, {report.overruns} overruns ({report.missed} missed); "
             f"work p50 {report.work.quantile(0.5) * 1e3:.2f}, "
@@ -222,6 +157,22 @@ def run_capability(
         raise SystemExit(error.code if isinstance(error, SystemExit) else 130)
     if teller.worst is GateState.STOP:
         raise SystemExit(1)
+
+
+@contextlib.contextmanager
+def quiet_rehearsals() -> Iterator[None]:
+    """A thread that fails on purpose leaves no traceback: what came of it is told."""
+    usual = threading.excepthook
+
+    def hook(told: threading.ExceptHookArgs) -> None:
+        if told.thread is None or told.thread.name != THREAD:
+            usual(told)
+
+    threading.excepthook = hook
+    try:
+        yield
+    finally:
+        threading.excepthook = usual
 
 
 def _said(recorder: Recorder | None, link: Link) -> list[str]:

@@ -8,13 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
+
+import numpy as np
 
 from tci.errors import CommandError
+from tci.frames import read_only
 from tci.interface.gate import SafeCommand
-from tci.messages import Reading
+from tci.messages import Reading, SkinFrame
 from tci.middleware.fault_list import FAULTS
 from tci.middleware.injectors import INJECTORS, Injector
 from tci.middleware.link import Link
+
+SWITCH = 16
+"""A sensor with fewer counts is a switch: it does not flicker."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,21 +48,29 @@ def parse_fault(text: str) -> FaultPlan:
     name, _, times = text.partition("@")
     at, _, lasts = times.partition(":")
     if name not in INJECTORS:
-        raise CommandError(f"no fault named {name!r}; valid: {', '.join(INJECTORS)}")
+        alike = get_close_matches(name, INJECTORS, n=1)
+        guess = f"; did you mean {alike[0]}?" if alike else ""
+        raise CommandError(f"no fault named {name!r}{guess}; valid: {', '.join(INJECTORS)}")
     try:
         plan = FaultPlan(name, float(at), float(lasts) if lasts else float("inf"))
     except ValueError:
         plan = FaultPlan(name, float("nan"))
     if not (0.0 <= plan.at < float("inf") and plan.lasts > 0.0):
-        raise CommandError(f"fault {text!r}; valid: NAME@TIME or NAME@TIME:DURATION, in seconds")
+        raise CommandError(
+            f"fault {text!r}; valid: NAME@TIME or NAME@TIME:DURATION, in seconds, as in {name}@0.32"
+        )
     return plan
 
 
 class FaultyLink(Link):
     """Another link, with faults. It shares that link's gate, clock and lease."""
 
-    def __init__(self, inner: Link, plans: Sequence[FaultPlan]) -> None:
+    def __init__(self, inner: Link, plans: Sequence[FaultPlan], *, flicker: float = 0.0) -> None:
+        """Each raw value of the skin flickers by `flicker` counts (standard deviation), as real ones do and
+        simulated ones do not: where nothing flickers, nobody can tell a dead taxel from one at rest."""
         self.inner = inner
+        self._flicker, self._random = flicker, np.random.default_rng(0)
+        self._frames: dict[str, SkinFrame] = {}
         self.robot, self.clock, self.armed = inner.robot, inner.clock, inner.armed
         self.period, self.gate, self.lease_name = inner.period, inner.gate, inner.lease_name
         self.keep_alive, self.about = inner.keep_alive, inner.about
@@ -82,6 +97,8 @@ class FaultyLink(Link):
 
     def _receive(self) -> Reading:
         reading = self.inner.read()
+        if self._flicker:
+            reading = replace(reading, skin=tuple(map(self._flickering, reading.skin)))
         now = self.clock.now()
         if self._start is None:
             self._start = now
@@ -98,6 +115,18 @@ class FaultyLink(Link):
         for _, injector in self._active:
             frozen = injector.read(frozen)
         return frozen
+
+    def _flickering(self, frame: SkinFrame) -> SkinFrame:
+        """The frame with noise: the same noise whenever it is read again."""
+        sensor = self.robot.patch(frame.patch).sensor
+        if sensor.highest - sensor.lowest < SWITCH:
+            return frame
+        last = self._frames.get(frame.patch)
+        if last is None or last.sequence != frame.sequence:
+            noise = self._flicker * self._random.standard_normal(len(frame.values))
+            values = np.clip(np.rint(frame.values.astype(float) + noise), sensor.lowest, sensor.highest)
+            last = self._frames[frame.patch] = replace(frame, values=read_only(values))
+        return last
 
     def _send(self, safe: SafeCommand) -> None:
         self.inner._send(safe)

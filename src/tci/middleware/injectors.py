@@ -20,6 +20,8 @@ from tci.messages import JointReading, Mode, Reading, SkinFrame
 from tci.middleware.link import Link
 
 HOUR = 3600.0
+THREAD = "rehearsal"
+"""Name of a thread that fails on purpose."""
 INJECTORS: dict[str, type[Injector]] = {}
 """Every injector by its name."""
 
@@ -31,6 +33,8 @@ class Injector(ABC):
     """Its number in the catalogue."""
     says: ClassVar[str]
     """What happens, for `tci fault list`."""
+    shows_after: ClassVar[float] = 0.0
+    """How long [s] it may take until anybody can know."""
 
     def __init__(self, link: Link, first: Reading) -> None:
         """The fault begins: `first` is the last sound reading."""
@@ -86,6 +90,7 @@ class StuckHigh(_Taxels, name="taxel-stuck-high"):
 
     number = 1
     says = "one taxel of the first patch reports the hardest touch for ever"
+    shows_after = 62.0
 
     def change(self, values: Array, pressed: float, rest: float) -> Array:
         values[0] = pressed
@@ -97,6 +102,7 @@ class StuckLow(_Taxels, name="taxel-stuck-low"):
 
     number = 2
     says = "one taxel of the first patch reports rest for ever"
+    shows_after = 62.0
 
     def change(self, values: Array, pressed: float, rest: float) -> Array:
         values[0] = rest
@@ -108,6 +114,7 @@ class DeadPatch(_Taxels, name="dead-patch"):
 
     number = 3
     says = "the first patch reports zeros"
+    shows_after = 62.0
 
     def change(self, values: Array, pressed: float, rest: float) -> Array:
         return np.zeros_like(values)
@@ -140,6 +147,7 @@ class BaselineStep(_Taxels, name="baseline-step"):
 
     number = 7
     says = "all taxels of the first patch read a fifth of their range more than before"
+    shows_after = 32.0
 
     def change(self, values: Array, pressed: float, rest: float) -> Array:
         stepped: Array = values + 0.2 * (pressed - rest)
@@ -365,7 +373,7 @@ class ThreadFails(Injector, name="thread-fails"):
         def fail() -> None:
             raise RuntimeError("a thread failed on purpose")
 
-        thread = threading.Thread(target=fail, name="rehearsal")
+        thread = threading.Thread(target=fail, name=THREAD)
         thread.start()
         thread.join()
 

@@ -1,0 +1,183 @@
+"""What a run tells a person: what changes, why the robot holds, and what came of each fault."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from rich.console import RenderableType
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from tci.cli.console import console
+from tci.interface.gate import GateState
+from tci.messages import GenericCommand, Mode
+from tci.middleware.fault_list import FAULTS
+from tci.middleware.faulty import FaultPlan, FaultyLink
+from tci.middleware.injectors import INJECTORS
+from tci.middleware.link import Link
+from tci.runtime.loop import Tick
+from tci.runtime.loop_report import LoopReport
+
+COLOURS = {GateState.RUN: "green", GateState.HOLD: "yellow", GateState.STOP: "bold red"}
+MEANING = {
+    GateState.RUN: "commands pass, within limits; what was running before is forgotten",
+    GateState.HOLD: "the robot stops and keeps its position; clears by itself",
+    GateState.STOP: "the robot stops and stays stopped until an operator resets it",
+}
+LULL = 0.5
+"""A touch of a place that was touched less long ago [s] is not told again."""
+STILL = 1e-6
+"""Commanded speed [rad/s] that is only rounding."""
+
+
+class Teller:
+    """Prints what changes, and keeps one line about now."""
+
+    def __init__(self, link: Link, report: LoopReport, live: Live | None) -> None:
+        self.events: list[dict[str, Any]] = []
+        """All that was told: time [s], kind and words."""
+        self.worst = GateState.RUN
+        """STOP once there was one, else HOLD once there was one."""
+        self._link, self._report, self._live = link, report, live
+        self._state = (GateState.RUN, "")
+        self._begun: list[tuple[float, FaultPlan]] = []
+        self._over: set[FaultPlan] = set()
+        self._refused = ""
+        self._modes: dict[str, Mode] = {}
+        self._contacts: set[int] = set()
+        self._touched: dict[str, float] = {}
+        self._masked: dict[str, int] = {}
+        self._ended: float | None = None
+
+    def see(self, tick: Tick) -> None:
+        """One tick of the loop."""
+        self.tell_faults(tick.now)
+        self._touches(tick)
+        self._skin(tick)
+        state = tick.sent.state
+        if (state, tick.sent.reason if state is GateState.STOP else "") != self._state:
+            self._state = (state, tick.sent.reason if state is GateState.STOP else "")
+            reason = tick.sent.reason or "all is well again"
+            self.tell(tick.now, state.name, f"{reason} ({MEANING[state]})", COLOURS[state])
+            self._ended = None if state is GateState.RUN else self._ended or tick.now
+        if state is GateState.STOP or self.worst is GateState.RUN:
+            self.worst = state
+        if self._ended is not None and not (np.abs(tick.sent.velocity) > STILL).any():
+            late = (tick.now - self._ended) * 1e3
+            self.tell(tick.now, "at rest", f"all servos were told to stand still within {late:.0f} ms", "dim")
+            self._ended = None
+        for command in tick.commands:
+            if isinstance(command, GenericCommand) and not self._refuses(tick):
+                self._command(tick.now, command)
+        if self._live is not None:
+            self._live.update(self._line(tick))
+
+    def tell_faults(self, now: float) -> None:
+        """Faults that began or ended since the last call."""
+        if not isinstance(self._link, FaultyLink):
+            return
+        for plan in self._link.begun[len(self._begun) :]:
+            self._begun.append((now, plan))
+            expected = FAULTS[INJECTORS[plan.name].number].expected
+            self.tell(now, "FAULT", f"{plan}: {INJECTORS[plan.name].says}; expected: {expected}", "magenta")
+        for begin, plan in self._begun:
+            if plan not in self._over and now - begin >= plan.lasts:
+                self._over.add(plan)
+                self.tell(now, "over", f"{plan.name} has ended", "magenta")
+
+    def tell(self, now: float, kind: str, words: str, colour: str) -> None:
+        """One line that stays."""
+        self.events.append({"time_s": round(now, 4), "kind": kind, "words": words})
+        if self._live is not None:
+            console.print(_row(f"{now:8.3f} s", kind, words, colour))
+
+    def outcome(self) -> list[dict[str, Any]]:
+        """Of each fault: when it began, what is expected, and what the gate did first after it."""
+        told = []
+        for begin, plan in self._begun:
+            after = [event for event in self.events if event["time_s"] >= round(begin, 4)]
+            kinds = (("HOLD", "STOP"), ("MASK",))
+            answers = [event for among in kinds for event in after if event["kind"] in among]
+            first = answers[0] if answers else None
+            told.append(
+                {
+                    "fault": plan.name,
+                    "began_s": round(begin, 4),
+                    "expected": FAULTS[INJECTORS[plan.name].number].expected,
+                    "answer": first and first["kind"],
+                    "after_s": first and max(0.0, round(first["time_s"] - begin, 4)),
+                    "why": first and first["words"].partition(" (")[0],
+                }
+            )
+        return told
+
+    def conclude(self) -> None:
+        """One line for each fault: what came of it."""
+        for one in self.outcome():
+            shows = INJECTORS[one["fault"]].shows_after
+            if one["answer"]:
+                after = one["after_s"]
+                late = f"{after * 1e3:.0f} ms" if after < 1.0 else f"{after:.1f} s"
+                words = f"{one['answer']} {late} after {one['fault']}: {one['why']}"
+            elif shows:
+                words = (
+                    f"{one['fault']}: nothing had to be done. It takes {shows:g} s until it can be known, of "
+                    f"skin that was felt for some seconds before, as with {one['fault']}@5"
+                )
+            else:
+                words = f"{one['fault']}: the gate saw no reason to hold"
+            console.print(_row("", "outcome", f"{words}; expected: {one['expected']}", "bold"))
+
+    def _touches(self, tick: Tick) -> None:
+        contacts = {contact.identity: contact for contact in tick.perception.contacts}
+        for contact in (contacts[identity] for identity in contacts.keys() - self._contacts):
+            where = f"{contact.segment} of {contact.part}" if contact.segment else contact.part
+            if tick.now - self._touched.get(where, -np.inf) > LULL:
+                self.tell(tick.now, "touch", where, "blue")
+            self._touched[where] = tick.now
+        self._contacts = {*contacts}
+
+    def _skin(self, tick: Tick) -> None:
+        for name, patch in tick.skin.patches.items():
+            masked = 0 if patch.masked is None else int(np.count_nonzero(patch.masked))
+            if masked != self._masked.get(name, 0):
+                self._masked[name] = masked
+                count = len(patch.pressure)
+                others = "no other is left" if masked == count else "the others are used"
+                words = f"{name}: {masked} of {count} taxels are not believed, {others}"
+                self.tell(tick.now, "MASK", words, "yellow")
+
+    def _refuses(self, tick: Tick) -> bool:
+        refused = "; ".join(tick.sent.refusals)
+        if refused and refused != self._refused:
+            self.tell(tick.now, "refused", refused, "yellow")
+        self._refused = refused
+        return bool(refused)
+
+    def _command(self, now: float, command: GenericCommand) -> None:
+        if self._modes.get(command.part) is not command.mode:
+            self._modes[command.part] = command.mode
+            self.tell(now, "command", f"{command.part} in {command.mode.value} mode", "cyan")
+
+    def _line(self, tick: Tick) -> Text:
+        state = tick.sent.state
+        line = Text(f"{tick.now:8.3f} s  ")
+        line.append(f" {state.name} ", style=f"reverse {COLOURS[state]}")
+        counts = self._link.gate.counts
+        line.append(
+            f"  contacts {len(tick.perception.contacts)}  clamps {sum(counts.clamps.values())}  "
+            f"refusals {counts.refusals}  overruns {self._report.overruns}"
+        )
+        return line
+
+
+def _row(time: str, kind: str, words: str, colour: str) -> RenderableType:
+    """Three columns; words that need more lines stay in theirs."""
+    table = Table.grid(padding=(0, 2, 0, 0))
+    table.add_column(width=10, justify="right", no_wrap=True)
+    table.add_column(width=7, no_wrap=True)
+    table.add_column()
+    table.add_row(time, Text(kind, style=colour), Text(words))
+    return table

@@ -1,8 +1,12 @@
-"""Links: a frame of doubles to another process and back, over our YARP ports and over a raw TCP socket."""
+"""Links: a frame of doubles to another process and back, over our YARP ports and over a raw TCP socket.
+
+Ports call whoever receives in the connection's own thread, and so it is timed: from the write to the call.
+"""
 
 from __future__ import annotations
 
 import socket
+import statistics
 import struct
 import subprocess
 import sys
@@ -12,14 +16,17 @@ from time import perf_counter as wall
 import numpy as np
 from measured import ROUNDS, Measured, each, row
 
+from tci.middleware.yarp.carrier import FAST_TCP, TCP
 from tci.middleware.yarp.dialect import V3
 from tci.middleware.yarp.incoming import Delivery
 from tci.middleware.yarp.name_server import NameServer
 from tci.middleware.yarp.names import Names
 from tci.middleware.yarp.port import Port
 
-SIZES = (768, 4000)
+CASES = ((768, TCP.name), (768, FAST_TCP.name), (4000, FAST_TCP.name))
 CALLS = 200
+MOST = 2.5
+"""Ratio to the raw socket that 768 doubles may have."""
 YARP = """
 import sys
 from tci.middleware.yarp.dialect import V3
@@ -28,11 +35,11 @@ from tci.middleware.yarp.port import Port
 names = Names((sys.argv[1], int(sys.argv[2])))
 back = Port("/echo:o", names, V3)
 there = Port("/echo:i", names, V3, receive=lambda delivery: back.write(delivery.vector(V3)))
-back.connect("/bench:i")
+back.connect("/bench:i", sys.argv[3])
 print("ready", flush=True)
 sys.stdin.read()
 """
-TCP = """
+RAW = """
 import socket, sys
 server = socket.create_server(("127.0.0.1", 0))
 print(server.getsockname()[1], flush=True)
@@ -66,32 +73,59 @@ def line(process: subprocess.Popen[str]) -> str:
     return process.stdout.readline().strip()
 
 
+class Flight:
+    """Frames that go to the other process and come back."""
+
+    def __init__(self, names: Names, carrier: str, values: np.ndarray) -> None:
+        self.values, self.seen = values, np.empty(0)
+        self._times: list[float] = []
+        self._left, self._sent = 0, 0.0
+        self._done = threading.Event()
+        self._here, self._out = Port("/bench:i", names, V3, receive=self._come), Port("/bench:o", names, V3)
+        self._echo = child(YARP, *map(str, names.address), carrier)
+        assert line(self._echo) == "ready"
+        self._out.connect("/echo:i", carrier)
+
+    def fly(self) -> float:
+        """Median time [us] of a round trip."""
+        self._times.clear()
+        self._left = CALLS
+        self._done.clear()
+        self._go()
+        if not self._done.wait(10.0):
+            raise SystemExit("a frame did not come back")
+        return 1e6 * statistics.median(self._times)
+
+    def close(self) -> None:
+        self._out.close()
+        self._here.close()
+        self._echo.communicate()
+
+    def _go(self) -> None:
+        self._sent = wall()
+        self._out.write(self.values)
+
+    def _come(self, delivery: Delivery) -> None:
+        self.seen = delivery.vector(V3)
+        self._times.append(wall() - self._sent)
+        self._left -= 1
+        if self._left:
+            self._go()
+        else:
+            self._done.set()
+
+
 def links() -> list[Measured]:
     rows = []
     with NameServer() as server:
-        names, came = Names(server.address), threading.Event()
-        seen: list[np.ndarray] = []
-
-        def receive(delivery: Delivery) -> None:
-            seen[:] = [delivery.vector(V3)]
-            came.set()
-
-        here, out = Port("/bench:i", names, V3, receive=receive), Port("/bench:o", names, V3)
-        echo = child(YARP, server.address[0], str(server.address[1]))
-        assert line(echo) == "ready"
-        out.connect("/echo:i")
-        for size in SIZES:
+        names = Names(server.address)
+        for size, carrier in CASES:
             values = np.random.default_rng(0).normal(size=size)
-            raw = child(TCP, str(values.nbytes))
+            flight = Flight(names, carrier, values)
+            raw = child(RAW, str(values.nbytes))
             sock = socket.create_connection(("127.0.0.1", int(line(raw))))
             sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             back = np.empty(size)
-
-            def ours(values: np.ndarray = values) -> None:
-                came.clear()
-                out.write(values)
-                if not came.wait(5.0):
-                    raise SystemExit("the frame did not come back")
 
             def peer(
                 values: np.ndarray = values, sock: socket.socket = sock, back: np.ndarray = back
@@ -101,19 +135,23 @@ def links() -> list[Measured]:
                 while got < back.nbytes:
                     got += sock.recv_into(view[got:])
 
-            ours()
+            flight.fly()
             peer()
-            np.testing.assert_array_equal(seen[0], values)
+            np.testing.assert_array_equal(flight.seen, values)
             np.testing.assert_array_equal(back, values)
-            pairs = [
-                (each(ours, calls=CALLS, clock=wall), each(peer, calls=CALLS, clock=wall))
-                for _ in range(ROUNDS)
-            ]
-            note = f"{struct.calcsize('d') * size} bytes each way; two threads and the protocol are ours"
-            rows.append(row(f"YARP port, {size} doubles, there and back", "raw TCP", pairs, note=note))
+            pairs = [(flight.fly(), each(peer, calls=CALLS, clock=wall)) for _ in range(ROUNDS)]
+            note = f"{struct.calcsize('d') * size} bytes each way"
+            most = MOST if size == CASES[0][0] else None
+            rows.append(
+                row(
+                    f"YARP port by {carrier}, {size} doubles, there and back",
+                    "raw TCP",
+                    pairs,
+                    most_ratio=most,
+                    note=note,
+                )
+            )
+            flight.close()
             sock.close()
             raw.communicate()
-        for port in (out, here):
-            port.close()
-        echo.communicate()
     return rows

@@ -21,18 +21,20 @@ from day import false_reflexes  # noqa: E402
 from death import heartbeat  # noqa: E402
 from explore import loop  # noqa: E402
 from gate import non_finite  # noqa: E402
+from kills import yarp_kills  # noqa: E402
 from page import write_page  # noqa: E402
 from recordings import killed, minute  # noqa: E402
 from rich.console import Console  # noqa: E402
 from rich.table import Table  # noqa: E402
 from row import Row  # noqa: E402
+from stream import yarp_skin  # noqa: E402
 from timing import one_kilohertz  # noqa: E402
 
 ROWS: dict[str, Callable[[bool], Row]] = {
     one.__name__: one
     for one in (
         limits, bodies, non_finite, heartbeat, one_kilohertz, loop, false_reflexes, descriptions, guided,
-        heartbeats, killed, minute,
+        heartbeats, killed, minute, yarp_skin, yarp_kills,
     )
 }  # fmt: skip
 OPEN = (

@@ -79,10 +79,18 @@ class Elsewhere:
         with open_server(link, self.via) as server:
             self._ask(server.reach())
 
+            ready = False
+            frames: tuple[int, ...] | None = None
+
             def see(tick: Tick) -> None:
+                nonlocal ready, frames
                 if link.until < float("inf"):
                     trial.see(tick)
-                elif self._ready(asked):
+                    return
+                ready = ready or self._ready(asked)
+                # The finger leaves with a new frame of the skin, as it does where the reflex is here.
+                before, frames = frames, tuple(frame.sequence for frame in tick.reading.skin)
+                if ready and (frames != before or not frames):
                     link.until = tick.now + duration + link.period
                     trial.begin(tick.now)
 

@@ -51,8 +51,9 @@ class Motion:
         self._step = (angle, 0.0)
         self._answers = answers or (lambda: Done())
 
-    def setAngles(self, name: str, angle: float, share: float, _async: bool = False) -> Done:
-        if name == NAME:
+    def setAngles(self, names: list[str], angles: list[float], share: float, _async: bool = False) -> Done:
+        if NAME in names:
+            angle = angles[names.index(NAME)]
             self.calls.append((angle, share))
             self.target, self.share = angle, share
         return self._answers()
@@ -99,7 +100,7 @@ def stream() -> Stream:
 def test_a_steady_motion_is_steady_on_the_robot_and_stutters_without_the_look_ahead() -> None:
     def plain(motion: Motion, safe: SafeCommand, ends: np.ndarray, measured: np.ndarray) -> None:
         at = safe.servos.tolist().index(INDEX)
-        motion.setAngles(NAME, float(safe.position[at]), 1.0)
+        motion.setAngles([NAME], [float(safe.position[at])], 1.0)
 
     def rests(run: Any) -> int:
         reference, robot, _ = run

@@ -20,9 +20,11 @@ from tci.runtime.serve import Served, serve
 def until(condition: Callable[[], bool], *, within: float = 40.0) -> bool:
     """Whether it becomes true."""
     end = time.monotonic() + within
-    while not condition() and time.monotonic() < end:
+    while not condition():
+        if time.monotonic() > end:
+            return False
         time.sleep(0.005)
-    return condition()
+    return True
 
 
 class Show:

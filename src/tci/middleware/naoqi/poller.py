@@ -29,6 +29,9 @@ IDLE = 0.1
 """Longest time [s] between two questions when nobody reads. Ours."""
 REFUSED = object()
 """What comes instead of a value from a NAOqi that refuses to be asked for a key."""
+EARLY, LATE = 0.0005, 0.0015
+"""From how long [s] before to how long after the time of a frame of the skin it is asked for again and again.
+Ours: it is there some time before it is first seen."""
 SLOW = 0.05
 """Time [s] between two questions for what changes slowly: stiffness. Ours."""
 
@@ -81,7 +84,9 @@ class Poller:
         self._joints = joints
         self._channels = {patch.name: patch.channels for patch in robot.patches}
         self._every = {patch.name: 1.0 / patch.rate for patch in robot.patches}
+        self._period, self._until = 1.0 / binding.rate, -np.inf
         self._frames: dict[str, SkinFrame] = {}
+        self._seen: dict[str, float] = {}
         self._due: dict[str, float] = {}
         self._stiffness = np.ones(len(robot.servos))
         self._stiffness_due = -np.inf
@@ -104,6 +109,7 @@ class Poller:
     def read(self, patience: float) -> Sensed:
         """The latest; waits up to `patience` [s] for one that was asked for now."""
         self._fresh.clear()
+        self._until = self.clock.now() + patience
         self._wanted.set()
         self._fresh.wait(patience)
         return self.latest
@@ -126,7 +132,11 @@ class Poller:
             try:
                 if self.trouble:
                     self._reconnect()
+                if (due := self._next_frame()) is not None:
+                    self._end.wait(max(0.0, due - EARLY - self.clock.now()))
                 sensed = self._ask()
+                while self._next_frame() is not None and not self._end.is_set():
+                    sensed = self._ask()
                 if missed and self.clock.now() - answered > stale:
                     self.generation += 1  # it was away long enough for the gate to hold
                 self.latest = sensed
@@ -141,6 +151,15 @@ class Poller:
                 self.trouble = str(error)
                 self.services.close()
                 self._end.wait(AGAIN)
+
+    def _next_frame(self) -> float | None:
+        """When the next frame is due [s], if that is just now or while somebody still waits for it.
+
+        Who asks just before it is there would have it a whole period later.
+        """
+        now = self.clock.now()
+        due = (seen + self._every[patch] for patch, seen in self._seen.items())
+        return min((one for one in due if now - LATE < one < self._until), default=None)
 
     def _reconnect(self) -> None:
         self.services = Services(self.address, motion=self._joints)
@@ -209,6 +228,8 @@ class Poller:
                 continue
             if frame is not None:
                 self._frames[patch] = frame
+                if len(some) <= 2 and self._every[patch] > self._period:  # published, no switches
+                    self._seen[patch] = begin
         if stiff is not None:
             self._stiffness = self._numbers(
                 answer(stiff, "ALMotion.getStiffnesses", timeout=ANSWER), "stiffness"

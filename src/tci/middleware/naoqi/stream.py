@@ -65,15 +65,17 @@ class Stream:
         known &= share <= self._share[servos]
         moving = self._share[servos] > LEAST
         due = ~known & (~moving | (now - self._sent[servos] >= EVERY - 1e-4))
+        alike: dict[float, list[int]] = {}
         for place in np.flatnonzero(due).tolist():
-            servo = int(servos[place])
-            if not self._free(servo):
-                continue
-            self._target[servo], self._share[servo] = target[place], share[place]
-            self._sent[servo] = now
-            self._running[servo] = motion.setAngles(
-                self._names[servo], float(target[place]), float(share[place]), _async=True
-            )
+            if self._free(int(servos[place])):
+                alike.setdefault(float(share[place]), []).append(place)
+        for speed_share, places in alike.items():
+            chosen = servos[places].tolist()
+            self._target[chosen], self._share[chosen] = target[places], speed_share
+            self._sent[chosen] = now
+            names = [self._names[servo] for servo in chosen]
+            call = motion.setAngles(names, target[places].tolist(), speed_share, _async=True)
+            self._running |= dict.fromkeys(chosen, call)
 
     def _free(self, servo: int) -> bool:
         """Whether the robot has taken the target before; if not, this one waits: only the latest counts."""

@@ -5,16 +5,18 @@ Calls differ between the dialects; the commands that stream to `command:i` nearl
 
 from __future__ import annotations
 
+import time
 from abc import ABC, abstractmethod
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
-from tci.errors import LinkError, UnknownNameError, WireError
+from tci.errors import LinkError, UnknownNameError
 from tci.frames import Array
 from tci.middleware.yarp.dialect import V3, V4, Dialect
-from tci.middleware.yarp.names import Contact, Names
+from tci.middleware.yarp.names import PATIENCE, Contact, Names
 from tci.middleware.yarp.rpc import Rpc
 from tci.middleware.yarp.values import Int16, Vocab
 
@@ -76,6 +78,8 @@ class Board(ABC):
         self.prefix = prefix
         """Its ports' common beginning: `/icub/left_arm`."""
         self._rpc = Rpc(contact, sender, self.dialect, key=key)
+        self._asked: deque[tuple[Sequence[Any], float]] = deque()
+        self._refusal: LinkError | None = None
 
     def close(self) -> None:
         """Let go of the connection."""
@@ -98,12 +102,55 @@ class Board(ABC):
         """Stiffness [N m/deg] and damping [N m s/deg] of a joint when it is compliant."""
 
     @abstractmethod
-    def set_modes(self, joints: Sequence[int], mode: Vocab) -> None:
-        """Switch joints to a control mode."""
+    def modes_call(self, joints: Sequence[int], mode: Vocab) -> list[Any]:
+        """The call that switches joints to a control mode."""
 
     @abstractmethod
+    def interaction_call(self, joint: int, mode: Vocab) -> list[Any]:
+        """The call that makes a joint stiff or compliant."""
+
+    @abstractmethod
+    def check(self, call: Sequence[Any], answer: Sequence[Any]) -> Sequence[Any]:
+        """What an answer says. Raises LinkError for one that refuses."""
+
+    def set_modes(self, joints: Sequence[int], mode: Vocab) -> None:
+        """Switch joints to a control mode."""
+        self.call(self.modes_call(joints, mode))
+
     def set_interaction(self, joint: int, mode: Vocab) -> None:
         """Make a joint stiff or compliant."""
+        self.call(self.interaction_call(joint, mode))
+
+    def call(self, call: Sequence[Any]) -> Sequence[Any]:
+        """Make a call and wait for what it says."""
+        return self.check(call, self._rpc.call(*call))
+
+    def ask(self, call: Sequence[Any]) -> None:
+        """Make a call without waiting for its answer."""
+        self._rpc.ask(*call)
+        self._asked.append((call, time.monotonic()))
+
+    def settle(self, patience: float = 0.0) -> bool:
+        """Whether all that was asked is answered, at the latest after `patience` [s] for each. Raises
+        LinkError when something was refused, or not answered in time."""
+        while self._asked:
+            call, since = self._asked[0]
+            if not self._rpc.answered(patience) and time.monotonic() - since < PATIENCE:
+                return False
+            self._asked.popleft()
+            try:
+                answer = self._rpc.hear()
+            except LinkError:
+                self._asked.clear()
+                raise
+            try:
+                self.check(call, answer)
+            except LinkError as error:
+                self._refusal = error
+        refusal, self._refusal = self._refusal, None
+        if refusal is not None:
+            raise refusal
+        return True
 
     @abstractmethod
     def set_impedance(self, joint: int, stiffness: float, damping: float) -> None:
@@ -148,11 +195,11 @@ class BoardV3(Board):
         stiffness, damping = self._numbers(pair, 2, ("iimp", "ipr", joint))
         return stiffness, damping
 
-    def set_modes(self, joints: Sequence[int], mode: Vocab) -> None:
-        self._set("icmd", "cmog", len(joints), list(joints), [mode] * len(joints))
+    def modes_call(self, joints: Sequence[int], mode: Vocab) -> list[Any]:
+        return _words("set", "icmd", "cmog", len(joints), list(joints), [mode] * len(joints))
 
-    def set_interaction(self, joint: int, mode: Vocab) -> None:
-        self._set("intm", "mode", joint, mode)
+    def interaction_call(self, joint: int, mode: Vocab) -> list[Any]:
+        return _words("set", "intm", "mode", joint, mode)
 
     def set_impedance(self, joint: int, stiffness: float, damping: float) -> None:
         self._set("iimp", "ipr", joint, [float(stiffness), float(damping)])
@@ -165,22 +212,24 @@ class BoardV3(Board):
 
     def _get(self, *words: Any) -> list[Any]:
         """Data in the answer, without its words and its time."""
-        answer = self._call("get", words)
+        answer = self.call(_words("get", *words))
         if answer[0] != Vocab("is") or len(answer) < 6 or answer[-4] != Vocab("tsta"):
             raise LinkError(
                 f"{self.prefix} answers {str(answer)[:80]} to {words}; valid: [is] ... [tsta] n t [ok]"
             )
-        return answer[2:-4]
+        return list(answer[2:-4])
 
     def _set(self, *words: Any) -> None:
-        self._call("set", words)
+        self.call(_words("set", *words))
 
-    def _call(self, verb: str, words: Sequence[Any]) -> list[Any]:
-        items = [Vocab(word) if isinstance(word, str) else word for word in words]
-        answer = self._rpc.call(Vocab(verb), *items)
+    def check(self, call: Sequence[Any], answer: Sequence[Any]) -> Sequence[Any]:
         if not answer or answer[-1] != OK:
-            raise LinkError(f"{self.prefix} refuses [{verb}] {words}: {answer or 'no answer'}")
+            raise LinkError(f"{self.prefix} refuses {call}: {answer or 'no answer'}")
         return answer
+
+
+def _words(*items: Any) -> list[Any]:
+    return [Vocab(item) if isinstance(item, str) else item for item in items]
 
 
 class BoardV4(Board):
@@ -204,11 +253,11 @@ class BoardV4(Board):
         stiffness, damping = self._numbers(found, 2, ("getImpedanceRPC", joint))
         return stiffness, damping
 
-    def set_modes(self, joints: Sequence[int], mode: Vocab) -> None:
-        self._call("setControlModeGroupRPC", list(joints), [int(mode)] * len(joints))
+    def modes_call(self, joints: Sequence[int], mode: Vocab) -> list[Any]:
+        return ["setControlModeGroupRPC", list(joints), [int(mode)] * len(joints)]
 
-    def set_interaction(self, joint: int, mode: Vocab) -> None:
-        self._call("setInteractionModeOneRPC", joint, int(mode))
+    def interaction_call(self, joint: int, mode: Vocab) -> list[Any]:
+        return ["setInteractionModeOneRPC", joint, int(mode)]
 
     def set_impedance(self, joint: int, stiffness: float, damping: float) -> None:
         self._call("setImpedanceRPC", joint, float(stiffness), float(damping))
@@ -220,12 +269,11 @@ class BoardV4(Board):
         interface, word = stream.value
         return [Vocab(interface), Vocab(word), len(joints), list(joints)]
 
-    def _call(self, method: str, *arguments: Any) -> list[Any]:
-        try:
-            answer = self._rpc.call(method, *arguments)
-        except WireError as error:
-            raise LinkError(f"{self.prefix}: {error}") from error
+    def _call(self, *call: Any) -> list[Any]:
+        return list(self.call(call))
+
+    def check(self, call: Sequence[Any], answer: Sequence[Any]) -> Sequence[Any]:
         head = answer[0] if answer else None
         if head != OK and head != [OK]:
-            raise LinkError(f"{self.prefix} refuses {method} {arguments}: {answer or 'no answer'}")
+            raise LinkError(f"{self.prefix} refuses {call[0]} {call[1:]}: {answer or 'no answer'}")
         return answer[1:]

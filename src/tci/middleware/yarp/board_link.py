@@ -43,6 +43,10 @@ STREAMS = {
     Mode.VELOCITY: Stream.VELOCITY, Mode.TORQUE: Stream.TORQUE,
 }  # fmt: skip
 
+SWITCHING = 0.0005
+"""How long [s] set-points wait for the answer to a change of mode. A board that takes longer ignores those
+that come before it has changed; what comes after is in time. Ours."""
+
 
 class BoardLink:
     """The joints of one robot part. Methods raise LinkError when the board refuses or is not there."""
@@ -84,6 +88,7 @@ class BoardLink:
         self._told = {servo.index: servo.modes[0] for servo in self.servos}
         self._direct: dict[int, bool] = {}
         self._impedance: dict[int, tuple[float, float]] = {}
+        self._switching: dict[int, Mode] = {}
 
     def close(self) -> None:
         """Let go of all connections."""
@@ -101,6 +106,11 @@ class BoardLink:
         if found is None:
             raise LinkError(f"{self.prefix} has sent no state yet")
         return found.value, found.stamp
+
+    @property
+    def switches(self) -> bool:
+        """Whether the board has not answered yet to a change of modes."""
+        return bool(self._switching)
 
     def number(self) -> int:
         """Of the latest state."""
@@ -127,7 +137,11 @@ class BoardLink:
         return [self.board.limits(axis) for axis in self.axis]
 
     def send(self, safe: SafeCommand) -> None:
-        """Switch modes as the gate did, then send set-points to its servos that are under command."""
+        """Switch modes as the gate did, then send set-points to its servos that are under command.
+
+        The board's answer is told in a later call: it may take a period of its own.
+        """
+        self._settle()
         mine = {servo.index: axis for servo, axis in zip(self.servos, self.axis, strict=True)}
         self._set_shares(safe, mine)
         chosen = [(place, servo) for place, servo in enumerate(safe.servos.tolist()) if servo in mine]
@@ -187,17 +201,35 @@ class BoardLink:
         return reported is mode or servo in self._direct or mode in (Mode.VELOCITY, Mode.TORQUE)
 
     def _switch(self, wanted: dict[int, Mode], mine: dict[int, int]) -> None:
+        """Ask the board for other modes, one question at a time."""
+        if not wanted or self._switching:
+            return
+        for servo, mode in wanted.items():
+            if mode in (Mode.POSITION, Mode.IMPEDANCE) and mode is not self._told[servo]:
+                soft = COMPLIANT if mode is Mode.IMPEDANCE else STIFF
+                self.board.ask(self.board.interaction_call(mine[servo], soft))
         for mode in dict.fromkeys(wanted.values()):
-            servos = [servo for servo, other in wanted.items() if other is mode]
-            for servo in servos:
-                if mode in (Mode.POSITION, Mode.IMPEDANCE) and mode is not self._told[servo]:
-                    self.board.set_interaction(mine[servo], COMPLIANT if mode is Mode.IMPEDANCE else STIFF)
-            self.board.set_modes([mine[servo] for servo in servos], WORDS[mode])
-            for servo in servos:
-                self._told[servo] = mode
+            axes = [mine[servo] for servo, other in wanted.items() if other is mode]
+            self.board.ask(self.board.modes_call(axes, WORDS[mode]))
+        self._switching = {servo: self._told[servo] for servo in wanted}
+        for servo, mode in wanted.items():
+            self._told[servo] = mode
+            self._direct.pop(servo, None)
+            if mode in (Mode.POSITION, Mode.IMPEDANCE):
+                self._direct[servo] = True
+        self._settle(SWITCHING)
+
+    def _settle(self, patience: float = 0.0) -> None:
+        """Look at the answers to a change of modes. Raises LinkError when the board refused it."""
+        try:
+            if self.board.settle(patience):
+                self._switching = {}
+        except LinkError:
+            self._told |= self._switching
+            for servo in self._switching:
                 self._direct.pop(servo, None)
-                if mode in (Mode.POSITION, Mode.IMPEDANCE):
-                    self._direct[servo] = True
+            self._switching = {}
+            raise
 
     def _set_shares(self, safe: SafeCommand, mine: dict[int, int]) -> None:
         """Shares of the stiffness and damping that the board had when it was first asked."""

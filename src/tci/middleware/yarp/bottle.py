@@ -41,7 +41,8 @@ INT8, INT16, INT32, INT64, VOCAB32, STRING, BLOB = 32, 64, 1, 17, 9, 4, 12
 PACKS: dict[type, tuple[int, str]] = {
     Int8: (INT8, "b"), Int16: (INT16, "h"), Int64: (INT64, "q"), Vocab: (VOCAB32, "i"),
 }  # fmt: skip
-WORD = struct.Struct("<i")
+WORD, HEAD = struct.Struct("<i"), struct.Struct("<ii")
+DOUBLE = np.dtype("<f8")
 
 
 def _formats(dialect: Dialect) -> dict[int, tuple[str, int, type]]:
@@ -65,7 +66,7 @@ def encode_bottle(items: Sequence[Any], dialect: Dialect) -> bytes:
 
 def encode_vector(values: Array, dialect: Dialect) -> tuple[bytes, bytes]:
     """Numbers (n,) as a Vector: its head and its doubles, the two blocks that YARP sends."""
-    return struct.pack("<ii", LIST | dialect.float64, len(values)), np.asarray(values, dtype="<f8").tobytes()
+    return HEAD.pack(LIST | dialect.float64, len(values)), np.asarray(values, DOUBLE).tobytes()
 
 
 def decode_bottle(data: bytes, dialect: Dialect) -> list[Any]:
@@ -91,20 +92,20 @@ def decode_vector(data: bytes, dialect: Dialect) -> NDArray[np.float64]:
     """The numbers (n,) of a Vector. Raises WireError for anything else, the other dialect above all."""
     if len(data) < 8:
         raise WireError(f"a Vector of {len(data)} bytes; valid: 8 + 8 per number")
-    code, count = struct.unpack_from("<ii", data)
+    code, count = HEAD.unpack_from(data)
     if code != LIST | dialect.float64 or len(data) != 8 + 8 * count:
         raise WireError(
             f"{len(data)} bytes with tag {code} and count {count} are no Vector of YARP {dialect.name}; "
             + _hint(data, dialect)
         )
-    return np.frombuffer(data, dtype="<f8", offset=8)
+    return np.frombuffer(data, DOUBLE, -1, 8)
 
 
 def dialect_of_vector(data: bytes) -> Dialect | None:
     """The dialect in which these bytes are a Vector of doubles; None for none, or for no numbers at all."""
     if len(data) <= 8:
         return None
-    code, count = struct.unpack_from("<ii", data)
+    code, count = HEAD.unpack_from(data)
     if len(data) != 8 + 8 * count:
         return None
     return next((dialect for dialect in DIALECTS.values() if code == LIST | dialect.float64), None)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, TypeVar
@@ -18,6 +19,10 @@ KEPT = 4
 """Messages that are kept, so that those of several ports can be taken from about one time. Ours."""
 RESTARTED = 100
 """By so many a count may fall back before its sender counts as started anew. Ours."""
+LATE = 0.001
+"""How much longer [s] than its time a message is waited for. Ours."""
+MIXED = 0.1
+"""Share of a new time between two messages in their mean. Ours."""
 Value = TypeVar("Value")
 
 
@@ -60,7 +65,8 @@ class Feed(Generic[Value]):
         self._names, self._decode, self._carrier = names, decode, carrier
         self._count: int | None = None
         self._arrived = 0.0
-        self._came = threading.Event()
+        self._every = 0.0
+        self._came, self._fresh = threading.Event(), threading.Event()
         names.query(source)
         self.port = Port(own, names, dialect, receive=self._receive)
         try:
@@ -81,6 +87,16 @@ class Feed(Generic[Value]):
     def wait(self, seconds: float) -> bool:
         """Whether something came, at the latest after so long."""
         return self._came.wait(seconds)
+
+    def await_due(self, until: float, longer: float) -> None:
+        """Wait for the next message if it is due before `until` [s]: who looks just before it comes sees it a
+        period later. Those that come more often than every `longer` [s] are not waited for."""
+        before, due, now = self.recent, self._arrived + self._every, time.monotonic()
+        if self._every <= longer or not now - LATE <= due <= until:
+            return
+        self._fresh.clear()
+        if self.recent is before:
+            self._fresh.wait(min(until, due + LATE) - now)
 
     def silent(self, now: float) -> float:
         """How long [s] nothing has come."""
@@ -112,9 +128,13 @@ class Feed(Generic[Value]):
             if self._is_old(stamp.count):
                 return
             measured = self.offset.map(stamp.time, delivery.arrived)
+        if self.recent:
+            gap = measured - self.recent[-1].stamp
+            self._every += (gap - self._every) * (MIXED if self._every else 1.0)
         sequence = self.recent[-1].sequence + 1 if self.recent else 0
         self.recent = (*self.recent[1 - KEPT :], Sample(value, measured, sequence))
         self._came.set()
+        self._fresh.set()
 
     def _is_old(self, count: int) -> bool:
         before, self._count = self._count, count

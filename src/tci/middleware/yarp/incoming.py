@@ -23,9 +23,9 @@ from tci.middleware.yarp.names import PATIENCE
 from tci.middleware.yarp.source import Memory, SocketSource
 from tci.middleware.yarp.text import from_text, to_text
 
-MOST_PER_SECOND = 20_000
-"""Messages read from one connection; beyond, its sender has to wait or to drop. Ours."""
-SLICE = 0.01
+BURST, SLICE = 200, 0.01
+"""Messages that are read from one connection in such a time [s]; beyond, its sender has to wait or to drop.
+Ours."""
 UDP_LARGEST = 65_507
 
 
@@ -81,7 +81,7 @@ class Incoming:
         self._source = SocketSource(sock)
         self._dialect, self._deliver = dialect, deliver
         self._datagrams: socket.socket | None = None
-        self._slice, self._in_slice = 0.0, 0
+        self._slice = 0.0
 
     def greet(self, key: bytes | None, names: Callable[[str], None]) -> None:
         """Let the other end say who it is, and answer; `names` may object. Raises WireError."""
@@ -187,7 +187,8 @@ class Incoming:
                     continue
                 if len(data) < 8 or struct.unpack_from("<I", data)[0] != zlib.crc32(data[8:]):
                     continue
-                self._wait_slice()
+                if self.count % BURST == 0:
+                    self._wait_slice()
                 try:
                     command, body = message.unpack_command(message.read_payload(Memory(data[8:])))
                 except WireError:
@@ -198,21 +199,20 @@ class Incoming:
 
     def _wait(self) -> None:
         """Wait for the next message for ever, and for its rest not long."""
-        self._source.allow()
-        self._wait_slice()
-        while not self._source.waiting():
+        if self.count % BURST == 0:
+            self._wait_slice()
+        while True:
             try:
-                self._source.peek(1)
+                return self._source.await_next()
             except TimeoutError:
                 continue
 
     def _wait_slice(self) -> None:
+        """For each BURST."""
         now = time.monotonic()
-        if now - self._slice > SLICE:
-            self._slice, self._in_slice = now, 0
-        self._in_slice += 1
-        if self._in_slice > MOST_PER_SECOND * SLICE:
-            time.sleep(max(0.0, self._slice + SLICE - now))
+        if now - self._slice < SLICE:
+            time.sleep(self._slice + SLICE - now)
+        self._slice = time.monotonic()
 
     def _handle(self, command: Command, body: bytes | str) -> Answer:
         self.count += 1

@@ -38,6 +38,8 @@ LOOK = 0.25
 """How often [s] it is looked whether somebody is silent. Ours."""
 REGISTER_AGAIN = 1.0
 """How often [s] it is looked whether the name server forgot us. Ours."""
+PATIENCE = 0.7
+"""Share of a period for which a reading waits for frames of the skin that are due in it. Ours."""
 REFUSED = 3.0
 """How long [s] a board may refuse a change of mode, or not answer one, before that is an error. Ours."""
 EVENTS = "/skinManager/skin_events:o"
@@ -73,7 +75,7 @@ class YarpLink(Link):
         self._joints: JointReading | None = None
         self._away: set[str] = set()
         self._reconnected = threading.Event()
-        self._refused: dict[str, float] = {}
+        self._refused: dict[str, tuple[float, LinkError]] = {}
         self._closed = threading.Event()
         try:
             if joints:
@@ -124,6 +126,9 @@ class YarpLink(Link):
         return examine(self)
 
     def _receive(self) -> Reading:
+        until = time.monotonic() + PATIENCE * self.period
+        for feed in self.skin.values():
+            feed.await_due(until, self.period)
         stamp = min((board.state()[1] for board in self.boards.values()), default=self.clock.now())
         if self._joints is None or stamp != self._joints.stamp:
             self._joints = self._joints_at(stamp)
@@ -172,24 +177,27 @@ class YarpLink(Link):
         for part, board in self.boards.items():
             if now - board.state()[1] > self.gate.stale_after:
                 self._away.add(part)
+                self._refused.pop(part, None)
             if part in self._away:
                 continue
             try:
                 board.send(safe)
-                self._refused.pop(part, None)
             except LinkError as error:
-                self._bear(part, error)
+                self._refused.setdefault(part, (now, error))
+            else:
+                if not board.switches:
+                    self._refused.pop(part, None)
+        self._bear(now)
 
-    def _bear(self, part: str, error: LinkError) -> None:
-        """A board that holds, or starts, refuses for a moment: hold too, and ask again in the next period.
+    def _bear(self, now: float) -> None:
+        """A board that holds, or starts, refuses for a moment: hold too; it is asked again in each period.
         Raises LinkError when it goes on refusing."""
-        now = self.clock.now()
-        since = self._refused.setdefault(part, now)
-        if now - since > REFUSED:
-            raise LinkError(
-                f"{error}; for {now - since:.1f} s; does the robot's own process hold? `tci doctor` looks"
-            ) from error
-        self.gate.hold(str(error))
+        for since, error in self._refused.values():
+            if now - since > REFUSED:
+                raise LinkError(
+                    f"{error}; for {now - since:.1f} s; does the robot's own process hold? `tci doctor` looks"
+                ) from error
+            self.gate.hold(str(error))
 
     def _halt(self) -> None:
         for board in self.boards.values():

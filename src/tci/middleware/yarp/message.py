@@ -12,6 +12,7 @@ import math
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 from tci.errors import WireError
 from tci.middleware.yarp.source import LONGEST, Source
@@ -62,9 +63,15 @@ COMMAND = struct.Struct("<ixc")
 LETTERS = {letter.encode(): Command(letter) for letter in (DATA, CALL, ADMIN)}
 
 
+_FILL = b"\xff" * 8
+
+
 def number(value: int) -> bytes:
     """A yarp number."""
     return struct.pack("<2si2s", b"YA", value, b"RP")
+
+
+_TEN = number(10)
 
 
 def read_number(source: Source) -> int:
@@ -95,8 +102,9 @@ def pack_message(blocks: Sequence[bytes]) -> bytes:
     """An index and its blocks."""
     if len(blocks) > MOST_BLOCKS:
         raise WireError(f"a message of {len(blocks)} blocks; valid: up to {MOST_BLOCKS}")
-    lengths = struct.pack(f"<{len(blocks) + 1}i", *(len(block) for block in blocks), 0)
-    return number(10) + bytes([len(blocks), 1]) + b"\xff" * 8 + lengths + b"".join(blocks)
+    count = len(blocks)
+    lengths = _words(count + 1).pack(*map(len, blocks), 0)
+    return b"".join((_TEN, bytes((count, 1)), _FILL, lengths, *blocks))
 
 
 def read_message(source: Source) -> list[bytes]:
@@ -111,20 +119,26 @@ def read_payload(source: Source) -> bytes:
 
 def _lengths(source: Source) -> tuple[int, ...]:
     head, size, tail, blocks, replies = INDEX.unpack(source.take(INDEX.size))
-    if (head, size, tail) != (b"YA", 10, b"RP"):
+    if head != b"YA" or size != 10 or tail != b"RP":
         raise WireError(f"{head!r} {size} {tail!r} where an index begins with b'YA' 10 b'RP'")
-    lengths: tuple[int, ...] = struct.unpack(f"<{blocks + replies}i", source.take(4 * (blocks + replies)))
-    if min(lengths, default=0) < 0 or sum(lengths) > min(LONGEST, source.left()):
-        raise WireError(
-            f"blocks of {lengths[:4]} ... bytes; valid: 0 to {min(LONGEST, source.left())} in all"
-        )
+    count = blocks + replies
+    lengths: tuple[int, ...] = _words(count).unpack(source.take(4 * count))
+    if count and (min(lengths) < 0 or sum(lengths) > min(LONGEST, source.left())):
+        most = min(LONGEST, source.left())
+        raise WireError(f"blocks of {lengths[:4]} ... bytes; valid: 0 to {most} in all")
     return lengths[:blocks]
+
+
+@cache
+def _words(count: int) -> struct.Struct:
+    """That many integers; there are at most 2 x 255."""
+    return struct.Struct(f"<{count}i")
 
 
 def pack_command(kind: str, rest: str = "") -> bytes:
     """A command, alone as its letter or with text after it. QUIT always is text."""
     if not rest and kind != QUIT:
-        return struct.pack("<i4s", 0, b"~" + kind.encode() + b"\0\1")
+        return b"\0\0\0\0~" + kind.encode() + b"\0\1"
     text = f"{kind} {rest}".rstrip().encode() + b"\0"
     return struct.pack("<i4s", len(text), b"~\0\0\1") + text
 

@@ -103,7 +103,7 @@ class Outgoing:
 
     def offer(self, value: Array | Sequence[Any], dialect: Dialect, stamp: Stamp | None = None) -> bool:
         """Send a Vector (an array) or a Bottle (a list), or drop it. Raises LinkError for a lost reader."""
-        rest = str(stamp) if stamp is not None else ""
+        rest = "" if stamp is None else str(stamp)
         if self.carrier.code is None:
             return self.push(f"{f'D {rest}'.strip()}\r\n{to_text(list(value))}\r\n".encode())
         if isinstance(value, np.ndarray):
@@ -122,7 +122,8 @@ class Outgoing:
                 self.dropped += 1
                 return False
             sent = self._socket.send(data)
-            self._rest, self._since = data[sent:], time.monotonic()
+            if sent < len(data):
+                self._rest, self._since = data[sent:], time.monotonic()
             self._unanswered += self.carrier.acknowledged
         except BlockingIOError:
             self.dropped += 1
@@ -153,7 +154,7 @@ class Outgoing:
                 if time.monotonic() - self._since > STUCK:
                     raise ConnectionError(f"it has not read for {STUCK} s")
                 return False
-        if self.carrier.acknowledged:
+        if self._unanswered >= MOST_UNANSWERED // 2:
             with contextlib.suppress(BlockingIOError):
                 received = self._socket.recv(4096)
                 if not received:

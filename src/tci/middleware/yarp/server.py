@@ -73,8 +73,8 @@ class YarpServer(Server):
         self._shown = False
         self._closed = threading.Event()
         try:
-            for part, board in self.boards.items():
-                self._open_board(part, board)
+            for part in self.boards:
+                self.open_board(part)
             for patch in link.robot.patches:
                 name = patch_port(link.robot, self.prefix, patch.name)
                 self._open(name)
@@ -118,6 +118,8 @@ class YarpServer(Server):
         self._due = max(self._due + PERIOD, now)
         for part, board in self.boards.items():
             board.see(reading.joints, self.link.gate.modes)
+            if f"/{self.prefix}/{part}/state:o" not in self._ports:
+                continue  # it is away
             stamp = self._stamp(part, reading.joints.stamp + offset)
             self._write(f"/{self.prefix}/{part}/state:o", board.state.position, stamp)
             extended = f"/{self.prefix}/{part}/stateExt:o"
@@ -144,7 +146,9 @@ class YarpServer(Server):
             own = NameServer(*(options.server or DEFAULT), key=self._key, space=namespace())
             return own, Names(own.address, key=self._key)
 
-    def _open_board(self, part: str, board: ServedBoard) -> None:
+    def open_board(self, part: str) -> None:
+        """Show one robot part as a control board. Raises LinkError."""
+        board = self.boards[part]
         calls = "nws/rpc:i" if self.dialect is V4 else "rpc:i"
         answer = answer_v4 if self.dialect is V4 else answer_v3
 
@@ -160,6 +164,12 @@ class YarpServer(Server):
         board.armed = self.link.armed
         for name, receive in ((calls, call), ("command:i", command), ("state:o", None), ("stateExt:o", None)):
             self._open(f"/{self.prefix}/{part}/{name}", receive)
+
+    def close_board(self, part: str) -> None:
+        """Let one control board be away until `open_board`, as one that restarts; for rehearsals."""
+        for name in list(self._ports):
+            if name.startswith(f"/{self.prefix}/{part}/"):
+                self._ports.pop(name).close()
 
     def _open(self, name: str, receive: Callable[[Delivery], Answer] | None = None) -> Port:
         port = self._ports[name] = Port(name, self.names, self.dialect, receive=receive)

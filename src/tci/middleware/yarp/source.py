@@ -63,9 +63,11 @@ class SocketSource:
         if not 0 <= count <= self._budget:
             raise WireError(f"length {count}; valid: 0 to {self._budget}")
         self._budget -= count
-        self._need(count)
-        self._at += count
-        return self._buffer[self._at - count : self._at]
+        if len(self._buffer) - self._at < count:
+            self._need(count)
+        begin = self._at
+        self._at = end = begin + count
+        return self._buffer[begin:end]
 
     def peek(self, count: int) -> bytes:
         """The next `count` bytes, which stay."""
@@ -86,6 +88,12 @@ class SocketSource:
     def waiting(self) -> bool:
         """Whether bytes were received that nobody took yet."""
         return self._at < len(self._buffer)
+
+    def await_next(self) -> None:
+        """Return when the next message begins, which may have LONGEST bytes. Raises as `take`."""
+        self._budget = LONGEST
+        if self._at >= len(self._buffer):
+            self._need(1)
 
     def _need(self, count: int) -> None:
         """Receive until `count` bytes are at hand. Memory is taken for what has come, not for what may."""

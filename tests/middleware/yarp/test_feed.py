@@ -1,0 +1,74 @@
+"""What a link keeps of a port, and when it waits for more."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from middleware.yarp.show import until
+from tci.middleware.yarp import feed as feeds
+from tci.middleware.yarp.dialect import V3
+from tci.middleware.yarp.feed import Feed
+from tci.middleware.yarp.message import Stamp
+from tci.middleware.yarp.name_server import NameServer
+from tci.middleware.yarp.names import Names
+from tci.middleware.yarp.port import Port
+
+EVERY = 0.05
+"""Time [s] between two messages by their stamps."""
+
+
+class Writer:
+    """A port that writes one number at a time, and the feed that reads it."""
+
+    def __init__(self, names: Names) -> None:
+        self.port = Port("/skin", names, V3)
+        self.feed = Feed("/skin", names, V3, lambda d: d.vector(V3), own="/reader", carrier="fast_tcp")
+        self.count = 0
+
+    def write(self) -> None:
+        self.port.write(np.full(3, float(self.count)), Stamp(self.count, self.count * EVERY))
+        self.count += 1
+
+    def came(self) -> bool:
+        return self.feed.latest is not None and self.feed.latest.sequence == self.count - 1
+
+
+@pytest.fixture
+def writer() -> Iterator[Writer]:
+    with NameServer() as server:
+        writer = Writer(Names(server.address))
+        yield writer
+        writer.feed.close()
+        writer.port.close()
+
+
+def test_a_message_that_is_due_is_waited_for(writer: Writer, monkeypatch: pytest.MonkeyPatch) -> None:
+    for _ in range(3):
+        writer.write()
+        assert until(writer.came)
+    monkeypatch.setattr(writer.feed, "_every", EVERY)
+    monkeypatch.setattr(feeds, "LATE", 60.0)
+    late = threading.Timer(0.2, writer.write)
+    late.start()
+    writer.feed.await_due(time.monotonic() + 60.0, 0.005)
+    assert writer.feed.latest is not None
+    assert writer.feed.latest.sequence == 3
+    late.join()
+
+
+def test_what_comes_often_or_is_not_due_or_never_came_is_not_waited_for(
+    writer: Writer, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(feeds, "LATE", 1e6)  # a wait would never end
+    writer.feed.await_due(1e9, 0.005)
+    for _ in range(3):
+        writer.write()
+        assert until(writer.came)
+    monkeypatch.setattr(writer.feed, "_every", EVERY)
+    writer.feed.await_due(1e9, 2 * EVERY)
+    writer.feed.await_due(0.0, 0.005)

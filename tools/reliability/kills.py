@@ -1,0 +1,189 @@
+"""Name server, control board and robot killed while an arm moves over YARP: it holds, and goes on after."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from rich.progress import track
+from row import Row
+
+import tci
+from middleware.links import free_port
+from tci.interface.gate import GateState
+from tci.middleware.yarp.link import YarpLink
+
+NAMES = """
+import sys, threading
+from tci.middleware.yarp.name_server import NameServer
+NameServer(sys.argv[1], int(sys.argv[2]))
+print("ready", flush=True)
+threading.Event().wait()
+"""
+ROBOT = """
+import signal, sys
+import tci
+from tci.middleware.simulated import SimulatedLink
+from tci.middleware.yarp.server import YarpServer
+from tci.runtime.serve import serve
+
+PART, AWAY = "LArm", 100
+asked, told = [], []
+signal.signal(signal.SIGUSR1, lambda *_: asked.append(AWAY))
+link = SimulatedLink(tci.load_robot("nao"), paced=True)
+server = YarpServer(link, sys.argv[1])
+
+def see(tick):
+    if not told:
+        told.append(print("ready", flush=True))
+    if asked and asked[0] == AWAY:
+        server.close_board(PART)
+    if asked:
+        asked[0] -= 1
+        if asked[0] == 0:
+            asked.clear()
+            server.open_board(PART)
+
+serve(server, observe=see)
+"""
+HELD = 0.1
+"""Age [s] of joint data beyond which the gate must hold."""
+JUMP = 0.02
+"""Way [rad] beyond what the speed limit allows between two readings that counts as a jump."""
+PATIENCE = 60.0
+"""Time [s] that the robot has to come back."""
+KINDS = ("name server", "board", "robot")
+
+
+@dataclass
+class Seen:
+    """What the loop saw."""
+
+    oldest: float = 0.0
+    """Age [s] of the oldest joint data with which the gate did not hold."""
+    jumps: int = 0
+    lost: list[str] = field(default_factory=list)
+    """Kills after which the arm did not go on."""
+
+
+class Trial:
+    """An arm that goes to and fro, and what is killed meanwhile."""
+
+    def __init__(self) -> None:
+        self.where = f"127.0.0.1:{free_port()}"
+        self.seen = Seen()
+        self._names = self._start(NAMES, *self.where.split(":"))
+        self._robot = self._start(ROBOT, self.where)
+        for process in (self._names, self._robot):
+            assert process.stdout is not None
+            assert process.stdout.readline() == "ready\n"
+        robot = tci.load_robot("nao")
+        self.link = YarpLink(robot, self.where, arm=True)
+        self._arm = self.link.native("LArm")
+        servo = next(servo for servo in self._arm.servos if servo.name == "LElbowRoll")
+        self._servo, self._fastest = servo.index, float(servo.limits.velocity or 0.0)
+        self._targets, self._last = [-0.4, -1.2], (0.0, np.nan)
+        self._ticks = self.link.ticks()
+        self._before = GateState.RUN
+
+    @staticmethod
+    def _start(program: str, *arguments: str) -> subprocess.Popen[str]:
+        command = [sys.executable, "-c", program, *arguments]
+        return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+
+    def step(self) -> GateState:
+        """One period."""
+        link, now = self.link, next(self._ticks)
+        joints = link.read().joints
+        angle = float(joints.position[self._servo])
+        passed = joints.stamp - self._last[0]
+        if passed > 0.0:  # no number compares with the first angle of another robot
+            self.seen.jumps += abs(angle - self._last[1]) > self._fastest * passed + JUMP
+            self._last = joints.stamp, angle
+        if abs(angle - self._targets[0]) < 0.05:
+            self._targets.reverse()
+        order = self._arm.command({"LElbowRoll": self._targets[0]}, speed=0.5)
+        sent = link.write(link.gate.step([order], joints, now))
+        if sent.state is GateState.RUN:
+            self.seen.oldest = max(self.seen.oldest, now - joints.stamp)
+        self._before = sent.state
+        return sent.state
+
+    def until(self, condition: Callable[[], bool]) -> bool:
+        """Step until something is so; False when it takes too long."""
+        end = time.monotonic() + PATIENCE
+        while time.monotonic() < end:
+            self.step()
+            if condition():
+                return True
+        return False
+
+    def goes(self) -> bool:
+        """Whether the arm goes where it is sent, once there and once back."""
+        return all(self.until(lambda t=self._targets[0]: self._targets[0] != t) for _ in range(2))  # type: ignore[misc]
+
+    def kill(self, kind: str, chance: random.Random) -> None:
+        """Kill one, let it come back, and see that the arm goes on."""
+        self.run_for(chance.uniform(0.0, 1.0))
+        holds = True
+        if kind == "board":
+            self._robot.send_signal(signal.SIGUSR1)
+            holds = self.until(lambda: self._before is GateState.HOLD)
+        elif kind == "robot":
+            self._robot.kill()
+            self._robot.communicate()
+            holds = self.until(lambda: self._before is GateState.HOLD)
+            self._robot = self._start(ROBOT, self.where)
+            self._last = 0.0, np.nan  # another robot, elsewhere
+        else:
+            self._names.kill()
+            self._names.communicate()
+            self.run_for(chance.uniform(0.0, 1.0))
+            self._names = self._start(NAMES, *self.where.split(":"))
+        if not (holds and self.until(lambda: self._before is GateState.RUN) and self.goes()):
+            self.seen.lost.append(kind)
+
+    def run_for(self, seconds: float) -> None:
+        """Just go on."""
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self.step()
+
+    def close(self) -> None:
+        self.link.close()
+        for process in (self._robot, self._names):
+            process.kill()
+            process.communicate()
+
+
+def yarp_kills(full: bool) -> Row:
+    """Kill each in turn, at random moments."""
+    count, chance = (102 if full else 3), random.Random(6)
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ["YARP_CONFIG_HOME"] = folder
+        trial = Trial()
+        try:
+            for number in track(range(count), "kills over YARP"):
+                trial.kill(KINDS[number % len(KINDS)], chance)
+        finally:
+            trial.close()
+    seen = trial.seen
+    return Row(
+        "kills of name server, board and robot over YARP", count, 100, "kills",
+        f"joint data at most {seen.oldest * 1e3:.0f} ms old without hold; {seen.jumps} jumps; "
+        f"{count - len(seen.lost)} went on {' '.join(seen.lost)}".strip(),
+        "100 ms, 0 jumps, all go on", seen.oldest <= HELD and not seen.jumps and not seen.lost,
+    )  # fmt: skip
+
+
+if __name__ == "__main__":
+    sys.path.insert(0, "tests")
+    print(yarp_kills(os.environ.get("FULL") == "1"))

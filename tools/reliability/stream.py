@@ -1,0 +1,72 @@
+"""A large, quick skin from another process over YARP: is every frame read?"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+
+from row import Row
+
+from tci.middleware.yarp.dialect import V3
+from tci.middleware.yarp.feed import Feed
+from tci.middleware.yarp.name_server import NameServer
+from tci.middleware.yarp.names import Names
+
+TAXELS, RATE = 4000, 1000
+WRITER = """
+import sys, time
+import numpy as np
+from tci.clock import MonotonicClock, ticks
+from tci.middleware.yarp.dialect import V3
+from tci.middleware.yarp.message import Stamp
+from tci.middleware.yarp.names import Names
+from tci.middleware.yarp.port import Port
+host, number, taxels, rate, seconds = sys.argv[1], *map(int, sys.argv[2:])
+port = Port("/skin", Names((host, number)), V3)
+print("ready", flush=True)
+while not port.outputs:
+    time.sleep(0.01)
+values, clock = np.full(taxels, 240.0), MonotonicClock()
+begin = clock.now()
+for count in range(seconds * rate):
+    clock.sleep_until(begin + count / rate)
+    values[count % taxels] = count
+    port.write(values, Stamp(count, time.time()))
+print(port.dropped, flush=True)
+sys.stdin.read()
+"""
+
+
+def yarp_skin(full: bool) -> Row:
+    """1 kHz of 4000 taxels for a minute: frames that the writer had to drop, and frames that did not come."""
+    seconds, wrong = (60 if full else 3), 0
+    expected = seconds * RATE
+    with NameServer() as server:
+        command = [sys.executable, "-c", WRITER, *map(str, (*server.address, TAXELS, RATE, seconds))]
+        writer = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        assert writer.stdout is not None
+        assert writer.stdout.readline() == "ready\n"
+        feed = Feed(
+            "/skin", Names(server.address), V3, lambda delivery: delivery.vector(V3), own="/reader",
+            carrier="fast_tcp",
+        )  # fmt: skip
+        dropped = int(writer.stdout.readline())
+        end = time.monotonic() + 5.0
+        while feed.latest is None or feed.latest.sequence + 1 + feed.lost + dropped < expected:
+            if time.monotonic() > end:
+                break
+            time.sleep(0.01)
+        read = feed.latest.sequence + 1 if feed.latest is not None else 0
+        wrong = feed.wrong
+        feed.close()
+        writer.communicate()
+    return Row(
+        f"skin of {TAXELS} taxels at {RATE} Hz over YARP", seconds, 60, "s",
+        f"{expected - read} of {expected} frames lost ({dropped} dropped by the writer, {wrong} refused)",
+        "0 lost in 60 s", read == expected and wrong == 0,
+    )  # fmt: skip
+
+
+if __name__ == "__main__":
+    print(yarp_skin("full" in sys.argv))

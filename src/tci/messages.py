@@ -228,6 +228,8 @@ class Perception:
     """1 for each generic joint (n,) of a part that the robot has, else 0, by name; a part may be absent."""
     covered: Covered | None = None
     """How much of a place its skin still feels; None while no taxel is masked."""
+    felt: Callable[[str, Spot, float], float] | None = None
+    """The same of the skin of a part that is nearer to a spot than a geodesic radius [m]."""
     support: Callable[[str, Array], Support] | None = None
     """Of a leg that went to generic angles (n,) [rad]; None where nothing is known of the robot."""
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 from typing import Literal
 
 import numpy as np
@@ -17,6 +18,7 @@ import numpy as np
 from tci.capabilities.body_fields import JOINTS, BodyField, BodyFields, default_body_fields
 from tci.capabilities.capability import Capability
 from tci.capabilities.discounts import phi, psi
+from tci.capabilities.withdrawal import LEAST_COVERAGE
 from tci.errors import TciError
 from tci.frames import Array, read_only
 from tci.messages import Contact, GenericCommand, Mode, Order, Perception, Spot
@@ -106,7 +108,7 @@ class BodyWithdrawal(Capability[BodyMemory]):
         contacts = [contact for contact in perception.contacts if not (heavy and contact.segment == SOLE)]
         for part, posture in perception.posture.items():
             touches = [contact for contact in contacts if contact.part == part]
-            answers = self._answers(touches, part, posture, perception)
+            answers = self._answers(touches, part, perception)
             before = memory.motions.get(part)
             after = self._next(before, answers, posture, perception.stamp)
             if answers and answers[0][0].kind == "leg" and after is not None:
@@ -122,18 +124,37 @@ class BodyWithdrawal(Capability[BodyMemory]):
                 commands.append(GenericCommand(part, Mode.POSITION, after.target))
         return tuple(commands), BodyMemory(motions, refused)
 
+    def fault(self, perception: Perception) -> str:
+        """Which field has lost most of the skin that it feels with."""
+        if perception.felt is None:
+            return ""
+        for part, place in product(perception.posture, self.fields.field):
+            if not self._can_answer(place, part, perception, place.segment):
+                continue
+            share = perception.felt(part, place.spot, place.radius_m)
+            if share < LEAST_COVERAGE:
+                return (
+                    f"the field {place.name} of {part} is blind: {share:.0%} of its taxels can be trusted; "
+                    f"valid: {LEAST_COVERAGE:.0%} or more"
+                )
+        return ""
+
+    def _can_answer(self, candidate: BodyField, part: str, perception: Perception, segment: str) -> bool:
+        """Whether a field lies on a segment of a part that has a joint for its motion."""
+        if not _is_of(candidate, part, perception.posture[part], segment):
+            return False
+        return bool((np.array(candidate.motion) * perception.movable.get(part, 1.0)).any())
+
     def _answers(
-        self, touches: Sequence[Contact], part: str, posture: Array, perception: Perception
+        self, touches: Sequence[Contact], part: str, perception: Perception
     ) -> list[tuple[BodyField, float]]:
         """What each touch of a part asks for: the closest of the fields that it lies in, and its gain."""
         answers = []
         for touch in touches:
             closest: tuple[float, BodyField] | None = None
             for candidate in self.fields.field:
-                if not _is_of(candidate, part, posture, touch.segment):
+                if not self._can_answer(candidate, part, perception, touch.segment):
                     continue
-                if not (np.array(candidate.motion) * perception.movable.get(part, 1.0)).any():
-                    continue  # the robot has no joint for this motion
                 distance = perception.apart(touch, Spot(candidate.segment, candidate.towards))
                 if distance < candidate.radius_m and (closest is None or distance < closest[0]):
                     closest = distance, candidate

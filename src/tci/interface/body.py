@@ -28,6 +28,7 @@ from tci.messages import (
     PlatformOrder,
     PlatformSwitch,
     Reading,
+    Spot,
     SwitchMode,
 )
 from tci.model.description import Robot
@@ -90,8 +91,17 @@ class Body:
             apart=self.spots.distance,
             movable=self._movable,
             covered=self._covered,
+            felt=None if self._covered is None else self._felt,
             support=lambda part, target: self._balance.support(self._contacts, position, part, target),
         )
+
+    def _felt(self, part: str, spot: Spot, radius: float) -> float:
+        """The share 0..1 of the taxels around a spot that are used; 1 where there are none."""
+        found = self.spots.around(part, spot, radius)
+        state = None if found is None else self.skin.state.patches.get(found[0])
+        if found is None or state is None or state.masked is None or not found[1].any():
+            return 1.0
+        return 1.0 - float(state.masked[found[1]].mean())
 
     def jacobian(self, contact: Contact, position: Array) -> Array:
         """How a contact's point moves (3, n) [m/rad], seen from the torso, with its part's generic joints.

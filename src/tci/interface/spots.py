@@ -57,6 +57,12 @@ class Spots:
             raise TciError(f"{self._skin.robot.name} has no skin on {where} of {part}")
         return reach.place
 
+    def around(self, part: str, spot: Spot, radius: float) -> tuple[str, NDArray[np.bool_]] | None:
+        """The patch of a spot, and which of its taxels (n,) are nearer than `radius` [m]; None without
+        skin."""
+        reach = self._reach(part, spot)
+        return None if reach is None else (reach.place.patch, reach.distances < radius)
+
     def distance(self, contact: Contact, spot: Spot) -> float:
         """Geodesic distance [m] of a contact from a spot of its part; infinite on other skin."""
         reach = self._reach(contact.part, spot)

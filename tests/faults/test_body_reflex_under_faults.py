@@ -1,0 +1,190 @@
+"""The same faults of the skin on head, torso and leg, with the body's withdrawal. Named by the fault's
+number."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+
+import tci
+from tci.capabilities.body_fields import BodyField, default_body_fields
+from tci.capabilities.body_withdrawal import BodyMemory, BodyWithdrawal
+from tci.clock import ManualClock
+from tci.frames import Array, read_only
+from tci.interface.body import Body
+from tci.interface.gate import Gate, GateSettings, GateState
+from tci.interface.safe_command import SafeCommand
+from tci.messages import JointReading, Order, Perception, Reading, SkinFrame
+from tci.middleware.faulty import FaultPlan, FaultyLink
+from tci.middleware.link import Link
+from tci.model.description import Robot
+from tci.runtime.loop import Tick, run
+
+LEARNT = 5.0
+"""Time [s] after which noise and rest are learnt."""
+RATE = 50.0
+FIELDS = {one.name: one for one in default_body_fields().field}
+PLACES: Mapping[str, tuple[str, str, BodyField]] = {
+    "head": ("head", "head_skin", FIELDS["face"]),
+    "torso": ("torso", "torso_skin", FIELDS["chest"]),
+    "leg": ("left_leg", "left_shank", FIELDS["shank_front"]),
+}
+"""Part, patch and field by kind. The patch comes first, so it is the one that injectors spoil."""
+EACH = pytest.mark.parametrize("kind", PLACES)
+JUST_FELT = 40.0
+"""Counts of a touch that the reflex answers."""
+
+
+def wearing(kind: str) -> Robot:
+    """An iCub with the skin of one place only."""
+    robot = tci.load_robot("icub-whole")
+    binding = robot.binding("sim").model_copy(update={"rate": RATE})
+    return robot.model_copy(
+        update={"patches": (robot.patch(PLACES[kind][1]),), "bindings": (binding,), "digest": kind}
+    )
+
+
+class NoisyBody(Link):
+    """An iCub that is where it was told to be. Its skin has one count of noise; `touches` are times [s] of a
+    press of half a second on the field's middle."""
+
+    def __init__(self, kind: str, touches: tuple[float, ...] = ()) -> None:
+        super().__init__(wearing(kind), middleware="sim", clock=ManualClock(), armed=True)
+        # Keeping links apart takes most of the time and plays no part here.
+        settings, stale = GateSettings(self_collision=None), self.robot.binding("sim").stale_after
+        self.gate = Gate(self.robot, period=self.period, stale_after=stale, settings=settings)
+        self.lease_name = f"felt:{id(self)}"
+        self.angles, self.count = np.array(self.robot.initial_position), 0
+        self.random, self.touches = np.random.default_rng(3), touches
+        part, patch, place = PLACES[kind]
+        body = Body(self.robot)
+        found = body.spots.around(part, place.spot, 0.015)
+        assert found is not None
+        self.pressed = body.skin.surfaces[patch].channels[found[1]]
+
+    def _receive(self) -> Reading:
+        self.count += 1
+        now = self.clock.now()
+        (patch,) = self.robot.patches
+        values = patch.sensor.rest + self.random.standard_normal(patch.channels)
+        if any(begin <= now < begin + 0.5 for begin in self.touches):
+            values[self.pressed] += JUST_FELT * np.sign(patch.sensor.pascal_per_count)
+        values = np.clip(np.rint(values), patch.sensor.lowest, patch.sensor.highest)
+        joints = JointReading(now, self.count, read_only(self.angles), read_only(np.zeros(len(self.angles))))
+        return Reading(joints, (SkinFrame(patch.name, now, self.count, values),))
+
+    def _send(self, safe: SafeCommand) -> None:
+        self.angles = self.angles.copy()
+        self.angles[safe.servos] = safe.position
+
+    def _close(self) -> None:
+        return
+
+
+@dataclass
+class Counted(tci.Capability[BodyMemory]):
+    """The body's reflex, and when a part began to answer [s]."""
+
+    reflex: BodyWithdrawal = field(default_factory=lambda: BodyWithdrawal(stance="supported"))
+    answers: list[tuple[float, str]] = field(default_factory=list)
+
+    def init(self) -> BodyMemory:
+        return self.reflex.init()
+
+    def step(self, memory: BodyMemory, perception: Perception) -> tuple[tuple[Order, ...], BodyMemory]:
+        orders, after = self.reflex.step(memory, perception)
+        self.answers += [(perception.stamp, part) for part in after if part not in memory]
+        return orders, after
+
+    def fault(self, perception: Perception) -> str:
+        return self.reflex.fault(perception)
+
+
+def felt(
+    kind: str, fault: str, duration: float, *touches: float, lasts: float = np.inf
+) -> tuple[Array, list[Tick]]:
+    """When the part answered [s after the fault, which is at LEARNT], and all that passed."""
+    ticks: list[Tick] = []
+    reflex = Counted()
+    link = NoisyBody(kind, tuple(LEARNT + touch for touch in touches))
+    run(
+        FaultyLink(link, [FaultPlan(fault, LEARNT, lasts)]),
+        reflex,
+        duration=LEARNT + duration,
+        observe=ticks.append,
+    )
+    assert {part for _, part in reflex.answers} <= {PLACES[kind][0]}
+    return np.array([stamp - LEARNT for stamp, _ in reflex.answers if stamp > LEARNT - 1.0]), ticks
+
+
+def states(ticks: list[Tick]) -> set[GateState]:
+    return {tick.sent.state for tick in ticks}
+
+
+@EACH
+def test_01_a_taxel_that_sticks_high_is_answered_once_at_most(kind: str) -> None:
+    answers, ticks = felt(kind, "taxel-stuck-high", 84.0, 80.0)
+    assert len(answers) <= 2
+    assert answers[-1] == pytest.approx(80.0, abs=0.1), "the touch is felt beside it"
+    assert states(ticks) == {GateState.RUN}
+
+
+@EACH
+def test_03_a_dead_patch_stops_the_robot_since_its_fields_are_blind(kind: str) -> None:
+    answers, ticks = felt(kind, "dead-patch", 80.0)
+    last = ticks[-1].sent
+    assert last.state is GateState.STOP
+    assert "is blind: 0% of its taxels can be trusted; valid: 50% or more" in last.reason
+    assert PLACES[kind][0] in last.reason
+    assert len(answers) <= 1
+
+
+@EACH
+@pytest.mark.parametrize("fault", ["out-of-order", "duplicates", "clock-jump", "nan-taxel"])
+def test_04_11_12_13_a_touch_is_answered_once(kind: str, fault: str) -> None:
+    answers, ticks = felt(kind, fault, 6.0, 3.0)
+    assert answers == pytest.approx([3.0], abs=0.1)
+    assert states(ticks) == {GateState.RUN}
+
+
+@EACH
+def test_05_saturated_taxels_are_one_touch_with_a_bounded_answer(kind: str) -> None:
+    answers, ticks = felt(kind, "saturated-taxel", 20.0)
+    assert len(answers) <= 1
+    assert states(ticks) == {GateState.RUN}
+    robot = wearing(kind)
+    moved = np.ptp([tick.reading.joints.position for tick in ticks], axis=0)
+    part, _, place = PLACES[kind]
+    most = max(abs(angle) for angle in place.motion)
+    servos = [joint.servo for joint in robot.part(part).servos if joint.servo is not None]
+    assert moved[servos].max() <= most + 1e-6
+
+
+@EACH
+def test_07_a_step_of_the_baseline_is_answered_once(kind: str) -> None:
+    answers, ticks = felt(kind, "baseline-step", 54.0, 50.0)
+    assert len(answers) <= 2
+    assert answers[-1] == pytest.approx(50.0, abs=0.1), "and a touch is felt again"
+    quiet = [tick for tick in ticks if LEARNT + 40.0 < tick.now < LEARNT + 50.0]
+    assert not any(tick.perception.contacts for tick in quiet)
+
+
+@EACH
+def test_10_skin_that_falls_silent_makes_the_robot_hold(kind: str) -> None:
+    _, ticks = felt(kind, "skin-silent", 2.0, lasts=1.0)
+    silent = [tick for tick in ticks if tick.sent.state is GateState.HOLD]
+    assert silent[0].now - LEARNT == pytest.approx(0.25, abs=0.05)
+    assert ticks[-1].sent.state is GateState.RUN
+
+
+@EACH
+def test_27_a_touch_during_a_withdrawal_is_the_same_one_and_the_limits_hold(kind: str) -> None:
+    answers, ticks = felt(kind, "duplicates", 6.0, 1.0, 1.3, 4.0)
+    assert answers == pytest.approx([1.0, 4.0], abs=0.1)
+    robot = wearing(kind)
+    for sent in (tick.sent for tick in ticks if tick.sent.servos.size):
+        limits = np.array([robot.servos[servo].limits.velocity for servo in sent.servos], dtype=float)
+        assert (np.abs(sent.velocity) <= limits).all()

@@ -18,6 +18,7 @@ from foot import draw as draw_foot
 
 import tci
 from tci.cli.main import app
+from tci.cli.view import SIMULATED
 from tci.interface.places import find_place
 from tci.trials.film import Film
 from tci.viewer.app import Viewer
@@ -74,7 +75,7 @@ def viewer(folder: Path) -> None:
 
     reflex = tci.WithdrawalReflex()
     sessions = [
-        Session(tci.connect(tci.load_robot(name), "sim", step=0.002), reflex, about={})
+        Session(tci.connect(tci.load_robot(name), "sim", **SIMULATED), reflex, about={})
         for name in ("nao", "icub")
     ]
     page_of = Viewer(sessions, fields=reflex.fields, port=0, folder=folder)
@@ -86,7 +87,7 @@ def viewer(folder: Path) -> None:
         with sync_playwright() as playwright:
             chromium = shutil.which("chromium")
             browser = playwright.chromium.launch(executable_path=chromium, args=FLAGS)
-            page = browser.new_page(viewport={"width": 1500, "height": 900})
+            page = browser.new_page(viewport={"width": 1500, "height": 950})
             page.set_default_timeout(120_000)
             page.goto(page_of.address)
             page.wait_for_selector("canvas")

@@ -47,32 +47,39 @@ class View:
         return float(sum(contact.force for contact in self.contacts))
 
 
+_Row = tuple[float, float, float, Mapping[str, Array]]
+
+
 class History:
-    """The last seconds of a robot's views, for plots."""
+    """The last seconds of a robot's views, for plots. One thread adds, another may look."""
 
     def __init__(self) -> None:
-        self._rows: deque[tuple[float, float, float, Mapping[str, Array]]] = deque(
-            maxlen=int(WINDOW / SAMPLE)
-        )
-        self._force = self._response = 0.0
+        self._rows: deque[_Row] = deque(maxlen=int(WINDOW / SAMPLE))
+        self._latest: _Row | None = None
 
     def add(self, view: View) -> None:
         """Keep a view, at most one per `SAMPLE`. Time that runs backwards begins anew."""
         if self._rows and view.time < self._rows[-1][0]:
             self.clear()
-        self._force, self._response = max(self._force, view.force), max(self._response, view.response)
+        _, force, response, _ = self._latest or (0.0, 0.0, 0.0, {})
+        row = view.time, max(force, view.force), max(response, view.response), view.posture
         if not self._rows or view.time >= self._rows[-1][0] + SAMPLE - 1e-9:
-            self._rows.append((view.time, self._force, self._response, view.posture))
-            self._force = self._response = 0.0
+            self._rows.append(row)
+            self._latest = None
+        else:
+            self._latest = row
 
     def clear(self) -> None:
         """Forget all."""
         self._rows.clear()
-        self._force = self._response = 0.0
+        self._latest = None
 
     def series(self, part: str) -> tuple[Array, Array, Array, Array]:
         """Time (k,) [s], force (k,) [N], response (k,) [rad/s] and posture (n, k) [rad] of a part."""
-        rows = [row for row in list(self._rows) if part in row[3]]
+        latest, rows = self._latest, list(self._rows)
+        if latest is not None and rows and latest[0] > rows[-1][0]:
+            rows.append(latest)
+        rows = [row for row in rows if part in row[3]]
         if not rows:
             return np.zeros(0), np.zeros(0), np.zeros(0), np.zeros((0, 0))
         times, forces, responses, postures = zip(*rows, strict=True)

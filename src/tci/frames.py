@@ -72,6 +72,12 @@ def angle_between(a: Array, b: Array) -> float:
     return float(np.arctan2(np.linalg.norm(np.cross(a, b)), np.dot(a, b)))
 
 
+def frozen(values: NDArray[Any]) -> NDArray[Any]:
+    """The same array, which nobody can change from now on: for one that was just made."""
+    values.setflags(write=False)
+    return values
+
+
 def read_only(values: Any, dtype: Any = np.float64) -> NDArray[Any]:
     """A copy of `values` that nobody can change: what crosses a layer is frozen."""
     result = np.array(values, dtype=dtype)

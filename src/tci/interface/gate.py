@@ -14,7 +14,7 @@ from types import MappingProxyType
 import numpy as np
 
 from tci.errors import CommandError, LinkError, TciError
-from tci.frames import Array, read_only
+from tci.frames import Array, frozen
 from tci.interface.acceptance import check_command, fault_of_reading
 from tci.interface.gate_settings import GateCounts as GateCounts
 from tci.interface.gate_settings import GateSettings as GateSettings
@@ -170,11 +170,11 @@ class Gate:
             seal=self._seal,
             stamp=now,
             state=self.state,
-            servos=read_only(told.servos, np.intp),
+            servos=frozen(told.servos),
             modes=told.modes,
-            position=read_only(told.position),
-            velocity=read_only(told.velocity),
-            torque=read_only(self._motion.torques()),
+            position=frozen(told.position),
+            velocity=frozen(told.velocity),
+            torque=frozen(self._motion.torques()),
             stiffness=MappingProxyType(shares[Mode.STIFFNESS]),
             damping=MappingProxyType(shares[Mode.DAMPING]),
             clamped=tuple(clamped),

@@ -9,7 +9,7 @@ from tci.errors import CommandError, FrameError
 from tci.frames import Array, read_only
 from tci.messages import GenericCommand, JointReading, Mode, PlatformCommand, PlatformSwitch, SwitchMode
 from tci.model.description import GenericPart, Robot
-from tci.model.joint_map import joint_map
+from tci.model.joint_map import joint_map, postures
 
 
 def generic_posture(robot: Robot, joints: JointReading) -> dict[str, Array]:
@@ -21,9 +21,7 @@ def generic_posture(robot: Robot, joints: JointReading) -> dict[str, Array]:
         raise FrameError(
             f"joint reading of shape {joints.position.shape}; {robot.name} has {len(robot.servos)} servos"
         )
-    return {
-        part.name: read_only(joint_map(robot, part.name).to_generic(joints.position)) for part in robot.parts
-    }
+    return postures(robot).to_generic(joints.position)
 
 
 def generic_columns(robot: Robot, part: str, jacobian: Array, position: Array) -> Array:

@@ -21,6 +21,9 @@ class Speeds:
     def step(self, joints: JointReading) -> Array:
         """Speeds (n,) [rad/s] at a new reading: measured, or guessed where the reading says NaN."""
         before, self._before = self._before, joints
+        if np.isfinite(joints.velocity).all():
+            self._guess = joints.velocity
+            return joints.velocity
         passed = 0.0 if before is None else joints.stamp - before.stamp
         if before is not None and passed > 0.0:
             share = passed / (passed + SMOOTHING)

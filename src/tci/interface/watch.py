@@ -79,6 +79,8 @@ class Watch:
         """Forget all that was seen."""
         never = np.full(len(self._names), np.inf)
         self._before: JointReading | None = None
+        self._modes: tuple[Mode, ...] = ()
+        self._judged = np.zeros(0, dtype=bool)
         self._fresh = np.inf
         self._late = never.copy()
         self._opposed = never.copy()
@@ -107,6 +109,8 @@ class Watch:
 
     def _fault_of_encoders(self, joints: JointReading, before: JointReading) -> str:
         change = np.abs(joints.position - before.position)
+        if change.max(initial=0.0) <= self.settings.encoder_step:
+            return ""
         allowed = self._fastest * (joints.stamp - before.stamp) + self.settings.encoder_step
         if (change > allowed).any():
             worst = int(np.argmax(change - allowed))
@@ -139,14 +143,15 @@ class Watch:
         servos = reference.servos
         if not servos.size:
             return ""
-        judged = np.array([mode in JUDGED for mode in reference.modes], dtype=bool)
+        judged = self._judges(reference.modes)
         measured = joints.position[servos]
         moved = measured - before.position[servos]
 
+        # What holds for no servo at all is seen from one number: that is nearly always so, and quicker.
         error = np.abs(reference.position - measured)
-        late = judged & (error > s.following_error + s.lag * np.abs(reference.velocity))
-        since = self._last(self._late, servos, late, now)
-        if (since > s.patience).any():
+        if error.max() <= s.following_error:
+            self._late[servos] = np.inf
+        elif (since := self._late_for(servos, judged, error, reference.velocity, now)).max() > s.patience:
             worst = int(np.argmax(since))
             return (
                 f"{self._names[servos[worst]]} does not follow: {np.rad2deg(error[worst]):.1f} degrees "
@@ -154,19 +159,25 @@ class Watch:
             )
 
         speed = moved / (now - before.stamp)
-        opposed = judged & (reference.velocity * speed < 0.0)
-        opposed &= np.minimum(np.abs(speed), np.abs(reference.velocity)) > s.least_speed
-        since = self._last(self._opposed, servos, opposed, now)
-        if (since > s.opposing).any():
+        if np.abs(speed).max() <= s.least_speed or np.abs(reference.velocity).max() <= s.least_speed:
+            self._opposed[servos] = np.inf
+        elif (since := self._opposed_for(servos, judged, speed, reference.velocity, now)).max() > s.opposing:
             return (
                 f"{self._names[servos[int(np.argmax(since))]]} moves against its command; "
                 "check the sign of its scale (gamma)"
             )
 
+        if np.count_nonzero(moved) == moved.size:
+            self._repeats[servos] = np.inf
+            self._origin[servos] = reference.position
+            return ""
         repeats = judged & (moved == 0.0)
-        begins = ~(repeats & np.isfinite(self._repeats[servos]))
-        self._origin[servos[begins]] = reference.position[begins]
-        since = self._last(self._repeats, servos, repeats, now)
+        begin = np.where(repeats, np.minimum(self._repeats[servos], now), np.inf)
+        self._repeats[servos] = begin
+        self._origin[servos] = np.where(begin < now, self._origin[servos], reference.position)
+        since = now - begin
+        if since.max() <= s.frozen:
+            return ""
         travel = np.abs(reference.position - self._origin[servos])
         frozen = (since > s.frozen) & (travel > s.frozen_travel)
         if frozen.any():
@@ -176,6 +187,28 @@ class Watch:
                 f"{np.rad2deg(travel[worst]):.1f} degrees"
             )
         return ""
+
+    def _judges(self, modes: tuple[Mode, ...]) -> NDArray[np.bool_]:
+        """Which servos (k,) are in modes that are judged."""
+        if modes != self._modes:
+            self._modes = modes
+            self._judged = np.array([mode in JUDGED for mode in modes], dtype=bool)
+        return self._judged
+
+    def _late_for(
+        self, servos: NDArray[np.intp], judged: NDArray[np.bool_], error: Array, velocity: Array, now: float
+    ) -> Array:
+        """For how long (k,) [s] servos were farther from their reference than its speed explains."""
+        late = judged & (error > self.settings.following_error + self.settings.lag * np.abs(velocity))
+        return self._last(self._late, servos, late, now)
+
+    def _opposed_for(
+        self, servos: NDArray[np.intp], judged: NDArray[np.bool_], speed: Array, velocity: Array, now: float
+    ) -> Array:
+        """For how long (k,) [s] servos moved against their reference."""
+        opposed = judged & (velocity * speed < 0.0)
+        opposed &= np.minimum(np.abs(speed), np.abs(velocity)) > self.settings.least_speed
+        return self._last(self._opposed, servos, opposed, now)
 
     @staticmethod
     def _last(since: Array, servos: NDArray[np.intp], holds: NDArray[np.bool_], now: float) -> Array:

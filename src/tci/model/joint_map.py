@@ -151,8 +151,8 @@ class JointMap:
             transforms.append(Coupled(of["coupled"]))
         if of["retarget"]:
             transforms.append(Retarget(robot, part, of["retarget"]))
-        self._transforms = transforms
-        self._fixed = np.array([joint.fixed for joint in part.servos])
+        self.transforms = transforms
+        self.fixed = np.array([joint.fixed for joint in part.servos])
         none = np.zeros(0, dtype=np.intp)
         self.ids: NDArray[np.intp] = np.concatenate([none, *(t.ids for t in transforms)])
         """Generic ids (k,) of the joints that the robot has."""
@@ -161,15 +161,15 @@ class JointMap:
 
     def to_generic(self, position: Array) -> Array:
         """Generic angles (n,) [rad] from all servos' `position` (n_servos,) [rad]."""
-        generic = self._fixed.copy()
-        for transform in self._transforms:
+        generic = self.fixed.copy()
+        for transform in self.transforms:
             generic[transform.ids] = transform.generic(position[transform.servos])
         return generic
 
     def to_robot(self, generic: Array, position: Array) -> Array:
         """Angles (k,) [rad] of `servos` for generic angles (n,) [rad]; of several, those next to where the
         servos are: `position` (n_servos,) [rad]."""
-        parts = [t.robot(generic[t.ids], position[t.servos]) for t in self._transforms]
+        parts = [t.robot(generic[t.ids], position[t.servos]) for t in self.transforms]
         return np.concatenate([np.zeros(0), *parts])
 
     def slope(self, position: Array) -> Array:
@@ -179,11 +179,43 @@ class JointMap:
         """
         result = np.zeros((len(self.ids), len(self.ids)))
         begin = 0
-        for transform in self._transforms:
+        for transform in self.transforms:
             end = begin + len(transform.ids)
             result[begin:end, begin:end] = transform.slope(position[transform.servos])
             begin = end
         return result
+
+
+class Postures:
+    """All joints of all generic parts: linear ones, which are nearly all, in one go."""
+
+    def __init__(self, robot: Robot) -> None:
+        """Raises what the transforms raise."""
+        maps = [joint_map(robot, part.name) for part in robot.parts]
+        ends = np.cumsum([0, *(len(part.servos) for part in robot.parts)]).tolist()
+        self._slices = {
+            part.name: slice(begin, end)
+            for part, begin, end in zip(robot.parts, ends, ends[1:], strict=False)
+        }
+        self._fixed = np.concatenate([np.zeros(0), *(one.fixed for one in maps)])
+        placed = [(begin, t) for begin, one in zip(ends, maps, strict=False) for t in one.transforms]
+        linear = [(begin, t) for begin, t in placed if isinstance(t, Linear)]
+        none = np.zeros(0, dtype=np.intp)
+        self._ids = np.concatenate([none, *(begin + t.ids for begin, t in linear)])
+        self._servos = np.concatenate([none, *(t.servos for _, t in linear)])
+        self._scale = np.concatenate([np.zeros(0), *(t.scale for _, t in linear)])
+        self._offset = np.concatenate([np.zeros(0), *(t.offset for _, t in linear)])
+        self._others = [(begin + t.ids, t) for begin, t in placed if not isinstance(t, Linear)]
+
+    def to_generic(self, position: Array) -> dict[str, Array]:
+        """Generic angles (n,) [rad] of every part by name, which nobody can change, at all servos' `position`
+        (n_servos,) [rad]."""
+        generic = self._fixed.copy()
+        generic[self._ids] = self._scale * position[self._servos] + self._offset
+        for ids, transform in self._others:
+            generic[ids] = transform.generic(position[transform.servos])
+        generic.setflags(write=False)
+        return {name: generic[place] for name, place in self._slices.items()}
 
 
 KINDS = ("linear", "table", "coupled", "retarget")
@@ -196,6 +228,14 @@ def joint_map(robot: Robot, name: str) -> JointMap:
     found: JointMap | None = robot.kept.get(key)
     if found is None:
         found = robot.kept[key] = JointMap(robot, robot.part(name))
+    return found
+
+
+def postures(robot: Robot) -> Postures:
+    """The map of all generic parts. Raises what the transforms raise."""
+    found: Postures | None = robot.kept.get(("joint_map", ""))
+    if found is None:
+        found = robot.kept["joint_map", ""] = Postures(robot)
     return found
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tci.errors import CommandError
-from tci.frames import Array
+from tci.frames import Array, read_only
 from tci.messages import Mode
 from tci.model.description import Robot
 from tci.simulation import stepping as at
@@ -93,7 +93,7 @@ class Servos:
         self._torques[:] = 0.0
         self.modes = [Mode.POSITION] * len(self._home)
         """Control mode of each servo (n,)."""
-        self.powered = np.ones(len(self._home), dtype=bool)
+        self.powered = read_only(np.ones(len(self._home)), np.bool_)
         """Whether each servo (n,) is on."""
         self._apply_gains()
         self._physics.still = True
@@ -122,8 +122,12 @@ class Servos:
 
         Raises CommandError.
         """
+        now, count = self.modes, len(self._home)
+        if isinstance(servos, np.ndarray) and servos.shape == (len(modes),):
+            pairs = zip(servos.tolist(), modes, strict=True)
+            if all(0 <= servo < count and now[servo] is mode for servo, mode in pairs):
+                return
         index, _ = _checked(servos, np.zeros(len(modes)), len(self._home))
-        now = self.modes
         changes = [(s, mode) for s, mode in zip(index.tolist(), modes, strict=True) if mode is not now[s]]
         for servo, mode in changes:
             if self.modes[servo] is Mode.TORQUE:
@@ -145,7 +149,9 @@ class Servos:
         for servo in index.tolist():
             if on and not self.powered[servo]:
                 self._catch(servo)
-        self.powered[index] = on
+        powered = self.powered.copy()
+        powered[index] = on
+        self.powered = read_only(powered, np.bool_)
         self._apply_gains()
 
     @property

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tci.errors import CommandError, DescriptionError, Fault
-from tci.frames import Array, invert, read_only
+from tci.frames import Array, invert
 from tci.messages import JointReading, Mode, SkinFrame
 from tci.model.collisions import NO_MODEL
 from tci.model.description import Robot
@@ -179,7 +179,7 @@ class World:
             velocity=velocity,
             torque=torque,
             modes=tuple(self._servos.modes),
-            powered=read_only(self._servos.powered, np.bool_),
+            powered=self._servos.powered,
         )
 
     def frames(self) -> tuple[SkinFrame, ...]:

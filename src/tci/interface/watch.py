@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tci.errors import TciError
 from tci.frames import Array
+from tci.interface.kernels.motion import FOLLOWS, LATE, OPPOSED, judge_motion
 from tci.messages import JointReading, Mode
 from tci.model.description import Robot
 
@@ -72,6 +73,11 @@ class Watch:
         self._robot = robot
         self._names = [servo.name for servo in robot.servos]
         speeds = [servo.limits.velocity for servo in robot.servos]
+        s = self.settings
+        self._numbers = np.array([
+            s.following_error, s.lag, s.patience, s.opposing, s.least_speed, s.frozen, s.frozen_travel
+        ])  # fmt: skip
+        self._worst = np.zeros(2)
         self._fastest = np.array([np.inf if speed is None else speed for speed in speeds])
         self.reset()
 
@@ -82,11 +88,8 @@ class Watch:
         self._modes: tuple[Mode, ...] = ()
         self._judged = np.zeros(0, dtype=bool)
         self._fresh = np.inf
-        self._late = never.copy()
-        self._opposed = never.copy()
-        self._repeats = never.copy()
-        self._origin = np.zeros(len(self._names))
-        self._other_mode = never.copy()
+        self._memory = np.array([never, never, never, np.zeros(len(never))])
+        self._other_mode = never
 
     def step(self, joints: JointReading, reference: Reference) -> str:
         """Why the robot must stop, given a usable reading; empty while it does what it is told.
@@ -139,54 +142,20 @@ class Watch:
         return ""
 
     def _fault_of_motion(self, joints: JointReading, before: JointReading, reference: Reference) -> str:
-        s, now = self.settings, joints.stamp
         servos = reference.servos
-        if not servos.size:
+        found = judge_motion(
+            servos, self._judges(reference.modes), joints.position, before.position, reference.position,
+            reference.velocity, self._numbers, joints.stamp, joints.stamp - before.stamp, self._memory,
+            self._worst,
+        )  # fmt: skip
+        if found == FOLLOWS:
             return ""
-        judged = self._judges(reference.modes)
-        measured = joints.position[servos]
-        moved = measured - before.position[servos]
-
-        # What holds for no servo at all is seen from one number: that is nearly always so, and quicker.
-        error = np.abs(reference.position - measured)
-        if error.max() <= s.following_error:
-            self._late[servos] = np.inf
-        elif (since := self._late_for(servos, judged, error, reference.velocity, now)).max() > s.patience:
-            worst = int(np.argmax(since))
-            return (
-                f"{self._names[servos[worst]]} does not follow: {np.rad2deg(error[worst]):.1f} degrees "
-                "from its reference; stalled, blocked or limp"
-            )
-
-        speed = moved / (now - before.stamp)
-        if np.abs(speed).max() <= s.least_speed or np.abs(reference.velocity).max() <= s.least_speed:
-            self._opposed[servos] = np.inf
-        elif (since := self._opposed_for(servos, judged, speed, reference.velocity, now)).max() > s.opposing:
-            return (
-                f"{self._names[servos[int(np.argmax(since))]]} moves against its command; "
-                "check the sign of its scale (gamma)"
-            )
-
-        if np.count_nonzero(moved) == moved.size:
-            self._repeats[servos] = np.inf
-            self._origin[servos] = reference.position
-            return ""
-        repeats = judged & (moved == 0.0)
-        begin = np.where(repeats, np.minimum(self._repeats[servos], now), np.inf)
-        self._repeats[servos] = begin
-        self._origin[servos] = np.where(begin < now, self._origin[servos], reference.position)
-        since = now - begin
-        if since.max() <= s.frozen:
-            return ""
-        travel = np.abs(reference.position - self._origin[servos])
-        frozen = (since > s.frozen) & (travel > s.frozen_travel)
-        if frozen.any():
-            worst = int(np.argmax(frozen))
-            return (
-                f"the encoder of {self._names[servos[worst]]} stands still while its reference moved by "
-                f"{np.rad2deg(travel[worst]):.1f} degrees"
-            )
-        return ""
+        name, way = self._names[servos[int(self._worst[0])]], np.rad2deg(self._worst[1])
+        if found == LATE:
+            return f"{name} does not follow: {way:.1f} degrees from its reference; stalled, blocked or limp"
+        if found == OPPOSED:
+            return f"{name} moves against its command; check the sign of its scale (gamma)"
+        return f"the encoder of {name} stands still while its reference moved by {way:.1f} degrees"
 
     def _judges(self, modes: tuple[Mode, ...]) -> NDArray[np.bool_]:
         """Which servos (k,) are in modes that are judged."""
@@ -194,26 +163,3 @@ class Watch:
             self._modes = modes
             self._judged = np.array([mode in JUDGED for mode in modes], dtype=bool)
         return self._judged
-
-    def _late_for(
-        self, servos: NDArray[np.intp], judged: NDArray[np.bool_], error: Array, velocity: Array, now: float
-    ) -> Array:
-        """For how long (k,) [s] servos were farther from their reference than its speed explains."""
-        late = judged & (error > self.settings.following_error + self.settings.lag * np.abs(velocity))
-        return self._last(self._late, servos, late, now)
-
-    def _opposed_for(
-        self, servos: NDArray[np.intp], judged: NDArray[np.bool_], speed: Array, velocity: Array, now: float
-    ) -> Array:
-        """For how long (k,) [s] servos moved against their reference."""
-        opposed = judged & (velocity * speed < 0.0)
-        opposed &= np.minimum(np.abs(speed), np.abs(velocity)) > self.settings.least_speed
-        return self._last(self._opposed, servos, opposed, now)
-
-    @staticmethod
-    def _last(since: Array, servos: NDArray[np.intp], holds: NDArray[np.bool_], now: float) -> Array:
-        """For how long (k,) [s] a condition holds without a break; -inf where it does not."""
-        begin = np.where(holds, np.minimum(since[servos], now), np.inf)
-        since[servos] = begin
-        lasted: Array = now - begin
-        return lasted

@@ -1,0 +1,77 @@
+"""Whether servos move as they are told, in one compiled loop: `tci.interface.watch` says what that means."""
+
+from __future__ import annotations
+
+from numba import boolean, float64, int64
+
+from tci.frames import Array
+from tci.interface.kernels.arrays import reads, views, writes
+from tci.interface.kernels.compiled import compiled
+
+FOLLOWS, LATE, OPPOSED, FROZEN = range(4)
+"""What was found: nothing; a servo far from its reference, moving against it, or standing still."""
+FOLLOWING_ERROR, LAG, PATIENCE, OPPOSING, LEAST_SPEED, LONGEST_REPEAT, TRAVEL = range(7)
+"""Places of the settings."""
+LATE_SINCE, OPPOSED_SINCE, REPEATS_SINCE, ORIGIN = range(4)
+"""Rows of the memory (4, n_servos): since when [s] a condition has held without a break, or infinity; where
+the reference was [rad] when the angle began to repeat."""
+
+
+@compiled(
+    int64(
+        views(1, int64), views(1, boolean), views(1), views(1), views(1), views(1), reads(1),
+        float64, float64, writes(2), writes(1),
+    )
+)  # fmt: skip
+def judge_motion(
+    servos: Array,
+    judged: Array,
+    measured: Array,
+    before: Array,
+    position: Array,
+    velocity: Array,
+    settings: Array,
+    now: float,
+    elapsed: float,
+    memory: Array,
+    worst: Array,
+) -> int:
+    """What is wrong with the motion of `servos` (k,) from reading to reading, in modes that are `judged`.
+
+    `measured` and `before` (n_servos,) [rad] are `elapsed` [s] apart, `position` [rad] and `velocity` [rad/s]
+    (k,) their reference. Updates the memory, and writes into `worst` (2,) the place of the worst servo, and
+    its error or its reference's way [rad].
+    """
+    longest = -1.0
+    for k in range(len(servos)):
+        servo = servos[k]
+        error = abs(position[k] - measured[servo])
+        far = error > settings[FOLLOWING_ERROR] + settings[LAG] * abs(velocity[k])
+        begin = min(memory[LATE_SINCE, servo], now) if judged[k] and far else float("inf")
+        memory[LATE_SINCE, servo] = begin
+        if now - begin > max(longest, settings[PATIENCE]):
+            longest, worst[0], worst[1] = now - begin, k, error
+    if longest >= 0.0:
+        return LATE
+    for k in range(len(servos)):
+        servo = servos[k]
+        speed = (measured[servo] - before[servo]) / elapsed
+        against = velocity[k] * speed < 0.0 and min(abs(speed), abs(velocity[k])) > settings[LEAST_SPEED]
+        begin = min(memory[OPPOSED_SINCE, servo], now) if judged[k] and against else float("inf")
+        memory[OPPOSED_SINCE, servo] = begin
+        if now - begin > max(longest, settings[OPPOSING]):
+            longest, worst[0] = now - begin, k
+    if longest >= 0.0:
+        return OPPOSED
+    found = FOLLOWS
+    for k in range(len(servos)):
+        servo = servos[k]
+        repeats = judged[k] and measured[servo] == before[servo]
+        begin = min(memory[REPEATS_SINCE, servo], now) if repeats else float("inf")
+        memory[REPEATS_SINCE, servo] = begin
+        if not begin < now:
+            memory[ORIGIN, servo] = position[k]
+        way = abs(position[k] - memory[ORIGIN, servo])
+        if found == FOLLOWS and now - begin > settings[LONGEST_REPEAT] and way > settings[TRAVEL]:
+            found, worst[0], worst[1] = FROZEN, k, way
+    return found

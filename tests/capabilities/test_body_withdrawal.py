@@ -84,6 +84,9 @@ def test_a_standing_robot_keeps_its_legs_and_says_why() -> None:
     commands, memory = step(BodyWithdrawal(), shin)
     assert not commands
     assert "stands" in memory.refused["left_leg"]
+    assert BodyWithdrawal().notes(memory) == (
+        f"left_leg was touched and stays: {memory.refused['left_leg']}",
+    )
     commands, memory = step(BodyWithdrawal(stance="supported"), shin)
     assert [command.part for command in commands] == ["left_leg"]
     assert not memory.refused

@@ -7,8 +7,13 @@ import json
 import pytest
 
 from cli.test_cli import tci
+from tci.cli.run import run_capability
+from tci.interface.body import Body
+from tci.messages import Spot
 from tci.middleware.fault_list import FAULTS
 from tci.middleware.injectors import INJECTORS
+from tci.middleware.link import Link
+from tci.middleware.simulated import SimulatedLink
 
 POKED = ("run", "withdrawal", "--robot", "nao", "--poke", "--duration", "0.7")
 
@@ -92,3 +97,19 @@ def test_the_list_of_faults() -> None:
     text = tci("fault", "list")
     assert all(name in text for name in ("stall", "dead patch", "tested"))
     assert "tci run withdrawal --robot nao --poke --fault stall@0.5" in text
+
+
+def test_why_a_touched_leg_stays_is_told_once(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def poke_the_shin(link: Link) -> None:
+        assert isinstance(link, SimulatedLink)
+        place = Body(link.robot).spots.place("left_leg", Spot("shank", (1.0, 0.0, 0.0)))
+        link.world.finger.poke(place.patch, place.p_L, place.n_L)
+
+    monkeypatch.setattr("tci.cli.run.poke_forearm", poke_the_shin)
+    run_capability("body-withdrawal", "nao-whole", duration=0.4, poke=True, as_json=True)
+    told = json.loads(capsys.readouterr().out)
+    notes = [event["words"] for event in told["events"] if event["kind"] == "NOTE"]
+    assert len(notes) == 1
+    assert "left_leg was touched and stays: the robot stands" in notes[0]

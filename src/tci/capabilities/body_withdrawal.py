@@ -124,6 +124,10 @@ class BodyWithdrawal(Capability[BodyMemory]):
                 commands.append(GenericCommand(part, Mode.POSITION, after.target))
         return tuple(commands), BodyMemory(motions, refused)
 
+    def notes(self, memory: BodyMemory) -> tuple[str, ...]:
+        """Which legs stay though they were touched, and why."""
+        return tuple(f"{part} was touched and stays: {reason}" for part, reason in memory.refused.items())
+
     def fault(self, perception: Perception) -> str:
         """Which field has lost most of the skin that it feels with."""
         if perception.felt is None:

@@ -37,6 +37,10 @@ class Capability(ABC, Generic[Memory]):
         is changed.
         """
 
+    def notes(self, memory: Memory) -> tuple[str, ...]:
+        """What a person should know of what it did, or why it did nothing; mostly nothing."""
+        return ()
+
     def fault(self, perception: Perception) -> str:
         """Why the robot must stop: what this behaviour needs is gone. Empty while all is well."""
         return ""

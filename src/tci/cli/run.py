@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 import threading
 from collections.abc import Iterator, Sequence
 from importlib.metadata import entry_points
@@ -110,8 +111,18 @@ def run_capability(
                     filmed.see(tick)
                 teller.see(tick)
 
+            heard: set[str] = set()
+
+            def listen(memory: Any) -> bool:
+                for note in capability.notes(memory):
+                    # The same reason with another figure is no news.
+                    if (words := re.sub(r"[\d.]+", "", note)) not in heard:
+                        heard.add(words)
+                        teller.tell(link.clock.now(), "NOTE", note, "yellow")
+                return False
+
             try:
-                run(link, capability, duration=duration, observe=see, report=report)
+                run(link, capability, duration=duration, observe=see, until=listen, report=report)
             except (Exception, KeyboardInterrupt, SystemExit) as failure:
                 if not report.ended:  # it never began
                     raise

@@ -51,7 +51,7 @@ def respond(
         if count == 0:
             continue
         numbers, vectors = np.empty((count, NUMBERS)), np.empty((count, VECTORS, 3))
-        indices, places, rows = np.empty(k, np.int64), np.empty((3, k)), np.empty((3, count + 1), np.int64)
+        indices, places, rows = np.empty(k, np.int64), np.empty((4, k)), np.empty((3, count + 1), np.int64)
         describe_all(
             force, work, begins, found, taxels, faces, box, cells, limb, poses, posture, on, numbers, vectors,
             indices, places, rows,
@@ -178,7 +178,7 @@ class InC:
             ("T_TL", f.poses[f.patch.link]), ("T_TG", f.poses[link]), ("limb", flat.limb),
             ("posture", f.posture), ("numbers", np.zeros((n, NUMBERS))),
             ("vectors", np.zeros((n, VECTORS, 3))),
-            ("indices", np.zeros(n, np.int64)), ("places", np.zeros((3, n))), ("fields", f.table),
+            ("indices", np.zeros(n, np.int64)), ("places", np.zeros((4, n))), ("fields", f.table),
             ("gains", np.zeros(len(f.fields))),
         ]  # fmt: skip
         kinds: dict[type, Any] = {int: ctypes.c_int64, float: ctypes.c_double}

@@ -84,14 +84,14 @@ static void feel(frame_t *f, const uint8_t *restrict values) {
     uint16_t *sum = f->words, *bends = sum + w;
     int32_t *still = f->blocks, *settled = still + blocks, *live = settled + blocks, *ends = live + blocks;
     if (f->since >= 120) spill(f);
-    if (f->straight) for (int64_t i = 0; i < f->n; i++) now[i] = values[i] ^ turn;
-    else for (int64_t i = 0; i < f->n; i++) now[i] = values[f->channels[i]] ^ turn;
+    const int64_t n = f->n, *restrict channels = f->channels;
+    if (f->straight) for (int64_t i = 0; i < n; i++) now[i] = values[i] ^ turn;
+    else for (int64_t i = 0; i < n; i++) now[i] = values[channels[i]] ^ turn;
     uint16_t bending = f->frames > 1 ? 0xFFFF : 0;
     uint8_t changing = f->frames > 0;
     for (int64_t b = 0; b < blocks; b++) {
         int64_t o = b * BLOCK;
-        uint8_t other = 0;
-        for (int i = 0; i < BLOCK; i++) other |= now[o + i] ^ last[o + i];
+        int other = memcmp(now + o, last + o, BLOCK);
         if (!other && settled[b]) { still[b]++; continue; }
         if (still[b]) { catch_up(last + o, low + o, high + o, sum + o, (uint16_t)still[b]); still[b] = 0; }
         note(now + o, last + o, earlier + o, low + o, high + o, changes + o, sum + o, bends + o, bending, changing);
@@ -248,16 +248,14 @@ static void nearest(const double *p, const double *taxels, const int32_t *faces,
     for (int i = 0; i < 3; i++) n_L[i] /= length;
 }
 
-static void on_limb(const double *S, const double *p, double length, double side, double *u, double *theta) {
+static void on_limb(const double *S, const double *p, double length, double side, double *u, double *y, double *z) {
     double q[3];
     for (int r = 0; r < 3; r++) q[r] = S[4 * r] * p[0] + S[4 * r + 1] * p[1] + S[4 * r + 2] * p[2] + S[4 * r + 3];
+    q[1] *= side;
+    double r = sqrt(q[0] * q[0] + q[1] * q[1]);
     *u = -q[2] / length;
-    *theta = atan2(side * q[1], q[0]);
-}
-
-static double limb_distance(double u, double a, double v, double b) {
-    double x = u - v, y = RHO * (sin(a) - sin(b)), z = RHO * (cos(a) - cos(b));
-    return sqrt(x * x + y * y + z * z);
+    *y = r > 0 ? RHO * q[1] / r : 0;
+    *z = r > 0 ? RHO * q[0] / r : RHO;
 }
 
 static void describe(int64_t count, const frame_t *f) {
@@ -267,7 +265,7 @@ static void describe(int64_t count, const frame_t *f) {
     limb_pose(L, f->T_TG, f->limb, f->posture, S);
     int64_t all = bounds[count];
     for (int64_t c = 0; c < count; c++) {
-        double total = 0, peak = 0, area = 0, mean[3] = {0, 0, 0}, u, theta;
+        double total = 0, peak = 0, area = 0, mean[3] = {0, 0, 0}, u, y, z;
         for (int64_t p = bounds[c]; p < bounds[c + 1]; p++) {
             int64_t i = members[p];
             const double *t = f->taxels + 7 * i;
@@ -278,7 +276,7 @@ static void describe(int64_t count, const frame_t *f) {
             for (int a = 0; a < 3; a++) mean[a] += force * t[a];
             f->indices[p] = i;
             f->places[p] = force;
-            on_limb(S, t, length, side, f->places + all + p, f->places + 2 * all + p);
+            on_limb(S, t, length, side, f->places + all + p, f->places + 2 * all + p, f->places + 3 * all + p);
         }
         for (int a = 0; a < 3; a++) mean[a] /= total;
         double *V = f->vectors + 15 * c, *p_L = V, *n_L = V + 3;
@@ -289,27 +287,28 @@ static void describe(int64_t count, const frame_t *f) {
             V[9 + r] = n;
             V[12 + r] = -total * n;
         }
-        on_limb(S, p_L, length, side, &u, &theta);
-        double *N = f->numbers + 5 * c;
-        N[0] = total; N[1] = peak; N[2] = area; N[3] = u; N[4] = theta;
+        on_limb(S, p_L, length, side, &u, &y, &z);
+        double *N = f->numbers + 7 * c;
+        N[0] = total; N[1] = peak; N[2] = area; N[3] = u; N[4] = atan2(y, z); N[5] = y; N[6] = z;
     }
 }
 
 static void answer(int64_t c, int64_t all, const frame_t *f) {
     const int32_t *bounds = f->work + f->n;
-    const double *N = f->numbers + 5 * c, *closest = 0;
-    double least = INFINITY, u = N[3], theta = N[4];
+    const double *N = f->numbers + 7 * c, *closest = 0;
+    double least = INFINITY, u = N[3], y = N[5], z = N[6];
     for (int64_t i = 0; i < f->fields_n; i++) {
         const double *field = f->fields + 8 * i;
         if (field[0] != f->limb[14]) continue;
-        double dx = field[1] - u, dy = field[2] - RHO * sin(theta), dz = field[3] - RHO * cos(theta);
+        double dx = field[1] - u, dy = field[2] - y, dz = field[3] - z;
         double apart = sqrt(dx * dx + dy * dy + dz * dz);
         if (apart < field[4] && apart < least) { least = apart; closest = field; }
     }
     if (!closest) return;
     double total = 0, weights = 0, radius = closest[4];
     for (int64_t p = bounds[c]; p < bounds[c + 1]; p++) {
-        double weight = 2 * radius - limb_distance(f->places[all + p], f->places[2 * all + p], u, theta);
+        double ex = f->places[all + p] - u, ey = f->places[2 * all + p] - y, ez = f->places[3 * all + p] - z;
+        double weight = 2 * radius - sqrt(ex * ex + ey * ey + ez * ez);
         if (weight > 0) { total += weight * f->places[p]; weights += weight; }
     }
     double felt = weights > 0 ? total / weights : 0;

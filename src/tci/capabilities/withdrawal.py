@@ -7,7 +7,7 @@ to 1, but no other field answers and nothing is added twice.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from tci.capabilities.answer import PLACE, field_table, find_answer, find_answers
+from tci.capabilities.answer import PLACE, field_table, find_answers
 from tci.capabilities.capability import Capability
 from tci.capabilities.fields import ReceptiveField, default_fields
 from tci.errors import CommandError, TciError
@@ -161,24 +161,24 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
 
         The sum of overlapping fields would have no bound.
         """
-        closest, gain = find_answer(
-            self._table, self.distance_discount == "cosine", PLACE.get(contact.segment, -1),
-            contact.u, contact.theta, contact.force, contact.peak_force,
-            contact.taxel_u, contact.taxel_theta, contact.taxel_forces,
-        )  # fmt: skip
+        ((_, closest, gain),) = self._find(ContactTable.of((contact,)))
         return Answer(self.fields[closest], gain) if gain > 0.0 else None
 
-    def _answers(self, contacts: Sequence[Contact]) -> dict[str, list[tuple[int, float]]]:
-        """Field and gain of each contact that has an answer, by part."""
-        table = ContactTable.of(contacts)
+    def _find(self, table: ContactTable) -> Iterable[tuple[int, int, float]]:
+        """Of each contact its patch, the field that is nearest, and the gain; 0: no answer."""
         closest, gains = np.empty(len(table), np.int64), np.empty(len(table))
         segments = np.array([PLACE.get(site.segment, -1) for site in table.sites], np.int64)
         find_answers(
             self._table, self.distance_discount == "cosine", segments, table.patch, table.bounds,
             table.numbers, table.places, closest, gains,
         )  # fmt: skip
+        return zip(table.patch.tolist(), closest.tolist(), gains.tolist(), strict=True)
+
+    def _answers(self, contacts: Sequence[Contact]) -> dict[str, list[tuple[int, float]]]:
+        """Field and gain of each contact that has an answer, by part."""
+        table = ContactTable.of(contacts)
         answers: dict[str, list[tuple[int, float]]] = {}
-        for patch, nearest, gain in zip(table.patch.tolist(), closest.tolist(), gains.tolist(), strict=True):
+        for patch, nearest, gain in self._find(table):
             if gain > 0.0:
                 answers.setdefault(table.sites[patch].part, []).append((nearest, gain))
         return answers

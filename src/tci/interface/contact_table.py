@@ -9,8 +9,9 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.frames import Array
-from tci.interface.kernels.contacts import F_T, N_L, N_T, P_L, P_T
+from tci.frames import Array, read_only
+from tci.interface.generic_limb import generic_limb_point
+from tci.interface.kernels.contacts import F_T, N_L, N_T, NUMBERS, P_L, P_T
 from tci.interface.kernels.flat_skin import Site
 from tci.messages import Contact
 
@@ -47,7 +48,7 @@ class ContactTable(Sequence[Contact]):
         self.indices = indices
         """The taxels (k,) of all contacts, in their patches."""
         self.places = places
-        """Force [N], u and theta (3, k) of each of them."""
+        """Force [N], and u, y, z on the generic limb (4, k) of each of them."""
         self.told = told
         """Identity, begin [s] and way [m] (c, 3)."""
         self._order: list[int] = rows[2, :-1].tolist()
@@ -62,16 +63,21 @@ class ContactTable(Sequence[Contact]):
         count = len(made)
         rows = np.tile(np.arange(count + 1), (3, 1))
         rows[0, 1:] = np.cumsum([len(one.taxel_forces) for one in made])
-        lists = [(one.taxel_forces, one.taxel_u, one.taxel_theta) for one in made]
+        lists = [np.array([c.taxel_forces, *generic_limb_point(c.taxel_u, c.taxel_theta).T]) for c in made]
         table = ContactTable(
             [Site(one.patch, one.part, one.segment) for one in made],
             [one.stamp for one in made],
             [one.sequence for one in made],
             rows,
-            np.array([(c.force, c.peak_force, c.area, c.u, c.theta) for c in made]).reshape(-1, 5),
+            np.array(
+                [
+                    (c.force, c.peak_force, c.area, c.u, c.theta, *generic_limb_point(c.u, c.theta)[1:])
+                    for c in made
+                ]
+            ).reshape(-1, NUMBERS),
             np.array([(c.p_L, c.n_L, c.p_T, c.n_T, c.f_T) for c in made]).reshape(-1, 5, 3),
             np.array([*chain.from_iterable(one.taxels for one in made)], np.intp),
-            np.ascontiguousarray(np.concatenate([np.zeros((3, 0)), *map(np.array, lists)], axis=1)),
+            np.ascontiguousarray(np.concatenate([np.zeros((4, 0)), *lists], axis=1)),
             np.array([(c.identity, c.began, c.moved) for c in made]).reshape(-1, 3),
         )
         table._made.update(enumerate(made))
@@ -95,9 +101,9 @@ class ContactTable(Sequence[Contact]):
             patch = self.patch[row]
             site = self.sites[patch]
             own = slice(self.bounds[row], self.bounds[row + 1])
-            force, peak, area, u, theta = self.numbers[row].tolist()
+            force, peak, area, u, theta, _, _ = self.numbers[row].tolist()
             identity, began, moved = self.told[row].tolist()
-            vectors, (forces, taxel_u, taxel_theta) = self.vectors[row], self.places[:, own]
+            vectors, (forces, taxel_u, y, z) = self.vectors[row], self.places[:, own]
             contact = self._made[row] = Contact(
                 patch=site.patch,
                 part=site.part,
@@ -117,7 +123,7 @@ class ContactTable(Sequence[Contact]):
                 u=u,
                 theta=theta,
                 taxel_u=taxel_u,
-                taxel_theta=taxel_theta,
+                taxel_theta=read_only(np.arctan2(y, z)),
                 identity=int(identity),
                 began=began,
                 moved=moved,

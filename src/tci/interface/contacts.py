@@ -87,7 +87,7 @@ def find_contacts(
         if flat.sites[p].part not in posture:
             raise UnknownNameError("generic part in this posture", flat.sites[p].part, posture)
     numbers, vectors = np.empty((count, NUMBERS)), np.empty((count, VECTORS, 3))
-    indices, places = np.empty(taxels, np.intp), np.empty((3, taxels))
+    indices, places = np.empty(taxels, np.intp), np.empty((4, taxels))
     rows = np.empty((3, count + 1), np.int64)
     describe_all(
         force, flat.work, flat.begins, flat.counts, flat.taxels, flat.faces, flat.box, flat.cells,

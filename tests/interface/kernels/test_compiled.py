@@ -9,7 +9,7 @@ from pathlib import Path
 from types import ModuleType
 
 from tci.capabilities import answer, discounts
-from tci.interface.kernels import compiled, condition, contacts, nearest
+from tci.interface.kernels import compiled, condition, nearest, whole
 
 
 def test_the_stamp_follows_every_source(tmp_path: Path) -> None:
@@ -30,8 +30,8 @@ def test_numba_compares_our_stamp() -> None:
     """It does so through a name of its own: a version without it must not go unnoticed."""
     for loop, module, calls in (
         (condition.condition, condition, ()),
-        (contacts.describe, contacts, ()),
-        (answer.find_answer, answer, (discounts,)),
+        (whole.describe_all, whole, ()),
+        (answer.find_answers, answer, (discounts,)),
     ):
         stamp = compiled._stamp(Path(module.__file__), calls)
         assert loop._cache._cache_file._source_stamp == stamp

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import float64, int32, int64, void
+from numba import float64, int32, int64
 
 from tci.frames import Array
-from tci.interface.kernels.arrays import reads, views, writes
+from tci.interface.generic_limb import RHO
+from tci.interface.kernels.arrays import reads, writes
 from tci.interface.kernels.compiled import compiled, inlined
 from tci.interface.kernels.flat import Indices
 from tci.interface.kernels.limb import limb_pose
 from tci.interface.kernels.nearest import nearest
 
-FORCE, PEAK, AREA, U, THETA = range(5)
-"""Columns of `numbers`: force [N], that of the strongest taxel, area [m2], place on the limb."""
-NUMBERS = 5
+FORCE, PEAK, AREA, U, THETA, Y, Z = range(7)
+"""Columns of `numbers`: force [N], that of the strongest taxel, area [m2], place on the limb, and
+on the generic limb."""
+NUMBERS = 7
 P_L, N_L, P_T, N_T, F_T = range(5)
 """Rows of `vectors`: centre and normal in the link, both seen from the torso, force [N] there."""
 VECTORS = 5
@@ -33,6 +35,23 @@ def _deal(active: Indices, label: Indices, bounds: Indices, members: Indices, co
     for i in range(count, 0, -1):
         bounds[i] = bounds[i - 1]
     bounds[0] = 0
+
+
+@inlined
+def _on_limb(
+    T_SL: Array, x: float, y: float, z: float, length: float, side: float
+) -> tuple[float, float, float]:
+    """u, y and z on the generic limb of a point of the link (eqs 4, 6), see `limb_coordinates` and
+    `generic_limb_point`; NaN without a limb."""
+    if length == 0.0:
+        return np.nan, np.nan, np.nan
+    x_S = T_SL[0, 0] * x + T_SL[0, 1] * y + T_SL[0, 2] * z + T_SL[0, 3]
+    y_S = side * (T_SL[1, 0] * x + T_SL[1, 1] * y + T_SL[1, 2] * z + T_SL[1, 3])
+    z_S = T_SL[2, 0] * x + T_SL[2, 1] * y + T_SL[2, 2] * z + T_SL[2, 3]
+    r = np.sqrt(x_S * x_S + y_S * y_S)
+    if r == 0.0:
+        return -z_S / length, 0.0, RHO
+    return -z_S / length, RHO * y_S / r, RHO * x_S / r
 
 
 @inlined
@@ -118,22 +137,6 @@ def cluster_of(
 
 
 @inlined
-def _on_limb(T_SL: Array, x: float, y: float, z: float, length: float, side: float) -> tuple[float, float]:
-    """u and theta [rad] of a point of the link (eq. 4), see `limb_coordinates`; NaN without a limb."""
-    if length == 0.0:
-        return np.nan, np.nan
-    x_S = T_SL[0, 0] * x + T_SL[0, 1] * y + T_SL[0, 2] * z + T_SL[0, 3]
-    y_S = T_SL[1, 0] * x + T_SL[1, 1] * y + T_SL[1, 2] * z + T_SL[1, 3]
-    z_S = T_SL[2, 0] * x + T_SL[2, 1] * y + T_SL[2, 2] * z + T_SL[2, 3]
-    return -z_S / length, np.arctan2(side * y_S, x_S)
-
-
-@compiled(
-    void(
-        reads(1), reads(1, int32), reads(2), reads(2, int32), reads(1), reads(1, int32), views(2), views(2),
-        reads(1), views(1), writes(2), writes(3), writes(1, int64), writes(2),
-    ),
-)  # fmt: skip
 def describe(
     force: Array,
     work: Indices,
@@ -145,52 +148,66 @@ def describe(
     T_TG: Array,
     limb: Array,
     posture: Array,
+    count: int,
+    first: int,
+    begin: int,
+    T_SL: Array,
+    turn: Array,
+    mean: Array,
     numbers: Array,
     vectors: Array,
     indices: Indices,
     places: Array,
 ) -> None:
-    """Fill in the contacts that `cluster` found: `numbers` (c, NUMBERS), `vectors` (c, VECTORS, 3), and of
-    all their taxels (k,) the `indices` and `places`: force [N], u and theta (3, k).
+    """Fill in the `count` contacts that `cluster` found: from row `first` on `numbers` (c, NUMBERS) and
+    `vectors` (c, VECTORS, 3), and from column `begin` on, of all their taxels (k,), the `indices` and the
+    `places` (4, k): force [N], and u, y, z on the generic limb (eqs 3-4, 6).
 
-    `T_TL` (4, 4) is the pose of the patch's link, `T_TG` of its segment's; `limb` and `posture` as in
-    `limb_pose`.
+    The link is at `T_TL` (4, 4), its limb's link at `T_TG`, `limb` (15,) at `posture` (4,) [rad], see
+    `limb_pose`; `T_SL` (4, 4), `turn` (3, 3) and `mean` (3,) are room to work in.
     """
     n = len(force)
     members, bounds = work[:n], work[n : 2 * n + 1]
-    T_SL = np.empty((4, 4))
     length, side = limb[12], limb[13]
     if length > 0.0:
-        limb_pose(T_TL, T_TG, limb, posture, T_SL)
-    mean = np.empty(3)
-    for c in range(len(numbers)):
+        limb_pose(T_TL, T_TG, limb, posture, T_SL, turn)
+    for row in range(count):
+        c = first + row
         total, peak, area = 0.0, 0.0, 0.0
-        mean[:] = 0.0
-        for place in range(bounds[c], bounds[c + 1]):
+        mean[0] = mean[1] = mean[2] = 0.0
+        for place in range(bounds[row], bounds[row + 1]):
             i = members[place]
             f = force[i]
             total += f
             peak = max(peak, f)
             area += taxels[i, 6]
-            for axis in range(3):
-                mean[axis] += f * taxels[i, axis]
-            indices[place] = i
-            places[0, place] = f
-            u, theta = _on_limb(T_SL, taxels[i, 0], taxels[i, 1], taxels[i, 2], length, side)
-            places[1, place] = u
-            places[2, place] = theta
-        mean /= total
-        p_L, n_L = vectors[c, P_L], vectors[c, N_L]
-        nearest(mean, taxels, faces, box, cells, p_L, n_L)
-        for row in range(3):
-            n_T = T_TL[row, 0] * n_L[0] + T_TL[row, 1] * n_L[1] + T_TL[row, 2] * n_L[2]
-            at = T_TL[row, 0] * p_L[0] + T_TL[row, 1] * p_L[1] + T_TL[row, 2] * p_L[2]
-            vectors[c, P_T, row] = at + T_TL[row, 3]
-            vectors[c, N_T, row] = n_T
-            vectors[c, F_T, row] = -total * n_T
-        u, theta = _on_limb(T_SL, p_L[0], p_L[1], p_L[2], length, side)
+            x, y, z = taxels[i, 0], taxels[i, 1], taxels[i, 2]
+            mean[0] += f * x
+            mean[1] += f * y
+            mean[2] += f * z
+            indices[begin + place] = i
+            u, y_L, z_L = _on_limb(T_SL, x, y, z, length, side)
+            places[0, begin + place] = f
+            places[1, begin + place] = u
+            places[2, begin + place] = y_L
+            places[3, begin + place] = z_L
+        mean[0] /= total
+        mean[1] /= total
+        mean[2] /= total
+        nearest(mean, taxels, faces, box, cells, vectors[c, P_L], vectors[c, N_L])
+        x, y, z = vectors[c, P_L, 0], vectors[c, P_L, 1], vectors[c, P_L, 2]
+        nx, ny, nz = vectors[c, N_L, 0], vectors[c, N_L, 1], vectors[c, N_L, 2]
+        for axis in range(3):
+            n_T = T_TL[axis, 0] * nx + T_TL[axis, 1] * ny + T_TL[axis, 2] * nz
+            at = T_TL[axis, 0] * x + T_TL[axis, 1] * y + T_TL[axis, 2] * z
+            vectors[c, P_T, axis] = at + T_TL[axis, 3]
+            vectors[c, N_T, axis] = n_T
+            vectors[c, F_T, axis] = -total * n_T
+        u, y_L, z_L = _on_limb(T_SL, x, y, z, length, side)
         numbers[c, FORCE] = total
         numbers[c, PEAK] = peak
         numbers[c, AREA] = area
         numbers[c, U] = u
-        numbers[c, THETA] = theta
+        numbers[c, THETA] = np.arctan2(y_L, z_L)
+        numbers[c, Y] = y_L
+        numbers[c, Z] = z_L

@@ -18,16 +18,16 @@ def limb_numbers(part: GenericPart, segment: Segment) -> Array:
 
 
 @inlined
-def limb_pose(T_TL: Array, T_TG: Array, limb: Array, posture: Array, T_SL: Array) -> None:
+def limb_pose(T_TL: Array, T_TG: Array, limb: Array, posture: Array, T_SL: Array, R: Array) -> None:
     """Write `T_SL` (4, 4) of a link at `T_TL`, seen from the frame S that `segment_pose` gives a segment.
 
-    `T_TG` (4, 4) is the pose of the segment's own link, `limb` (15,) its numbers, `posture` (5,) [rad].
+    `T_TG` (4, 4) is the pose of the segment's own link, `limb` (15,) its numbers, `posture` (5,) [rad]; `R`
+    (3, 3) is room to work in.
     """
     R_TM, origin, side = limb[:9].reshape(3, 3), limb[9:12], limb[13]
     # R_MS of `segment_rotation`, axial=False, as products of rotations about y, x, z and y.
     c0, s0 = np.cos(posture[0]), -np.sin(posture[0])
     c1, s1 = np.cos(side * posture[1]), np.sin(side * posture[1])
-    R = np.empty((3, 3))
     R[0, 0], R[0, 1], R[0, 2] = c0, s0 * s1, s0 * c1
     R[1, 0], R[1, 1], R[1, 2] = 0.0, c1, -s1
     R[2, 0], R[2, 1], R[2, 2] = -s0, c0 * s1, c0 * c1

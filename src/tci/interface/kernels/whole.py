@@ -21,12 +21,12 @@ where it began and is (3,) [m]."""
 
 
 @inlined
-def _before(one: Array, other: Array) -> bool:
-    if one[FORCE] != other[FORCE]:
-        return one[FORCE] > other[FORCE]  # type: ignore[no-any-return]
-    if one[U] != other[U]:
-        return one[U] < other[U]  # type: ignore[no-any-return]
-    return one[THETA] < other[THETA]  # type: ignore[no-any-return]
+def _before(numbers: Array, one: int, other: int) -> bool:
+    for column, sign in ((FORCE, -1.0), (U, 1.0), (THETA, 1.0)):
+        a, b = sign * numbers[one, column], sign * numbers[other, column]
+        if a != b:
+            return a < b  # type: ignore[no-any-return]
+    return False
 
 
 @inlined
@@ -108,6 +108,7 @@ def describe_all(
     patch, and which one comes at this place of the order, the strongest of each patch first."""
     c = begin = 0
     rows[0, 0] = 0
+    T_SL, turn, mean = np.empty((4, 4)), np.empty((3, 3)), np.empty(3)
     for p in range(len(counts)):
         count = counts[p]
         if count == 0:
@@ -115,25 +116,22 @@ def describe_all(
         a, b = begins[p, TAXEL], begins[p + 1, TAXEL]
         own = work[4 * a + p : 4 * b + p + 1]
         bounds = own[b - a :]
-        end = begin + bounds[count]
-        part = np.empty((3, end - begin))
         describe(
             force[a:b], own, taxels[a:b], faces[begins[p, FACE] : begins[p + 1, FACE]], box[p],
             cells[begins[p, CELL] : begins[p + 1, CELL]], poses[on[p, LINK]], poses[on[p, LIMB_LINK]],
-            limb[p], posture[on[p, POSTURE]], numbers[c : c + count], vectors[c : c + count],
-            indices[begin:end], part,
+            limb[p], posture[on[p, POSTURE]], count, c, begin, T_SL, turn, mean, numbers, vectors, indices,
+            places,
         )  # fmt: skip
-        places[:, begin:end] = part
         for i in range(count):
             rows[0, c + i + 1] = begin + bounds[i + 1]
             rows[1, c + i] = p
             k = c + i
-            while k > c and _before(numbers[c + i], numbers[rows[2, k - 1]]):
+            while k > c and _before(numbers, c + i, rows[2, k - 1]):
                 rows[2, k] = rows[2, k - 1]
                 k -= 1
             rows[2, k] = c + i
         c += count
-        begin = end
+        begin += bounds[count]
 
 
 @compiled(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import subprocess
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -18,6 +19,9 @@ import tci
 
 Job = tuple[Any, ...]
 Result = dict[str, Any]
+HERE = Path(__file__).parent
+COMMITS: dict[str, str] = {}
+"""Of what each row was measured, by the name under which it is kept."""
 
 
 def gather(
@@ -27,13 +31,16 @@ def gather(
 
     At full size they are written to `OUT/reliability/NAME.jsonl` one by one, and those that are there already
     count, if the sources are the same: the full size can be reached in pieces. JOBS processes work at once;
-    `alone`: one job at a time.
+    `alone`: one job at a time. PART=0/2 does every second job only. MINUTES=0 does nothing and takes what was
+    kept last, of whatever sources; `COMMITS` tells which.
     """
     kept = Path(os.environ.get("OUT", "out")) / "reliability" / f"{name}.jsonl"
-    done = _kept(kept) if full else {}
+    minutes = float(os.environ.get("MINUTES", "inf"))
+    done = _kept(name, kept, last=minutes == 0.0) if full else {}
     jobs = [tuple(job) for job in jobs]
-    missing = [job for job in jobs if json.dumps(job) not in done]
-    until = time.monotonic() + 60.0 * float(os.environ.get("MINUTES", "inf"))
+    part, parts = map(int, os.environ.get("PART", "0/1").split("/"))
+    missing = [job for job in jobs[part::parts] if json.dumps(job) not in done]
+    until = time.monotonic() + 60.0 * minutes
     count = 1 if alone else int(os.environ.get("JOBS", os.cpu_count() or 1))
     if missing and time.monotonic() < until:
         with ProcessPoolExecutor(count) as pool:
@@ -46,7 +53,7 @@ def gather(
                 if full:
                     kept.parent.mkdir(parents=True, exist_ok=True)
                     with kept.open("a") as file:
-                        line = {"sources": sources(), "job": job, "result": done[job]}
+                        line = {"sources": sources(), "commit": commit(), "job": job, "result": done[job]}
                         file.write(json.dumps(line) + "\n")
                 if time.monotonic() > until:
                     for other in waiting:
@@ -54,12 +61,22 @@ def gather(
     return [done[job] for job in map(json.dumps, jobs) if job in done]
 
 
-def _kept(path: Path) -> dict[str, Result]:
-    """Results by job, of the sources as they are now."""
-    if not path.exists():
-        return {}
-    lines = [json.loads(line) for line in path.read_text().splitlines()]
-    return {line["job"]: line["result"] for line in lines if line["sources"] == sources()}
+def _kept(name: str, path: Path, *, last: bool) -> dict[str, Result]:
+    """Results by job, of the sources as they are now, or as they were `last`."""
+    lines = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+    wanted = lines[-1]["sources"] if lines and last else sources()
+    lines = [line for line in lines if line["sources"] == wanted]
+    COMMITS[name] = lines[-1]["commit"] if lines else commit()
+    return {line["job"]: line["result"] for line in lines}
+
+
+@cache
+def commit() -> str:
+    """What is checked out here."""
+    where = subprocess.run(
+        ["git", "describe", "--always", "--dirty"], capture_output=True, text=True, check=False, cwd=HERE
+    )
+    return where.stdout.strip()
 
 
 @cache

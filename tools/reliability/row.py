@@ -21,6 +21,8 @@ class Row:
     target: str
     sound: bool | None
     """Whether all that was tried is as the target wants it; None: nothing was measured."""
+    commit: str = ""
+    """Of what it was measured."""
 
     @property
     def size(self) -> str:

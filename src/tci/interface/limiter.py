@@ -216,8 +216,7 @@ class Limiter:
         bounds = self.bounds
         if not len(bounds.coupling):
             return True
-        now = bounds.coupling @ here
-        lower, upper = np.minimum(bounds.coupling_lower, now), np.maximum(bounds.coupling_upper, now)
+        lower, upper = bounds.coupling_lower, bounds.coupling_upper
         # The box around the stop is quick to check, and enough while no coupling is near.
         pull, push = np.maximum(bounds.coupling, 0.0), np.minimum(bounds.coupling, 0.0)
         if np.all((pull @ lowest + push @ highest >= lower) & (pull @ highest + push @ lowest <= upper)):
@@ -227,8 +226,12 @@ class Limiter:
             return False
         times = np.arange(0.0, duration + self._period, self._period)
         points = np.array([self._candidate.at_time(time)[0] for time in times])
-        values = points @ bounds.coupling.T
-        return bool(np.all((values >= lower) & (values <= upper)))
+        values, now = points @ bounds.coupling.T, bounds.coupling @ here
+        if np.any((values < np.minimum(lower, now)) | (values > np.maximum(upper, now))):
+            return False
+        inside = (values >= lower) & (values <= upper)
+        # Outside it comes nearer, no more; and what came inside does not leave again.
+        return bool(np.all(inside | ~np.logical_or.accumulate(inside)))
 
     def _plan_stop(self, state: Array, here: Array) -> tuple[bool, Array]:
         """Plan the jerk-limited stop from a `state` (3, n). Raises RuckigError when there is none.

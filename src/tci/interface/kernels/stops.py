@@ -14,7 +14,8 @@ from tci.interface.kernels.compiled import compiled
 def stop_stays_inside(
     start: Array, end: Array, jerk: Array, here: Array, lower: Array, upper: Array, span: Array
 ) -> bool:
-    """Whether a stop stays in `lower`, `upper` (n,) [rad], or outside them no farther than `here` (n,).
+    """Whether a stop stays in `lower`, `upper` (n,) [rad], or outside them no farther than `here` (n,), and
+    does not leave them again once it is inside.
 
     It goes from `start` (3, n), angles, velocities and accelerations [rad], to `end` (n,) with `jerk` (n,)
     [rad/s3]. Writes the least and the largest angles (2, n) on the way into `span`. A servo turns back when
@@ -32,6 +33,11 @@ def stop_stays_inside(
         span[1, i] = max(q, turn, end[i])
         if not (span[0, i] >= min(lower[i], here[i]) and span[1, i] <= max(upper[i], here[i])):
             inside = False
+        within = False
+        for at in (q, turn, end[i]):
+            if within and not lower[i] <= at <= upper[i]:
+                inside = False
+            within = within or lower[i] <= at <= upper[i]
         if not (np.isfinite(q + v + a) and np.isfinite(turn) and np.isfinite(end[i])):
             inside = False  # min and max of numbers that are none depend on their order
     return inside

@@ -8,6 +8,7 @@ and the robot's own body (`self_collision`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from types import MappingProxyType
 
@@ -218,7 +219,7 @@ class Gate:
 
     def _is_due(self, now: float) -> bool:
         """Whether a step is due at `now` [s]: there are no more of them than periods, and no burst."""
-        if not np.isfinite(now):
+        if not math.isfinite(now):
             return False
         if self._before > -np.inf:
             passed = max(0.0, now - self._before) / self.period

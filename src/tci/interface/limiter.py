@@ -91,6 +91,11 @@ class Limiter:
         return position, velocity, acceleration
 
     @property
+    def whole_state(self) -> Array:
+        """The same as one array (3, n), which stays the same object while nothing moves."""
+        return self._state
+
+    @property
     def span(self) -> Array:
         """Least and largest angles (2, n) [rad] of the stop from there."""
         return self._span

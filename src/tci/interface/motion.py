@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from operator import is_
 
 import numpy as np
 from ruckig import Trajectory
@@ -53,6 +54,8 @@ class Motion:
         solid = robot.model is not None and margin is not None
         self._body = SelfCollision(robot, margin=margin) if solid and margin is not None else None
         self._near: list[str] = []
+        self._shown: Reference | None = None
+        self._states: list[Array] = []
         self.modes = [servo.modes[0] for servo in robot.servos]
         """Control mode of every servo."""
 
@@ -60,15 +63,20 @@ class Motion:
     def reference(self) -> Reference:
         """What is told to the servos now; those in torque mode come last, where they were measured."""
         chains = list(self._chains.values())
-        states = [chain.limiter.state for chain in chains]
+        states = [chain.limiter.whole_state for chain in chains]
         loose = self._torque.servos
+        rests = len(states) == len(self._states) and all(map(is_, states, self._states))
+        if self._shown is not None and rests and not loose.size:
+            return self._shown
         servos = np.concatenate([*(chain.index for chain in chains), loose])
-        return Reference(
+        self._states = states
+        self._shown = Reference(
             servos=servos,
             modes=tuple(self.modes[servo] for servo in servos.tolist()),
             position=np.concatenate([*(state[0] for state in states), self._measured[loose]]),
             velocity=np.concatenate([*(state[1] for state in states), np.zeros(loose.size)]),
         )
+        return self._shown
 
     @property
     def targets(self) -> Array:
@@ -135,7 +143,7 @@ class Motion:
         """Torque (k,) [N m] of each servo of `reference`; 0 for those in another mode."""
         torque = self._torque.step(self._measured, self._velocity)
         others = sum(len(chain.servos) for chain in self._chains.values())
-        return np.concatenate([np.zeros(others), torque])
+        return np.concatenate([np.zeros(others), torque]) if torque.size else np.zeros(others)
 
     def _push(self, command: PlatformCommand) -> list[str]:
         """Torques for servos in torque mode."""
@@ -227,6 +235,7 @@ class Motion:
             old = self._chains.get(group)
             kept = ({*old.servos} if old else set()) | mine
             chains[group] = self._chain(group, kept - loose, fresh) if kept - loose else None
+        self._shown = None
         for servo in servos:
             self.modes[servo] = switch.mode
         self._switched.update(servos)

@@ -11,14 +11,11 @@ PAGE = Path(__file__).parents[2] / "docs" / "reliability.md"
 BEGIN, END = "<!-- scoreboard -->\n", "<!-- end of the scoreboard -->\n"
 
 
-def write_page(rows: Sequence[Row], commit: str) -> None:
+def write_page(rows: Sequence[Row]) -> None:
     """Put the rows into the page, in the place of what is there."""
-    lines = [
-        f"Measured at {commit}.",
-        "",
-        "| figure | tried | measured | target | met |",
-        "|---|---|---|---|---|",
-    ]
-    lines += [f"| {row.name} | {row.size} | {row.figure} | {row.target} | {row.met} |" for row in rows]
+    lines = ["| figure | tried | measured | target | met | at |", "|---|---|---|---|---|---|"]
+    for row in rows:
+        cells = (row.name, row.size, row.figure, row.target, row.met, row.commit)
+        lines.append(f"| {' | '.join(cells)} |")
     before, rest = PAGE.read_text().split(BEGIN)
     PAGE.write_text(before + BEGIN + "\n".join(lines) + "\n" + END + rest.split(END)[1])

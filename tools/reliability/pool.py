@@ -66,7 +66,7 @@ def _kept(name: str, path: Path, *, last: bool) -> dict[str, Result]:
     lines = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
     wanted = lines[-1]["sources"] if lines and last else sources()
     lines = [line for line in lines if line["sources"] == wanted]
-    COMMITS[name] = lines[-1]["commit"] if lines else commit()
+    COMMITS[name] = lines[-1].get("commit", "") if lines else commit()
     return {line["job"]: line["result"] for line in lines}
 
 

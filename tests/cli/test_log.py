@@ -33,6 +33,7 @@ def test_record_look_cut_export_and_replay(tmp_path: Path) -> None:
     tci("log", "cut", path, str(tmp_path / "cut.mcap"), "--from", "0.2", "--to", "0.4")
     assert json.loads(tci("log", "info", str(tmp_path / "cut.mcap"), "--json"))["periods"] == 100
     assert "exists" in tci("log", "cut", path, path, status=1)
+    assert tci("log", "info", "no.mcap", status=1).strip() == "tci: no.mcap: No such file or directory"
     assert "valid: 0.000 to 0.598 s" in tci("log", "cut", path, f"{path}.x", "--from", "7", status=1)
     assert "valid: 0.000 to 0.598 s" in tci("plot", path, "--from", "7", "--to", "8", status=1)
     assert "joints.csv" in tci("log", "export", path, str(tmp_path / "tables"))

@@ -385,6 +385,13 @@ def doctor(
     command(robot, via, duration=duration, as_json=as_json)
 
 
+def _said(error: TciError | OSError) -> str:
+    """An error in words; of a file its name and what the system says."""
+    if isinstance(error, OSError) and error.filename is not None and error.strerror:
+        return f"{error.filename}: {error.strerror}"
+    return str(error)
+
+
 def main() -> None:
     """Entry point: errors of TCI and of files become one message and exit status 1."""
     try:
@@ -394,9 +401,9 @@ def main() -> None:
             faults = [{"line": fault.line, "message": fault.message} for fault in error.faults]
             print(json.dumps({"error": str(error).splitlines()[0], "faults": faults}, indent=2))
         elif "--json" in sys.argv:
-            print(json.dumps({"error": str(error)}, indent=2))
+            print(json.dumps({"error": _said(error)}, indent=2))
         else:
-            print(f"tci: {error}", file=sys.stderr)
+            print(f"tci: {_said(error)}", file=sys.stderr)
         raise SystemExit(1) from None
 
 

@@ -65,7 +65,7 @@ class ReplayLink(Link):
             raise LinkError(
                 f"{address} was recorded from {about.get('robot', '')[:40]!r}, description "
                 f"{about.get('description_sha256', '')[:12]}; "
-                f"this is {robot.name!r}, description {robot.digest[:12]}"
+                f"this is {robot.name!r}, description {robot.digest[:12]}; valid: the one of then"
             )
         self._clock = ReplayClock()
         super().__init__(

@@ -91,6 +91,8 @@ class Process(Peer):
     """A simulated NAO that another process serves."""
 
     process: subprocess.Popen[str] | None = None
+    script = SERVED
+    """What serves it."""
 
     def __init__(self, via: Callable[[], str]) -> None:
         self.make_via = via
@@ -98,7 +100,7 @@ class Process(Peer):
     def start(self) -> None:
         self.via = self.link_via = self.make_via()
         self.process = subprocess.Popen(
-            [sys.executable, str(SERVED), self.via],
+            [sys.executable, str(self.script), self.via],
             stdout=subprocess.PIPE, text=True, cwd=SERVED.parents[1],
         )  # fmt: skip
         assert self.process.stdout is not None

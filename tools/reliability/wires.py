@@ -1,0 +1,254 @@
+"""Mutated frames into each of our receivers, in a process of its own each."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import random
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import Any
+
+import psutil
+from pool import Result, gather
+from row import Row
+
+from middleware.player_exchange import said
+from middleware.test_remote_cdr import NAO, READ, WHOLE
+from middleware.yarp.captures import DIALECTS, binary
+from middleware.yarp.test_bottle import mutated
+from tci.errors import FrameError, LinkError, WireError
+from tci.middleware.lcm_datagrams import Datagrams
+from tci.middleware.naoqi import words
+from tci.middleware.player import wire
+from tci.middleware.player.wire import Stream
+from tci.middleware.ros.cloud import PatchCloud
+from tci.middleware.ros.names import Names
+from tci.middleware.ros.native import NativeRobot
+from tci.middleware.ros.node import Hear, Publish, RosNode
+from tci.middleware.ros.tree import Trees
+from tci.middleware.yarp import message
+from tci.middleware.yarp.bottle import decode_bottle, decode_vector
+from tci.middleware.yarp.source import Memory
+from tci.model.kinematics import Kinematics
+from tci.model.surfaces import build_surface
+from tci.recording.cdr import MessageType, decode, encode
+from tci.recording.schemas import CLOUD, JOINTS, SKIN, joints_values, skin_values
+from tci.runtime.heartbeat import decode as to_beat
+from tci.runtime.heartbeat import encode as beat
+
+JOB = 50_000
+"""Frames of one job at full size."""
+MEMORY = 50e6
+"""What a process may grow by [bytes]."""
+Receiver = Callable[[random.Random], bool]
+"""Takes one mutated frame; whether it was taken for sound although its wire has a check."""
+
+
+def remote() -> Receiver:
+    """Messages between TCI processes, over Zenoh, ROS, rosbridge and Player: checked."""
+
+    def take(chance: random.Random) -> bool:
+        kind = chance.choice("SFO")
+        bad = mutated(WHOLE[kind], chance)
+        try:
+            READ[kind](NAO, bad)
+        except FrameError:
+            return False
+        return bad != WHOLE[kind]
+
+    return take
+
+
+def lcm() -> Receiver:
+    """Datagrams of LCM, whole and in pieces, and checked messages in them."""
+    from middleware.test_lcm import WHOLE as MESSAGES
+    from middleware.test_lcm import pieces, short
+
+    datagrams, numbers = Datagrams(), itertools.count()
+
+    def take(chance: random.Random) -> bool:
+        read, _, good = chance.choice(MESSAGES)
+        number = next(numbers) % 2**32
+        sent = [short(number, b"c", good)] if chance.random() < 0.5 else pieces(number, good, 3)
+        sent[chance.randrange(len(sent))] = mutated(chance.choice(sent), chance)
+        wrong = False
+        for data in sent:
+            if (whole := datagrams.take(data, number)) is not None:
+                with suppress(FrameError):
+                    read(NAO, whole[1])  # type: ignore[operator]
+                    wrong |= whole[1] != good
+        return wrong
+
+    return take
+
+
+def yarp() -> Receiver:
+    """Messages of both dialects, as bottles and vectors: without a check."""
+    messages = [
+        (data, dialect) for name, dialect in DIALECTS.items() for one in binary(name) for way, data in one
+        if way == ">" and len(data) > 30
+    ]  # fmt: skip
+
+    def take(chance: random.Random) -> bool:
+        data, dialect = chance.choice(messages)
+        for read in (decode_bottle, decode_vector):
+            with suppress(WireError):
+                blocks = message.read_message(Memory(mutated(data, chance)))
+                read(message.unpack_command(b"".join(blocks))[1], dialect)
+        return False
+
+    return take
+
+
+def player() -> Receiver:
+    """What genuine Player said as client and server: without a check."""
+    good = [data for _, _, data in said("client") + said("server") if not data.startswith(b"Player v.")]
+    decoders = (wire.to_floats, wire.to_blob, wire.to_actuators, wire.to_devices, wire.to_access)
+
+    def take(chance: random.Random) -> bool:
+        with suppress(FrameError):
+            for one in Stream().feed(mutated(chance.choice(good), chance)):
+                for read in decoders:
+                    with suppress(FrameError):
+                        read(one.body)
+        return False
+
+    return take
+
+
+def naoqi() -> Receiver:
+    """Skin frames as text in ALMemory: without a check."""
+    good = words.pack(7, READ["F"](NAO, WHOLE["F"]).values).encode()
+
+    def take(chance: random.Random) -> bool:
+        with suppress(FrameError):
+            words.unpack(mutated(good, chance).decode("latin-1"), 240)
+        return False
+
+    return take
+
+
+def ros() -> Receiver:
+    """A robot's own topics as CDR (ROS 2): without a check."""
+    node, kinds = _Wires(), _ros_messages()
+
+    def take(chance: random.Random) -> bool:
+        kind, values = chance.choice(kinds)
+        node.arrive(kind, mutated(encode(kind, values), chance), chance)
+        return False
+
+    return take
+
+
+def rosbridge() -> Receiver:
+    """The same as JSON, as rosbridge sends it: without a check."""
+    node = _Wires()
+    trees = Trees(lambda _, fields: dict(fields), lambda found, name: found[name], ("sec", "nanosec"))
+    texts = [
+        (kind, json.dumps(trees.grow(kind, values), default=list).encode())
+        for kind, values in _ros_messages()
+    ]
+
+    def take(chance: random.Random) -> bool:
+        kind, text = chance.choice(texts)
+        with suppress(ValueError):  # roslibpy reads it
+            tree = json.loads(mutated(text, chance))
+            node.arrive(kind, lambda: trees.flatten(kind, tree), chance)
+        return False
+
+    return take
+
+
+def heartbeat() -> Receiver:
+    """Signs of life between processes: checked."""
+    good = beat("brain", 7)
+
+    def take(chance: random.Random) -> bool:
+        bad = mutated(good, chance)
+        return bad != good and to_beat(bad) is not None
+
+    return take
+
+
+RECEIVERS = {one.__name__: one for one in (remote, lcm, yarp, player, naoqi, ros, rosbridge, heartbeat)}
+
+
+def wires(full: bool) -> Row:
+    """All receivers in one row; its size is that of the one that got least."""
+    jobs = [(name, seed, JOB if full else 2_000) for seed in range(20 if full else 1) for name in RECEIVERS]
+    done = gather("wires", _receive, jobs, full=full)
+    tried = {name: sum(one["tried"] for one in done if one["name"] == name) for name in RECEIVERS}
+    wrong, grown = sum(one["wrong"] for one in done), max((one["grown"] for one in done), default=0.0)
+    crashed = [one["crash"] for one in done if one["crash"]]
+    for words_ in crashed:
+        print(words_)
+    return Row(
+        f"mutated frames, each of {len(RECEIVERS)} receivers", min(tried.values()), 1e6, "frames",
+        f"{len(crashed)} crashes, {wrong} wrong and accepted where the wire has a check, "
+        f"{grown / 1e6:.0f} MB more at most",
+        "0, 0, < 50 MB", not crashed and not wrong and grown < MEMORY,
+    )  # fmt: skip
+
+
+def _ros_messages() -> list[tuple[MessageType, Sequence[Any]]]:
+    joints, frame = READ["S"](NAO, WHOLE["S"]).joints, READ["F"](NAO, WHOLE["F"])
+    names, surface = Names(NAO, "ros2", ""), build_surface(NAO, NAO.patch(frame.patch), Kinematics(NAO))
+    return [
+        (JOINTS, joints_values([names.joint(servo) for servo in NAO.servos], joints, 3.5)),
+        (SKIN, skin_values(frame, 0, 3.5)),
+        (CLOUD, PatchCloud(NAO.patch(frame.patch), surface).values(frame, 3.5)),
+    ]
+
+
+def _receive(name: str, seed: int, count: int) -> Result:
+    chance, receive = random.Random(f"{name} {seed}"), RECEIVERS[name]()
+    tried = wrong = 0
+    crash, before = "", 0
+    for number in range(count):
+        if number == count // 10:  # everything is loaded
+            before = psutil.Process().memory_info().rss
+        try:
+            wrong += receive(chance)
+        except Exception as error:
+            crash = f"{name}, seed {seed}, frame {number}: {type(error).__name__}: {error}"
+            break
+        tried += 1
+    grown = psutil.Process().memory_info().rss - before
+    return {"name": name, "tried": tried, "wrong": wrong, "grown": float(grown), "crash": crash}
+
+
+class _Wires(RosNode):
+    """A node whose topics are here, with a robot of its own on them."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._hear: dict[str, list[Hear]] = {}
+        now = itertools.count()
+        self.robot = NativeRobot(
+            NAO, self, Names(NAO, "ros2", ""), arm=False, period=0.01, now=lambda: next(now) * 1e-3
+        )
+
+    def arrive(
+        self, kind: MessageType, data: bytes | Callable[[], dict[str, Any]], chance: random.Random
+    ) -> None:
+        """One message comes on one of the topics of its type."""
+        read = (lambda: decode(kind, data)) if isinstance(data, bytes) else data
+        self._hand_on("topic", read, chance.choice(self._hear[kind.name]))
+        with suppress(LinkError):
+            joints = self.robot.reading().joints
+            assert joints.position.shape == joints.velocity.shape == (len(NAO.servos),)
+
+    def subscribe(
+        self, topic: str, kind: MessageType, hear: Hear, *, latched: bool = False, keep: int = 1
+    ) -> None:
+        self._hear.setdefault(kind.name, []).append(hear)
+
+    def advertise(self, topic: str, kind: MessageType, *, latched: bool = False) -> Publish:
+        raise NotImplementedError
+
+    def types_of(self, topic: str) -> tuple[str, ...]:
+        return ()
+
+    def close(self) -> None:
+        pass

@@ -36,6 +36,11 @@ class Server(ABC):
     def orders(self) -> Sequence[Order]:
         """What arrived since the last call, oldest first."""
 
+    def show(self, reading: Reading) -> None:
+        """Show what can't wait, such as new frames of the skin, before anything is made of this period's
+        reading. `publish` follows."""
+        return
+
     @abstractmethod
     def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
         """Show this period's joints and skin, what was made of them, and what the gate let pass."""

@@ -60,6 +60,7 @@ def run(
     *,
     duration: float | None = None,
     observe: Callable[[Tick], None] | None = None,
+    sensed: Callable[[Reading], None] | None = None,
     guard: Callable[[], str] | None = None,
     until: Callable[[Memory], bool] | None = None,
     report: LoopReport | None = None,
@@ -67,7 +68,8 @@ def run(
 ) -> Memory:
     """Run a capability on a robot for `duration` [s], or until interrupted, and return its memory.
 
-    `observe` is called after each tick; the loop waits for it. `guard` is asked in each period for a
+    `observe` is called after each tick, `sensed` before anything is made of its reading; the loop waits for
+    both. `guard` is asked in each period for a
     reason to hold, empty for none (`heartbeat.Listener.fault`). `report` is filled on the way. Without
     `write` nothing is sent, and the link need not be armed.
     The run ends early when `until` says so of the capability's memory.
@@ -78,6 +80,7 @@ def run(
     raise, after the gate has stopped and the robot is at rest.
     """
     loop = _Loop(link, capability, observe, guard, report if report is not None else LoopReport(), write)
+    loop.sensed = sensed
     with lease(link.lease_name), interruptions() as interruption, frozen_garbage():
         try:
             loop.begin(link.clock.now())
@@ -111,6 +114,7 @@ class _Loop(Generic[Memory]):
         self.capability = capability
         self.observe = observe
         self.guard = guard
+        self.sensed: Callable[[Reading], None] | None = None
         self.report = report
         self.write = write
         self.body = Body(link.robot, keep_alive=link.keep_alive)
@@ -134,6 +138,8 @@ class _Loop(Generic[Memory]):
         if reason := self._timing(now) or (self.guard() if self.guard else ""):
             gate.hold(reason)
         reading = self.link.read()
+        if self.sensed is not None:
+            self.sensed(reading)
         self._joints = reading.joints
         if silent := self._silence.fault(reading, now):
             gate.hold(silent)

@@ -52,8 +52,8 @@ def serve(
             observe(tick)
 
     run(
-        server.link, orders, duration=duration, observe=see, guard=orders.hold, report=report,
-        write=server.link.armed,
+        server.link, orders, duration=duration, observe=see, sensed=server.show, guard=orders.hold,
+        report=report, write=server.link.armed,
     )  # fmt: skip
     return orders.served
 

@@ -35,6 +35,11 @@ class Board:
         self._frames: dict[str, SkinFrame] = {}
         self._texts: dict[str, tuple[int, str]] = {}
 
+    def feel(self, reading: Reading) -> None:
+        """This period's skin, from the loop."""
+        for frame in reading.skin:
+            self._frames[frame.patch] = frame
+
     def show(self, reading: Reading, sent: SafeCommand) -> None:
         """One period, from the loop."""
         self.measured = reading.joints.position.tolist()
@@ -44,8 +49,6 @@ class Board:
         for servo, share in sent.stiffness.items():
             stiffness[servo] = share
         self.told, self.stiffness = told, stiffness
-        for frame in reading.skin:
-            self._frames[frame.patch] = frame
         self.gate = [sent.state.value, sent.reason]
 
     def take(self) -> Sequence[Order]:

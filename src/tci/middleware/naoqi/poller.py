@@ -29,7 +29,7 @@ IDLE = 0.1
 """Longest time [s] between two questions when nobody reads. Ours."""
 REFUSED = object()
 """What comes instead of a value from a NAOqi that refuses to be asked for a key."""
-EARLY, LATE = 0.0005, 0.0015
+EARLY, LATE = 0.0005, 0.0025
 """From how long [s] before to how long after the time of a frame of the skin it is asked for again and again.
 Ours: it is there some time before it is first seen."""
 SLOW = 0.05

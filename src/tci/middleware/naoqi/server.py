@@ -54,6 +54,9 @@ class NaoqiServer(Server):
     def orders(self) -> Sequence[Order]:
         return self._board.take()
 
+    def show(self, reading: Reading) -> None:
+        self._board.feel(reading)
+
     def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
         self._board.show(reading, sent)
         if not self._ready:  # as on a robot that starts: its services come when they can do something

@@ -19,7 +19,7 @@ KEPT = 4
 """Messages that are kept, so that those of several ports can be taken from about one time. Ours."""
 RESTARTED = 100
 """By so many a count may fall back before its sender counts as started anew. Ours."""
-LATE = 0.001
+LATE = 0.003
 """How much longer [s] than its time a message is waited for. Ours."""
 MIXED = 0.1
 """Share of a new time between two messages in their mean. Ours."""

@@ -103,15 +103,18 @@ class YarpServer(Server):
         for board in self.boards.values():
             board.book.refuse(order, reason)
 
-    def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
-        self._shown = True
-        for board in self.boards.values():
-            board.book.judge(sent.orders, sent.refusals)
+    def show(self, reading: Reading) -> None:
         offset = time.time() - self.link.clock.now()
         for frame in reading.skin:
             if self._sequences.get(frame.patch) != frame.sequence:
                 self._sequences[frame.patch] = frame.sequence
                 self._publish_skin(frame, offset)
+
+    def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
+        self._shown = True
+        for board in self.boards.values():
+            board.book.judge(sent.orders, sent.refusals)
+        offset = time.time() - self.link.clock.now()
         now = time.monotonic()
         if now < self._due:
             return

@@ -4,7 +4,7 @@ VENV := .venv/bin
 export OPENBLAS_NUM_THREADS ?= 1
 OUT ?= out
 
-.PHONY: help demo test lint docs pictures bench soak fuzz reliability lock clean run-env dev-env
+.PHONY: help demo test lint docs pictures bench middleware soak fuzz reliability lock clean run-env dev-env
 
 help:  ## show this list
 	@grep -E '^[a-z]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 8
@@ -38,6 +38,10 @@ pictures: dev-env  ## make the pictures of docs/images anew (needs chromium)
 bench: dev-env  ## every part beside its peers, as ratios; writes bench.json (CASES="kernel_4000 gate ...": some)
 	@OUT=$(OUT) $(VENV)/python tools/bench $(CASES)
 
+middleware: dev-env  ## every middleware's tests and figures; writes docs/middleware-table.md
+	@$(PYTHON) tools/peers.py
+	@$(VENV)/python tools/middleware
+
 soak: dev-env  ## hostile commands through the gate, and a day of noise and drift on a skin (TCI_SOAK=cycles)
 	@TCI_SOAK=$${TCI_SOAK:-200000} $(VENV)/python -m pytest -q tests/interface/test_gate.py tests/interface/test_long_conditioning.py -k "hostile or conditioning"
 
@@ -45,7 +49,8 @@ fuzz: dev-env  ## all that reads foreign bytes: coverage-guided (TCI_SECONDS eac
 	@for target in $$($(VENV)/python tools/reliability/fuzz.py); do echo "== $$target"; \
 	  $(VENV)/python tools/reliability/fuzz.py $$target $${TCI_SECONDS:-20} || exit 1; done
 	@TCI_FUZZ=$${TCI_FUZZ:-20000} TCI_FUZZ_WIRE=$${TCI_FUZZ_WIRE:-1000000} $(VENV)/python -m pytest -q \
-	  tests/model/test_xml.py tests/middleware/yarp tests/middleware/test_player.py -k "damaged or mutated"
+	  tests/model/test_xml.py tests/middleware/yarp tests/middleware/test_player.py tests/middleware/test_lcm.py \
+	  tests/middleware/test_remote_cdr.py -k "damaged or mutated or spoilt"
 
 reliability: dev-env  ## the scoreboard of docs/reliability.md (FULL=1: full size); writes reliability.json
 	@OUT=$(OUT) FULL=$(FULL) ROWS="$(ROWS)" PAGE=$(PAGE) $(VENV)/python tools/reliability

@@ -1,7 +1,7 @@
 """The chains of the run-time query, fetched over a link and built in OROCOS KDL by another process.
 
-That process knows nothing of TCI: Debian's Python with rospy, genuine rclpy, Zenoh alone, or some lines that
-speak Player.
+That process knows nothing of TCI: Debian's Python with rospy, genuine rclpy, Zenoh alone, LCM alone, or
+some lines that speak Player.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import tci
-from middleware.links import free_port
+from middleware.links import free_port, lcm_url
 from middleware.ros_robots import Programs, here_only, roscore
 from model.moving import random_postures, robot_and_kinematics
 from peers import DEBIAN_PYTHON, debian_python, needs_debian_module, peer_python
@@ -65,6 +65,15 @@ config = zenoh.Config.from_json5('{mode: "client", connect: {endpoints: ["tcp/12
 with zenoh.open(config) as session:
     found = [reply.ok for reply in session.get("tci/nao/facts", timeout=10.0)]
 print(found[0].payload.to_string())
+"""
+BY_LCM = """
+import struct, sys, zlib, lcm
+found, bus = [], lcm.LCM(sys.argv[1])
+bus.subscribe("tci/nao/facts", lambda channel, data: found.append(data))
+while not found:
+    bus.handle_timeout(60000)
+(size,) = struct.unpack(">i", found[0][16:20])
+print(zlib.decompress(found[0][20 : 20 + size]).decode())
 """
 KDL = """
 import json, sys
@@ -114,6 +123,12 @@ def zenoh(programs: Programs) -> str:
     return patiently(sys.executable, BY_ZENOH, str(port))
 
 
+def over_lcm(programs: Programs) -> str:
+    url = lcm_url()
+    programs.start(*SERVE, f"lcm:{url}")
+    return asked(sys.executable, BY_LCM, url)
+
+
 def patiently(*command: str) -> str:
     """The same, of a robot that is starting."""
     end = time.monotonic() + 60.0
@@ -137,7 +152,7 @@ def asked(*command: str) -> str:
     return done.stdout
 
 
-@pytest.mark.parametrize("ask", [ros1, ros2, player, zenoh], ids=lambda ask: ask.__name__)
+@pytest.mark.parametrize("ask", [ros1, ros2, player, zenoh, over_lcm], ids=lambda ask: ask.__name__)
 def test_kdl_builds_the_chain_that_came_over_the_link(
     ask: Callable[[Programs], str], programs: Programs, tmp_path: Path
 ) -> None:

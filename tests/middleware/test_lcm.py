@@ -144,10 +144,10 @@ def test_31_declared_sizes_are_refused_before_anything_is_kept() -> None:
 
 
 def test_damaged_datagrams_never_raise() -> None:
-    """Those that crash LCM's own receiver among them. TCI_FUZZ: how many."""
+    """Those that crash LCM's own receiver among them. TCI_FUZZ_WIRE: how many."""
     chance, seen = random.Random(2), Datagrams()
     good = [short(1, b"tci/nao/state", WHOLE[0][2]), *pieces(2, WHOLE[1][2] * 3, 3), *pieces(3, b"q" * 50, 2)]
-    for _ in range(int(os.environ.get("TCI_FUZZ", "20000"))):
+    for _ in range(int(os.environ.get("TCI_FUZZ_WIRE", "20000"))):
         data = bytearray(chance.choice(good))
         for _ in range(chance.randint(0, 6)):
             data[chance.randrange(min(len(data), 60))] = chance.randrange(256)

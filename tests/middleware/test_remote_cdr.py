@@ -96,9 +96,9 @@ def test_30_a_message_that_was_cut_short_is_refused() -> None:
 
 
 def test_31_spoilt_contents_under_a_sound_check_raise_one_error() -> None:
-    """As a hostile peer sends them: lengths of -1 and 2^31-1, text that is none. TCI_FUZZ: how many."""
+    """As a hostile peer sends them: lengths of -1 and 2^31-1, text that is none. TCI_FUZZ_WIRE: how many."""
     chance = random.Random(1)
-    for _ in range(int(os.environ.get("TCI_FUZZ", "20000"))):
+    for _ in range(int(os.environ.get("TCI_FUZZ_WIRE", "20000"))):
         kind = chance.choice("SFO")
         body = bytearray(WHOLE[kind][ENVELOPE.size :])
         for _ in range(chance.randint(1, 4)):

@@ -4,6 +4,7 @@
 |---|---|---|
 | `tci/NAME/state` | `tci_lcm.state_t`: joints, gate, who commands; in every period | robot |
 | `tci/NAME/skin` | `tci_lcm.skin_t`: a frame of one patch, once | robot |
+| `tci/NAME/facts` | `tci_lcm.facts_t`: the run-time query, once a second | robot |
 | `tci/NAME/orders` | `tci_lcm.orders_t`: orders and heartbeat, in every period | behaviour |
 
 Whoever is in the multicast group may command: LCM knows no passwords. Over a network use Zenoh.
@@ -24,6 +25,7 @@ from tci.middleware.link import Link
 from tci.middleware.remote import Orders, State
 from tci.middleware.remote_address import RemoteAddress, parse_remote
 from tci.middleware.remote_lcm import (
+    facts_bytes,
     frame_bytes,
     orders_bytes,
     state_bytes,
@@ -34,6 +36,9 @@ from tci.middleware.remote_lcm import (
 from tci.middleware.remote_link import RemoteLink
 from tci.middleware.remote_server import RemoteServer
 from tci.model.description import Robot
+
+FACTS = 1.0
+"""Time [s] from one telling of the run-time query to the next: LCM has no questions. Ours."""
 
 
 class _Bus:
@@ -130,6 +135,7 @@ class LcmServer(RemoteServer):
         self._bus = _Bus(self._where)
         self.rejected = 0
         """Messages that were no orders for this robot."""
+        self._facts, self._due = facts_bytes(link.robot), -float("inf")
         self._open = True
 
     def where(self) -> str:
@@ -145,6 +151,9 @@ class LcmServer(RemoteServer):
 
     def _show(self, state: State) -> None:
         self._bus.put("state", state_bytes(self.link.robot, state))
+        if state.sent >= self._due:
+            self._due = state.sent + FACTS
+            self._bus.put("facts", self._facts)
 
     def _show_skin(self, frame: SkinFrame) -> None:
         self._bus.put("skin", frame_bytes(self.link.robot, frame))

@@ -14,8 +14,9 @@ import numpy as np
 from tci.errors import FrameError, RecordingError
 from tci.frames import read_only
 from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch, SkinFrame
+from tci.middleware.query import query
 from tci.middleware.remote import HIGHEST, MOST_COMMANDERS, MOST_ORDERS, Commander, Orders, State
-from tci.middleware.tci_lcm import commander_t, order_t, orders_t, skin_t, state_t
+from tci.middleware.tci_lcm import commander_t, facts_t, order_t, orders_t, skin_t, state_t
 from tci.model.description import Robot
 from tci.recording.schemas import MODES, UNKNOWN, mode_number, to_frame
 
@@ -23,6 +24,12 @@ from tci.recording.schemas import MODES, UNKNOWN, mode_number, to_frame
 def robot_number(robot: Robot) -> int:
     """The first 8 bytes of the SHA-256 of a description, as a signed integer."""
     return int.from_bytes(bytes.fromhex(robot.digest[:16]), "big", signed=True)
+
+
+def facts_bytes(robot: Robot) -> bytes:
+    """A facts_t: the run-time query."""
+    json = zlib.compress(query(robot).model_dump_json().encode())
+    return _sealed(facts_t, robot=robot_number(robot), size=len(json), json=json)
 
 
 def state_bytes(robot: Robot, state: State) -> bytes:

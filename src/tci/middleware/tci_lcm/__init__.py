@@ -9,3 +9,4 @@ from .state_t import state_t as state_t
 from .skin_t import skin_t as skin_t
 from .order_t import order_t as order_t
 from .orders_t import orders_t as orders_t
+from .facts_t import facts_t as facts_t

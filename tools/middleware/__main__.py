@@ -1,0 +1,193 @@
+"""What each middleware is worth: the contract suite, a genuine peer, a round trip, and a peer that is killed.
+
+    make middleware
+
+runs the tests and takes the figures again, and writes docs/middleware-table.md.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from xml.etree import ElementTree
+
+ROOT = Path(__file__).parents[2]
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+sys.path[:0] = [str(ROOT / "tools" / "bench"), str(ROOT / "tests")]
+
+from rich.progress import track  # noqa: E402
+from round_trip import round_trip  # noqa: E402
+
+import tci  # noqa: E402
+from middleware.links import PEERS, Peer, free_port, lcm_url  # noqa: E402
+from middleware.ros_robots import here_only, roscore  # noqa: E402
+from tci.interface.safe_command import GateState  # noqa: E402
+from tci.middleware.yarp.name_server import NameServer  # noqa: E402
+
+TABLE = ROOT / "docs" / "middleware-table.md"
+CONTRACT = "tests/middleware/test_link.py"
+HEAD = (
+    "middleware", "contract suite", "genuine peer, in its own tests", "those tests",
+    "768 doubles there and back [ms]", "raw TCP [ms]", "peer killed: hold after [ms]", "when it is back",
+)  # fmt: skip
+AGAIN = "connect again: what was ordered before is lost"
+ITSELF = "by itself, waiting for a new command"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One middleware."""
+
+    peer: Callable[[], str]
+    """The genuine program at the other end, and its version."""
+    tests: str
+    """Where that is used."""
+    back: str
+    """What happens when a robot's process that died is there again."""
+    where: Callable[[], str] = lambda: str(free_port())
+    """An address for the round trip."""
+
+
+def debian(package: str) -> str:
+    """The version of an installed package."""
+    asked = ["dpkg-query", "-W", "-f", "${Version}", package]
+    return subprocess.run(asked, capture_output=True, text=True, check=True).stdout
+
+
+def rclpy() -> str:
+    script = (
+        "from importlib.metadata import version; print(version('ros-rclpy'), version('ros-rmw-fastrtps-cpp'))"
+    )
+    asked = [str(ROOT / ".peers/ros2/bin/python"), "-c", script]
+    found = subprocess.run(asked, capture_output=True, text=True, check=True).stdout.split()
+    return f"rclpy {found[0]} (rmw_fastrtps {found[1]})"
+
+
+def zenoh_where() -> str:
+    return f"tcp/127.0.0.1:{free_port()}"
+
+
+ROBOT = f"a robot of ROS: {ITSELF}; of TCI: {AGAIN}"
+SAID = "what it said when recorded"
+ROWS = {
+    "zenoh": Row(
+        lambda: f"Zenoh {version('eclipse-zenoh')}: sessions, a router",
+        "test_networks.py test_zenoh.py",
+        AGAIN,
+        zenoh_where,
+    ),
+    "lcm": Row(
+        lambda: f"lcm-logger, lcm-logplayer {debian('liblcm-bin')}, LCM {version('lcm')}",
+        "test_lcm.py",
+        AGAIN,
+        lcm_url,
+    ),
+    "naoqi": Row(lambda: f"libqi {version('qi')}: sessions, services", "naoqi", ITSELF),
+    "yarp": Row(lambda: f"YARP 3.12.3, {SAID}", "yarp", ITSELF),
+    "yarp4": Row(lambda: f"YARP 4.0, {SAID}", "yarp", ITSELF),
+    "ros2": Row(rclpy, "test_ros2.py", ROBOT),
+    "ros1": Row(lambda: f"roscore, rospy {debian('python3-rospy')}", "test_ros1.py", ROBOT),
+    "player": Row(lambda: f"Player 3.1.1, {SAID}", "test_player.py", AGAIN),
+    "rosbridge": Row(lambda: f"rosbridge_server 0.11.17, {SAID}", "test_rosbridge.py", ROBOT),
+}
+
+
+def run_tests() -> dict[str, Counter[str]]:
+    """Passed and others: by name of the contract's parameter, and by file or folder of genuine peers."""
+    places = sorted({f"tests/middleware/{name}" for row in ROWS.values() for name in row.tests.split()})
+    with tempfile.TemporaryDirectory() as folder:
+        report = Path(folder) / "report.xml"
+        options = ["-q", "-n", "2", "--dist", "loadgroup", f"--junitxml={report}"]
+        subprocess.run([sys.executable, "-m", "pytest", *options, CONTRACT, *places], cwd=ROOT, check=False)
+        cases = ElementTree.parse(report).getroot().iter("testcase")
+    found: dict[str, Counter[str]] = {}
+    for case in cases:
+        ended = "passed" if not {child.tag for child in case} & {"failure", "error", "skipped"} else "not"
+        where = case.attrib["classname"].replace(".", "/")
+        name = case.attrib["name"]
+        if where.endswith("/test_link"):
+            found.setdefault(name.rpartition("[")[2].partition("]")[0].split("@")[0], Counter())[ended] += 1
+        for row in ROWS.values():
+            if any(f"middleware/{place.removesuffix('.py')}" in where for place in row.tests.split()):
+                found.setdefault(row.tests, Counter())[ended] += 1
+                break
+    return found
+
+
+def held_after(peer: Peer) -> float:
+    """Time [ms] from a SIGKILL of the robot's process to the first command that holds."""
+    peer.start()
+    try:
+        with tci.connect(tci.load_robot("nao"), peer.link_via, arm=True) as link:  # type: ignore[attr-defined]
+            for _ in link.ticks(duration=1.0):
+                link.write(link.gate.step([], link.read().joints, link.clock.now()))
+            peer.kill()
+            died = time.monotonic()
+            for _ in link.ticks(duration=20.0):
+                sent = link.write(link.gate.step([], link.read().joints, link.clock.now()))
+                if sent.state is not GateState.RUN:
+                    return (time.monotonic() - died) * 1e3
+    finally:
+        peer.stop()
+    raise SystemExit("it does not hold")
+
+
+def timed(name: str, row: Row) -> dict[str, float]:
+    """The round trip, with what it needs beside the two processes."""
+    where = row.where()
+    if name == "ros1":
+        roscore()
+    if name == "ros2":
+        here_only()
+    if name.startswith("yarp"):
+        with NameServer() as server:
+            return round_trip(
+                name, f"{server.address[0]}:{server.address[1]},{'4' if name == 'yarp4' else '3'}"
+            )
+    if name == "rosbridge":
+        relay = subprocess.Popen(
+            [sys.executable, str(ROOT / "tests/middleware/rosbridge_relay.py")],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+        )  # fmt: skip
+        assert relay.stdout is not None
+        try:
+            return round_trip(name, relay.stdout.readline().strip())
+        finally:
+            relay.kill()
+            relay.communicate()
+    return round_trip(name, where)
+
+
+def share(found: Counter[str]) -> str:
+    return f"{found['passed']} of {found.total()}"
+
+
+def main() -> None:
+    load = os.getloadavg()[0]
+    figures = {name: timed(name, row) for name, row in track(ROWS.items(), "round trips")}
+    held = {name: held_after(PEERS[name]()) for name in track(ROWS, "killing peers")}
+    tests = run_tests()
+    lines = [f"| {' | '.join(HEAD)} |", "|---" * len(HEAD) + "|"]
+    for name, row in ROWS.items():
+        time_ = figures[name]
+        cells = (
+            f"`{name}`", share(tests[name]), row.peer(), share(tests[row.tests]),
+            f"{time_['median_ms']:.2f} / {time_['p99_ms']:.2f}",
+            f"{time_['tcp_median_ms']:.3f} / {time_['tcp_p99_ms']:.3f}", f"{held[name]:.0f}", row.back,
+        )  # fmt: skip
+        lines.append(f"| {' | '.join(cells)} |")
+    about = f"Times are median / 99th percentile, on {os.cpu_count()} cores at a load of {load:.1f}."
+    TABLE.write_text("\n".join([*lines, "", about]) + "\n")
+    print(TABLE.read_text())
+
+
+if __name__ == "__main__":
+    main()

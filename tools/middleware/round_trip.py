@@ -1,0 +1,242 @@
+"""A frame of 768 doubles to another process and back over each middleware, in turn with a raw TCP socket."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+from links import TCP, line
+from networks import over_lcm, over_zenoh
+
+import tci
+from tci.messages import SkinFrame
+from tci.middleware import remote_cdr, remote_lcm
+from tci.middleware.player.wire import OPAQUE, STATE, Kind, Message, Stream, blob, to_blob
+from tci.middleware.ros.messages import BYTES, NO_LAYOUT
+from tci.middleware.ros.node import RosNode
+from tci.middleware.ros1 import Ros1Node
+from tci.middleware.ros2 import open_node
+from tci.middleware.rosbridge import RosbridgeNode
+from tci.middleware.yarp.dialect import DIALECTS
+from tci.middleware.yarp.names import Names
+from tci.middleware.yarp.port import Port
+
+SIZE, BLOCKS, CALLS = 768, 10, 40
+PATIENCE = 20.0
+"""Time [s] that a first frame has, while the two processes find each other."""
+Ways = tuple[Callable[[bytes], object], Callable[[], Iterator[bytes]], Callable[[], None]]
+"""Send, receive what has come, close."""
+
+
+def over_ros(node: RosNode, there: bool) -> Ways:
+    """Bytes on two topics, as TCI processes exchange them."""
+    came: list[bytes] = []
+    names = ("/bench_back", "/bench_there") if there else ("/bench_there", "/bench_back")
+    out = node.advertise(names[0], BYTES)
+    node.subscribe(names[1], BYTES, lambda fields: came.append(bytes(fields["data"])))
+
+    def receive() -> Iterator[bytes]:
+        node.poll()
+        while came:
+            yield came.pop(0)
+
+    return lambda data: out((NO_LAYOUT, np.frombuffer(data, dtype=np.uint8))), receive, node.close
+
+
+def over_rosbridge(where: str, there: bool) -> Ways:
+    return over_ros(RosbridgeNode("127.0.0.1", int(where)), there)
+
+
+def over_player(where: str, there: bool) -> Ways:
+    """Opaque messages over one connection, as a link and a server have it."""
+    address = ("127.0.0.1", int(where))
+    sock = socket.create_server(address).accept()[0] if there else _dial(address)
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    stream = Stream()
+    kind = Kind.DATA if there else Kind.COMMAND
+
+    def receive() -> Iterator[bytes]:
+        sock.setblocking(False)
+        with contextlib.suppress(BlockingIOError):
+            for message in stream.feed(sock.recv(1 << 16)):
+                yield to_blob(message.body)
+
+    def send(data: bytes) -> None:
+        sock.setblocking(True)
+        sock.sendall(Message(OPAQUE, 0, kind, STATE, 0.0, blob(data)).to_bytes())
+
+    return send, receive, sock.close
+
+
+def over_naoqi(where: str, there: bool) -> Ways:
+    """A call of a service with a list of numbers, which is what NAOqi has for them."""
+    import qi
+
+    session, came = qi.Session(), []
+    if there:
+        session.listenStandalone(f"tcp://127.0.0.1:{where}")
+        session.registerService("Echo", _Echo())
+        return lambda data: None, lambda: iter(()), session.close
+    end = time.monotonic() + PATIENCE
+    while not session.isConnected():
+        with contextlib.suppress(RuntimeError):
+            session.connect(f"tcp://127.0.0.1:{where}")
+        assert time.monotonic() < end
+    echo = session.service("Echo")
+
+    def send(data: bytes) -> None:
+        came.append(np.array(echo.back(np.frombuffer(data).tolist())).tobytes())
+
+    def receive() -> Iterator[bytes]:
+        while came:
+            yield came.pop(0)
+
+    return send, receive, session.close
+
+
+class _Echo:
+    def back(self, values: list[float]) -> list[float]:
+        return values
+
+
+def over_yarp(where: str, there: bool) -> Ways:
+    """Vectors over two ports; names and dialect are those of `tci serve --via yarp`."""
+    address, _, dialect = where.partition(",")
+    spoken = DIALECTS[dialect]
+    host, _, port = address.partition(":")
+    names, came = Names((host, int(port))), []
+    side, other = ("there", "here") if there else ("here", "there")
+    into = Port(
+        f"/bench/{side}:i", names, spoken, receive=lambda found: came.append(found.vector(spoken).tobytes())
+    )
+    out = Port(f"/bench/{side}:o", names, spoken)
+    end = time.monotonic() + PATIENCE
+    while True:
+        try:
+            out.connect(f"/bench/{other}:i")
+            break
+        except tci.TciError:
+            assert time.monotonic() < end
+            time.sleep(0.1)
+
+    def receive() -> Iterator[bytes]:
+        while came:
+            yield came.pop(0)
+
+    def close() -> None:
+        out.close()
+        into.close()
+
+    return lambda data: out.write(np.frombuffer(data)), receive, close
+
+
+OVER: dict[str, Callable[[str, bool], Ways]] = {
+    "zenoh": over_zenoh,
+    "lcm": over_lcm,
+    "naoqi": over_naoqi,
+    "yarp": over_yarp,
+    "yarp4": over_yarp,
+    "ros2": lambda where, there: over_ros(open_node(f"bench_{'there' if there else 'here'}", ""), there),
+    "ros1": lambda where, there: over_ros(Ros1Node("bench"), there),
+    "player": over_player,
+    "rosbridge": over_rosbridge,
+}
+PLAIN = ("naoqi", "yarp", "yarp4")
+"""These carry numbers, the others frames of skin with a header and a check sum."""
+
+
+def _dial(address: tuple[str, int]) -> socket.socket:
+    end = time.monotonic() + PATIENCE
+    while True:
+        with contextlib.suppress(ConnectionRefusedError):
+            return socket.create_connection(address)
+        assert time.monotonic() < end
+        time.sleep(0.05)
+
+
+def _open(name: str, where: str) -> Ways:
+    """This side, as soon as the other is there."""
+    end = time.monotonic() + PATIENCE
+    while True:
+        try:
+            return OVER[name](where, False)
+        except tci.TciError:
+            if time.monotonic() > end:
+                raise
+            time.sleep(0.2)
+
+
+def echo(name: str, where: str) -> None:
+    """The other process."""
+    robot, codec = tci.load_robot("nao"), remote_lcm if name == "lcm" else remote_cdr
+    send, receive, _ = OVER[name](where, True)
+    while True:
+        for data in receive():
+            send(data if name in PLAIN else codec.frame_bytes(robot, codec.to_skin(robot, data)))
+        time.sleep(0)
+
+
+def round_trip(name: str, where: str) -> dict[str, float]:
+    """Medians and 99th percentiles [ms] of both ways, taken in turn."""
+    robot, codec = tci.load_robot("nao"), remote_lcm if name == "lcm" else remote_cdr
+    values = np.random.default_rng(0).normal(size=SIZE)
+    frame = SkinFrame(robot.patches[0].name, 1.0, 1, values)
+    path = os.pathsep.join([str(Path(__file__).parents[1] / "bench"), os.environ.get("PYTHONPATH", "")])
+    other = subprocess.Popen([sys.executable, __file__, name, where], env={**os.environ, "PYTHONPATH": path})
+    raw = subprocess.Popen([sys.executable, "-c", TCP, str(values.nbytes)], stdout=subprocess.PIPE, text=True)
+    sock = socket.create_connection(("127.0.0.1", int(line(raw))))
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    send, receive, close = _open(name, where)
+
+    def bare() -> None:
+        sock.sendall(values)
+        got = 0
+        while got < values.nbytes:
+            got += len(sock.recv(1 << 16))
+
+    def there_and_back(patience: float) -> bool:
+        send(values.tobytes() if name in PLAIN else codec.frame_bytes(robot, frame))
+        end = time.perf_counter() + patience
+        while time.perf_counter() < end:
+            for data in receive():
+                back = np.frombuffer(data) if name in PLAIN else codec.to_skin(robot, data).values
+                assert np.array_equal(back, values)
+                return True
+            time.sleep(0)
+        return False
+
+    try:
+        end = time.monotonic() + PATIENCE
+        while not there_and_back(0.5):
+            if time.monotonic() > end:
+                raise SystemExit(f"{name}: no frame comes back")
+        time.sleep(0.5)
+        list(receive())  # answers to earlier tries
+        ours, theirs = [], []
+        for _ in range(BLOCKS):
+            for work, found in ((lambda: there_and_back(5.0), ours), (bare, theirs)):
+                for _ in range(CALLS):
+                    begin = time.perf_counter()
+                    work()
+                    found.append((time.perf_counter() - begin) * 1e3)
+    finally:
+        close()
+        sock.close()
+        for process in (other, raw):
+            process.kill()
+            process.communicate()
+    return {
+        "median_ms": float(np.median(ours)), "p99_ms": float(np.percentile(ours, 99)),
+        "tcp_median_ms": float(np.median(theirs)), "tcp_p99_ms": float(np.percentile(theirs, 99)),
+    }  # fmt: skip
+
+
+if __name__ == "__main__":
+    echo(*sys.argv[1:])

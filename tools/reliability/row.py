@@ -36,7 +36,7 @@ class Row:
     @property
     def met(self) -> str:
         """`yes` only at the whole size of the target; `so far` where less was tried and nothing was wrong."""
-        if self.sound is None:
+        if self.sound is None or not self.tried:
             return "open"
         if not self.sound:
             return "no"

@@ -1,0 +1,60 @@
+"""The scoreboard calls nothing met that was not tried at the whole size, and goes on where it ended."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+TOOLS = Path(__file__).parents[1] / "tools" / "reliability"
+
+
+@pytest.fixture
+def tool(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """A module of tools/reliability by its name."""
+    monkeypatch.syspath_prepend(str(TOOLS))
+    yield lambda name: importlib.import_module(name)
+    for name in ("row", "pool"):
+        sys.modules.pop(name, None)
+
+
+@pytest.mark.parametrize(
+    ("tried", "sound", "met"),
+    [(100, True, "yes"), (99, True, "so far"), (99, False, "no"), (100, False, "no"), (0, True, "open"),
+     (100, None, "open")],
+)  # fmt: skip
+def test_a_short_run_is_never_called_met(tool: Any, tried: int, sound: bool | None, met: str) -> None:
+    row = tool("row").Row("name", tried, 100, "times", "figure", "target", sound)
+    assert row.met == met
+    assert row.to_json()["met"] == met
+    if met == "so far":
+        assert row.size == "99 of 100 times"
+
+
+def double(number: int) -> dict[str, int]:
+    return {"twice": 2 * number}
+
+
+def test_what_was_done_is_kept_and_not_done_again(
+    tool: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    pool = tool("pool")
+    monkeypatch.setenv("OUT", str(tmp_path))
+    monkeypatch.setenv("JOBS", "1")
+    jobs = [(number,) for number in range(6)]
+    monkeypatch.setenv("PART", "0/2")
+    assert [d["twice"] for d in pool.gather("row", double, jobs, full=True)] == [0, 4, 8]
+    monkeypatch.setenv("PART", "0/1")
+    kept = tmp_path / "reliability" / "row.jsonl"
+    assert len(kept.read_text().splitlines()) == 3
+    assert [d["twice"] for d in pool.gather("row", double, jobs, full=True)] == [0, 2, 4, 6, 8, 10]
+    assert len(kept.read_text().splitlines()) == 6, "none was done again"
+    kept.write_text(kept.read_text().replace(pool.sources(), "others"))
+    assert len(pool.gather("row", double, jobs[:2], full=True)) == 2
+    assert len(kept.read_text().splitlines()) == 8, "of other sources nothing counts"
+    monkeypatch.setenv("MINUTES", "0")
+    assert len(pool.gather("row", double, jobs, full=True)) == 2, "what was kept last"
+    assert pool.COMMITS["row"]

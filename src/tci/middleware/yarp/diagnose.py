@@ -73,8 +73,8 @@ def examine(link: YarpLink) -> tuple[Finding, ...]:
             "a faster carrier or network: yarp:...,carrier=fast_tcp" if feed.lost else ""
         )
         figures: dict[str, float | str] = {"lost": feed.lost, "wrong": feed.wrong}
-        if feed.offset.value is not None:
-            figures["clock_offset_s"] = feed.offset.value
+        if feed.clock.difference is not None:
+            figures["clock_offset_s"] = feed.clock.difference
         found.append(Finding(level, name, what, advice if level is not Level.OK else "", figures=figures))
     return tuple(found)
 

@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from tci.errors import LinkError, UnknownNameError, WireError
+from tci.middleware.source_clock import SourceClock
 from tci.middleware.yarp.dialect import Dialect
 from tci.middleware.yarp.incoming import Delivery
 from tci.middleware.yarp.names import Names
 from tci.middleware.yarp.port import Port
-from tci.middleware.yarp.stamps import Offset
 
 KEPT = 4
 """Messages that are kept, so that those of several ports can be taken from about one time. Ours."""
@@ -54,7 +54,7 @@ class Feed(Generic[Value]):
         self.source = source
         self.recent: tuple[Sample[Value], ...] = ()
         """The latest few messages, oldest first."""
-        self.offset = Offset()
+        self.clock = SourceClock()
         """Their clock and ours."""
         self.lost = 0
         """Messages missing between those that came, by their count."""
@@ -127,7 +127,10 @@ class Feed(Generic[Value]):
         if stamp is not None:
             if self._is_old(stamp.count):
                 return
-            measured = self.offset.map(stamp.time, delivery.arrived)
+            placed = self.clock.place(stamp.time, delivery.arrived)
+            if placed is None:
+                return
+            measured = placed
         if self.recent:
             gap = measured - self.recent[-1].stamp
             self._every += (gap - self._every) * (MIXED if self._every else 1.0)

@@ -15,7 +15,7 @@ from numba import njit
 
 import tci
 from interface.kernels import contact_oracle
-from tci.capabilities.answer import PLACE, field_table, find_answers
+from tci.capabilities.answer import field_table, find_answers
 from tci.capabilities.discounts import phi, psi
 from tci.capabilities.fields import default_fields
 from tci.interface.contacts import ContactSettings
@@ -101,7 +101,6 @@ class Frame:
         self.octets.conditioners[0].threshold[:] = 7.0
         self.octets.limit(0)
         self.table, self.gains = field_table(self.fields), np.zeros(fields)
-        self.segments = np.array([PLACE[self.patch.segment]])
         self.felt, self.pressure, self.ends = np.zeros(n, np.int32), np.zeros(n), np.zeros(2, np.int64)
         self.show(self.touched)
 
@@ -119,7 +118,7 @@ class Frame:
             repeats, self.values, np.zeros(1, np.int64), np.full(1, np.nan), *octets.tables, octets.force,
             octets.active, octets.counts, self.felt, self.pressure, self.ends, SETTINGS.floor, SETTINGS.touch,
             flat.graph, flat.begins, flat.work, flat.counts, flat.taxels, flat.faces, flat.box, flat.cells,
-            flat.limb, poses, self.posture[None, :4].copy(), flat.on, self.segments, self.table, self.gains,
+            flat.limb, poses, self.posture[None, :4].copy(), flat.on, flat.segments, self.table, self.gains,
         )  # fmt: skip
 
     def numpy(self) -> np.ndarray:

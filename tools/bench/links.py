@@ -14,7 +14,7 @@ import threading
 from time import perf_counter as wall
 
 import numpy as np
-from measured import ROUNDS, Measured, each, row
+from measured import ROUNDS, Measured, row
 
 from tci.middleware.yarp.carrier import FAST_TCP, TCP
 from tci.middleware.yarp.dialect import V3
@@ -28,19 +28,24 @@ CALLS = 200
 MOST = 2.5
 """Ratio to the raw socket that 768 doubles may have."""
 YARP = """
-import sys
+import sys, time
 from tci.middleware.yarp.dialect import V3
 from tci.middleware.yarp.names import Names
 from tci.middleware.yarp.port import Port
 names = Names((sys.argv[1], int(sys.argv[2])))
 back = Port("/echo:o", names, V3)
-there = Port("/echo:i", names, V3, receive=lambda delivery: back.write(delivery.vector(V3)))
+def echo(delivery):
+    came = time.perf_counter()
+    values = delivery.vector(V3).copy()
+    values[-1] = came
+    back.write(values)
+there = Port("/echo:i", names, V3, receive=echo)
 back.connect("/bench:i", sys.argv[3])
 print("ready", flush=True)
 sys.stdin.read()
 """
 RAW = """
-import socket, sys
+import socket, struct, sys, time
 server = socket.create_server(("127.0.0.1", 0))
 print(server.getsockname()[1], flush=True)
 sock, _ = server.accept()
@@ -55,6 +60,7 @@ while True:
         if not step:
             sys.exit()
         got += step
+    struct.pack_into("d", buffer, size - 8, time.perf_counter())
     sock.sendall(buffer)
 """
 
@@ -79,6 +85,7 @@ class Flight:
     def __init__(self, names: Names, carrier: str, values: np.ndarray) -> None:
         self.values, self.seen = values, np.empty(0)
         self._times: list[float] = []
+        self._ways: list[float] = []
         self._left, self._sent = 0, 0.0
         self._done = threading.Event()
         self._here, self._out = Port("/bench:i", names, V3, receive=self._come), Port("/bench:o", names, V3)
@@ -86,15 +93,16 @@ class Flight:
         assert line(self._echo) == "ready"
         self._out.connect("/echo:i", carrier)
 
-    def fly(self) -> float:
-        """Median time [us] of a round trip."""
+    def fly(self) -> tuple[float, float]:
+        """Median time [us] of a round trip, and of the way there; both processes have the same clock."""
         self._times.clear()
+        self._ways.clear()
         self._left = CALLS
         self._done.clear()
         self._go()
         if not self._done.wait(10.0):
             raise SystemExit("a frame did not come back")
-        return 1e6 * statistics.median(self._times)
+        return 1e6 * statistics.median(self._times), 1e6 * statistics.median(self._ways)
 
     def close(self) -> None:
         self._out.close()
@@ -108,6 +116,7 @@ class Flight:
     def _come(self, delivery: Delivery) -> None:
         self.seen = delivery.vector(V3)
         self._times.append(wall() - self._sent)
+        self._ways.append(float(self.seen[-1]) - self._sent)
         self._left -= 1
         if self._left:
             self._go()
@@ -129,22 +138,33 @@ def links() -> list[Measured]:
 
             def peer(
                 values: np.ndarray = values, sock: socket.socket = sock, back: np.ndarray = back
-            ) -> None:
-                sock.sendall(values)
-                view, got = memoryview(back).cast("B"), 0
-                while got < back.nbytes:
-                    got += sock.recv_into(view[got:])
+            ) -> tuple[float, float]:
+                trips, ways = [], []
+                for _ in range(CALLS):
+                    sent = wall()
+                    sock.sendall(values)
+                    view, got = memoryview(back).cast("B"), 0
+                    while got < back.nbytes:
+                        got += sock.recv_into(view[got:])
+                    trips.append(wall() - sent)
+                    ways.append(float(back[-1]) - sent)
+                return 1e6 * statistics.median(trips), 1e6 * statistics.median(ways)
 
             flight.fly()
             peer()
-            np.testing.assert_array_equal(flight.seen, values)
-            np.testing.assert_array_equal(back, values)
-            pairs = [(flight.fly(), each(peer, calls=CALLS, clock=wall)) for _ in range(ROUNDS)]
+            # The last number is when the frame came there.
+            np.testing.assert_array_equal(flight.seen[:-1], values[:-1])
+            np.testing.assert_array_equal(back[:-1], values[:-1])
+            both = [(flight.fly(), peer()) for _ in range(ROUNDS)]
+            pairs = [(ours[0], theirs[0]) for ours, theirs in both]
+            ways = [(ours[1], theirs[1]) for ours, theirs in both]
             note = f"{struct.calcsize('d') * size} bytes each way"
             most = MOST if size == CASES[0][0] else None
+            name = f"YARP port by {carrier}, {size} doubles"
+            rows.append(row(f"{name}, one way", "raw TCP", ways, note=note))
             rows.append(
                 row(
-                    f"YARP port by {carrier}, {size} doubles, there and back",
+                    f"{name}, there and back",
                     "raw TCP",
                     pairs,
                     most_ratio=most,

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 import zenoh
-from links import TCP, child, line
+from links import RAW, child, line
 from measured import ROUNDS, Measured, each, row
 
 import tci
@@ -73,7 +73,7 @@ def networks() -> list[Measured]:
     robot = tci.load_robot("nao")
     values = np.random.default_rng(0).normal(size=SIZE)
     frame = SkinFrame(robot.patches[0].name, 1.0, 1, values)
-    raw = child(TCP, str(values.nbytes))
+    raw = child(RAW, str(values.nbytes))
     sock = socket.create_connection(("127.0.0.1", int(line(raw))))
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     back = bytearray(values.nbytes)

@@ -19,8 +19,6 @@ from tci.model.generic_arm import SEGMENTS
 
 _SEGMENT, _X, _Y, _Z, _RADIUS, _THRESHOLD, _SATURATION, _MEASURE = range(8)
 _MEASURES = ("weighted", "sum", "peak")
-PLACE = {segment: place for place, segment in enumerate(SEGMENTS)}
-"""Number of a segment in the table of fields."""
 
 _phi, _psi, _psi_cosine = [inlined(f) for f in (discounts.phi, discounts.psi, discounts.psi_cosine)]
 
@@ -29,7 +27,7 @@ def field_table(fields: Sequence[ReceptiveField]) -> Array:
     """The fields in numbers (m, 8), as `find_answers` reads them."""
     rows = [
         (
-            PLACE[f.segment], *generic_limb_point(f.u, f.theta), f.radius, f.threshold, f.saturation,
+            SEGMENTS.index(f.segment), *generic_limb_point(f.u, f.theta), f.radius, f.threshold, f.saturation,
             _MEASURES.index(f.measure),
         )
         for f in fields
@@ -76,7 +74,7 @@ def find_answers(
     """Of each contact of a table the `nearest` (c,) of the `fields` (m, 8) that it lies in, -1 for none, and
     the `gains` (c,) phi(F) psi(d).
 
-    `segments` (p,) are those of the patches, the rest is as in `ContactTable`.
+    All about them is as in `ContactTable`.
     """
     for c in range(len(numbers)):
         closest, least = -1, np.inf

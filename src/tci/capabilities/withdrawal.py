@@ -8,14 +8,14 @@ to 1, but no other field answers and nothing is added twice.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
 from typing import Literal
 
 import numpy as np
 
-from tci.capabilities.answer import PLACE, field_table, find_answers
+from tci.capabilities.answer import field_table, find_answers
 from tci.capabilities.capability import Capability
 from tci.capabilities.fields import ReceptiveField, default_fields
 from tci.errors import CommandError, TciError
@@ -167,9 +167,8 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
     def _find(self, table: ContactTable) -> Iterable[tuple[int, int, float]]:
         """Of each contact its patch, the field that is nearest, and the gain; 0: no answer."""
         closest, gains = np.empty(len(table), np.int64), np.empty(len(table))
-        segments = np.array([PLACE.get(site.segment, -1) for site in table.sites], np.int64)
         find_answers(
-            self._table, self.distance_discount == "cosine", segments, table.patch, table.bounds,
+            self._table, self.distance_discount == "cosine", table.segments, table.patch, table.bounds,
             table.numbers, table.places, closest, gains,
         )  # fmt: skip
         return zip(table.patch.tolist(), closest.tolist(), gains.tolist(), strict=True)
@@ -202,7 +201,8 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
             return before
         if before is not None:
             gains = [gain for index, gain in answers if self._is_same(index, before.field)]
-            return replace(before, gain=max([before.gain, *gains]), touched=now)
+            gain = max([before.gain, *gains])
+            return Withdrawal(before.field, before.origin, gain, before.started, now)
         motion = self.fields[answers[0][0]].motion
         if posture.shape != (len(motion),):
             raise CommandError(f"{part} has {posture.size} joints; a base motion has {len(motion)}")

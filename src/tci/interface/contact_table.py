@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from tci.frames import Array, read_only
 from tci.interface.generic_limb import generic_limb_point
 from tci.interface.kernels.contacts import F_T, N_L, N_T, NUMBERS, P_L, P_T
-from tci.interface.kernels.flat_skin import Site
+from tci.interface.kernels.flat_skin import Site, segments_of
 from tci.messages import Contact
 
 
@@ -22,6 +22,7 @@ class ContactTable(Sequence[Contact]):
     def __init__(
         self,
         sites: Sequence[Site],
+        segments: NDArray[np.int64],
         stamps: Sequence[float],
         sequences: Sequence[int],
         rows: NDArray[np.int64],
@@ -36,6 +37,8 @@ class ContactTable(Sequence[Contact]):
             array.setflags(write=False)
         self.sites = sites
         """The patches (p,) of the skin."""
+        self.segments = segments
+        """Their places (p,) in SEGMENTS; -1 for none of these."""
         self._stamps, self._sequences = stamps, sequences
         self.bounds = rows[0]
         """Where the taxels of each contact begin (c + 1,)."""
@@ -66,6 +69,7 @@ class ContactTable(Sequence[Contact]):
         lists = [np.array([c.taxel_forces, *generic_limb_point(c.taxel_u, c.taxel_theta).T]) for c in made]
         table = ContactTable(
             [Site(one.patch, one.part, one.segment) for one in made],
+            segments_of([one.segment for one in made]),
             [one.stamp for one in made],
             [one.sequence for one in made],
             rows,
@@ -134,5 +138,5 @@ class ContactTable(Sequence[Contact]):
 def identities(contacts: Sequence[Contact]) -> list[int]:
     """The numbers (c,) of contacts, in no order."""
     if isinstance(contacts, ContactTable):
-        return [int(one) for one in contacts.told[:, 0].tolist()]
+        return contacts.told[:, 0].astype(int).tolist()  # type: ignore[no-any-return]
     return [one.identity for one in contacts]

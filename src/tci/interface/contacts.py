@@ -82,7 +82,7 @@ def find_contacts(
     )
     if not count:
         return ()
-    touched = np.flatnonzero(flat.counts).tolist()
+    touched = flat.counts.nonzero()[0].tolist()
     for p in touched:
         if flat.sites[p].part not in posture:
             raise UnknownNameError("generic part in this posture", flat.sites[p].part, posture)
@@ -99,7 +99,9 @@ def find_contacts(
     stamps = [np.nan if one is None else one.stamp for one in felt]
     sequences = [-1 if one is None else one.sequence for one in felt]
     told = (tracker or Tracker()).follow(rows[1, :-1], vectors[:, P_L], np.array(stamps))
-    return ContactTable(flat.sites, stamps, sequences, rows, numbers, vectors, indices, places, told)
+    return ContactTable(
+        flat.sites, flat.segments, stamps, sequences, rows, numbers, vectors, indices, places, told
+    )
 
 
 def find_clusters(

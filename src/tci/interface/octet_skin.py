@@ -108,21 +108,21 @@ class OctetSkin:
     ) -> tuple[NDArray[np.int32], Array, list[int], list[bool]]:
         """Active taxels (m,) and pressure (m,) [Pa] on them in frames of the patches `which`, where each
         one's end (k + 1,), and which of them are the same as the frame before, for which nothing is given."""
-        again = [v is self._same[p] for p, v in zip(which, values, strict=True)]
-        fresh = [v for v, same in zip(values, again, strict=True) if not same]
-        raw = (
-            np.concatenate(fresh)
-            if len(fresh) > 1
-            else np.ascontiguousarray(fresh[0])
-            if fresh
-            else _NO_BYTES
-        )
-        room = sum(self._room[p] for p, same in zip(which, again, strict=True) if not same)
+        held = self._same
+        again = [v is held[p] for p, v in zip(which, values, strict=True)]
+        kinds = which
+        if True not in again:
+            raw = np.concatenate(values)
+        else:
+            kinds = [-1 - p if same else p for p, same in zip(which, again, strict=True)]
+            fresh = [v for v, same in zip(values, again, strict=True) if not same]
+            raw = np.concatenate(fresh) if fresh else _NO_BYTES
+        room = sum([self._room[p] for p in kinds if p >= 0])
         taxels, pressure = np.empty(room, np.int32), np.empty(room)
         ends = np.empty(len(which) + 1, np.int64)
         due = feel(
-            raw, np.array([-1 - p if same else p for p, same in zip(which, again, strict=True)], np.int64),
-            np.array(stamps), GAP, *self.tables, self.force, self.active, self.counts, taxels, pressure, ends,
+            raw, np.array(kinds, np.int64), np.array(stamps), GAP, *self.tables, self.force, self.active,
+            self.counts, taxels, pressure, ends,
         )  # fmt: skip
         for p, v in zip(which, values, strict=True):
             if self._seen[p] < 2:

@@ -151,7 +151,7 @@ class Skin:
         got, expected = reading.joints.position.shape, (len(self.robot.servos),)
         if got != expected:
             raise FrameError(f"joints of {self.robot.name}: position of shape {got}, expected {expected}")
-        fresh = [frame for frame in reading.skin if self._is_new(frame)]
+        fresh = self._fresh(reading.skin)
         if not fresh and reading.joints is self._joints:
             return self._state
         patches = self._state.patches
@@ -181,12 +181,16 @@ class Skin:
                 flat.force[flat.begins[p, TAXEL] :][: len(felt.force)] = felt.force
         return flat.force, self.octets.active[:0], np.full(len(flat.sites), -1, np.int64)
 
-    def _is_new(self, frame: SkinFrame) -> bool:
-        held = self._felt.get(frame.patch)
-        if held is None or frame.sequence > held.sequence or frame.stamp > held.stamp + RESTART:
-            return True
-        self._late += frame.sequence < held.sequence
-        return False
+    def _fresh(self, frames: Iterable[SkinFrame]) -> list[SkinFrame]:
+        """Those that are newer than what is known of their patch."""
+        fresh, held = [], self._felt
+        for frame in frames:
+            before = held.get(frame.patch)
+            if before is None or frame.sequence > before.sequence or frame.stamp > before.stamp + RESTART:
+                fresh.append(frame)
+            else:
+                self._late += frame.sequence < before.sequence
+        return fresh
 
     def _feel(self, frames: Iterable[SkinFrame]) -> dict[str, Felt]:
         octets, felt = self.octets, {}

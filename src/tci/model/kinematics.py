@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from tci.errors import CommandError, DescriptionError, Fault, UnknownNameError
 from tci.frames import Array
@@ -42,6 +43,8 @@ class Kinematics:
         self.n_servos = len(robot.servos)
         """How many servos the robot has: the length of every `position`."""
         self._servos, self._addresses, self._columns = joints_of(robot, self._model)
+        self._moving, self._places = np.array(self._servos, np.intp), np.array(self._addresses, np.intp)
+        self._asked: dict[tuple[str, ...], NDArray[np.intp]] = {}
         self._jacobian = np.zeros((6, self._model.nv))
         self._carried = np.zeros((6, self._model.nv))
 
@@ -52,8 +55,10 @@ class Kinematics:
         the model do not count. Raises CommandError for another shape, UnknownNameError for a link
         that the model lacks.
         """
-        names = list(links)
-        bodies = [self._body(name) for name in names]
+        names = tuple(links)
+        bodies = self._asked.get(names)
+        if bodies is None:
+            bodies = self._asked[names] = np.array([self._body(name) for name in names], np.intp)
         self._move(position)
         R_WT, p_WT = self._torso_pose()
         T_TL = np.zeros((len(names), 4, 4))
@@ -121,7 +126,7 @@ class Kinematics:
             raise CommandError(
                 f"position of shape {np.shape(position)}; the robot has {self.n_servos} servos"
             )
-        self._qpos[self._addresses] = position[self._servos]
+        self._qpos[self._places] = position[self._moving]
         mujoco.mj_kinematics(self._model, self._data)
 
     def _torso_pose(self) -> tuple[Array, Array]:

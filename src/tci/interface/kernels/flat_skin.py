@@ -13,6 +13,7 @@ from tci.frames import Array, read_only
 from tci.interface.kernels.flat import FlatPatch, Indices
 from tci.interface.kernels.whole import POSTURE
 from tci.model.description import Patch
+from tci.model.generic_arm import SEGMENTS
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +31,8 @@ class FlatSkin:
 
     sites: tuple[Site, ...]
     """The patches (p,)."""
+    segments: NDArray[np.int64]
+    """Their places (p,) in SEGMENTS; -1 for none of these."""
     patch_links: tuple[str, ...]
     """Their links."""
     begins: NDArray[np.int64]
@@ -78,6 +81,7 @@ class FlatSkin:
 
         return FlatSkin(
             sites=tuple(Site(patch.name, patch.part, patch.segment) for patch in patches),
+            segments=segments_of([patch.segment for patch in patches]),
             patch_links=tuple(patch.link for patch in patches),
             begins=read_only(begins, np.int64),
             taxels=joined("taxels", (0, 7), np.float64),
@@ -93,3 +97,8 @@ class FlatSkin:
             force=np.zeros(count),
             counts=np.zeros(len(patches), np.int64),
         )
+
+
+def segments_of(names: Sequence[str]) -> NDArray[np.int64]:
+    """The place (n,) of each segment in SEGMENTS; -1 for none of these."""
+    return read_only([SEGMENTS.index(name) if name in SEGMENTS else -1 for name in names], np.int64)

@@ -32,6 +32,8 @@ from tci.interface.kernels.condition import (
 )
 
 BLOCK = 64
+_PIECE = 16
+_BLOCK, _EIGHT = np.uint64(64), np.uint64(8)
 NOW, LAST, EARLIER, LOW, HIGH, CHANGES, LIMIT = range(7)
 """Rows of `octets`: three frames, extremes and number of changes since the last spill, and the largest byte
 that is not felt."""
@@ -117,29 +119,31 @@ def _update(
     state: Array,
 ) -> None:
     """Go through the blocks of a patch whose new bytes are there."""
-    now, last = octets[NOW], octets[LAST]
+    now, whole = octets[NOW], octets.view(np.uint64)
+    fresh, last = whole[NOW], whole[LAST]
+    still, settled, live, full = blocks[STILL], blocks[SETTLED], blocks[LIVE], blocks[ENDS]
     bending = np.uint16(0xFFFF if state[p, FRAMES] > 1 else 0)
     changing = np.uint8(1 if state[p, FRAMES] > 0 else 0)
     end = np.uint8(table[p, END])
     saturated = 0
-    for b in range(table[p, FIRST], table[p, FIRST] + table[p, COUNT]):
-        other = np.uint8(0)
-        for i in range(np.uint64(b * BLOCK), np.uint64(b * BLOCK + BLOCK)):
-            other |= now[i] ^ last[i]
-        if other == 0 and blocks[SETTLED, b]:
-            blocks[STILL, b] += 1
+    for b in range(np.uint64(table[p, FIRST]), np.uint64(table[p, FIRST] + table[p, COUNT])):
+        other = np.uint64(0)
+        for i in range(b * _EIGHT, b * _EIGHT + _EIGHT):  # eight octets each
+            other |= fresh[i] ^ last[i]
+        if other == 0 and settled[b]:
+            still[b] += 1
         else:
-            if blocks[STILL, b]:
-                _catch_up(octets, words, blocks, b)
-            _note(octets, words, b, bending, changing)
-            blocks[SETTLED, b] = other == 0
-            blocks[LIVE, b] = _alive(octets, NOW, b)
+            if still[b]:
+                _catch_up(octets, words, blocks, np.int64(b))
+            _note(octets, words, np.int64(b), bending, changing)
+            settled[b] = other == 0
+            live[b] = _alive(octets, NOW, np.int64(b))
             ends = np.uint8(0)
-            for i in range(np.uint64(b * BLOCK), np.uint64(b * BLOCK + BLOCK)):
+            for i in range(np.uint64(b * _BLOCK), np.uint64(b * _BLOCK + _BLOCK)):
                 ends = np.uint8(ends + np.uint8(now[i] > end))
-            blocks[ENDS, b] = ends
-        saturated += blocks[ENDS, b]
-    state[p, SATURATED] = saturated
+            saturated += np.int64(ends) - full[b]
+            full[b] = ends
+    state[p, SATURATED] += saturated
     state[p, SINCE] += 1
 
 
@@ -328,16 +332,23 @@ def feel(
             for j in range(begin, begin + counts[p]):
                 force[begin + active[j]] = 0.0
             felt, limit, s = begin, octets[LIMIT], sensor[p]
-            node, some = table[p, NODE], table[p, NODES]
+            node, nodes_n = table[p, NODE], table[p, NODES]
             for b in range(first, first + table[p, COUNT]):
                 if not blocks[LIVE, b]:
                     continue
-                for o in range(b * BLOCK, b * BLOCK + BLOCK):
-                    if now[o] > limit[o]:
+                for piece in range(b * BLOCK, b * BLOCK + BLOCK, _PIECE):
+                    some = np.uint8(0)
+                    for o in range(np.uint64(piece), np.uint64(piece + _PIECE)):
+                        some |= np.uint8(now[o] > limit[o])
+                    if some == 0:
+                        continue
+                    for o in range(piece, piece + _PIECE):
+                        if now[o] <= limit[o]:
+                            continue
                         i = o - start
                         deviation = float(_signal(now[o], turn, s) - offset[begin + i])
-                        if some:
-                            deviation = response(deviation, nodes[:, node : node + some])
+                        if nodes_n:
+                            deviation = response(deviation, nodes[:, node : node + nodes_n])
                         one = gain[begin + i] * deviation
                         taxels[found], pressure[found] = i, one
                         found += 1

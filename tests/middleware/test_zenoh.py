@@ -63,3 +63,19 @@ def test_the_names_of_robots_there_are_told_and_the_run_time_query_answers() -> 
     assert [reply.ok is not None for reply in replies] == [True]
     assert replies[0].ok is not None
     assert read_facts(replies[0].ok.payload.to_bytes()) == query(robot)
+
+
+def test_doctor_tells_step_by_step_what_is_there() -> None:
+    robot, where = tci.load_robot("nao"), f"tcp/127.0.0.1:{free_port()}"
+
+    def told(address: str) -> list[tuple[str, str]]:
+        return [(finding.subject, finding.level.value) for finding in ZenohLink.probe(robot, address)]
+
+    assert told(where) == [("session", "fault")]
+    with SimulatedLink(robot) as link, ZenohServer(link, where):
+        assert told(where) == [("session", "ok"), ("robot", "ok"), ("description", "ok")]
+        assert told(f"other@{where}") == [("session", "ok"), ("robot", "fault")]
+        assert "robots there: nao" in ZenohLink.probe(robot, f"other@{where}")[1].what
+        other = robot.model_copy(update={"digest": "0123456789abcdef" * 4})
+        assert "another one" in ZenohLink.probe(other, where)[2].what
+    assert told("no endpoint") == [("session", "fault")]

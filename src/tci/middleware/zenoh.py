@@ -16,10 +16,11 @@ from typing import Any
 
 import zenoh
 
-from tci.errors import FrameError, LinkError
+from tci.errors import FrameError, LinkError, TciError
 from tci.messages import SkinFrame
+from tci.middleware.diagnosis import Finding, Level
 from tci.middleware.link import Link
-from tci.middleware.query import query
+from tci.middleware.query import query, read_facts
 from tci.middleware.remote import Orders, State
 from tci.middleware.remote_cdr import frame_bytes, orders_bytes, state_bytes, to_orders, to_skin, to_state
 from tci.middleware.remote_link import RemoteLink
@@ -59,6 +60,19 @@ class ZenohLink(RemoteLink):
             close_session(self.session)
             raise
 
+    @classmethod
+    def probe(cls, robot: Robot, address: str) -> tuple[Finding, ...]:
+        try:
+            where = parse_address(address, robot.name)
+            session = open_session(where, "connect")
+        except LinkError as error:
+            advice = "is tci serve, or the router, running there? with TLS: do key and certificate fit?"
+            return (Finding(Level.FAULT, "session", str(error), advice),)
+        try:
+            return (Finding(Level.OK, "session", f"open at {where}"), *_look(session, robot, where.robot))
+        finally:
+            close_session(session)
+
     def _poll(self) -> Iterator[State | SkinFrame]:
         for subscriber, read in ((self._frames, to_skin), (self._states, to_state)):
             for data in _received(subscriber):
@@ -77,17 +91,11 @@ class ZenohLink(RemoteLink):
     def _nobody(self) -> str:
         if self._why:
             return self._why
-        return (
-            f"robots there: {', '.join(self._alive()) or 'none'}; to serve one: tci serve ROBOT --via zenoh"
-        )
+        there = ", ".join(_alive(self.session)) or "none"
+        return f"robots there: {there}; to serve one: tci serve ROBOT --via zenoh"
 
     def _starting(self) -> bool:
-        return not self._why and self._address.robot in self._alive()
-
-    def _alive(self) -> list[str]:
-        """Names of all robots that are shown there."""
-        found = self.session.liveliness().get("tci/*/alive", timeout=1.0)
-        return sorted(str(reply.ok.key_expr).split("/")[1] for reply in found if reply.ok is not None)
+        return not self._why and self._address.robot in _alive(self.session)
 
     def _close(self) -> None:
         super()._close()
@@ -139,6 +147,34 @@ class ZenohServer(RemoteServer):
 
     def close(self) -> None:
         close_session(self.session)
+
+
+def _alive(session: zenoh.Session) -> list[str]:
+    """Names of all robots that are shown there."""
+    found = session.liveliness().get("tci/*/alive", timeout=1.0)
+    return sorted(str(reply.ok.key_expr).split("/")[1] for reply in found if reply.ok is not None)
+
+
+def _look(session: zenoh.Session, robot: Robot, name: str) -> Iterator[Finding]:
+    """Whether a robot of that name is there, and is the one that is described here."""
+    names = _alive(session)
+    if name not in names:
+        said = f"{name} is not there; robots there: {', '.join(names) or 'none'}"
+        yield Finding(Level.FAULT, "robot", said, "tci serve ROBOT --via zenoh; is its key readable for you?")
+        return
+    yield Finding(Level.OK, "robot", f"{name} is alive")
+    for reply in session.get(f"tci/{name}/facts", timeout=2.0):
+        if reply.ok is not None:
+            try:
+                same = read_facts(reply.ok.payload.to_string()).digest == robot.digest
+            except (TciError, ValueError) as error:
+                yield Finding(Level.FAULT, "description", f"it answers with what is no description: {error}")
+                return
+            advice = "" if same else "use the same description on both machines: tci check FILE"
+            said = "the same there and here" if same else "another one there than here"
+            yield Finding(Level.OK if same else Level.FAULT, "description", said, advice)
+            return
+    yield Finding(Level.WARNING, "description", "it does not answer tci/NAME/facts", "may you ask that key?")
 
 
 def _received(subscriber: zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]) -> Iterator[bytes]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,7 @@ from tci.capabilities.fields import default_fields
 from tci.errors import CommandError, LinkError, UnknownNameError
 from tci.interface.gate import GateState
 from tci.interface.places import Place, find_place
-from tci.messages import Mode, PlatformCommand, SwitchMode
+from tci.messages import Mode, Order, PlatformCommand, SwitchMode
 from tci.middleware.diagnosis import Level
 from tci.middleware.yarp import link as yarp_link
 from tci.middleware.yarp.dialect import DIALECTS, V3, V4
@@ -157,6 +157,43 @@ def test_a_board_that_refuses_a_mode_for_a_moment_means_hold_and_one_that_goes_o
     left[0] = 1_000_000
     with link_to(show) as link, pytest.raises(LinkError, match=r"refuses.*tci doctor"):
         until(lambda: step() is None)
+
+
+def test_28_a_board_that_goes_away_means_hold_and_the_arm_goes_on_when_it_is_back(
+    show: Show, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    servo = show.link.robot.servos[show.link.robot.part("left_arm").servos[-1].servo]
+    work: list[Callable[[str], None]] = []
+    take = show.server.orders
+
+    def orders() -> Sequence[Order]:
+        while work:
+            work.pop()(servo.robot_part)
+        return take()
+
+    monkeypatch.setattr(show.server, "orders", orders)
+    with link_to(show) as link:
+        arm = link.native(servo.robot_part)
+        here = float(link.read().joints.position[servo.index])
+
+        def step(angle: float) -> GateState:
+            order = arm.command({servo.name: angle})
+            sent = link.write(link.gate.step([order], link.read().joints, link.clock.now()))
+            time.sleep(link.period)
+            return sent.state
+
+        def is_at(angle: float) -> bool:
+            step(angle)
+            return abs(float(link.read().joints.position[servo.index]) - angle) < 0.01
+
+        low, high = servo.limits.lower or 0.0, servo.limits.upper or 0.0
+        there = here + np.copysign(0.1, (low + high) / 2 - here)
+        assert until(lambda: is_at(there))
+        work.append(show.server.close_board)
+        assert until(lambda: step(there) is GateState.HOLD)
+        work.append(show.server.open_board)
+        assert until(lambda: step(there) is GateState.RUN)
+        assert until(lambda: is_at(here))
 
 
 def test_what_the_description_says_otherwise_is_told(show: Show) -> None:

@@ -41,6 +41,8 @@ FASTEST = 50.0
 """[rad/s] from which a speed is a placeholder."""
 ACCELERATION = np.deg2rad((400.0, 2400.0))
 """Least and largest [rad/s2]; between them what a quarter of the torque gives the heaviest load."""
+MOST_TORQUE = 0.35
+"""Share of the torque that the load may take where the least acceleration takes more than a quarter."""
 JERK = 100.0
 """Jerk per acceleration [1/s]."""
 TORQUE, STRONGEST = 40.0, 1e4
@@ -145,7 +147,8 @@ def _limits(joint: etree._Element, inertia: float) -> Limits:
     if not 0.0 < torque < STRONGEST:
         torque = TORQUE
         ours.append("torque")
-    acceleration = float(np.clip(0.25 * torque / max(inertia, 1e-6), *ACCELERATION))
+    able = torque / max(inertia, 1e-6)
+    acceleration = float(np.clip(0.25 * able, min(ACCELERATION[0], MOST_TORQUE * able), ACCELERATION[1]))
     acceleration = float(np.deg2rad(10.0 * np.floor(np.rad2deg(acceleration) / 10.0 + 1e-9)))
     return Limits(
         lower=lower, upper=upper, velocity=velocity, acceleration=acceleration, jerk=JERK * acceleration,

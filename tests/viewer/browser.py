@@ -21,8 +21,8 @@ from tci.viewer.app import Viewer
 from tci.viewer.figure import Figure
 from tci.viewer.pick import pick
 
-PATIENCE = 60.0
-"""How long [s] to wait for something that must happen; nothing is timed."""
+PATIENCE = 120.0
+"""How long [s] to wait for something that must happen; nothing is timed, and software draws the page."""
 
 
 def wait_for(what: Callable[[], object], said: str) -> None:
@@ -55,7 +55,7 @@ def page_of(viewer: Viewer) -> Iterator[Page]:
     flags = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=flags)
-        page = browser.new_page(viewport={"width": 1400, "height": 1000})
+        page = browser.new_page(viewport={"width": 1400, "height": 700})
         page.set_default_timeout(PATIENCE * 1000.0)
         page.goto(viewer.address)
         page.wait_for_selector("canvas")

@@ -93,7 +93,7 @@ class Perceiving:
         joints = JointReading(now, k, self._position.copy(), np.zeros(len(self._position)))
         skin = tuple(SkinFrame(name, now, k, values.copy()) for name, values in raw[k % len(raw)].items())
         self.seen = self.body.perceive(Reading(joints, skin), now)
-        return self.seen
+        return sum(contact.force for contact in self.seen.contacts)  # each is looked at
 
 
 def own_skin() -> list[Measured]:

@@ -310,3 +310,31 @@ def test_hostile_commands_many() -> None:
 def test_unlimited_robot_is_refused_before_anything_moves() -> None:
     driven = Driven(make_robot(limits=Limits()), ZERO)
     assert driven.step(position_command([0], [0.1])).servos.size == 0
+
+
+def test_speeds_that_do_not_fit_the_servos_are_refused() -> None:
+    driven = Driven(make_robot(), ZERO)
+    command = dataclasses.replace(position_command([2, 4], [0.5, -0.3]), speed=np.ones(3))
+    safe = driven.step(command)
+    assert safe.servos.size == 0
+    assert "speeds; valid: one for each of 2 servos" in safe.refusals[0]
+
+
+def test_targets_are_where_the_servos_go_whatever_was_asked_for() -> None:
+    driven = Driven(make_robot(), ZERO)
+    safe = driven.step(position_command([2, 3], [0.5, 9.0]))
+    going = dict(zip(safe.servos.tolist(), driven.gate.targets.tolist(), strict=True))
+    assert going[2] == pytest.approx(0.5)
+    assert 2.0 - 1e-5 < going[3] <= 2.0
+    driven.gate.stop("now")
+    safe = driven.step()
+    assert np.abs(driven.gate.targets).max() < 0.01, "where it comes to rest"
+
+
+def test_a_gate_without_a_watch_forgets_its_servos_too() -> None:
+    gate = Gate(make_robot(), period=PERIOD, stale_after=0.1, settings=GateSettings(watch=None))
+    safe = gate.step([position_command([2], [0.5])], reading(ZERO, 0.0), 0.0)
+    assert safe.servos.tolist() == [2]
+    gate.drop()
+    assert gate.targets.size == 0
+    assert gate.step([], reading(ZERO, PERIOD), PERIOD).servos.size == 0

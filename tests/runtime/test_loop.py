@@ -6,20 +6,22 @@ import gc
 import os
 import signal
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import tci
-from tci.errors import LinkError
+from tci.errors import CommandError, LinkError
 from tci.interface.gate import GateState
 from tci.messages import GenericCommand, Mode, Perception
 from tci.middleware.simulated import SimulatedLink
-from tci.runtime.guards import frozen_garbage, interruptions
+from tci.runtime.guards import LEAST_SILENCE, frozen_garbage, interruptions
 from tci.runtime.lease import lease
-from tci.runtime.loop import Tick, run
+from tci.runtime.loop import REST, Tick, run
 from tci.runtime.loop_report import LoopReport
 from tci.simulation.world import World
 
@@ -216,3 +218,118 @@ def test_45_loops_side_by_side_all_see_a_failing_thread() -> None:
             with pytest.raises(ZeroDivisionError):
                 other.raise_it()
     assert threading.excepthook is before
+
+
+def test_the_run_ends_when_the_memory_is_as_wanted(link: SimulatedLink) -> None:
+    report = LoopReport()
+    assert run(link, Swing(), duration=1.0, until=lambda memory: memory == 7, report=report) == 7
+    assert (report.ticks, report.ended) == (7, "done")
+
+
+def test_a_fault_that_the_capability_sees_stops_the_robot(link: SimulatedLink) -> None:
+    class Blind(Swing):
+        def fault(self, perception: Perception) -> str:
+            return "I see nothing" if perception.stamp > 0.1 else ""
+
+    run(link, Blind(), duration=0.5)
+    assert link.gate.state is GateState.STOP
+    assert link.world.time > 0.4, "it goes on, at rest"
+    assert speed(link) < 0.02
+
+
+def test_a_capability_that_cannot_begin_is_an_error_and_nothing_moves(link: SimulatedLink) -> None:
+    class Eager(Swing):
+        def begin(self, perception: Perception) -> tuple[GenericCommand, ...]:
+            return (GenericCommand("head", Mode.TORQUE, np.zeros(3)),)
+
+    before = link.read().joints.position
+    with pytest.raises(CommandError, match="Eager can't begin"):
+        run(link, Eager(), duration=0.5)
+    np.testing.assert_allclose(link.read().joints.position, before, atol=1e-3)
+
+
+def test_an_order_that_does_not_fit_is_told_with_the_refusals_and_the_others_pass(
+    link: SimulatedLink,
+) -> None:
+    class Wrong(Swing):
+        def step(self, memory: int, perception: Perception) -> tuple[tuple[GenericCommand, ...], int]:
+            good, memory = super().step(memory, perception)
+            return (GenericCommand("head", Mode.POSITION, np.zeros(7)), *good), memory
+
+    ticks: list[Tick] = []
+    run(link, Wrong(), duration=0.05, observe=ticks.append)
+    assert "7" in ticks[0].sent.refusals[0]
+    assert len(ticks[0].sent.refusals) == 1
+    assert speed(link) > 0.05
+
+
+def test_45_a_robot_that_cannot_be_written_to_is_named_beside_the_first_error(
+    link: SimulatedLink, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def gone(safe: object) -> None:
+        raise OSError("the wire is cut")
+
+    def cut() -> None:
+        monkeypatch.setattr(link, "_send", gone)
+        fail()
+
+    with pytest.raises(ZeroDivisionError) as raised:
+        run(link, Swing(40, cut), duration=1.0)
+    assert raised.value.__notes__ == ["and the robot could not be brought to rest: the wire is cut"]
+    assert link.gate.state is GateState.STOP
+
+
+def test_45_a_link_that_is_only_read_is_not_written_to_at_the_end(world: World) -> None:
+    world.reset()
+    with SimulatedLink(world.robot, world=world, arm=False) as link:
+        with pytest.raises(ZeroDivisionError):
+            run(link, Swing(5, fail), duration=1.0, write=False)
+        assert world.time < 0.05
+
+
+def test_10_skin_that_stands_still_makes_the_robot_hold(monkeypatch: pytest.MonkeyPatch) -> None:
+    with SimulatedLink(
+        tci.load_robot("nao"), world=World(tci.load_robot("nao"), skin=["left_forearm"])
+    ) as link:
+        receive = link._receive
+        skin = receive().skin
+        monkeypatch.setattr(link, "_receive", lambda: replace(receive(), skin=skin))
+        states: list[tuple[float, GateState]] = []
+        run(link, Swing(), duration=0.4, observe=lambda tick: states.append((tick.now, tick.sent.state)))
+    assert len(states) > 100
+    assert {state for now, state in states if now < LEAST_SILENCE} == {GateState.RUN}
+    assert {state for now, state in states if now > LEAST_SILENCE + 0.01} == {GateState.HOLD}
+
+
+def test_a_first_period_that_begins_late_is_none_that_was_missed(
+    link: SimulatedLink, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ticks, report = link.ticks, LoopReport()
+
+    def late(*, duration: float | None = None) -> Iterator[float]:
+        link.world.advance(0.1)
+        yield from ticks(duration=duration)
+
+    monkeypatch.setattr(link, "ticks", late)
+    run(link, Swing(), duration=0.1, report=report)
+    assert (report.ticks, report.missed, report.overruns) == (50, 0, 0)
+    assert report.lateness.largest < link.period / 2
+
+
+def test_45_a_robot_that_cannot_come_to_rest_is_waited_for_and_not_longer(
+    link: SimulatedLink, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    step = link.gate.step
+
+    def restless(*args: Any, **options: Any) -> Any:
+        return replace(step(*args, **options), velocity=np.ones(3))
+
+    def go_on() -> None:
+        monkeypatch.setattr(link.gate, "step", restless)
+        monkeypatch.setattr(link, "write", lambda safe: safe)
+        fail()
+
+    begun = link.world.time
+    with pytest.raises(ZeroDivisionError):
+        run(link, Swing(5, go_on), duration=1.0)
+    assert REST <= link.world.time - begun < REST + 0.1

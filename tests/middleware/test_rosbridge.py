@@ -30,7 +30,10 @@ def server() -> Iterator[RecordedServer]:
 
 def test_the_client_says_what_the_genuine_server_understood(server: RecordedServer) -> None:
     with tci.connect(narrow(), f"rosbridge:127.0.0.1:{server.port}", arm=True) as link:
-        first = link.read()
+        end = time.monotonic() + 60.0
+        while len((first := link.read()).skin) < 2:
+            assert time.monotonic() < end
+            time.sleep(0.01)
         assert {frame.patch: len(frame.values) for frame in first.skin} == {
             "left_forearm": 240,
             "right_forearm": 240,
@@ -39,9 +42,13 @@ def test_the_client_says_what_the_genuine_server_understood(server: RecordedServ
             np.testing.assert_array_equal(frame.values, np.arange(240, dtype=np.uint16))
         assert first.joints.position.shape == (len(link.robot.servos),)
         pending = [link.native("LArm").command({"LElbowRoll": -1.1})]
-        for now in link.ticks(duration=1.0):
-            link.write(link.gate.step(pending, link.read().joints, now))
+        for now in link.ticks(duration=60.0):
+            joints = link.read().joints
+            link.write(link.gate.step(pending, joints, now))
             pending = []
+            said = any(message["op"] == "publish" for message in server.heard)
+            if said and joints.sequence > first.joints.sequence + 20:
+                break
         assert link.read().joints.sequence > first.joints.sequence + 20
     recorded = {json.dumps(plain(m), sort_keys=True) for _, who, m in exchange() if who == "client"}
     said = [json.dumps(plain(message), sort_keys=True) for message in server.heard]
@@ -54,13 +61,11 @@ def test_the_client_says_what_the_genuine_server_understood(server: RecordedServ
 def test_28_a_server_that_dies_means_hold_and_closing_leaves_nothing(server: RecordedServer) -> None:
     link = tci.connect(narrow(), f"rosbridge:127.0.0.1:{server.port}", arm=True)
     server.close()
-    end = time.monotonic() + 10.0
-    for now in link.ticks(duration=10.0):
+    for now in link.ticks(duration=60.0):
         held = link.write(link.gate.step([], link.read().joints, now))
         if held.state is GateState.HOLD:
             break
     assert held.state is GateState.HOLD
-    assert time.monotonic() < end
     link.close()
     link.close()
     with pytest.raises(LinkError, match="closed"):
@@ -82,7 +87,7 @@ def test_35_messages_that_are_none_are_counted_and_the_link_goes_on(server: Reco
             said = {"op": "publish", "topic": "/joint_states", "msg": message}
             server._loop.call_soon_threadsafe(server.protocol.say, said)
         server._loop.call_soon_threadsafe(server.protocol.sendMessage, b"{no json")
-        end = time.monotonic() + 10.0
+        end = time.monotonic() + 60.0
         while sum(link._node.rejected.values()) < len(damaged) - 1 and time.monotonic() < end:
             time.sleep(0.05)
         assert sum(link._node.rejected.values()) >= len(damaged) - 1

@@ -10,10 +10,12 @@ import pytest
 
 from middleware.naoqi.still_nao import StillNao
 from middleware.served import Served
+from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.errors import LinkError
 from tci.middleware.joined import JoinedLink
 from tci.middleware.link import Link
 from tci.model.catalogue import load_robot
+from tci.runtime.loop import Tick, run
 from tci.runtime.registry import connect
 
 ROBOT = load_robot("nao")
@@ -41,6 +43,9 @@ def test_joints_of_one_robot_and_the_skin_of_another_service() -> None:
             wait_for(lambda: sequences(link)["left_forearm"] == 9)
             order = link.native("LArm").command({"LElbowRoll": -0.8})
             link.write(link.gate.step([order], link.read().joints, link.clock.now()))
+            seen: list[Tick] = []
+            run(link, WithdrawalReflex(), duration=0.05, write=False, observe=seen.append)
+            assert {frame.patch: frame.sequence for frame in seen[-1].reading.skin}["left_forearm"] == 9
             subjects = [finding.subject for finding in link.diagnose()]
             assert subjects.count("NAOqi") == 2
             assert subjects.count("autonomy") == 1

@@ -58,7 +58,7 @@ def main() -> int:
     colours = {"yes": "green", "so far": "green", "no": "red", "open": "yellow"}
     for row in rows:
         met = f"[{colours[row.met]}]{row.met}[/]"
-        table.add_row(row.name, row.size, row.figure, row.target, met)
+        table.add_row(row.name, row.size, row.measured, row.target, met)
     Console().print(table)
     out = Path(os.environ.get("OUT", "out"))
     out.mkdir(parents=True, exist_ok=True)

@@ -34,6 +34,11 @@ class Row:
         return f"{self.tried:.9g} of {self.wanted:.9g} {self.unit}"
 
     @property
+    def measured(self) -> str:
+        """What was measured; nothing of what was not run."""
+        return self.figure if self.tried or self.sound is None else "not run"
+
+    @property
     def met(self) -> str:
         """`yes` only at the whole size of the target; `so far` where less was tried and nothing was wrong."""
         if self.sound is None or not self.tried:

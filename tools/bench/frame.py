@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import itertools
 import subprocess
 import tempfile
 from functools import partial
@@ -110,12 +111,14 @@ class Frame:
         noise = random.integers(-1, 2, (2, len(values))) if flicker else np.zeros((2, len(values)), int)
         self.values[:] = values + noise
         self.values[1] -= values < 200
+        self._turns = itertools.cycle((self.values, self.values[::-1].copy()))
 
     def ours(self, repeats: int = 1) -> int:
         flat, octets = self.flat, self.octets
         poses = np.array([self.poses[link] for link in flat.links])
+        values = self.values if repeats > 1 else next(self._turns)
         return respond(  # type: ignore[no-any-return]
-            repeats, self.values, np.zeros(1, np.int64), np.full(1, np.nan), *octets.tables, octets.force,
+            repeats, values, np.zeros(1, np.int64), np.full(1, np.nan), *octets.tables, octets.force,
             octets.active, octets.counts, self.felt, self.pressure, self.ends, SETTINGS.floor, SETTINGS.touch,
             flat.graph, flat.begins, flat.work, flat.counts, flat.taxels, flat.faces, flat.box, flat.cells,
             flat.limb, poses, self.posture[None, :4].copy(), flat.on, flat.segments, self.table, self.gains,
@@ -187,9 +190,12 @@ class InC:
         for name, value in members:
             setattr(self._struct, name, value.ctypes.data if isinstance(value, np.ndarray) else value)
         self.gains = self._kept["gains"]
+        self._rows = itertools.cycle((0, 1))
 
     def __call__(self, repeats: int = 1) -> int:
         self._struct.repeats = repeats
+        row = next(self._rows) if repeats == 1 else 0
+        self._struct.values = self._kept["values"][row:].ctypes.data
         return int(self._function(ctypes.byref(self._struct)))
 
 

@@ -1,0 +1,49 @@
+"""Put the rows of bench.json files into the table of docs/performance.md: `page.py FILE ...`.
+
+Rows that were measured take the place of those about the same; the others stay.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+PAGE = Path(__file__).parents[2] / "docs" / "performance.md"
+HEAD = "| what | ours | peer | its | unit | ratio | spread | target |"
+
+
+def about(name: str) -> str:
+    """What a row is about: its name up to the first comma or colon."""
+    return name.split(",")[0].split(":")[0].strip()
+
+
+def line(row: dict[str, Any]) -> str:
+    def number(value: float) -> str:
+        return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
+
+    met = {True: ": met", False: ": missed", None: ""}[row["met"]]
+    cells = [
+        row["name"], number(row["ours"]), row["peer"], number(row["theirs"]), row["unit"],
+        f"{row['ratio']:.3g}", f"{row['ratio_min']:.3g}-{row['ratio_max']:.3g}", f"{row['target']}{met}",
+    ]  # fmt: skip
+    return f"| {' | '.join(cells)} |"
+
+
+def main() -> None:
+    rows = [row for file in sys.argv[1:] for row in json.loads(Path(file).read_text())["rows"]]
+    lines = PAGE.read_text().splitlines()
+    start = lines.index(HEAD) + 2
+    end = next(i for i in range(start, len(lines)) if not lines[i].startswith("|"))
+    table: dict[str, list[str]] = {}
+    for old in lines[start:end]:
+        table.setdefault(about(old.split("|")[1]), []).append(old)
+    for subject in dict.fromkeys(about(row["name"]) for row in rows):
+        table[subject] = [line(row) for row in rows if about(row["name"]) == subject]
+    fresh = [old for group in table.values() for old in group]
+    PAGE.write_text("\n".join([*lines[:start], *fresh, *lines[end:]]) + "\n")
+
+
+if __name__ == "__main__":
+    main()

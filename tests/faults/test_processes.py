@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -100,3 +101,15 @@ def test_42_a_signal_ends_tci_run_with_the_robot_at_rest_and_the_recording_whole
     recording = Recording(file)
     assert len(list(recording.ticks())) > 10
     assert recording.complete
+
+
+@pytest.mark.parametrize("via", ["player:127.0.0.1:", "zenoh:tcp/127.0.0.1:"])
+def test_36_serving_at_a_port_that_is_taken_is_one_error_and_an_exit_status(via: str) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        command = [sys.executable, "-m", "tci.cli.main", "serve", "nao", "--via", f"{via}{port}"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode not in (0, None)
+    assert "in use" in done.stderr + done.stdout
+    assert str(port) in done.stderr + done.stdout
+    assert "Traceback" not in done.stderr

@@ -100,6 +100,17 @@ def test_27_a_touch_during_a_withdrawal_is_the_same_one_and_the_limits_hold() ->
         assert (np.abs(sent.velocity) <= limits).all()
 
 
+def test_08_a_contact_without_any_force_moves_nothing() -> None:
+    reflex = tci.WithdrawalReflex(fields=(one_field(radius=0.1),))
+    memory = reflex.init()
+    for stamp in (0.0, 0.1, 0.2):
+        none = see(touch(0.5, 0.0, [0.0, 0.0, 0.0], offsets=[0.01, 0.0, -0.01]), stamp=stamp)
+        commands, memory = reflex.step(memory, none)
+        assert commands == ()
+    (command,), _ = reflex.step(memory, see(touch(0.5, 0.0, [50.0]), stamp=0.3))
+    assert np.isfinite(command.values).all(), "and a touch is felt after it"
+
+
 def test_09_taxels_that_have_no_weight_move_nothing() -> None:
     reflex = tci.WithdrawalReflex(fields=(one_field(radius=0.1),))
     far = touch(0.5, 0.0, [50.0, 50.0], offsets=[0.4, -0.4])

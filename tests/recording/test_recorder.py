@@ -7,10 +7,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from model.test_xml import GOOD
 from recording.recorded import equal_readings, made_up, record_poke
 from tci.errors import RecordingError
+from tci.interface.gate import Gate
+from tci.messages import JointReading, Mode, PlatformCommand
 from tci.model.catalogue import load_robot
 from tci.recording.recorder import Recorder
 from tci.recording.recording import Recording
@@ -37,6 +41,23 @@ def test_44_the_hash_of_the_description_is_in_the_file(tmp_path: Path) -> None:
     with Recorder(tmp_path / "a.mcap", robot):
         pass
     assert Recording(tmp_path / "a.mcap").about["description_sha256"] == robot.digest
+
+
+def test_44_a_description_that_is_edited_on_disk_counts_from_the_next_loading_on(tmp_path: Path) -> None:
+    source = tmp_path / "robot.xml"
+    full = '<velocity max="200"/><acceleration max="900"/><jerk max="9000"/>'
+    text = GOOD.replace('<velocity max="200"/>', full)
+    source.write_text(text)
+    robot = load_robot(str(source))
+    gate = Gate(robot, period=0.01, stale_after=0.1)
+    source.write_text(text.replace('max="90"', 'max="45"', 1))
+    zeros = np.zeros(len(robot.servos))
+    far = PlatformCommand(Mode.POSITION, np.array([0]), np.array([1.5]), np.array([np.inf]))
+    safe = gate.step([far], JointReading(0.0, 0, zeros, zeros), 0.0)
+    assert (safe.clamped, safe.refusals) == ((), ()), "86 degrees are still allowed"
+    again = load_robot(str(source))
+    assert again.servos[0].limits.upper == pytest.approx(np.deg2rad(45))
+    assert again.digest != robot.digest
 
 
 def test_a_file_that_exists_is_kept(tmp_path: Path) -> None:

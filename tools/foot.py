@@ -11,9 +11,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tci.interface.calibrate import calibrate
-from tci.interface.conditioning import Conditioner
-from tci.interface.contacts import ContactSettings, find_clusters
+from tci.interface.skin.calibrate import calibrate
+from tci.interface.skin.conditioning import Conditioner
+from tci.interface.skin.contacts import ContactSettings, find_clusters
 from tci.model.description import Patch, Sensor, Table
 from tci.model.live_channels import live_channels
 from tci.model.skin.layout import SkinLayout

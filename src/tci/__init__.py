@@ -17,13 +17,13 @@ if TYPE_CHECKING:
     from tci.clock import ticks as ticks
     from tci.errors import TciError as TciError
     from tci.interface.body import Body as Body
-    from tci.interface.contacts import find_contacts as find_contacts
-    from tci.interface.gate import Gate as Gate
-    from tci.interface.gate import SafeCommand as SafeCommand
+    from tci.interface.gate.gate import Gate as Gate
+    from tci.interface.gate.gate import SafeCommand as SafeCommand
     from tci.interface.part import generic_posture as generic_posture
     from tci.interface.part import home as home
     from tci.interface.part import to_platform as to_platform
-    from tci.interface.skin import Skin as Skin
+    from tci.interface.skin.contacts import find_contacts as find_contacts
+    from tci.interface.skin.skin import Skin as Skin
     from tci.messages import Contact as Contact
     from tci.messages import GenericCommand as GenericCommand
     from tci.messages import JointReading as JointReading
@@ -50,10 +50,10 @@ _NAMES = {
     "tci.clock": ("ManualClock", "MonotonicClock", "ticks"),
     "tci.errors": ("TciError",),
     "tci.interface.body": ("Body",),
-    "tci.interface.contacts": ("find_contacts",),
-    "tci.interface.gate": ("Gate", "SafeCommand"),
+    "tci.interface.skin.contacts": ("find_contacts",),
+    "tci.interface.gate.gate": ("Gate", "SafeCommand"),
     "tci.interface.part": ("generic_posture", "home", "to_platform"),
-    "tci.interface.skin": ("Skin",),
+    "tci.interface.skin.skin": ("Skin",),
     "tci.messages": (
         "Contact",
         "GenericCommand",

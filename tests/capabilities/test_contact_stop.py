@@ -12,8 +12,8 @@ from tci.capabilities.contact_stop import ContactStop
 from tci.capabilities.fields import default_fields
 from tci.errors import TciError
 from tci.frames import read_only
-from tci.interface.places import find_place
-from tci.interface.skin import Skin
+from tci.interface.skin.places import find_place
+from tci.interface.skin.skin import Skin
 from tci.messages import Command, GenericCommand, Mode, Perception, SwitchMode
 from tci.middleware.simulated import SimulatedLink
 from tci.model.catalogue import load_robot

@@ -15,9 +15,9 @@ from tci.capabilities.fields import ReceptiveField, default_fields
 from tci.capabilities.withdrawal import Withdrawal, WithdrawalMemory, WithdrawalReflex
 from tci.errors import CommandError, TciError
 from tci.frames import Array
-from tci.interface.gate import Gate
-from tci.interface.generic_limb import generic_limb_distance
+from tci.interface.gate.gate import Gate
 from tci.interface.part import generic_posture, to_platform
+from tci.interface.skin.generic_limb import generic_limb_distance
 from tci.messages import Contact, JointReading, Mode, Perception
 from tci.model.catalogue import load_robot
 

@@ -15,7 +15,7 @@ import tci.model
 from tci.cli.main import app
 from tci.cli.record import recorder_for
 from tci.errors import DescriptionError, TciError
-from tci.interface.skin import Skin
+from tci.interface.skin.skin import Skin
 from tci.messages import Reading
 from tci.middleware.simulated import SimulatedLink
 from tci.model.catalogue import load_robot

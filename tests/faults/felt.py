@@ -8,9 +8,9 @@ import tci
 from tci.capabilities.withdrawal import WithdrawalMemory
 from tci.clock import ManualClock
 from tci.frames import Array, read_only
-from tci.interface.gate import Gate, GateSettings
-from tci.interface.safe_command import SafeCommand
-from tci.interface.skin import Skin
+from tci.interface.gate.gate import Gate, GateSettings
+from tci.interface.gate.safe_command import SafeCommand
+from tci.interface.skin.skin import Skin
 from tci.messages import JointReading, Order, Perception, Reading, SkinFrame
 from tci.middleware.faulty import FaultPlan, FaultyLink
 from tci.middleware.link import Link

@@ -15,8 +15,8 @@ from tci.capabilities.body_withdrawal import BodyMemory, BodyWithdrawal
 from tci.clock import ManualClock
 from tci.frames import Array, read_only
 from tci.interface.body import Body
-from tci.interface.gate import Gate, GateSettings, GateState
-from tci.interface.safe_command import SafeCommand
+from tci.interface.gate.gate import Gate, GateSettings, GateState
+from tci.interface.gate.safe_command import SafeCommand
 from tci.messages import JointReading, Order, Perception, Reading, SkinFrame
 from tci.middleware.faulty import FaultPlan, FaultyLink
 from tci.middleware.link import Link

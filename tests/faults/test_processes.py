@@ -14,7 +14,7 @@ import pytest
 
 import tci
 from tci.errors import LinkError
-from tci.interface.gate import GateState
+from tci.interface.gate.gate import GateState
 from tci.middleware.simulated import SimulatedLink
 from tci.recording.recording import Recording
 from tci.runtime.heartbeat import Listener

@@ -10,7 +10,7 @@ import pytest
 import tci
 from capabilities.touches import one_field, see, touch
 from faults.felt import OTHER, PATCH, Felt, NoisySkin
-from tci.interface.gate import GateState
+from tci.interface.gate.gate import GateState
 
 LEARNT = 5.0
 """Time [s] after which noise and rest are learnt."""

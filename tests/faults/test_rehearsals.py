@@ -13,7 +13,7 @@ import pytest
 
 import tci
 from tci.errors import CommandError, LinkError
-from tci.interface.gate import GateState
+from tci.interface.gate.gate import GateState
 from tci.messages import GenericCommand, Mode, Perception
 from tci.middleware.faulty import FaultPlan, FaultyLink, parse_fault
 from tci.middleware.injectors import INJECTORS

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tci.frames import Array, read_only
-from tci.interface.gate import Gate, SafeCommand
+from tci.interface.gate.gate import Gate, SafeCommand
 from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder
 from tci.model.description import Coupling, GenericPart, GenericServo, Limits, Robot, Servo
 

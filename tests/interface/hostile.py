@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tci.errors import CommandError
 from tci.frames import Array, read_only
-from tci.interface.gate import Gate, GateSettings, GateState, SafeCommand
+from tci.interface.gate.gate import Gate, GateSettings, GateState, SafeCommand
 from tci.messages import CONTROL_MODES, JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch
 from tci.model.description import Robot
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from tci.interface.conditioning import Conditioner
+from tci.interface.skin.conditioning import Conditioner
 from tci.model.description import Patch, Sensor, TruncatedCone
 
 ROWS, COLUMNS = 12, 20

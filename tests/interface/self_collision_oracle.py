@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tci.frames import Array
-from tci.interface.self_collision import MARGIN, STRIDE
+from tci.interface.gate.self_collision import MARGIN, STRIDE
 from tci.model.clearance import Clearance
 from tci.model.description import Robot
 

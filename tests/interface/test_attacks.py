@@ -11,7 +11,7 @@ from interface.gate_checks import LIMITS, PERIOD, Driven, make_robot, position_c
 from interface.hostile import CYCLE, Attack
 from tci.errors import CommandError
 from tci.frames import read_only
-from tci.interface.gate import Gate, GateState
+from tci.interface.gate.gate import Gate, GateState
 from tci.messages import CONTROL_MODES, JointReading, Mode, PlatformCommand, PlatformSwitch
 from tci.model.catalogue import load_robot
 from tci.model.description import Robot

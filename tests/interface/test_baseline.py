@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from tci.errors import TciError
 from tci.frames import Array
-from tci.interface.baseline import BaselineSettings
-from tci.interface.conditioning import Conditioner, ConditioningSettings
-from tci.interface.taxel_health import HealthSettings
+from tci.interface.skin.baseline import BaselineSettings
+from tci.interface.skin.conditioning import Conditioner, ConditioningSettings
+from tci.interface.skin.taxel_health import HealthSettings
 from tci.model.description import Patch, Sensor, TruncatedCone
 
 COUNT = 60

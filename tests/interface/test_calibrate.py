@@ -7,8 +7,8 @@ import pytest
 
 from interface.long_skin import COLUMNS, ROWS, TAXELS, bump, conditioner, sensor
 from tci.errors import TciError
-from tci.interface.calibrate import Load, calibrate
-from tci.interface.conditioning import Conditioner
+from tci.interface.skin.calibrate import Load, calibrate
+from tci.interface.skin.conditioning import Conditioner
 from tci.model.description import Sensor
 
 AREA = 3e-5

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from tci.errors import FrameError
-from tci.interface.conditioning import Conditioner
+from tci.interface.skin.conditioning import Conditioner
 from tci.model.description import Patch, Sensor, TruncatedCone
 
 CONE = TruncatedCone(

@@ -16,16 +16,16 @@ from scipy.sparse.csgraph import connected_components
 import small_robot
 from small_robot import LOWER, RADIUS, TAXELS, joints
 from tci.errors import TciError, UnknownNameError
-from tci.interface.contacts import (
+from tci.interface.part import generic_posture
+from tci.interface.skin.contacts import (
     ContactSettings,
     centre_of_pressure,
     find_clusters,
     find_contacts,
     weighted_force,
 )
-from tci.interface.generic_limb import generic_limb_distance
-from tci.interface.part import generic_posture
-from tci.interface.skin import Skin
+from tci.interface.skin.generic_limb import generic_limb_distance
+from tci.interface.skin.skin import Skin
 from tci.messages import Contact, PatchState, SkinState
 from tci.model.catalogue import load_robot
 

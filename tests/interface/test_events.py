@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import tci
 from tci.errors import TciError
 from tci.frames import read_only
-from tci.interface.events import ChangedFrames, FilledFrames
+from tci.interface.skin.events import ChangedFrames, FilledFrames
 from tci.messages import JointReading, PatchState, Perception, Reading, SkinFrame
 from tci.model.catalogue import load_robot
 from tci.model.description import Robot

@@ -19,7 +19,7 @@ from interface.gate_checks import (
     reading,
 )
 from tci.errors import LinkError, TciError
-from tci.interface.gate import Gate, GateSettings, GateState, SafeCommand
+from tci.interface.gate.gate import Gate, GateSettings, GateState, SafeCommand
 from tci.messages import Mode, PlatformCommand
 from tci.model.description import Limits
 

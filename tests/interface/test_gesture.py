@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from tci.errors import CommandError, DescriptionError, TciError
 from tci.frames import Array, rotation_x
-from tci.interface.bvh import read_bvh
-from tci.interface.gesture import Gesture, TorsoView, fit, record
-from tci.interface.gesture_files import read_csv, write_csv
+from tci.interface.gestures.bvh import read_bvh
+from tci.interface.gestures.files import read_csv, write_csv
+from tci.interface.gestures.gesture import Gesture, TorsoView, fit, record
 from tci.interface.part import to_platform
 from tci.messages import GenericCommand, Mode
 from tci.model.catalogue import load_robot

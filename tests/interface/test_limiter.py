@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tci.frames import Array
-from tci.interface.bounds import bounds_of
-from tci.interface.limiter import Limiter
+from tci.interface.gate.bounds import bounds_of
+from tci.interface.gate.limiter import Limiter
 from tci.model.catalogue import load_robot
 
 PERIOD = 0.01

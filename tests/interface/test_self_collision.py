@@ -13,7 +13,7 @@ from interface.hostile import Attack
 from interface.self_collision_oracle import Oracle
 from tci.errors import TciError
 from tci.frames import Array
-from tci.interface.self_collision import WIDEST, SelfCollision
+from tci.interface.gate.self_collision import WIDEST, SelfCollision
 from tci.messages import CONTROL_MODES, Mode
 from tci.model.catalogue import load_robot, robot_names
 from tci.model.clearance import Clearance

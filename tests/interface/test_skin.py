@@ -14,7 +14,7 @@ import small_robot
 from small_robot import LOWER, PASCAL, RADIUS, TAXELS, frame, joints, reading
 from tci.errors import FrameError, TciError, UnknownNameError
 from tci.frames import rotation_z
-from tci.interface.skin import Skin
+from tci.interface.skin.skin import Skin
 from tci.messages import JointReading, SkinFrame
 from tci.model.catalogue import load_robot
 from tci.model.generic_arm import Side, forearm_rotation, side_sign, upper_arm_rotation

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from skin_data import real_file
 from tci.errors import FrameError
-from tci.interface.skin_manager import (
+from tci.interface.skin.manager import (
     NEIGHBOUR,
     SKIN_PARTS,
     SkinContact,

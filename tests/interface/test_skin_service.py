@@ -9,9 +9,9 @@ import pytest
 
 import tci
 from tci.errors import TciError, UnknownNameError
-from tci.interface.regions import limb_region, patch_region, region, region_state
-from tci.interface.skin import Skin
-from tci.interface.skin_service import SkinService
+from tci.interface.skin.regions import limb_region, patch_region, region, region_state
+from tci.interface.skin.service import SkinService
+from tci.interface.skin.skin import Skin
 from tci.messages import JointReading, PatchState, SkinState
 
 

@@ -7,8 +7,8 @@ import pytest
 
 from interface.long_skin import PASCAL, TAXELS, conditioner, grid
 from tci.errors import TciError
-from tci.interface.conditioning import Conditioner
-from tci.interface.taxel_health import HealthSettings
+from tci.interface.skin.conditioning import Conditioner
+from tci.interface.skin.taxel_health import HealthSettings
 
 RATE = 10.0
 

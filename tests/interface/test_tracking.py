@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import tci
 from tci.errors import TciError
 from tci.interface.body import Body
-from tci.interface.tracking import Tracker, TrackSettings
+from tci.interface.skin.tracking import Tracker, TrackSettings
 from tci.messages import Reading
 from tci.simulation.world import World
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from interface.gate_checks import make_robot
 from tci.errors import TciError
 from tci.frames import Array, read_only
-from tci.interface.watch import Reference, Watch, WatchSettings
+from tci.interface.gate.watch import Reference, Watch, WatchSettings
 from tci.messages import JointReading, Mode
 
 ROBOT = make_robot(count=6)

@@ -17,7 +17,7 @@ import numpy as np
 
 import tci
 from peers import needs_debian_module
-from tci.interface.safe_command import GateState
+from tci.interface.gate.safe_command import GateState
 from tci.messages import Reading
 from tci.middleware.link import Link
 from tci.middleware.ros.messages import BYTES, NO_LAYOUT

@@ -7,7 +7,7 @@ import pytest
 
 import tci
 from tci.clock import ManualClock
-from tci.interface.gate import Gate, SafeCommand
+from tci.interface.gate.gate import Gate, SafeCommand
 from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch
 from tci.middleware.commanders import LEASE, Commanders
 from tci.middleware.remote import MOST_COMMANDERS, Orders

@@ -14,9 +14,9 @@ import pytest
 
 from middleware.links import PEERS, Peer
 from tci.errors import CommandError, LinkError, UnknownNameError
-from tci.interface.gate import Gate
+from tci.interface.gate.gate import Gate
+from tci.interface.gate.safe_command import GateState, SafeCommand
 from tci.interface.part import home, to_platform
-from tci.interface.safe_command import GateState, SafeCommand
 from tci.messages import PlatformOrder
 from tci.middleware.link import Link
 

@@ -19,7 +19,7 @@ import tci
 from middleware.player_exchange import RecordedServer, gist, read, said
 from middleware.rosbridge_exchange import narrow
 from tci.errors import FrameError, LinkError
-from tci.interface.safe_command import GateState
+from tci.interface.gate.safe_command import GateState
 from tci.middleware.player import wire
 from tci.middleware.player.client import parse
 from tci.middleware.player.link import FRAMES, STATES

@@ -17,7 +17,7 @@ import tci
 from middleware.ros_robots import Programs, Start, anywhere, complete, drive, go, nao_in_ros, roscore
 from peers import DEBIAN_PYTHON, needs_debian_module
 from tci.errors import LinkError
-from tci.interface.safe_command import GateState
+from tci.interface.gate.safe_command import GateState
 from tci.middleware.query import query, read_facts
 from tci.runtime.registry import connect
 

@@ -19,7 +19,7 @@ import tci
 from middleware.ros_robots import Programs, Start, anywhere, complete, drive, go, nao_in_ros
 from peers import peer_python
 from tci.errors import LinkError
-from tci.interface.safe_command import GateState
+from tci.interface.gate.safe_command import GateState
 from tci.middleware.query import query, read_facts
 from tci.middleware.ros.messages import BYTES, TEXT, TRAJECTORY, VALUES
 from tci.middleware.ros.native import QUEUE

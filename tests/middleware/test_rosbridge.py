@@ -12,7 +12,7 @@ import pytest
 import tci
 from middleware.rosbridge_exchange import RecordedServer, exchange, narrow, plain
 from tci.errors import LinkError
-from tci.interface.safe_command import GateState
+from tci.interface.gate.safe_command import GateState
 from tci.middleware.ros.messages import TRAJECTORY
 from tci.middleware.ros.tree import Trees
 from tci.middleware.rosbridge import _get, _new, parse

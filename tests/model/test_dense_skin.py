@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tci.errors import TciError
-from tci.interface.skin import Skin
+from tci.interface.skin.skin import Skin
 from tci.model.catalogue import load_robot
 from tci.model.dense_skin import with_dense_skin
 

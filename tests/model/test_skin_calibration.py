@@ -8,7 +8,7 @@ import pytest
 
 import small_robot
 from tci.errors import DescriptionError, TciError, UnknownNameError
-from tci.interface.skin import Skin
+from tci.interface.skin.skin import Skin
 from tci.model.skin.calibration import (
     PatchCalibration,
     SkinCalibration,

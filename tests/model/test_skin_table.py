@@ -12,7 +12,7 @@ from lxml import etree
 import tci.model
 from skin_data import cone_file, real_file
 from tci.errors import DescriptionError
-from tci.interface.skin import Skin
+from tci.interface.skin.skin import Skin
 from tci.model.cone import cone_of
 from tci.model.description import Robot
 from tci.model.kinematics import Kinematics

@@ -9,8 +9,8 @@ import pytest
 
 import tci
 from tci.errors import RecordingError
-from tci.interface.places import find_place
-from tci.interface.skin import Skin
+from tci.interface.skin.places import find_place
+from tci.interface.skin.skin import Skin
 from tci.middleware.simulated import SimulatedLink
 from tci.recording.perceived import perceive, recorded_robot
 from tci.recording.recorder import Recorder

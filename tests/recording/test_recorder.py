@@ -13,7 +13,7 @@ import pytest
 from model.test_xml import GOOD
 from recording.recorded import equal_readings, made_up, record_poke
 from tci.errors import RecordingError
-from tci.interface.gate import Gate
+from tci.interface.gate.gate import Gate
 from tci.messages import JointReading, Mode, PlatformCommand
 from tci.model.catalogue import load_robot
 from tci.recording.recorder import Recorder

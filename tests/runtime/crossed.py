@@ -10,7 +10,7 @@ import numpy as np
 
 from tci.errors import TciError
 from tci.frames import read_only
-from tci.interface.gate import SafeCommand
+from tci.interface.gate.gate import SafeCommand
 from tci.interface.part import generic_posture
 from tci.messages import Reading
 from tci.middleware.simulated import SimulatedLink

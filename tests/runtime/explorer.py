@@ -11,7 +11,7 @@ import tci
 from faults.felt import NoisySkin
 from interface.hostile import Judge
 from tci.errors import CommandError
-from tci.interface.gate import GateState
+from tci.interface.gate.gate import GateState
 from tci.messages import CONTROL_MODES, GenericCommand, Mode, Order, Perception, SwitchMode
 from tci.middleware.faulty import FaultPlan, FaultyLink
 from tci.middleware.injectors import INJECTORS

@@ -10,7 +10,7 @@ import pytest
 
 from tci.errors import LinkError
 from tci.frames import read_only
-from tci.interface.gate import SafeCommand
+from tci.interface.gate.gate import SafeCommand
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.middleware.diagnosis import Finding, Level
 from tci.middleware.link import Link

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from runtime.explorer import Explorer
-from tci.interface.gate import GateState
+from tci.interface.gate.gate import GateState
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")

@@ -16,7 +16,7 @@ import pytest
 
 import tci
 from tci.errors import CommandError, LinkError
-from tci.interface.gate import GateState
+from tci.interface.gate.gate import GateState
 from tci.messages import GenericCommand, Mode, Perception
 from tci.middleware.simulated import SimulatedLink
 from tci.runtime.guards import LEAST_SILENCE, frozen_garbage, interruptions

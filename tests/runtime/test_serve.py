@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import tci
-from tci.interface.safe_command import SafeCommand
+from tci.interface.gate.safe_command import SafeCommand
 from tci.messages import GenericCommand, Mode, Order, Perception, Reading
 from tci.middleware.link import Link
 from tci.middleware.server import Server

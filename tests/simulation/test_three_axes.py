@@ -7,7 +7,7 @@ import pytest
 
 import tci
 from tci.interface.body import Body
-from tci.interface.shear import Shear
+from tci.interface.skin.shear import Shear
 from tci.messages import Reading
 from tci.model.description import Robot
 from tci.simulation.world import World

@@ -7,7 +7,7 @@ import pytest
 
 from interface.gate_checks import LIMITS, PERIOD, Driven, make_robot, position_command
 from tci.frames import Array
-from tci.interface.gate import SafeCommand
+from tci.interface.gate.gate import SafeCommand
 from tci.model.description import Limits
 from tci.trials.checker import command_violations, physics_violations, stray_servos
 

@@ -8,9 +8,9 @@ from tci.capabilities.fields import default_fields
 from tci.capabilities.gesture import Phase, PlayGesture
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.frames import Array, angle_between
-from tci.interface.gesture import Gesture, fit, record
-from tci.interface.places import find_place
-from tci.interface.skin import Skin
+from tci.interface.gestures.gesture import Gesture, fit, record
+from tci.interface.skin.places import find_place
+from tci.interface.skin.skin import Skin
 from tci.middleware.simulated import SimulatedLink
 from tci.model.catalogue import load_robot
 from tci.model.description import Robot

@@ -14,10 +14,10 @@ from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.errors import TciError
 from tci.frames import Array, apply
 from tci.interface.body import Body
-from tci.interface.gate import Gate, GateSettings
-from tci.interface.generic_limb import generic_limb_distance
+from tci.interface.gate.gate import Gate, GateSettings
 from tci.interface.part import generic_posture, to_platform
-from tci.interface.places import find_place
+from tci.interface.skin.generic_limb import generic_limb_distance
+from tci.interface.skin.places import find_place
 from tci.messages import GenericCommand, JointReading, Mode
 from tci.middleware.simulated import SimulatedLink
 from tci.model.catalogue import load_robot

@@ -13,7 +13,7 @@ import tci as package
 from cli.test_cli import tci
 from tci.capabilities.fields import default_fields
 from tci.errors import CommandError, RecordingError, UnknownNameError
-from tci.interface.generic_limb import generic_limb_distance
+from tci.interface.skin.generic_limb import generic_limb_distance
 from tci.middleware.simulated import SimulatedLink
 from tci.recording.perceived import perceive
 from tci.recording.recording import Recording

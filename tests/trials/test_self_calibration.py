@@ -9,7 +9,7 @@ import pytest
 
 from cli.test_cli import tci
 from tci.errors import TciError
-from tci.interface.self_calibration import ProbeTouch, locate_taxels
+from tci.interface.skin.self_calibration import ProbeTouch, locate_taxels
 from tci.model.catalogue import load_robot
 from tci.trials.self_calibration import calibrate_in_simulation
 

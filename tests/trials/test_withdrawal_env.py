@@ -11,7 +11,7 @@ from gymnasium.utils.env_checker import check_env
 
 from tci.capabilities.fields import default_fields
 from tci.errors import TciError
-from tci.interface.generic_limb import generic_limb_distance
+from tci.interface.skin.generic_limb import generic_limb_distance
 from tci.trials.withdrawal_env import CONTACTS, NAME, WithdrawalEnv
 
 

@@ -15,8 +15,8 @@ from playwright.sync_api import Locator, Page, sync_playwright
 from peers import needs_program
 from tci.capabilities.fields import default_fields
 from tci.frames import apply
-from tci.interface.generic_limb import generic_limb_distance
-from tci.interface.places import Place
+from tci.interface.skin.generic_limb import generic_limb_distance
+from tci.interface.skin.places import Place
 from tci.viewer.app import Viewer
 from tci.viewer.figure import Figure
 from tci.viewer.pick import pick

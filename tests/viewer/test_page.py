@@ -10,7 +10,7 @@ import pytest
 from playwright.sync_api import Page
 
 import tci
-from tci.interface.gate import GateState
+from tci.interface.gate.gate import GateState
 from tci.recording.recording import Recording
 from tci.viewer.app import Viewer
 from tci.viewer.session import Session

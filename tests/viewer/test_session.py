@@ -11,9 +11,9 @@ import pytest
 
 import tci
 from tci.errors import CommandError
-from tci.interface.gate import GateState
-from tci.interface.places import find_place
-from tci.interface.skin import Skin
+from tci.interface.gate.gate import GateState
+from tci.interface.skin.places import find_place
+from tci.interface.skin.skin import Skin
 from tci.middleware.replay import ReplayLink
 from tci.viewer.session import Session
 

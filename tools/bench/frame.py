@@ -19,13 +19,13 @@ from interface.kernels import contact_oracle
 from tci.capabilities.answer import field_table, find_answers
 from tci.capabilities.discounts import phi, psi
 from tci.capabilities.fields import default_fields
-from tci.interface.contacts import ContactSettings
-from tci.interface.generic_limb import generic_limb_distance
 from tci.interface.kernels.condition import empty_memory
 from tci.interface.kernels.contacts import NUMBERS, VECTORS
 from tci.interface.kernels.octets import END, STRAIGHT, TURN, feel
 from tci.interface.kernels.whole import cluster_all, describe_all
-from tci.interface.skin import Skin
+from tci.interface.skin.contacts import ContactSettings
+from tci.interface.skin.generic_limb import generic_limb_distance
+from tci.interface.skin.skin import Skin
 from tci.messages import PatchState, SkinState
 from tci.model.dense_skin import with_dense_skin
 

@@ -13,7 +13,7 @@ from measured import Measured, row
 
 import tci
 from tci.cli.view import SIMULATED
-from tci.interface.places import find_place
+from tci.interface.skin.places import find_place
 from tci.model.dense_skin import with_dense_skin
 from tci.viewer.app import RATE, Viewer
 from tci.viewer.session import Session

@@ -15,9 +15,9 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 import tci
-from tci.interface.contacts import ContactSettings
 from tci.interface.kernels.contacts import cluster
 from tci.interface.part import to_platform
+from tci.interface.skin.contacts import ContactSettings
 from tci.messages import GenericCommand, JointReading, Mode
 from tci.model.chain import chain_to
 from tci.model.inverse import InverseKinematics

@@ -9,7 +9,7 @@ from frame import Frame, InC
 from measured import Measured, cold, in_turn, row
 
 import tci
-from tci.interface.events import FilledFrames
+from tci.interface.skin.events import FilledFrames
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.model.dense_skin import with_dense_skin
 

@@ -29,7 +29,7 @@ from round_trip import round_trip  # noqa: E402
 import tci  # noqa: E402
 from middleware.links import PEERS, Peer, free_port, lcm_url  # noqa: E402
 from middleware.ros_robots import here_only, roscore  # noqa: E402
-from tci.interface.safe_command import GateState  # noqa: E402
+from tci.interface.gate.safe_command import GateState  # noqa: E402
 from tci.middleware.yarp.name_server import NameServer  # noqa: E402
 
 TABLE = ROOT / "docs" / "middleware-table.md"

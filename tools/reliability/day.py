@@ -11,7 +11,7 @@ from row import Row
 import tci
 from tci.frames import read_only
 from tci.interface.body import Body
-from tci.interface.skin import Skin
+from tci.interface.skin.skin import Skin
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.model.generic_arm import SEGMENTS
 

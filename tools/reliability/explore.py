@@ -8,7 +8,7 @@ from pool import Result, gather
 from row import Row
 
 from runtime.explorer import NAMES, Explorer
-from tci.interface.gate import GateState
+from tci.interface.gate.gate import GateState
 
 TRANSITIONS = {
     (GateState.RUN, GateState.HOLD),

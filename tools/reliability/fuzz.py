@@ -168,10 +168,10 @@ def main() -> None:
     sys.path.insert(0, str(TESTS))
     # Numba can't compile what is instrumented.
     import tci.capabilities.answer
-    import tci.interface.contacts
     import tci.interface.kernels.apart
     import tci.interface.kernels.stops
-    import tci.interface.skin
+    import tci.interface.skin.contacts
+    import tci.interface.skin.skin
     import tci.simulation.kernel  # noqa: F401
 
     with atheris.instrument_imports(include=["tci"]):

@@ -18,7 +18,7 @@ from row import Row
 
 import tci
 from middleware.links import free_port
-from tci.interface.gate import GateState
+from tci.interface.gate.gate import GateState
 from tci.middleware.yarp.link import YarpLink
 
 NAMES = """

@@ -15,7 +15,7 @@ from row import Row
 import tci
 from tci.capabilities.fields import default_fields
 from tci.clock import MonotonicClock
-from tci.interface.skin import Skin
+from tci.interface.skin.skin import Skin
 from tci.messages import Reading, SkinFrame
 from tci.middleware.link import Link
 from tci.model.generic_arm import SEGMENTS

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from tci.errors import DescriptionError, Fault
-from tci.interface.contacts import Measure
+from tci.interface.skin.contacts import Measure
 from tci.model.description import Words
 from tci.model.generic_arm import JOINTS
 

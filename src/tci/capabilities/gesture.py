@@ -16,7 +16,7 @@ import numpy as np
 from tci.capabilities.capability import Capability
 from tci.errors import TciError
 from tci.frames import read_only
-from tci.interface.gesture import Fitted, Gesture
+from tci.interface.gestures.gesture import Fitted, Gesture
 from tci.messages import GenericCommand, Mode, Order, Perception
 
 
@@ -53,7 +53,7 @@ class PlayGesture(Capability[GestureMemory]):
     """Plays a gesture that was fitted to the robot. Defaults are ours. Raises TciError for settings."""
 
     fitted: Fitted
-    """The gesture, fitted to the robot (`tci.interface.gesture.fit`)."""
+    """The gesture, fitted to the robot (`tci.interface.gestures.gesture.fit`)."""
     reflex: Capability[Mapping[str, Any]] | None = None
     """Moves parts away from what touches them: its memory names the parts that it moves now."""
     near: float = float(np.deg2rad(1.0))

@@ -20,7 +20,7 @@ from tci.capabilities.capability import Capability
 from tci.capabilities.fields import ReceptiveField, default_fields
 from tci.errors import CommandError, TciError
 from tci.frames import Array, read_only
-from tci.interface.contact_table import ContactTable
+from tci.interface.skin.contact_table import ContactTable
 from tci.messages import Command, Contact, GenericCommand, Mode, Perception, SwitchMode
 from tci.model.generic_arm import JOINTS
 

@@ -10,7 +10,7 @@ import typer
 from tci.errors import CommandError
 
 if TYPE_CHECKING:
-    from tci.interface.gesture import Fitted, Gesture
+    from tci.interface.gestures.gesture import Fitted, Gesture
     from tci.model.description import Robot
     from tci.trials.follow import Following
 
@@ -37,8 +37,8 @@ def record(
     import numpy as np
 
     from tci.cli.console import console, print_json
-    from tci.interface.gesture import SAMPLE, record
-    from tci.interface.gesture_files import write_csv
+    from tci.interface.gestures.files import write_csv
+    from tci.interface.gestures.gesture import SAMPLE, record
     from tci.model.catalogue import load_robot
     from tci.runtime.registry import connect
 
@@ -76,7 +76,7 @@ def convert(
     Example:  tci gesture convert wave.bvh wave.csv
     """
     from tci.cli.console import console
-    from tci.interface.gesture_files import write_csv
+    from tci.interface.gestures.files import write_csv
 
     gesture, names = load(source)
     write_csv(gesture, target, names)
@@ -103,7 +103,7 @@ def play(
     from tci.capabilities.withdrawal import WithdrawalReflex
     from tci.cli.console import console, print_json
     from tci.cli.run import HARMLESS
-    from tci.interface.gesture import fit
+    from tci.interface.gestures.gesture import fit
     from tci.model.catalogue import load_robot
     from tci.runtime.registry import connect
     from tci.trials.follow import follow
@@ -135,8 +135,8 @@ def play(
 
 def load(path: Path) -> tuple[Gesture, dict[str, list[str]]]:
     """A gesture of any kind, and its joints' names by part. Raises CommandError, DescriptionError."""
-    from tci.interface.bvh import read_bvh
-    from tci.interface.gesture_files import read_csv
+    from tci.interface.gestures.bvh import read_bvh
+    from tci.interface.gestures.files import read_csv
     from tci.model.generic_arm import JOINTS
 
     kind = path.suffix.lower()

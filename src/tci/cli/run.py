@@ -19,9 +19,9 @@ from tci.cli.console import console, print_json
 from tci.cli.record import about_capability, recorder_for, summary
 from tci.cli.teller import COLOURS, Teller
 from tci.errors import CommandError, UnknownNameError
-from tci.interface.gate import GateState
-from tci.interface.places import find_place
-from tci.interface.skin import Skin
+from tci.interface.gate.gate import GateState
+from tci.interface.skin.places import find_place
+from tci.interface.skin.skin import Skin
 from tci.middleware.faulty import FaultyLink, parse_fault
 from tci.middleware.injectors import INJECTORS, THREAD
 from tci.middleware.link import Link

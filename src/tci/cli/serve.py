@@ -6,7 +6,7 @@ import contextlib
 
 from tci.cli.console import console, print_json
 from tci.cli.run import HARMLESS
-from tci.interface.gate import GateState
+from tci.interface.gate.gate import GateState
 from tci.model.catalogue import load_robot
 from tci.runtime.loop import Tick
 from tci.runtime.loop_report import LoopReport

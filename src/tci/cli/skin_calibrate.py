@@ -18,8 +18,8 @@ from rich.table import Table
 from tci.cli.console import console, print_json
 from tci.errors import CommandError, LinkError, TciError
 from tci.frames import Array
-from tci.interface.calibrate import Load, calibrate, loads_of_stream
-from tci.interface.shear import normal_channels
+from tci.interface.skin.calibrate import Load, calibrate, loads_of_stream
+from tci.interface.skin.shear import normal_channels
 from tci.middleware.link import Link
 from tci.middleware.simulated import SimulatedLink
 from tci.model.catalogue import load_robot

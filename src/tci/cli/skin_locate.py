@@ -10,7 +10,7 @@ from rich.progress import Progress
 from tci.cli.console import console, print_json
 from tci.errors import CommandError
 from tci.frames import Array
-from tci.interface.self_calibration import LocatedTaxels, ProbeTouch, locate_taxels
+from tci.interface.skin.self_calibration import LocatedTaxels, ProbeTouch, locate_taxels
 from tci.model.catalogue import load_robot
 from tci.model.description import Robot
 from tci.model.kinematics import Kinematics

@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from tci.cli.console import console
-from tci.interface.gate import GateState
+from tci.interface.gate.gate import GateState
 from tci.messages import GenericCommand, Mode
 from tci.middleware.fault_list import FAULTS
 from tci.middleware.faulty import FaultPlan, FaultyLink

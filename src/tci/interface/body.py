@@ -7,15 +7,15 @@ from dataclasses import replace
 
 from tci.frames import Array, read_only
 from tci.interface.cartesian import cartesian_to_platform
-from tci.interface.contact_table import identities
-from tci.interface.contacts import ContactSettings, find_contacts
-from tci.interface.coverage import Coverage
-from tci.interface.events import FilledFrames
 from tci.interface.part import generic_columns, generic_posture, switch, to_platform
-from tci.interface.skin import Skin
-from tci.interface.spots import Spots
-from tci.interface.support import Balance
-from tci.interface.tracking import Tracker
+from tci.interface.skin.contact_table import identities
+from tci.interface.skin.contacts import ContactSettings, find_contacts
+from tci.interface.skin.coverage import Coverage
+from tci.interface.skin.events import FilledFrames
+from tci.interface.skin.skin import Skin
+from tci.interface.skin.spots import Spots
+from tci.interface.skin.support import Balance
+from tci.interface.skin.tracking import Tracker
 from tci.messages import (
     CartesianCommand,
     Contact,

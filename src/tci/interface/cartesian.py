@@ -13,7 +13,7 @@ import numpy as np
 from tci.errors import CommandError
 from tci.frames import Array, apply, invert, read_only
 from tci.interface.part import speed_limits
-from tci.interface.skin import segment_pose
+from tci.interface.skin.skin import segment_pose
 from tci.messages import CartesianCommand, Mode, PlatformCommand
 from tci.model.description import Robot
 from tci.model.generic_arm import SEGMENTS

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from tci.interface.safe_command import SafeCommand
+from tci.interface.gate.safe_command import SafeCommand
 from tci.messages import Order, PlatformOrder
 from tci.middleware.remote import MOST_COMMANDERS, MOST_ORDERS, Commander, Orders
 from tci.model.description import Robot

@@ -14,7 +14,7 @@ import numpy as np
 
 from tci.errors import CommandError
 from tci.frames import read_only
-from tci.interface.gate import SafeCommand
+from tci.interface.gate.gate import SafeCommand
 from tci.messages import Reading, SkinFrame
 from tci.middleware.fault_list import FAULTS
 from tci.middleware.injectors import INJECTORS, Injector

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from tci.clock import MonotonicClock
 from tci.errors import LinkError
-from tci.interface.gate import SafeCommand
+from tci.interface.gate.gate import SafeCommand
 from tci.messages import Reading, SkinFrame
 from tci.middleware.diagnosis import Finding
 from tci.middleware.link import Link

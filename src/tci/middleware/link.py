@@ -11,7 +11,7 @@ import numpy as np
 
 from tci.clock import Clock, ticks
 from tci.errors import CommandError, LinkError, UnknownNameError
-from tci.interface.gate import Gate, GateSettings, SafeCommand
+from tci.interface.gate.gate import Gate, GateSettings, SafeCommand
 from tci.messages import JointReading, Mode, PlatformCommand, Reading
 from tci.middleware.diagnosis import Finding
 from tci.model.description import Robot, Servo

@@ -13,8 +13,8 @@ from dataclasses import replace
 
 from tci.clock import MonotonicClock
 from tci.errors import LinkError
-from tci.interface.gate import GateSettings
-from tci.interface.safe_command import GateState, SafeCommand
+from tci.interface.gate.gate import GateSettings
+from tci.interface.gate.safe_command import GateState, SafeCommand
 from tci.messages import PlatformOrder, Reading, SkinFrame
 from tci.middleware.diagnosis import Finding, Level
 from tci.middleware.link import Link

@@ -12,7 +12,7 @@ import os
 from collections.abc import Iterator
 
 from tci.errors import LinkError
-from tci.interface.gate import SafeCommand
+from tci.interface.gate.gate import SafeCommand
 from tci.messages import Reading
 from tci.middleware.link import Link
 from tci.model.description import Robot

@@ -9,8 +9,8 @@ import numpy as np
 
 from tci.clock import MonotonicClock
 from tci.errors import LinkError
-from tci.interface.events import ChangedFrames
-from tci.interface.gate import SafeCommand
+from tci.interface.gate.gate import SafeCommand
+from tci.interface.skin.events import ChangedFrames
 from tci.messages import Mode, Reading, SkinFrame
 from tci.middleware.link import Link
 from tci.model.description import Robot

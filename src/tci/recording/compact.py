@@ -13,7 +13,7 @@ from mcap.writer import Writer
 
 from tci.errors import RecordingError, TciError
 from tci.frames import apply
-from tci.interface.skin import Skin
+from tci.interface.skin.skin import Skin
 from tci.model.description import Robot
 from tci.recording.cdr import MessageType, encode
 from tci.recording.recording import Recording

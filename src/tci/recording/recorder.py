@@ -20,7 +20,7 @@ from typing import Self
 from mcap.writer import Writer
 
 from tci.errors import RecordingError
-from tci.interface.safe_command import SafeCommand
+from tci.interface.gate.safe_command import SafeCommand
 from tci.messages import JointReading, Order, Reading, SkinFrame
 from tci.model.description import Robot
 from tci.recording.compact import compact

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tci.errors import RecordingError
 from tci.frames import read_only
-from tci.interface.safe_command import SafeCommand
+from tci.interface.gate.safe_command import SafeCommand
 from tci.messages import (
     CartesianCommand,
     GenericCommand,

@@ -9,8 +9,8 @@ import numpy as np
 
 from tci.errors import FrameError, RecordingError
 from tci.frames import read_only
-from tci.interface.skin import Skin
-from tci.interface.skin_manager import SKIN_PARTS, read_skin_events
+from tci.interface.skin.manager import SKIN_PARTS, read_skin_events
+from tci.interface.skin.skin import Skin
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.model.description import Robot
 from tci.recording.recorder import Recorder

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.frames import Array
-from tci.interface.gate import GateState
+from tci.interface.gate.gate import GateState
 from tci.messages import Mode, PlatformCommand
 from tci.middleware.diagnosis import Finding, Level
 from tci.middleware.link import Link

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tci.errors import FrameError
 from tci.frames import Array
-from tci.interface.skin import Skin
+from tci.interface.skin.skin import Skin
 from tci.messages import Reading
 from tci.middleware.diagnosis import Finding, Level
 from tci.middleware.link import Link

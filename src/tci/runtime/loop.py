@@ -17,7 +17,7 @@ import numpy as np
 from tci.capabilities.capability import Capability
 from tci.errors import CommandError, FrameError
 from tci.interface.body import Body
-from tci.interface.gate import SafeCommand
+from tci.interface.gate.gate import SafeCommand
 from tci.messages import JointReading, Order, Perception, PlatformOrder, Reading, SkinState
 from tci.middleware.link import Link
 from tci.runtime.guards import Silence, frozen_garbage, interruptions

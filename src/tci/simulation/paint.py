@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial import KDTree
 
 from tci.frames import Array, apply
-from tci.interface.generic_limb import generic_limb_distance
+from tci.interface.skin.generic_limb import generic_limb_distance
 from tci.model.generic_arm import Side, limb_coordinates
 from tci.simulation.cast import Hits
 

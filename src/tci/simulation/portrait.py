@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tci.frames import Array, apply, invert, transform
 from tci.interface.part import generic_posture
-from tci.interface.skin import Skin
+from tci.interface.skin.skin import Skin
 from tci.messages import Reading
 from tci.model.generic_arm import SEGMENTS
 from tci.simulation.camera import Camera

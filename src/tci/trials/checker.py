@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tci.frames import Array
-from tci.interface.gate import SafeCommand
+from tci.interface.gate.gate import SafeCommand
 from tci.messages import Mode
 from tci.model.description import Coupling, Robot, Servo
 

@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 from tci.capabilities.fields import ReceptiveField
 from tci.errors import RecordingError, UnknownNameError
 from tci.frames import Array
-from tci.interface.generic_limb import RHO
 from tci.interface.part import generic_posture
-from tci.interface.skin import Skin
+from tci.interface.skin.generic_limb import RHO
+from tci.interface.skin.skin import Skin
 from tci.messages import JointReading
 from tci.model.description import Robot
 from tci.model.generic_arm import JOINTS, SEGMENTS

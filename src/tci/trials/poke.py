@@ -11,9 +11,9 @@ import numpy as np
 from tci.capabilities.capability import Capability
 from tci.capabilities.fields import ReceptiveField
 from tci.frames import Array
-from tci.interface.gate import SafeCommand
-from tci.interface.places import Place, find_place
-from tci.interface.skin import Skin
+from tci.interface.gate.gate import SafeCommand
+from tci.interface.skin.places import Place, find_place
+from tci.interface.skin.skin import Skin
 from tci.messages import CONTROL_MODES, Contact, GenericCommand, Order
 from tci.middleware.simulated import SimulatedLink
 from tci.runtime.loop import Tick, run

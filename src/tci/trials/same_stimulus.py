@@ -13,7 +13,7 @@ from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.frames import Array, angle_between, apply, invert, read_only
 from tci.interface.body import Body
 from tci.interface.part import generic_posture, to_platform
-from tci.interface.places import find_place
+from tci.interface.skin.places import find_place
 from tci.messages import Contact, GenericCommand, JointReading, Mode, Perception
 from tci.model.description import Robot
 from tci.model.generic_arm import limb_coordinates

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 
 from tci.errors import TciError
 from tci.frames import Array, apply, invert
-from tci.interface.self_calibration import LocatedTaxels, ProbeTouch, locate_taxels
+from tci.interface.skin.self_calibration import LocatedTaxels, ProbeTouch, locate_taxels
 from tci.model.description import Robot
 from tci.model.kinematics import Kinematics
 from tci.model.surfaces import Surface

@@ -15,7 +15,7 @@ from tci.capabilities.fields import default_fields
 from tci.errors import MissingExtraError, TciError
 from tci.frames import Array
 from tci.interface.body import Body
-from tci.interface.places import find_place
+from tci.interface.skin.places import find_place
 from tci.messages import GenericCommand, Mode, Perception, SwitchMode
 from tci.middleware.simulated import SimulatedLink
 from tci.model.catalogue import load_robot

@@ -14,7 +14,7 @@ from tci.capabilities.fields import ReceptiveField
 from tci.errors import TciError
 from tci.frames import Array, apply, invert
 from tci.interface.part import generic_posture
-from tci.interface.places import Place, find_place
+from tci.interface.skin.places import Place, find_place
 from tci.model.generic_arm import limb_coordinates
 from tci.viewer.controls import Controls
 from tci.viewer.figure import Figure

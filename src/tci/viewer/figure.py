@@ -12,8 +12,8 @@ import viser
 from tci.capabilities.fields import ReceptiveField
 from tci.errors import DescriptionError, Fault
 from tci.frames import Array, apply, invert, rotation_z, transform
-from tci.interface.generic_limb import generic_limb_distance
-from tci.interface.skin import Skin
+from tci.interface.skin.generic_limb import generic_limb_distance
+from tci.interface.skin.skin import Skin
 from tci.messages import JointReading
 from tci.model.collisions import NO_MODEL, solid_spec
 from tci.model.description import Robot

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tci.frames import Array, apply, invert, read_only
-from tci.interface.places import Place
+from tci.interface.skin.places import Place
 from tci.viewer.figure import Figure
 
 NEAR = 0.015

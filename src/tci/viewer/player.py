@@ -9,8 +9,8 @@ from collections.abc import Callable
 import numpy as np
 
 from tci.errors import CommandError, RecordingError
-from tci.interface.gate import GateState
-from tci.interface.places import Place
+from tci.interface.gate.gate import GateState
+from tci.interface.skin.places import Place
 from tci.messages import GenericCommand
 from tci.model.description import Robot
 from tci.recording.perceived import Perceived, perceive

@@ -15,8 +15,8 @@ import numpy as np
 from tci.capabilities.capability import Capability
 from tci.errors import CommandError, TciError
 from tci.interface.body import Body
-from tci.interface.gate import GateState
-from tci.interface.places import Place
+from tci.interface.gate.gate import GateState
+from tci.interface.skin.places import Place
 from tci.messages import GenericCommand, Mode
 from tci.middleware.faulty import FaultPlan, FaultyLink
 from tci.middleware.link import Link

@@ -7,7 +7,7 @@ from html import escape
 import numpy as np
 
 from tci.frames import Array
-from tci.interface.gate import GateState
+from tci.interface.gate.gate import GateState
 from tci.messages import Contact
 from tci.viewer.view import View
 

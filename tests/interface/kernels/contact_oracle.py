@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from tci.frames import apply, invert
-from tci.interface.contacts import ContactSettings, centre_of_pressure
-from tci.interface.skin import Skin, segment_pose
+from tci.interface.skin.contacts import ContactSettings, centre_of_pressure
+from tci.interface.skin.skin import Skin, segment_pose
 from tci.messages import Contact, SkinState
 from tci.model.generic_arm import limb_coordinates
 from tci.model.surfaces import Surface

@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from interface.kernels import contact_oracle
-from tci.interface.contacts import ContactSettings, find_contacts
 from tci.interface.kernels.nearest import nearest
 from tci.interface.part import generic_posture
-from tci.interface.skin import Skin
+from tci.interface.skin.contacts import ContactSettings, find_contacts
+from tci.interface.skin.skin import Skin
 from tci.messages import JointReading, PatchState, SkinState
 from tci.model.catalogue import load_robot
 from tci.model.surfaces import Surface

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tci.interface.conditioning import Conditioner, ConditioningSettings
-from tci.interface.octet_skin import OctetSkin
+from tci.interface.skin.conditioning import Conditioner, ConditioningSettings
+from tci.interface.skin.octet_skin import OctetSkin
 from tci.model.catalogue import load_robot
 from tci.model.description import Patch
 

@@ -16,7 +16,7 @@ from middleware.naoqi.still_nao import StillNao
 from middleware.served import Served
 from tci.errors import LinkError
 from tci.interface.body import Body
-from tci.interface.gate import GateState
+from tci.interface.gate.gate import GateState
 from tci.messages import Mode, Reading
 from tci.middleware.diagnosis import Level
 from tci.middleware.link import Link

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from middleware.served import needs_qi
-from tci.interface.gate import Gate, SafeCommand
+from tci.interface.gate.gate import Gate, SafeCommand
 from tci.messages import JointReading
 from tci.middleware.link import NativePart
 from tci.model.catalogue import load_robot

@@ -13,7 +13,7 @@ import pytest
 import tci
 from middleware.yarp.show import Show, until
 from tci.errors import LinkError
-from tci.interface.places import find_place
+from tci.interface.skin.places import find_place
 from tci.messages import Mode
 from tci.middleware.simulated import SimulatedLink
 from tci.middleware.yarp.board import COMPLIANT, DIRECT, POSITION, VELOCITY, Stream, find_board

@@ -15,8 +15,8 @@ from middleware.patient import patient
 from middleware.yarp.show import Show, until
 from tci.capabilities.fields import default_fields
 from tci.errors import CommandError, LinkError, UnknownNameError
-from tci.interface.gate import GateState
-from tci.interface.places import Place, find_place
+from tci.interface.gate.gate import GateState
+from tci.interface.skin.places import Place, find_place
 from tci.messages import Mode, Order, PlatformCommand, SwitchMode
 from tci.middleware.diagnosis import Level
 from tci.middleware.yarp import link as yarp_link

@@ -6,12 +6,12 @@ import numpy as np
 from numba import float64, int32, int64
 
 from tci.frames import Array
-from tci.interface.generic_limb import RHO
 from tci.interface.kernels.arrays import reads, writes
 from tci.interface.kernels.compiled import compiled, inlined
 from tci.interface.kernels.flat import Indices
 from tci.interface.kernels.limb import limb_pose
 from tci.interface.kernels.nearest import nearest
+from tci.interface.skin.generic_limb import RHO
 
 FORCE, PEAK, AREA, U, THETA, Y, Z = range(7)
 """Columns of `numbers`: force [N], that of the strongest taxel, area [m2], place on the limb, and

@@ -1,4 +1,4 @@
-"""Whether servos move as they are told, in one compiled loop: `tci.interface.watch` says what that means."""
+"""Whether servos move as they are told, in one compiled loop: what `tci.interface.gate.watch` says."""
 
 from __future__ import annotations
 

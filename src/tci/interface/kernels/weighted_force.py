@@ -6,9 +6,9 @@ import numpy as np
 from numba import float64
 
 from tci.frames import Array
-from tci.interface.generic_limb import RHO
 from tci.interface.kernels.arrays import views
 from tci.interface.kernels.compiled import compiled, inlined
+from tci.interface.skin.generic_limb import RHO
 
 
 @inlined
@@ -21,7 +21,7 @@ def limb_point(theta: float) -> tuple[float, float]:
 def mean_force(
     u: float, theta: float, taxel_u: Array, taxel_theta: Array, forces: Array, radius: float
 ) -> float:
-    """See `tci.interface.contacts.weighted_force`."""
+    """See `tci.interface.skin.contacts.weighted_force`."""
     total, weights = 0.0, 0.0
     y, z = limb_point(theta)
     for i in range(len(forces)):

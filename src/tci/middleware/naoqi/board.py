@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tci.interface.safe_command import SafeCommand
+from tci.interface.gate.safe_command import SafeCommand
 from tci.messages import Mode, Order, PlatformCommand, Reading, SkinFrame
 from tci.middleware.naoqi import words
 from tci.model.description import Robot, Servo

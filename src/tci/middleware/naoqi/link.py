@@ -11,7 +11,7 @@ import numpy as np
 from tci.clock import MonotonicClock
 from tci.errors import LinkError
 from tci.frames import read_only
-from tci.interface.gate import SafeCommand
+from tci.interface.gate.gate import SafeCommand
 from tci.messages import Reading
 from tci.middleware.diagnosis import Finding, Level
 from tci.middleware.link import Link

@@ -13,7 +13,7 @@ from contextlib import suppress
 import qi
 
 from tci.errors import LinkError
-from tci.interface.safe_command import SafeCommand
+from tci.interface.gate.safe_command import SafeCommand
 from tci.messages import Order, Perception, Reading
 from tci.middleware.link import Link
 from tci.middleware.naoqi import services

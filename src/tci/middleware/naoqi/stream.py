@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from tci.frames import Array
-from tci.interface.gate import SafeCommand
+from tci.interface.gate.gate import SafeCommand
 from tci.messages import Mode
 from tci.middleware.naoqi.words import CYCLE
 

@@ -12,8 +12,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from tci.errors import FrameError, LinkError
-from tci.interface.gate import Gate
-from tci.interface.safe_command import SafeCommand
+from tci.interface.gate.gate import Gate
+from tci.interface.gate.safe_command import SafeCommand
 from tci.messages import JointReading, Mode, Reading, SkinFrame
 from tci.middleware.diagnosis import Finding, Level
 from tci.middleware.player.client import Client, parse

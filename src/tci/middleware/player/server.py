@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from tci.errors import CommandError, FrameError, LinkError
-from tci.interface.safe_command import SafeCommand
+from tci.interface.gate.safe_command import SafeCommand
 from tci.messages import Perception, Reading, SkinFrame
 from tci.middleware.controllers import Controllers, Once, values_order
 from tci.middleware.link import Link

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from tci.errors import FrameError, LinkError
-from tci.interface.gate import Gate
-from tci.interface.safe_command import SafeCommand
+from tci.interface.gate.gate import Gate
+from tci.interface.gate.safe_command import SafeCommand
 from tci.messages import Reading, SkinFrame
 from tci.middleware.diagnosis import Finding, Level
 from tci.middleware.remote import Orders, State

@@ -10,7 +10,7 @@ import numpy as np
 
 from tci.errors import LinkError
 from tci.frames import Array
-from tci.interface.safe_command import SafeCommand
+from tci.interface.gate.safe_command import SafeCommand
 from tci.messages import Mode, Reading
 from tci.middleware.ros.arrivals import JointArrivals, SkinArrivals, raw_of_cloud
 from tci.middleware.ros.messages import NO_LAYOUT, TRAJECTORY, VALUES

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from tci.errors import FrameError
-from tci.interface.safe_command import SafeCommand
+from tci.interface.gate.safe_command import SafeCommand
 from tci.messages import Order, Perception, Reading, SkinFrame
 from tci.middleware.controllers import Controllers, Once, values_order
 from tci.middleware.link import Link

@@ -8,7 +8,7 @@ import numpy as np
 
 from tci.errors import LinkError, WireError
 from tci.frames import Array
-from tci.interface.safe_command import SafeCommand
+from tci.interface.gate.safe_command import SafeCommand
 from tci.messages import Mode
 from tci.middleware.yarp.board import (
     COMPLIANT,

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from tci.clock import MonotonicClock
 from tci.errors import LinkError, UnknownNameError, WireError
 from tci.frames import read_only
-from tci.interface.gate import SafeCommand
+from tci.interface.gate.gate import SafeCommand
 from tci.messages import JointReading, Mode, Reading, SkinFrame
 from tci.middleware.diagnosis import Finding
 from tci.middleware.link import Link

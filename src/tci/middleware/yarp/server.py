@@ -16,7 +16,7 @@ import numpy as np
 
 from tci.errors import CommandError, LinkError
 from tci.frames import Array
-from tci.interface.safe_command import SafeCommand
+from tci.interface.gate.safe_command import SafeCommand
 from tci.messages import Order, Perception, Reading, SkinFrame
 from tci.middleware.link import Link
 from tci.middleware.server import Server

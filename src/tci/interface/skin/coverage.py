@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.frames import Array
-from tci.interface.felt import masks_of
-from tci.interface.generic_limb import generic_limb_distance
-from tci.interface.skin import Skin
+from tci.interface.skin.felt import masks_of
+from tci.interface.skin.generic_limb import generic_limb_distance
+from tci.interface.skin.skin import Skin
 from tci.messages import Covered, JointReading, SkinState
 
 

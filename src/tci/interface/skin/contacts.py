@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 
 from tci.errors import TciError, UnknownNameError
 from tci.frames import Array
-from tci.interface.contact_table import ContactTable
-from tci.interface.felt import Felt, FeltPatches
 from tci.interface.kernels.contacts import F_T, NUMBERS, P_L, VECTORS, cluster
 from tci.interface.kernels.flat import adjacency
 from tci.interface.kernels.flat_skin import FlatSkin
 from tci.interface.kernels.weighted_force import mean_force
 from tci.interface.kernels.whole import cluster_all, describe_all
-from tci.interface.skin import Skin
-from tci.interface.tracking import Tracker
+from tci.interface.skin.contact_table import ContactTable
+from tci.interface.skin.felt import Felt, FeltPatches
+from tci.interface.skin.skin import Skin
+from tci.interface.skin.tracking import Tracker
 from tci.messages import Contact, PatchState, SkinState
 
 _NOWHERE = np.zeros((4, 4))

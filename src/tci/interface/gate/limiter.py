@@ -19,7 +19,7 @@ from ruckig import (
 
 from tci.errors import CommandError
 from tci.frames import Array
-from tci.interface.bounds import MARGIN, Bounds
+from tci.interface.gate.bounds import MARGIN, Bounds
 from tci.interface.kernels.stops import stop_stays_inside
 
 CREEP = 0.1

@@ -16,7 +16,7 @@ import numpy as np
 
 from tci.errors import DescriptionError, Fault, TciError
 from tci.frames import Array, angle_between, read_only, rotation_x, rotation_y, rotation_z
-from tci.interface.gesture import Gesture
+from tci.interface.gestures.gesture import Gesture
 from tci.model.generic_arm import Side, forearm_rotation, shoulder_angles, side_sign
 from tci.model.xml.document import read_bytes
 

@@ -9,7 +9,7 @@ import numpy as np
 from tci.errors import TciError
 from tci.frames import Array, apply, invert, read_only
 from tci.interface.part import generic_posture
-from tci.interface.skin import Skin
+from tci.interface.skin.skin import Skin
 from tci.messages import JointReading
 from tci.model.generic_arm import limb_direction
 from tci.model.surfaces import Surface

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.frames import Array
-from tci.interface.conditioning import GAP, Conditioner
 from tci.interface.kernels.condition import CHANGED, FULL, HIGHEST, LOWEST, REST, ROWS, SIGN
 from tci.interface.kernels.octets import (
     BENT,
@@ -33,7 +32,8 @@ from tci.interface.kernels.octets import (
     set_limits,
     spill,
 )
-from tci.interface.shear import AXES
+from tci.interface.skin.conditioning import GAP, Conditioner
+from tci.interface.skin.shear import AXES
 
 _NO_BYTES = np.zeros(0, np.uint8)
 _BYTES = np.arange(256, dtype=np.float32)

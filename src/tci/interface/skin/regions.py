@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from tci.errors import TciError
 from tci.frames import Array, read_only
-from tci.interface.generic_limb import generic_limb_distance
-from tci.interface.skin import Skin
+from tci.interface.skin.generic_limb import generic_limb_distance
+from tci.interface.skin.skin import Skin
 from tci.messages import JointReading, SkinState
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.frames import Array
-from tci.interface.bounds import Bounds, bounds_of
-from tci.interface.limiter import Guard, Limiter
+from tci.interface.gate.bounds import Bounds, bounds_of
+from tci.interface.gate.limiter import Guard, Limiter
 from tci.model.description import Robot
 
 

@@ -16,15 +16,15 @@ import numpy as np
 
 from tci.errors import CommandError, LinkError, TciError
 from tci.frames import Array, frozen
-from tci.interface.acceptance import check_command, fault_of_reading
-from tci.interface.gate_settings import GateCounts as GateCounts
-from tci.interface.gate_settings import GateSettings as GateSettings
-from tci.interface.gate_settings import Tally
-from tci.interface.motion import Motion
-from tci.interface.safe_command import GateState as GateState
-from tci.interface.safe_command import SafeCommand as SafeCommand
-from tci.interface.safe_command import Seal
-from tci.interface.watch import Watch
+from tci.interface.gate.acceptance import check_command, fault_of_reading
+from tci.interface.gate.motion import Motion
+from tci.interface.gate.safe_command import GateState as GateState
+from tci.interface.gate.safe_command import SafeCommand as SafeCommand
+from tci.interface.gate.safe_command import Seal
+from tci.interface.gate.settings import GateCounts as GateCounts
+from tci.interface.gate.settings import GateSettings as GateSettings
+from tci.interface.gate.settings import Tally
+from tci.interface.gate.watch import Watch
 from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder
 from tci.model.description import Robot
 

@@ -10,15 +10,15 @@ from ruckig import Trajectory
 
 from tci.errors import CommandError
 from tci.frames import Array
-from tci.interface.acceptance import check_command, check_limits, check_start, check_switch
-from tci.interface.bounds import MARGIN
-from tci.interface.chain import Chain, groups_of, make_chain
-from tci.interface.gate_settings import GateSettings, Tally
-from tci.interface.limiter import Guard
-from tci.interface.self_collision import SelfCollision
-from tci.interface.speeds import Speeds
-from tci.interface.torque import TorqueLimiter
-from tci.interface.watch import Reference
+from tci.interface.gate.acceptance import check_command, check_limits, check_start, check_switch
+from tci.interface.gate.bounds import MARGIN
+from tci.interface.gate.chain import Chain, groups_of, make_chain
+from tci.interface.gate.limiter import Guard
+from tci.interface.gate.self_collision import SelfCollision
+from tci.interface.gate.settings import GateSettings, Tally
+from tci.interface.gate.speeds import Speeds
+from tci.interface.gate.torque import TorqueLimiter
+from tci.interface.gate.watch import Reference
 from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch
 from tci.model.description import Robot
 

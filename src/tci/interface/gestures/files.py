@@ -9,7 +9,7 @@ import numpy as np
 
 from tci.errors import DescriptionError, Fault, TciError
 from tci.frames import read_only
-from tci.interface.gesture import Gesture
+from tci.interface.gestures.gesture import Gesture
 from tci.model.xml.document import read_bytes
 
 LARGEST = 64 << 20

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tci.errors import TciError
 from tci.frames import Array
-from tci.interface.baseline import BEND, Lesson, near
+from tci.interface.skin.baseline import BEND, Lesson, near
 
 
 class Health(IntEnum):

@@ -11,7 +11,7 @@ from scipy.optimize import nnls
 
 from tci.errors import TciError
 from tci.frames import Array
-from tci.interface.baseline import BaselineSettings
+from tci.interface.skin.baseline import BaselineSettings
 from tci.model.description import Sensor
 from tci.model.skin.calibration import PatchCalibration
 

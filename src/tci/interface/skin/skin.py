@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 
 from tci.errors import FrameError, TciError, UnknownNameError
 from tci.frames import Array, apply, invert, transform
-from tci.interface.conditioning import Conditioner, ConditioningSettings, PatchHealth
-from tci.interface.felt import Felt, FeltPatches
 from tci.interface.kernels.flat import FlatPatch
 from tci.interface.kernels.flat_skin import FlatSkin
 from tci.interface.kernels.whole import TAXEL
-from tci.interface.octet_skin import OctetSkin
 from tci.interface.part import generic_posture
-from tci.interface.shear import AXES, Shear, normal_channels
+from tci.interface.skin.conditioning import Conditioner, ConditioningSettings, PatchHealth
+from tci.interface.skin.felt import Felt, FeltPatches
+from tci.interface.skin.octet_skin import OctetSkin
+from tci.interface.skin.shear import AXES, Shear, normal_channels
 from tci.messages import JointReading, PatchState, Reading, SkinFrame, SkinState
 from tci.model.description import GenericPart, Robot, Segment
 from tci.model.generic_arm import limb_coordinates, segment_rotation

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.frames import Array, read_only
-from tci.interface.generic_limb import generic_limb_point
 from tci.interface.kernels.contacts import F_T, N_L, N_T, NUMBERS, P_L, P_T
 from tci.interface.kernels.flat_skin import Site, segments_of
+from tci.interface.skin.generic_limb import generic_limb_point
 from tci.messages import Contact
 
 

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from tci.errors import FrameError, TciError
 from tci.frames import Array, read_only
-from tci.interface.baseline import Baseline, BaselineSettings, Lesson
 from tci.interface.kernels.condition import (
     BEFORE,
     BEND,
@@ -29,7 +28,8 @@ from tci.interface.kernels.condition import (
     condition,
     empty_memory,
 )
-from tci.interface.taxel_health import Health, HealthSettings, TaxelHealth
+from tci.interface.skin.baseline import Baseline, BaselineSettings, Lesson
+from tci.interface.skin.taxel_health import Health, HealthSettings, TaxelHealth
 from tci.model.description import Patch
 from tci.model.skin.calibration import PatchCalibration
 

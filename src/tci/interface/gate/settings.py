@@ -10,8 +10,8 @@ from types import MappingProxyType
 import numpy as np
 
 from tci.errors import TciError
-from tci.interface.self_collision import MARGIN as BODY_MARGIN
-from tci.interface.watch import WatchSettings
+from tci.interface.gate.self_collision import MARGIN as BODY_MARGIN
+from tci.interface.gate.watch import WatchSettings
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,8 +12,8 @@ from collections.abc import Iterator
 from typing import Literal
 
 from tci.errors import TciError, UnknownNameError
-from tci.interface.regions import Region, RegionState, region_state
-from tci.interface.skin import Skin
+from tci.interface.skin.regions import Region, RegionState, region_state
+from tci.interface.skin.skin import Skin
 from tci.messages import SkinState
 
 Mode = Literal["every", "latest", "change"]

@@ -15,8 +15,8 @@ from scipy.sparse.csgraph import dijkstra
 
 from tci.errors import TciError
 from tci.frames import Array, read_only
-from tci.interface.places import Place, leave_surface
-from tci.interface.skin import Skin
+from tci.interface.skin.places import Place, leave_surface
+from tci.interface.skin.skin import Skin
 from tci.messages import Contact, Spot
 from tci.model.description import GenericPart, Patch
 from tci.model.joint_map import joint_map

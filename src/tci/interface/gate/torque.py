@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.frames import Array
-from tci.interface.bounds import APPROACH, MARGIN
+from tci.interface.gate.bounds import APPROACH, MARGIN
 from tci.model.description import Robot
 
 RISE = 0.02

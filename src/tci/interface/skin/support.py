@@ -14,7 +14,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from tci.errors import DescriptionError
 from tci.frames import Array, apply
-from tci.interface.skin import Skin
+from tci.interface.skin.skin import Skin
 from tci.messages import Contact, Support
 from tci.model.description import SOLE
 from tci.model.gravity import Gravity

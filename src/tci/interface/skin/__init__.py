@@ -1,0 +1,1 @@
+"""From raw frames to contacts on the generic limb."""

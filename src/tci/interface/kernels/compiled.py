@@ -47,7 +47,7 @@ def inlined(loop: Callable[..., Any]) -> Any:
 
 def _stamp(own: Path, calls: tuple[ModuleType, ...]) -> str:
     """A hash of all the sources."""
-    files = {own, HERE.parent / "generic_limb.py", *HERE.glob("*.py")}
+    files = {own, HERE.parent / "skin" / "generic_limb.py", *HERE.glob("*.py")}
     files |= {Path(str(module.__file__)) for module in calls}
     digest = hashlib.sha256()
     for file in sorted(files):

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from tci.errors import TciError
 from tci.frames import Array
-from tci.interface.skin.baseline import BaselineSettings
+from tci.interface.skin.baseline import BaselineSettings, median
 from tci.interface.skin.conditioning import Conditioner, ConditioningSettings
 from tci.interface.skin.taxel_health import HealthSettings
 from tci.model.description import Patch, Sensor, TruncatedCone
@@ -205,3 +205,8 @@ def test_settings_are_checked() -> None:
     ):
         with pytest.raises(TciError, match="valid:"):
             make()
+
+
+@given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=40))
+def test_the_median_is_numpys(values: list[float]) -> None:
+    assert median(np.array(values)) == np.median(values)

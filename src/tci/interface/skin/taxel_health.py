@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tci.errors import TciError
 from tci.frames import Array
-from tci.interface.skin.baseline import BEND, Lesson, near
+from tci.interface.skin.baseline import BEND, Lesson, median, near
 
 
 class Health(IntEnum):
@@ -84,7 +84,7 @@ class TaxelHealth:
         changed = lesson.changes > 0.0
         self._unchanged = np.where(changed, 0.0, self._unchanged + lesson.elapsed)
         still = self._unchanged > s.still
-        middle = float(np.median(noise))
+        middle = median(noise)
         if still.any():
             self._judge_still(still, deviation, threshold, middle)
         limit = max(s.noisy * middle, s.least_noise)

@@ -186,7 +186,8 @@ class BoardLink:
     def mind_commands(self) -> None:
         """Connect again where the board has closed the connection that commands take: one that authenticates
         does so after 2 s without any. Raises LinkError, UnknownNameError."""
-        if self._output is None or self._output.is_over():
+        output = self._output  # the loop lets go of it too
+        if output is None or output.is_over():
             self._connect_commands()
 
     def _must_switch(self, servo: int, mode: Mode, reported: Mode | None, on: bool) -> bool:

@@ -76,8 +76,8 @@ def order(contact: Contact, words: Sequence[Any], key: bytes | None) -> str:
 
 def is_over(sock: socket.socket) -> bool:
     """Whether the other end has closed a connection on which it sends nothing now."""
-    sock.setblocking(False)  # a time-out of the socket's own would be waited for
     try:
+        sock.setblocking(False)  # a time-out of the socket's own would be waited for
         return not sock.recv(1, socket.MSG_PEEK)
     except BlockingIOError:
         return False

@@ -65,7 +65,10 @@ class Rpc:
         if self._open is None:
             return True  # `hear` tells why
         sock, source = self._open
-        return source.waiting() or bool(select.select([sock], [], [], patience)[0])
+        try:
+            return source.waiting() or bool(select.select([sock], [], [], patience)[0])
+        except (OSError, ValueError):  # closed meanwhile
+            return True
 
     def hear(self, patience: float = SOON) -> list[Any]:
         """The reply to the oldest call that was asked. Raises LinkError as `call`."""

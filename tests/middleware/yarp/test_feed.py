@@ -72,3 +72,17 @@ def test_what_comes_often_or_is_not_due_or_never_came_is_not_waited_for(
     monkeypatch.setattr(writer.feed, "_every", EVERY)
     writer.feed.await_due(1e9, 2 * EVERY)
     writer.feed.await_due(0.0, 0.005)
+
+
+def test_messages_of_one_stamp_are_told_apart_by_their_count(writer: Writer) -> None:
+    for count in range(5):
+        writer.port.write(np.full(3, float(count)), Stamp(count, 7.0))
+        writer.count = count + 1
+        assert until(writer.came)
+    writer.port.write(np.zeros(3), Stamp(2, 7.0))  # an older one is none
+    writer.port.write(np.full(3, 5.0), Stamp(5, 7.0))
+    writer.count = 6
+    assert until(writer.came)
+    assert writer.feed.latest is not None
+    assert writer.feed.latest.value.tolist() == [5.0] * 3
+    assert writer.feed.lost == 0

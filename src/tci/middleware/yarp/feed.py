@@ -128,9 +128,10 @@ class Feed(Generic[Value]):
             if self._is_old(stamp.count):
                 return
             placed = self.clock.place(stamp.time, delivery.arrived)
-            if placed is None:
-                return
-            measured = placed
+            if placed is None and self.clock.difference is not None:
+                # Newer by its count: some stamps are too coarse for messages that come together.
+                placed = stamp.time + self.clock.difference
+            measured = placed if placed is not None else delivery.arrived
         if self.recent:
             gap = measured - self.recent[-1].stamp
             self._every += (gap - self._every) * (MIXED if self._every else 1.0)

@@ -333,3 +333,17 @@ def test_45_a_robot_that_cannot_come_to_rest_is_waited_for_and_not_longer(
     with pytest.raises(ZeroDivisionError):
         run(link, Swing(5, go_on), duration=1.0)
     assert REST <= link.world.time - begun < REST + 0.1
+
+
+def test_the_report_as_json_has_every_figure_under_its_name() -> None:
+    report = LoopReport(ticks=5, missed=4, overruns=3, rejected=2, ended="done")
+    for seconds in (1e-3, 1e-3, 4e-3):
+        report.work.add(seconds)
+    plain = report.to_json()
+    assert {name: plain[name] for name in ("ticks", "missed", "overruns", "rejected", "ended")} == {
+        "ticks": 5, "missed": 4, "overruns": 3, "rejected": 2, "ended": "done",
+    }  # fmt: skip
+    assert plain["work_ms"] == {
+        "p50": pytest.approx(1.0, rel=0.1), "p99": 4.0, "p999": 4.0, "max": 4.0,
+    }  # fmt: skip
+    assert plain["lateness_ms"] == {"p50": 0.0, "p99": 0.0, "p999": 0.0, "max": 0.0}

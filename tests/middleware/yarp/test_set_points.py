@@ -59,3 +59,11 @@ def test_set_points_that_come_together_are_no_faster_motion() -> None:
         value = 2.0 * PERIOD * number
         went.append(float(points.lead([0], np.array([value]), arrived)[0]) - value)
     assert max(went[50:]) <= went[45] * 1.01
+
+
+def test_a_robot_that_holds_is_not_led_back_to_a_set_point_from_before() -> None:
+    points = make()
+    fed(points, [2.0 * PERIOD * n for n in range(20)])
+    points.forget()
+    assert points.last(10.0 + 19 * PERIOD + ENDED * 1.1) is None
+    assert fed(points, [3.0]) == [3.0], "and a new stream begins anew"

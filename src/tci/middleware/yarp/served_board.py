@@ -134,6 +134,10 @@ class ServedBoard:
             if all(self._words[joint] == DIRECT for joint in joints):
                 self._stream(Stream.POSITION, joints, values)
 
+    def held(self) -> None:
+        """For the loop: the robot holds or has stopped, and waits for a new command."""
+        self._set_points.forget()
+
     def _stream(self, stream: Stream, chosen: Sequence[int], values: Array) -> None:
         modes = {Mode.IMPEDANCE if self._compliant[n] else COMMANDS[stream] for n in chosen}
         for mode in modes if stream is Stream.POSITION else {COMMANDS[stream]}:

@@ -16,7 +16,7 @@ import numpy as np
 
 from tci.errors import CommandError, LinkError
 from tci.frames import Array
-from tci.interface.gate.safe_command import SafeCommand
+from tci.interface.gate.safe_command import GateState, SafeCommand
 from tci.messages import Order, Perception, Reading, SkinFrame
 from tci.middleware.link import Link
 from tci.middleware.server import Server
@@ -114,6 +114,8 @@ class YarpServer(Server):
         self._shown = True
         for board in self.boards.values():
             board.book.judge(sent.orders, sent.refusals)
+            if sent.state is not GateState.RUN:
+                board.held()
         offset = time.time() - self.link.clock.now()
         now = time.monotonic()
         if now < self._due:

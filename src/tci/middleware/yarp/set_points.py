@@ -62,6 +62,10 @@ class SetPoints:
         self._stream = joints, kept, False
         return joints, kept[-1][1]
 
+    def forget(self) -> None:
+        """The robot holds: where the stream would have ended is nobody's wish any more."""
+        self._stream = [], [], False
+
     def _speed(self, joints: list[int], kept: list[tuple[float, Array]]) -> Array:
         """Speed (k,) [rad/s] of the stream by its smallest step, where all go the same way; 0 elsewhere."""
         values = np.array([values for _, values in kept])

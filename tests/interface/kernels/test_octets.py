@@ -72,7 +72,7 @@ def test_all_at_once_is_each_alone(seed: int, calm: bool, period: float) -> None
     last = [np.full(one.patch.channels, int(one.patch.sensor.rest), np.uint8) for one in alone]
     felt = [np.zeros(size) for size in SIZES]
     for count in range(300):
-        which = [p for p in range(len(SIZES)) if random.random() < 0.9]
+        which = [p for p in range(len(SIZES)) if random.random() < 0.9] or [0]
         for p in which:
             if random.random() < 0.8:
                 kind = int(random.choice([0, 0, 0, 0, 2] if calm else [0, 1, 2, 5]))

@@ -106,8 +106,8 @@ class OctetSkin:
     def feel(
         self, which: list[int], values: list[NDArray[Any]], stamps: list[float]
     ) -> tuple[NDArray[np.int32], Array, list[int], list[bool]]:
-        """Active taxels (m,) and pressure (m,) [Pa] on them in frames of the patches `which` (k > 0), where each
-        one's end (k + 1,), and which of them are the same as the frame before, for which nothing is given."""
+        """Active taxels (m,) and pressure (m,) [Pa] on them in frames of the patches `which` (k > 0), where
+        each one's end (k + 1,), and which are the same as the frame before, for which nothing is given."""
         held = self._same
         again = [v is held[p] for p, v in zip(which, values, strict=True)]
         kinds = which

@@ -164,17 +164,22 @@ def test_native_names_are_checked(open_link: Callable[..., Link]) -> None:
         link.native("LArm").command({})
 
 
+def judged(link: Link, values: dict[str, float]) -> SafeCommand:
+    """What the gate makes of a command, as soon as a busy machine lets it run."""
+    end = time.monotonic() + 30.0
+    while True:
+        joints = link.read().joints
+        safe = link.gate.step([link.native("LArm").command(values)], joints, link.clock.now())
+        if safe.state is GateState.RUN:
+            return safe
+        assert time.monotonic() < end
+        time.sleep(link.period)
+
+
 def test_a_native_command_obeys_the_same_limits(open_link: Callable[..., Link]) -> None:
     link = open_link()
-    safe = link.gate.step(
-        [link.native("LArm").command({"LElbowRoll": 2.0, "LHand": 0.5})],
-        link.read().joints,
-        link.clock.now(),
-    )
-    assert "LHand can't be moved" in safe.refusals[0]
-    command = link.native("LArm").command({"LElbowRoll": 2.0})
-    safe = link.gate.step([command], link.read().joints, link.clock.now())
-    assert "LElbowRoll" in safe.clamped[0]
+    assert "LHand can't be moved" in judged(link, {"LElbowRoll": 2.0, "LHand": 0.5}).refusals[0]
+    assert "LElbowRoll" in judged(link, {"LElbowRoll": 2.0}).clamped[0]
 
 
 def elbow(link: Link) -> float:

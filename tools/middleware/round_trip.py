@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
-from links import TCP, line
 from networks import over_lcm, over_zenoh
 
 import tci
@@ -28,6 +27,15 @@ from tci.middleware.yarp.dialect import DIALECTS
 from tci.middleware.yarp.names import Names
 from tci.middleware.yarp.port import Port
 
+TCP = """
+import socket, sys
+server = socket.create_server(("127.0.0.1", 0))
+print(server.getsockname()[1], flush=True)
+sock, _ = server.accept()
+sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+while data := sock.recv(1 << 16):
+    sock.sendall(data)
+"""
 SIZE, BLOCKS, CALLS = 768, 10, 40
 PATIENCE = 20.0
 """Time [s] that a first frame has, while the two processes find each other."""
@@ -191,7 +199,8 @@ def round_trip(name: str, where: str) -> dict[str, float]:
     path = os.pathsep.join([str(Path(__file__).parents[1] / "bench"), os.environ.get("PYTHONPATH", "")])
     other = subprocess.Popen([sys.executable, __file__, name, where], env={**os.environ, "PYTHONPATH": path})
     raw = subprocess.Popen([sys.executable, "-c", TCP, str(values.nbytes)], stdout=subprocess.PIPE, text=True)
-    sock = socket.create_connection(("127.0.0.1", int(line(raw))))
+    assert raw.stdout is not None
+    sock = socket.create_connection(("127.0.0.1", int(raw.stdout.readline())))
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     send, receive, close = _open(name, where)
 

@@ -38,7 +38,7 @@ pictures: dev-env  ## make the pictures of docs/images anew (needs chromium)
 bench: dev-env  ## every part beside its peers, as ratios; writes bench.json (CASES="kernel_4000 gate ...": some)
 	@OUT=$(OUT) $(VENV)/python tools/bench $(CASES)
 
-middleware: dev-env  ## every middleware's tests and figures; writes docs/middleware-table.md
+middleware: dev-env  ## every middleware's tests and figures; writes docs/tables/middleware.md
 	@$(PYTHON) tools/peers.py
 	@$(VENV)/python tools/middleware
 

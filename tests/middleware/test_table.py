@@ -7,7 +7,7 @@ from pathlib import Path
 from middleware import test_link
 from middleware.links import PEERS
 
-TABLE = Path(__file__).parents[2] / "docs" / "middleware-table.md"
+TABLE = Path(__file__).parents[2] / "docs" / "tables" / "middleware.md"
 
 
 def test_the_table_has_every_middleware_and_the_whole_contract() -> None:

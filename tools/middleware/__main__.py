@@ -2,7 +2,7 @@
 
     make middleware
 
-runs the tests and takes the figures again, and writes docs/middleware-table.md.
+runs the tests and takes the figures again, and writes docs/tables/middleware.md.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from middleware.ros_robots import here_only, roscore  # noqa: E402
 from tci.interface.gate.safe_command import GateState  # noqa: E402
 from tci.middleware.yarp.name_server import NameServer  # noqa: E402
 
-TABLE = ROOT / "docs" / "middleware-table.md"
+TABLE = ROOT / "docs" / "tables" / "middleware.md"
 CONTRACT = "tests/middleware/test_link.py"
 HEAD = (
     "middleware", "contract suite", "genuine peer", "tests with it",

@@ -92,11 +92,16 @@ def test_34_what_is_late_repeated_or_of_another_session_moves_nothing(
 def test_34_what_is_played_again_right_after_its_sender_left_moves_nothing(robot: Robot) -> None:
     robot.say(1, aim(2))
     robot.tick()
+    begun = robot.clock.now()
+    robot.clock.advance(0.01)
     robot.say(1, leaving=True)
     robot.tick()
-    robot.say(1, aim(2))
+    robot.say(1, aim(2), seen=begun)
     assert robot.tick().orders == ()
     assert robot.commanders.rejected == 1
+    robot.clock.advance(0.01)
+    robot.say(1, aim(2))  # a controller that begins anew
+    assert len(robot.tick().orders) == 1
 
 
 def test_26_a_joint_has_one_commander_and_the_second_is_told_who_it_is(robot: Robot) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import deque
 from collections.abc import Callable
@@ -35,9 +36,9 @@ class _Member:
 class Commanders:
     """All processes that command one robot.
 
-    A message counts only when it answers a state of this session that is at most `silence` [s] old, and its
-    sender has not left: what was held up on the way, or recorded, moves nothing. While a commander is silent
-    for longer, or its own gate holds, the robot holds.
+    A message counts only when it answers a state of this session that is at most `silence` [s] old, and that
+    its sender saw after it last left: what was held up on the way, or recorded, moves nothing. While a
+    commander is silent for longer, or its own gate holds, the robot holds.
     """
 
     def __init__(
@@ -51,7 +52,7 @@ class Commanders:
         self._waiting: deque[tuple[int, int, PlatformOrder]] = deque(maxlen=MOST_ORDERS * MOST_COMMANDERS)
         self._handed: list[tuple[int, int, PlatformOrder]] = []
         self._left = ""
-        self._gone: deque[int] = deque(maxlen=4 * MOST_COMMANDERS)
+        self._gone: dict[int, float] = {}
         self.rejected = 0
         """Messages that did not count: late, repeated, of another session, of one who left, or too many."""
 
@@ -61,7 +62,7 @@ class Commanders:
         member = self._members.get(message.client)
         fresh = message.session == self._session and 0.0 <= now - message.seen <= self._silence
         full = member is None and len(self._members) >= MOST_COMMANDERS
-        gone = message.client in self._gone
+        gone = message.seen <= self._gone.get(message.client, -math.inf)
         if not fresh or full or gone or (member is not None and message.sequence <= member.sequence):
             self.rejected += 1
             return
@@ -73,7 +74,8 @@ class Commanders:
                 member.acknowledged = number
                 self._waiting.append((message.client, number, order))
         if message.leaving:
-            self._gone.append(message.client)
+            self._gone = {client: seen for client, seen in self._gone.items() if now - seen <= self._silence}
+            self._gone[message.client] = message.seen
             self._forget(message.client, f"{member.name} left")
 
     def fault(self) -> str:

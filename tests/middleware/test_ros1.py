@@ -166,12 +166,13 @@ move = rospy.Publisher("/left/RArm_controller/joint_trajectory", JointTrajectory
 while move.get_num_connections() == 0:
     rospy.sleep(0.05)
 point = JointTrajectoryPoint(positions=[0.8], time_from_start=rospy.Duration(0.4))
-move.publish(JointTrajectory(joint_names=["RElbowRoll"], points=[point]))
 found["after"] = joints()
-for _ in range(2000):
-    if abs(found["after"]["RElbowRoll"] - 0.8) < 0.01:
-        break
-    found["after"] = joints()
+for _ in range(20):  # refused while the robot still holds after a commander whose farewell was lost
+    move.publish(JointTrajectory(joint_names=["RElbowRoll"], points=[point]))
+    for _ in range(100):
+        if abs(found["after"]["RElbowRoll"] - 0.8) < 0.01:
+            break
+        found["after"] = joints()
 print(json.dumps(found))
 """
 

@@ -11,7 +11,7 @@ from numba import float64, int64
 
 from tci.frames import Array
 from tci.interface.kernels.arrays import reads, views, writes
-from tci.interface.kernels.compiled import compiled, inlined
+from tci.interface.kernels.compiled import allocating, compiled, inlined
 
 SIGMA = 3e-3
 """Width [m] of the Gaussian that the cover over the taxels makes of a point. Ours."""
@@ -45,7 +45,7 @@ def spread(positions: Array, point: Array, normal: Array, sigma: float) -> Array
     return shares
 
 
-@inlined
+@allocating
 def _tangents(normal: Array) -> Array:
     """Two unit vectors, the rows of (2, 3), across `normal` (3,)."""
     least = np.zeros(3)
@@ -73,7 +73,7 @@ def _potential(tilt: Array, logarithms: Array, offsets: Array, weights: Array) -
     return top + np.log(total) + 0.5 * _SOFTNESS * (tilt[0] ** 2 + tilt[1] ** 2)  # type: ignore[no-any-return]
 
 
-@inlined
+@allocating
 def _centre(logarithms: Array, offsets: Array, weights: Array) -> None:
     """Write weights (k,) proportional to exp(logarithms + offsets . tilt), with the tilt that centres them.
 
@@ -110,7 +110,7 @@ def _centre(logarithms: Array, offsets: Array, weights: Array) -> None:
         weights[:] = trial_weights
 
 
-@inlined
+@allocating
 def spread_into(positions: Array, point: Array, normal: Array, sigma: float, shares: Array) -> int:
     """Write `spread`; how many taxels feel anything."""
     n = len(positions)

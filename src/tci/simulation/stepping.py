@@ -109,15 +109,17 @@ def _look_ahead(
     second half all that moves nothing."""
     n, m = len(qpos), len(qvel)
     _step1(model, data)
-    here[:n] = qpos
-    here[n : n + m] = qvel
-    # The solver starts from its last result: looking must not change what happens next.
-    here[n + m :] = warm
+    for i in range(n):
+        here[i] = qpos[i]
+    for i in range(m):
+        # The solver starts from its last result: looking must not change what happens next.
+        here[n + i], here[n + m + i] = qvel[i], warm[i]
     _actuate(model, data)
     _accelerate(model, data)
     _constrain(model, data)
     _sense(model, data)
-    warm[:] = here[n + m :]
+    for i in range(m):
+        warm[i] = here[n + m + i]
     whole[AHEAD] = number
 
 

@@ -98,7 +98,7 @@ def test_nearest_point_is_that_of_the_whole_surface(robot: str, patch: str, seed
     middle = flat.taxels[:, :3].mean(axis=0)
     point = middle + random.normal(size=3) * random.choice([1e-3, 0.03, 0.1, 2.0])
     p_L, n_L = np.empty(3), np.empty(3)
-    nearest(point, flat.taxels, flat.faces, flat.box, flat.cells, p_L, n_L)
+    nearest(tuple(point), flat.taxels, flat.faces, flat.box, flat.cells, p_L, n_L)
     (expected,), (normal,) = skin.surfaces[patch].project(point[None])
     assert np.linalg.norm(p_L - point) == pytest.approx(np.linalg.norm(expected - point), rel=1e-9)
     assert np.linalg.norm(n_L) == pytest.approx(1.0)

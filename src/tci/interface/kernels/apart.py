@@ -112,7 +112,8 @@ def come_near(solids: Arrays, known: Arrays, low: Array, high: Array, margin: fl
     """
     joints, shapes, points, _, pairs, levers = solids
     posture, distance, axis, left, bound, _, _, frames, middle = known
-    bound[:] = distance
+    for p in range(len(pairs)):
+        bound[p] = distance[p]
     for j in range(len(joints)):
         for p in range(len(pairs)):
             far = max(abs(low[j] - posture[j, p]), abs(high[j] - posture[j, p]))

@@ -2,6 +2,9 @@
 
 Numba looks only at the file of the loop itself, and at its date: after an update of a file that the loop
 calls into, it would run the old machine code. So what it compares is the content of all these files here.
+
+Numba counts who uses an array, with locked instructions: that was most of what a small loop did. A loop that
+makes no array need not count (`_nrt`, which numba's own loops use too).
 """
 
 from __future__ import annotations
@@ -17,15 +20,18 @@ from numba import njit
 HERE = Path(__file__).parent
 
 
-def compiled(*signatures: Any, calls: tuple[ModuleType, ...] = ()) -> Callable[[Callable[..., Any]], Any]:
+def compiled(
+    *signatures: Any, calls: tuple[ModuleType, ...] = (), allocates: bool = False
+) -> Callable[[Callable[..., Any]], Any]:
     """Compile a loop for these signatures now, or load what was compiled before.
 
-    `calls` are modules outside this folder that it calls into or takes constants from. Where nothing can be
+    `calls` are modules outside this folder that it calls into or takes constants from. One that makes or
+    copies arrays `allocates`: numba raises "NRT required" for another that does. Where nothing can be
     written, neither beside the source nor in the user's cache, it is compiled each time.
     """
 
     def decorate(loop: Callable[..., Any]) -> Any:
-        function: Any = njit(error_model="numpy")(loop)
+        function: Any = _jit(loop, allocates)
         try:
             function.enable_caching()
         except RuntimeError:  # numba finds no folder to write to
@@ -41,8 +47,18 @@ def compiled(*signatures: Any, calls: tuple[ModuleType, ...] = ()) -> Callable[[
 
 
 def inlined(loop: Callable[..., Any]) -> Any:
-    """A loop that only compiled loops call, which keep it with themselves."""
-    return njit(error_model="numpy")(loop)
+    """A loop that only compiled loops call, which keep it with themselves; it makes no arrays."""
+    return _jit(loop, False)
+
+
+def allocating(loop: Callable[..., Any]) -> Any:
+    """The same for one that makes arrays."""
+    return _jit(loop, True)
+
+
+def _jit(loop: Callable[..., Any], allocates: bool) -> Any:
+    options: dict[str, Any] = {"error_model": "numpy", "_nrt": allocates}
+    return njit(**options)(loop)
 
 
 def _stamp(own: Path, calls: tuple[ModuleType, ...]) -> str:

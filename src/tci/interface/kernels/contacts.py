@@ -9,7 +9,7 @@ from tci.frames import Array
 from tci.interface.kernels.arrays import reads, writes
 from tci.interface.kernels.compiled import compiled, inlined
 from tci.interface.kernels.flat import Indices
-from tci.interface.kernels.limb import limb_pose
+from tci.interface.kernels.limb import Row, limb_pose
 from tci.interface.kernels.nearest import nearest
 from tci.interface.skin.generic_limb import RHO
 
@@ -39,15 +39,16 @@ def _deal(active: Indices, label: Indices, bounds: Indices, members: Indices, co
 
 @inlined
 def _on_limb(
-    T_SL: Array, x: float, y: float, z: float, length: float, side: float
+    T_SL: tuple[Row, Row, Row], x: float, y: float, z: float, length: float, side: float
 ) -> tuple[float, float, float]:
     """u, y and z on the generic limb of a point of the link (eqs 4, 6), see `limb_coordinates` and
     `generic_limb_point`; NaN without a limb."""
     if length == 0.0:
         return np.nan, np.nan, np.nan
-    x_S = T_SL[0, 0] * x + T_SL[0, 1] * y + T_SL[0, 2] * z + T_SL[0, 3]
-    y_S = side * (T_SL[1, 0] * x + T_SL[1, 1] * y + T_SL[1, 2] * z + T_SL[1, 3])
-    z_S = T_SL[2, 0] * x + T_SL[2, 1] * y + T_SL[2, 2] * z + T_SL[2, 3]
+    a, b, c = T_SL
+    x_S = a[0] * x + a[1] * y + a[2] * z + a[3]
+    y_S = side * (b[0] * x + b[1] * y + b[2] * z + b[3])
+    z_S = c[0] * x + c[1] * y + c[2] * z + c[3]
     r = np.sqrt(x_S * x_S + y_S * y_S)
     if r == 0.0:
         return -z_S / length, 0.0, RHO
@@ -151,9 +152,6 @@ def describe(
     count: int,
     first: int,
     begin: int,
-    T_SL: Array,
-    turn: Array,
-    mean: Array,
     numbers: Array,
     vectors: Array,
     indices: Indices,
@@ -164,17 +162,16 @@ def describe(
     `places` (4, k): force [N], and u, y, z on the generic limb (eqs 3-4, 6).
 
     The link is at `T_TL` (4, 4), its limb's link at `T_TG`, `limb` (15,) at `posture` (4,) [rad], see
-    `limb_pose`; `T_SL` (4, 4), `turn` (3, 3) and `mean` (3,) are room to work in.
+    `limb_pose`.
     """
     n = len(force)
     members, bounds = work[:n], work[n : 2 * n + 1]
     length, side = limb[12], limb[13]
-    if length > 0.0:
-        limb_pose(T_TL, T_TG, limb, posture, T_SL, turn)
+    T_SL = limb_pose(T_TL, T_TG, limb, posture)
     for row in range(count):
         c = first + row
         total, peak, area = 0.0, 0.0, 0.0
-        mean[0] = mean[1] = mean[2] = 0.0
+        mean_x, mean_y, mean_z = 0.0, 0.0, 0.0
         for place in range(bounds[row], bounds[row + 1]):
             i = members[place]
             f = force[i]
@@ -182,18 +179,16 @@ def describe(
             peak = max(peak, f)
             area += taxels[i, 6]
             x, y, z = taxels[i, 0], taxels[i, 1], taxels[i, 2]
-            mean[0] += f * x
-            mean[1] += f * y
-            mean[2] += f * z
+            mean_x += f * x
+            mean_y += f * y
+            mean_z += f * z
             indices[begin + place] = i
             u, y_L, z_L = _on_limb(T_SL, x, y, z, length, side)
             places[0, begin + place] = f
             places[1, begin + place] = u
             places[2, begin + place] = y_L
             places[3, begin + place] = z_L
-        mean[0] /= total
-        mean[1] /= total
-        mean[2] /= total
+        mean = mean_x / total, mean_y / total, mean_z / total
         nearest(mean, taxels, faces, box, cells, vectors[c, P_L], vectors[c, N_L])
         x, y, z = vectors[c, P_L, 0], vectors[c, P_L, 1], vectors[c, P_L, 2]
         nx, ny, nz = vectors[c, N_L, 0], vectors[c, N_L, 1], vectors[c, N_L, 2]

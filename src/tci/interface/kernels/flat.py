@@ -91,7 +91,7 @@ def _span(a: float, b: float, c: float, low: float, scale: float, cells: float) 
     return min(first, most), min(last, most)
 
 
-@compiled(writes(1, int32)(reads(2), reads(2, int32), reads(1), int64))
+@compiled(writes(1, int32)(reads(2), reads(2, int32), reads(1), int64), allocates=True)
 def _fill(positions: Array, faces: Indices, box: Array, count: int) -> Indices:
     """`FlatSurface.cells`: every face in each cell that its bounding box reaches into."""
     starts = np.zeros(count + 1, np.int64)

@@ -7,13 +7,14 @@ import numpy as np
 from tci.frames import Array
 from tci.interface.kernels.compiled import inlined
 from tci.interface.kernels.flat import Indices
+from tci.interface.kernels.limb import Vector
 
 
 @inlined
 def nearest(
-    point: Array, taxels: Array, faces: Indices, box: Array, cells: Indices, p_L: Array, n_L: Array
+    point: Vector, taxels: Array, faces: Indices, box: Array, cells: Indices, p_L: Array, n_L: Array
 ) -> None:
-    """Write the point `p_L` (3,) [m] of the surface next to `point` (3,) [m], and its normal `n_L` (3,).
+    """Write the point `p_L` (3,) [m] of the surface next to a `point` [m], and its normal `n_L` (3,).
 
     The same as `Surface.project`; of a surface without faces it is the nearest taxel. Cells around the
     point are searched shell by shell, until the best face is nearer than the next shell.
@@ -26,8 +27,8 @@ def nearest(
             apart = _square(taxels[i, 0] - point[0], taxels[i, 1] - point[1], taxels[i, 2] - point[2])
             if apart < best:
                 best = apart
-                p_L[:] = taxels[i, :3]
-                n_L[:] = taxels[i, 3:6]
+                for axis in range(3):
+                    p_L[axis], n_L[axis] = taxels[i, axis], taxels[i, 3 + axis]
         return
     x, y, z = (point[0] - box[0]) * scale, (point[1] - box[1]) * scale, (point[2] - box[2]) * scale
     cx, cy, cz = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
@@ -61,7 +62,7 @@ def nearest(
 
 @inlined
 def _closer(
-    point: Array, taxels: Array, a: int, b: int, c: int, best: float, p_L: Array, n_L: Array
+    point: Vector, taxels: Array, a: int, b: int, c: int, best: float, p_L: Array, n_L: Array
 ) -> float:
     """Write point and normal (not of length 1) of face a b c if nearer than `best` [m2]; the least distance.
 

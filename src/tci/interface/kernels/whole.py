@@ -108,7 +108,6 @@ def describe_all(
     patch, and which one comes at this place of the order, the strongest of each patch first."""
     c = begin = 0
     rows[0, 0] = 0
-    T_SL, turn, mean = np.empty((4, 4)), np.empty((3, 3)), np.empty(3)
     for p in range(len(counts)):
         count = counts[p]
         if count == 0:
@@ -119,8 +118,7 @@ def describe_all(
         describe(
             force[a:b], own, taxels[a:b], faces[begins[p, FACE] : begins[p + 1, FACE]], box[p],
             cells[begins[p, CELL] : begins[p + 1, CELL]], poses[on[p, LINK]], poses[on[p, LIMB_LINK]],
-            limb[p], posture[on[p, POSTURE]], count, c, begin, T_SL, turn, mean, numbers, vectors, indices,
-            places,
+            limb[p], posture[on[p, POSTURE]], count, c, begin, numbers, vectors, indices, places,
         )  # fmt: skip
         for i in range(count):
             rows[0, c + i + 1] = begin + bounds[i + 1]
@@ -137,7 +135,8 @@ def describe_all(
 @compiled(
     returns(int64, int64)(
         reads(2), views(2), views(1, int64), reads(1), float64, float64, int64, writes(2), writes(2)
-    )
+    ),
+    allocates=True,
 )
 def follow_all(
     old: Array,

@@ -13,6 +13,7 @@ from interface.hostile import Attack
 from interface.self_collision_oracle import Oracle
 from tci.errors import TciError
 from tci.frames import Array
+from tci.interface.gate.body_guard import BodyGuard
 from tci.interface.gate.self_collision import WIDEST, SelfCollision
 from tci.messages import CONTROL_MODES, Mode
 from tci.model.catalogue import load_robot, robot_names
@@ -143,7 +144,7 @@ def test_hostile_commands_are_judged_as_by_measuring_everything(name: str) -> No
     modes = tuple(mode for mode in CONTROL_MODES if mode is not Mode.TORQUE)
     attack = Attack(robot, 5, modes=modes)
     both = Both(robot)
-    attack.gate._motion._body = both  # type: ignore[assignment]
+    attack.gate._motion._body = BodyGuard(both, period=attack.period)  # type: ignore[arg-type]
     for _ in range(PATHS * 5):
         attack.step()
     assert not attack.judge.faults

@@ -61,7 +61,7 @@ def make_chain(
     fresh: Sequence[int],
     period: float,
     speed_share: float,
-    guard: Guard | None,
+    guard: Guard,
 ) -> Chain:
     """A chain of `servos`, at rest where they are `measured` (n_servos,) [rad].
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Protocol
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from ruckig import (
@@ -31,12 +31,19 @@ LEAST_SHARE = 1e-6
 """Least share of the longest way of a straight motion that is told from none; ruckig needs limits above 0."""
 
 
-class Guard(Protocol):
-    """Looks at a stop before the state from which it would be taken is handed out."""
+class Stop(NamedTuple):
+    """A planned stop, and the step to where it begins."""
 
-    def __call__(self, span: Array, stop: Trajectory) -> bool:
-        """Whether a stop may be taken that stays between the angles `span` (2, n) [rad]."""
-        ...
+    here: Array
+    """Angles (n,) [rad] before that step."""
+    span: Array
+    """Least and largest angles (2, n) [rad] of the stop."""
+    way: Trajectory
+    """The stop."""
+
+
+Guard = Callable[[Stop], str]
+"""Looks at a stop before the state where it begins is handed out: why it must not be; empty when it may."""
 
 
 class Limiter:
@@ -48,14 +55,18 @@ class Limiter:
     line, since a line between two points inside limits and couplings stays inside.
     """
 
-    def __init__(self, bounds: Bounds, position: Array, period: float, *, guard: Guard | None = None) -> None:
+    def __init__(
+        self, bounds: Bounds, position: Array, period: float, *, guard: Guard = lambda stop: ""
+    ) -> None:
         """Starts at rest at the measured `position` (n,) [rad]; one step lasts `period` [s].
 
-        A stop that `guard` does not let pass ends the motion as `halt` does.
+        A stop that `guard` does not let pass ends the motion as `halt` does; `ended` tells why.
         """
         count = len(position)
         self.bounds = bounds
         self._guard = guard
+        self.ended = ""
+        """Why the guard ended the motion in the last step; empty when it did not."""
         self.target = np.array(position)
         """Where it is going (n,) [rad]."""
         self._speed = np.array(bounds.velocity)
@@ -128,6 +139,8 @@ class Limiter:
             span = self._plan_stop(state, self._state[0])[1]
         except RuckigError as error:
             raise CommandError("these servos can't join the motion now; valid: ask again later") from error
+        if fault := self._guard(Stop(self._state[0], span, self._candidate)):
+            raise CommandError(f"these servos can't join the motion now: {fault}")
         self._accept_stop(span)
         self.target[places] = other.target[others]
         self._speed[places] = other.speed[others]
@@ -165,6 +178,11 @@ class Limiter:
             self._drive[self._driven] = 0.0
         self._stopping = True
 
+    @property
+    def remaining(self) -> float:
+        """Time [s] that the stop from there takes."""
+        return 0.0 if self._resting else max(self._escape.duration - self._since, 0.0)
+
     def stop_at(self, times: Array) -> Array:
         """Where the servos would be (k, n) [rad] at `times` (k,) [s] from now if they stopped now."""
         if self._resting:
@@ -173,6 +191,7 @@ class Limiter:
 
     def step(self) -> Array:
         """Positions (n,) [rad] one period later."""
+        self.ended = ""
         if not self._resting and (self._stopping or not self._advance()):
             self._brake()
         position: Array = self._state[0]
@@ -196,7 +215,8 @@ class Limiter:
             return False
         if not inside or not self._keeps_couplings(here, *span):
             return False
-        if self._guard is not None and not self._guard(span, self._candidate):
+        if fault := self._guard(Stop(here, span, self._candidate)):
+            self.ended = fault
             self.halt()
             return False
         output.pass_to_input(self._input)

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from operator import is_
 
 import numpy as np
-from ruckig import Trajectory
 
 from tci.errors import CommandError
 from tci.frames import Array
 from tci.interface.gate.acceptance import check_command, check_limits, check_start, check_switch
+from tci.interface.gate.body_guard import BodyGuard
 from tci.interface.gate.bounds import MARGIN
 from tci.interface.gate.chain import Chain, groups_of, make_chain
-from tci.interface.gate.limiter import Guard
+from tci.interface.gate.limiter import Guard, Stop
 from tci.interface.gate.self_collision import SelfCollision
 from tci.interface.gate.settings import GateSettings, Tally
 from tci.interface.gate.speeds import Speeds
@@ -28,9 +28,6 @@ STILL = 1e-6
 """Commanded speed [rad/s] that is only rounding."""
 FASTEST = 1e6
 """No servo is asked for more [rad/s]: larger numbers overflow where they are divided."""
-LOOKS = 16
-"""Points of a stop, its ends among them, at which the robot's body is looked at. Ours: others lie between."""
-SHARES_OF_STOP = np.linspace(0.0, 1.0, LOOKS)
 
 
 class Motion:
@@ -51,9 +48,8 @@ class Motion:
         self._switched: set[int] = set()
         self._shares = np.zeros(len(robot.servos))
         margin = settings.self_collision
-        solid = robot.model is not None and margin is not None
-        self._body = SelfCollision(robot, margin=margin) if solid and margin is not None else None
-        self._near: list[str] = []
+        body = None if robot.model is None or margin is None else SelfCollision(robot, margin=margin)
+        self._body = None if body is None else BodyGuard(body, period=period)
         self._shown: Reference | None = None
         self._states: list[Array] = []
         self.modes = [servo.modes[0] for servo in robot.servos]
@@ -129,13 +125,19 @@ class Motion:
         """Move by one period; says which motions were ended so that the robot does not hit itself."""
         self._switched.clear()
         old = now - self._fed > self._settings.command_timeout
+        near: list[str] = []
+        if self._body is not None:
+            self._body.begin(self._chains.values())
         for chain in self._chains.values():
             late = [place for place in chain.driven if old[chain.servos[place]]]
             if late:
                 chain.limiter.drive_at(late, np.zeros(len(late)))
             chain.limiter.step()
+            if self._body is not None:
+                self._body.stepped(chain)
+            if chain.limiter.ended:
+                near.append(f"stopped on the way: {chain.limiter.ended}")
         self._torque.relax(np.flatnonzero(old))
-        near, self._near = self._near, []
         self._tally.near_misses += len(near)
         return near
 
@@ -274,7 +276,7 @@ class Motion:
             fresh=fresh,
             period=self._period,
             speed_share=self._settings.speed_share,
-            guard=self._guard(group) if self._body else None,
+            guard=self._guard(group, sorted(servos)),
         )
         driven = [s for s in chain.servos if self.modes[s] is Mode.VELOCITY]
         places = [p for p in chain.places(driven) if not np.isfinite(chain.limiter.drive[p])]
@@ -282,31 +284,14 @@ class Motion:
             chain.limiter.drive_at(places, np.zeros(len(places)))
         return chain
 
-    def _guard(self, group: int) -> Guard:
-        """What looks at the robot's body before the chain of a group gets nearer to it."""
-        body = self._body
-        assert body is not None
+    def _guard(self, group: int, servos: Sequence[int]) -> Guard:
+        """What looks at the robot's body before `servos` of a group get nearer to it."""
+        index = np.array(servos, dtype=np.intp)
 
-        def clear(span: Array, stop: Trajectory) -> bool:
-            chain = self._chains[group]
-            box = np.array([self._measured, self._measured])
-            for other in self._chains.values():
-                box[:, other.index] = span if other is chain else other.limiter.span
-            if body.keeps_margin(box):
-                return True
-            times = stop.duration * SHARES_OF_STOP
-            path = np.empty((1 + LOOKS, len(self._measured)))
-            path[:] = self._measured
-            for other in self._chains.values():
-                if other is chain:
-                    path[0, other.index] = other.limiter.state[0]
-                    path[1:, other.index] = [stop.at_time(time)[0] for time in times.tolist()]
-                else:
-                    path[1:, other.index] = other.limiter.stop_at(times)
-                    path[0, other.index] = path[1, other.index]
-            fault = body.fault(path)
-            if fault:
-                self._near.append(f"stopped on the way: {fault}")
-            return not fault
+        def fault(stop: Stop) -> str:
+            if self._body is None:
+                return ""
+            others = [chain for other, chain in self._chains.items() if other != group]
+            return self._body.fault(index, stop, others, self._measured)
 
-        return clear
+        return fault

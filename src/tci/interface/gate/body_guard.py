@@ -1,0 +1,68 @@
+"""Looks at the robot's body before servos that move together get nearer to it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.frames import Array
+from tci.interface.gate.chain import Chain
+from tci.interface.gate.limiter import Stop
+from tci.interface.gate.self_collision import SelfCollision
+
+LOOKS = 16
+"""Points of a stop, its ends among them, at which the robot's body is looked at. Ours: others lie between."""
+SHARES = np.linspace(0.0, 1.0, LOOKS)
+
+
+class BodyGuard:
+    """What all chains do if each of them stops now: a state is handed out only if that hits nothing.
+
+    The robot's joints are not where they were told to be, they lag and sag. So a path counts twice: as it is
+    told, and moved by what the joints are away from it now.
+    """
+
+    def __init__(self, body: SelfCollision, *, period: float) -> None:
+        """One step of a chain takes `period` [s]."""
+        self._body = body
+        self._period = period
+        self._waiting: set[Chain] = set()
+
+    def begin(self, chains: Iterable[Chain]) -> None:
+        """A period begins, in which each of the chains takes a step."""
+        self._waiting = {*chains}
+
+    def stepped(self, chain: Chain) -> None:
+        """A chain has taken its step."""
+        self._waiting.discard(chain)
+
+    def fault(self, index: NDArray[np.intp], stop: Stop, others: Sequence[Chain], measured: Array) -> str:
+        """Why servos `index` (n,) must not go where `stop` begins, while `others` stop; empty when they may.
+
+        Servos of no chain are where they are `measured` (n_servos,) [rad].
+        """
+        told = np.array(measured)
+        told[index] = stop.here
+        box = np.array([told, told])
+        box[:, index] = stop.span
+        for other in others:
+            told[other.index] = other.limiter.state[0]
+            box[:, other.index] = other.limiter.span
+        away = measured - told
+        box[0] += np.minimum(away, 0.0)
+        box[1] += np.maximum(away, 0.0)
+        if self._body.keeps_margin(box):
+            return ""
+        duration = stop.way.duration
+        longest = max((other.limiter.remaining for other in others), default=0.0)
+        times = duration * SHARES
+        if longest > duration:  # another one goes on when these rest
+            times = np.concatenate([times, duration + (longest - duration) * SHARES[1:]])
+        path = np.tile(told, (1 + len(times), 1))
+        path[1:, index] = [stop.way.at_time(time)[0] for time in times.tolist()]
+        for other in others:
+            lead = self._period if other in self._waiting else 0.0
+            path[1:, other.index] = other.limiter.stop_at(times + lead)
+        return self._body.fault(path) or self._body.fault(path + away)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,29 +28,32 @@ class BodyGuard:
         """One step of a chain takes `period` [s]."""
         self._body = body
         self._period = period
+        self._before: dict[Chain, Array] = {}
         self._waiting: set[Chain] = set()
 
-    def begin(self, chains: Iterable[Chain]) -> None:
-        """A period begins, in which each of the chains takes a step."""
+    def turns(self, chains: Collection[Chain]) -> Iterator[Chain]:
+        """The chains, each when it shall take its step of a period."""
+        self._before = {chain: chain.limiter.state[0] for chain in chains}
         self._waiting = {*chains}
-
-    def stepped(self, chain: Chain) -> None:
-        """A chain has taken its step."""
-        self._waiting.discard(chain)
+        for chain in chains:
+            yield chain
+            self._waiting.discard(chain)
+        self._before.clear()
 
     def fault(self, index: NDArray[np.intp], stop: Stop, others: Sequence[Chain], measured: Array) -> str:
         """Why servos `index` (n,) must not go where `stop` begins, while `others` stop; empty when they may.
 
         Servos of no chain are where they are `measured` (n_servos,) [rad].
         """
-        told = np.array(measured)
+        told, away = np.array(measured), np.zeros(len(measured))
         told[index] = stop.here
+        away[index] = measured[index] - stop.here
         box = np.array([told, told])
         box[:, index] = stop.span
         for other in others:
-            told[other.index] = other.limiter.state[0]
+            here = told[other.index] = other.limiter.state[0]
+            away[other.index] = measured[other.index] - self._before.get(other, here)
             box[:, other.index] = other.limiter.span
-        away = measured - told
         box[0] += np.minimum(away, 0.0)
         box[1] += np.maximum(away, 0.0)
         if self._body.keeps_margin(box):

@@ -126,15 +126,12 @@ class Motion:
         self._switched.clear()
         old = now - self._fed > self._settings.command_timeout
         near: list[str] = []
-        if self._body is not None:
-            self._body.begin(self._chains.values())
-        for chain in self._chains.values():
+        chains = self._chains.values()
+        for chain in chains if self._body is None else self._body.turns(chains):
             late = [place for place in chain.driven if old[chain.servos[place]]]
             if late:
                 chain.limiter.drive_at(late, np.zeros(len(late)))
             chain.limiter.step()
-            if self._body is not None:
-                self._body.stepped(chain)
             if chain.limiter.ended:
                 near.append(f"stopped on the way: {chain.limiter.ended}")
         self._torque.relax(np.flatnonzero(old))

@@ -59,3 +59,19 @@ def test_halts_and_new_targets_on_straight_ways_keep_the_bounds() -> None:
             limiter.halt()
         path.append(limiter.step())
     assert_within_bounds(np.array(path))
+
+
+@pytest.mark.parametrize("halted", [False, True])
+def test_what_lies_ahead_is_where_the_servos_then_are(halted: bool) -> None:
+    random = np.random.default_rng(3)
+    limiter = Limiter(BOUNDS, BOUNDS.nearest(random.uniform(BOUNDS.lower, BOUNDS.upper), FREE), PERIOD)
+    aim_anywhere(limiter, random)
+    for _ in range(7):
+        limiter.step()
+    if halted:
+        limiter.halt()
+        limiter.step()
+    told = [limiter.ahead(count * PERIOD) for count in range(1, 60)]
+    went = [limiter.step() for _ in range(1, 60)]
+    np.testing.assert_allclose(told, went, atol=1e-9)
+    assert limiter.ahead(1e3) == pytest.approx(limiter.target, abs=1e-6)

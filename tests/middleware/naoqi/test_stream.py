@@ -15,7 +15,7 @@ from tci.model.catalogue import load_robot
 
 needs_qi()
 
-from tci.middleware.naoqi.stream import Stream  # noqa: E402
+from tci.middleware.naoqi.stream import AHEAD, Stream  # noqa: E402
 from tci.middleware.naoqi.words import CYCLE  # noqa: E402
 
 ROBOT = load_robot("nao")
@@ -82,7 +82,7 @@ def swing(send: Any) -> tuple[np.ndarray, np.ndarray, Motion]:
         joints = JointReading(now, tick, measured, np.zeros(len(measured)))
         safe = gate.step(commands, joints, now)
         commands = []
-        send(motion, safe, gate.targets, measured)
+        send(motion, safe, gate.ahead(AHEAD), measured)
         before = motion.angle
         motion.advance(now)
         at = safe.servos.tolist().index(INDEX)
@@ -98,7 +98,7 @@ def stream() -> Stream:
 
 
 def test_a_steady_motion_is_steady_on_the_robot_and_stutters_without_the_look_ahead() -> None:
-    def plain(motion: Motion, safe: SafeCommand, ends: np.ndarray, measured: np.ndarray) -> None:
+    def plain(motion: Motion, safe: SafeCommand, ahead: np.ndarray, measured: np.ndarray) -> None:
         at = safe.servos.tolist().index(INDEX)
         motion.setAngles([NAME], [float(safe.position[at])], 1.0)
 
@@ -129,7 +129,7 @@ def test_a_servo_at_rest_is_left_alone_and_a_moving_one_gets_at_most_a_target_ea
     count = len(motion.calls)
     safe_count = [0]
 
-    def counted(inner: Motion, safe: SafeCommand, ends: np.ndarray, measured: np.ndarray) -> None:
+    def counted(inner: Motion, safe: SafeCommand, ahead: np.ndarray, measured: np.ndarray) -> None:
         safe_count[0] += 1
 
     swing(counted)
@@ -151,7 +151,7 @@ def test_targets_wait_while_the_robot_has_not_taken_the_one_before() -> None:
         now = tick * PERIOD
         joints = JointReading(now, tick, position, np.zeros(len(position)))
         safe = gate.step(commands, joints, now)
-        ours.send(motion, safe, gate.targets, position)
+        ours.send(motion, safe, gate.ahead(AHEAD), position)
         commands = []
     assert len(motion.calls) == 1
 
@@ -167,5 +167,5 @@ def test_what_the_robot_refuses_is_counted_in_its_words() -> None:
         joints = JointReading(now, tick, position, np.zeros(len(position)))
         commands = [arm.command({NAME: -0.1})] if tick == 0 else []
         safe = gate.step(commands, joints, now)
-        ours.send(motion, safe, gate.targets, position)
+        ours.send(motion, safe, gate.ahead(AHEAD), position)
     assert list(ours.errors) == [f"setAngles of {NAME}: ALMotion: too hot"]

@@ -5,39 +5,112 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tci.middleware.yarp.set_points import ENDED, KEPT, SetPoints
+from tci.frames import Array
+from tci.interface.gate.bounds import bounds_of
+from tci.interface.gate.limiter import Limiter
+from tci.middleware.yarp.set_points import ENDED, SetPoints, stopping_distance
+from tci.model.catalogue import load_robot
 
 PERIOD = 0.005
-SPEED, BRAKE = 5.0, 40.0
+SPEED, BRAKE, JERK = 5.0, 40.0, 2000.0
+STOP = 2.0**2 / (2.0 * BRAKE) + 2.0 * BRAKE / (2.0 * JERK)
+"""Way to rest from 2 rad/s."""
+NAO = load_robot("nao")
+ARM = [servo.index for servo in NAO.servos if servo.robot_part == "LArm" and servo.limits.jerk]
 
 
 def fed(points: SetPoints, values: list[float]) -> list[float]:
-    return [float(points.lead([0], np.array([v]), 10.0 + n * PERIOD)[0]) for n, v in enumerate(values)]
+    here = np.array(values[:1])
+    return [float(points.lead([0], np.array([v]), here, 10.0 + n * PERIOD)[0]) for n, v in enumerate(values)]
 
 
 def make() -> SetPoints:
-    return SetPoints(np.array([SPEED]), np.array([BRAKE]))
+    return SetPoints(np.array([SPEED]), np.array([BRAKE]), np.array([JERK]))
+
+
+def follow(way: Array, *, period: float, lead: bool, jitter: float = 0.0) -> tuple[Array, Array, Array]:
+    """NAO's arm goes `way` (n,) [rad]: angles each 2 ms where it is told so itself, and where it gets the
+    set-points of somebody who is told so and sends one each `period` [s]; and where that one was last."""
+    bounds, _ = bounds_of(NAO, ARM, speed_share=0.9)
+    here = bounds.nearest(np.array(NAO.initial_position)[ARM], np.ones(len(ARM), dtype=bool))
+    random = np.random.default_rng(0)
+    told, robot = Limiter(bounds, here, 0.002), Limiter(bounds, here, 0.002)
+    sender = Limiter(bounds, here, period)
+    points = SetPoints(bounds.velocity, bounds.acceleration, bounds.jerk)
+    for one in (told, sender):
+        one.aim(here + way, bounds.velocity)
+    direct, followed, due, sent = [], [], 0.0, here
+    for step in range(250):
+        if step * 0.002 >= due:
+            sent = sender.step()
+            arrived = 10.0 + due + random.uniform(0.0, jitter)
+            led = points.lead(range(len(ARM)), sent, here, arrived) if lead else sent
+            robot.aim(bounds.nearest(led, np.ones(len(ARM), dtype=bool)), bounds.velocity)
+            due += period
+        direct.append(told.step())
+        followed.append(robot.step())
+    return np.array(direct) - here, np.array(followed) - here, sent - here
+
+
+WAY = np.deg2rad([6.0, 14.0, 6.0, -11.0, 0.0])[: len(ARM)]
+
+
+@pytest.mark.parametrize("period", [0.005, 0.01])
+def test_who_is_led_is_not_behind_its_sender_and_goes_no_farther(period: float) -> None:
+    direct, followed, _ = follow(WAY, period=period, lead=True, jitter=0.001)
+    _, plain, _ = follow(WAY, period=period, lead=False)
+
+    def when(path: Array, angle: float) -> int:
+        return int(np.argmax(np.abs(path[:, 1]) >= np.deg2rad(angle)))
+
+    assert when(followed, 7.0) < when(plain, 7.0) - 5
+    assert when(followed, 7.0) <= when(direct, 7.0) + 1e3 * period / 2 + 2
+    if period == PERIOD:
+        assert when(followed, 0.02) == when(direct, 0.02), "it begins as if it were told itself"
+        assert when(plain, 0.02) > when(direct, 0.02) + 1
+    np.testing.assert_allclose(followed[-1], WAY, atol=1e-5)
+    assert np.all(np.abs(followed) <= np.abs(WAY) + np.deg2rad(0.05 if period == PERIOD else 0.2))
+
+
+def test_the_way_to_rest_is_that_of_the_gate() -> None:
+    random = np.random.default_rng(0)
+    bounds, _ = bounds_of(NAO, ARM, speed_share=0.9)
+    here = bounds.nearest(np.array(NAO.initial_position)[ARM], np.ones(len(ARM), dtype=bool))
+    limiter = Limiter(bounds, here, PERIOD)
+    limiter.aim(here + WAY, bounds.velocity)
+    for _ in range(random.integers(5, 12)):
+        limiter.step()
+    position, speed, rise = (row.copy() for row in limiter.state)
+    limiter.halt()
+    way = np.sign(speed)
+    expected = way * stopping_distance(way * speed, way * rise, bounds.acceleration, bounds.jerk)
+    np.testing.assert_allclose(position + expected, limiter.target, atol=1e-12)
 
 
 def test_a_steady_stream_is_led_by_the_distance_of_a_stop() -> None:
     values = [2.0 * PERIOD * n for n in range(20)]
-    went = fed(make(), values)
-    assert went[: KEPT - 1] == values[: KEPT - 1]
-    np.testing.assert_allclose(np.array(went[KEPT - 1 :]) - values[KEPT - 1 :], 2.0**2 / (2 * BRAKE))
+    went = np.array(fed(make(), values)) - values
+    np.testing.assert_allclose(went[5:], STOP)
 
 
 @pytest.mark.parametrize(
     "values",
-    [[0.0] * 9 + [1.0] * 9, [0.0, 1.0] * 9, [1.0], [0.0] * 30],
-    ids=["step", "zigzag", "one", "rest"],
+    [[0.0] * 9 + [1.0] * 9, [0.0, 1.0] * 9, [0.0, 1.0], [0.0] * 30, [n + 0.3 * (n % 3) for n in range(30)]],
+    ids=["step", "zigzag", "one", "rest", "rough"],
 )
-def test_what_is_no_motion_is_not_led(values: list[float]) -> None:
+def test_what_no_limited_motion_makes_is_not_led(values: list[float]) -> None:
     assert fed(make(), values) == values
+
+
+def test_joints_without_limits_are_not_led() -> None:
+    never = np.array([np.nan])
+    values = [2.0 * PERIOD * n for n in range(20)]
+    assert fed(SetPoints(np.array([SPEED]), np.array([BRAKE]), never), values) == values
 
 
 def test_a_stream_is_never_led_faster_than_its_joint_may_go() -> None:
     went = fed(make(), [float(n) for n in range(10)])
-    assert went[-1] == pytest.approx(9.0 + SPEED**2 / (2 * BRAKE))
+    assert went[-1] == pytest.approx(9.0 + SPEED**2 / (2 * BRAKE) + SPEED * BRAKE / (2 * JERK))
 
 
 def test_a_stream_that_ends_in_the_middle_ends_at_its_last_set_point_and_says_so_once() -> None:
@@ -57,7 +130,7 @@ def test_set_points_that_come_together_are_no_faster_motion() -> None:
     for number in range(60):
         arrived = 10.0 + PERIOD * (number if number < 50 else 49 + (number - 49) * 1e-3)
         value = 2.0 * PERIOD * number
-        went.append(float(points.lead([0], np.array([value]), arrived)[0]) - value)
+        went.append(float(points.lead([0], np.array([value]), np.zeros(1), arrived)[0]) - value)
     assert max(went[50:]) <= went[45] * 1.01
 
 

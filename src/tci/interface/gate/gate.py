@@ -95,6 +95,11 @@ class Gate:
         """Where the servos under command are going [rad], in the order of `SafeCommand.servos`."""
         return self._motion.targets
 
+    def ahead(self, time: float) -> Array:
+        """Where the servos under command will be [rad] in `time` [s] if nothing else is asked for, in the
+        order of `SafeCommand.servos`: for robots that need to know their way before they go it."""
+        return self._motion.ahead(time)
+
     @property
     def modes(self) -> tuple[Mode, ...]:
         """The control mode of every servo."""

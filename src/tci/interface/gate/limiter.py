@@ -26,7 +26,6 @@ CREEP = 0.1
 """Share of the speed limit at which a servo that starts outside its limits moves inward. Ours."""
 LONGEST_STOP = 512
 """Periods of a stop beside a coupling that are looked at one by one; a longer stop is not risked there."""
-
 LEAST_SHARE = 1e-6
 """Least share of the longest way of a straight motion that is told from none; ruckig needs limits above 0."""
 
@@ -188,6 +187,14 @@ class Limiter:
         if self._resting:
             return np.tile(self._state[0], (len(times), 1))
         return np.array([self._escape.at_time(time)[0] for time in (self._since + times).tolist()])
+
+    def ahead(self, time: float) -> Array:
+        """Where the servos will be (n,) [rad] in `time` [s] if nothing else is asked for."""
+        if self._resting:
+            return self._state[0]
+        if self._stopping or self._since > 0.0:
+            return np.array(self._escape.at_time(self._since + time)[0])
+        return np.array(self._output.trajectory.at_time(self._output.time + time)[0])
 
     def step(self) -> Array:
         """Positions (n,) [rad] one period later."""

@@ -80,6 +80,11 @@ class Motion:
         targets = [chain.limiter.target for chain in self._chains.values()]
         return np.concatenate([*targets, self._measured[self._torque.servos]])
 
+    def ahead(self, time: float) -> Array:
+        """Where the servos under command will be [rad] in `time` [s], in the order of `reference`."""
+        planned = [chain.limiter.ahead(time) for chain in self._chains.values()]
+        return np.concatenate([*planned, self._measured[self._torque.servos]])
+
     @property
     def moves(self) -> bool:
         """Whether any servo is told to move now."""

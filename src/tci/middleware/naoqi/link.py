@@ -19,7 +19,7 @@ from tci.middleware.naoqi import autonomy, words
 from tci.middleware.naoqi.diagnose import examine
 from tci.middleware.naoqi.poller import Poller, Services
 from tci.middleware.naoqi.session import answer, parse_address
-from tci.middleware.naoqi.stream import Stream
+from tci.middleware.naoqi.stream import AHEAD, Stream
 from tci.model.description import Robot
 
 PATIENCE = 0.7
@@ -110,7 +110,7 @@ class NaoqiLink(Link):
                 self._on[list(safe.stiffness)] = self.clock.now()
             assert self._stream is not None  # it is armed
             measured = self._poller.latest.reading.joints.position
-            self._stream.send(motion, safe, self.gate.targets, measured)
+            self._stream.send(motion, safe, self.gate.ahead(AHEAD), measured)
         except (LinkError, RuntimeError) as error:
             if self._poller.services.session.isConnected():
                 raise LinkError(f"{self.robot.name} does not take a command: {error}") from error

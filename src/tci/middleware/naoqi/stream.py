@@ -14,11 +14,10 @@ import numpy as np
 
 from tci.frames import Array
 from tci.interface.gate.gate import SafeCommand
-from tci.messages import Mode
 from tci.middleware.naoqi.words import CYCLE
 
 AHEAD = 2.0 * CYCLE
-"""How far ahead [s] of its reference a servo is sent, but not beyond the end of its way. Ours."""
+"""How far ahead [s] of its reference a servo is sent, on the way that the gate has planned. Ours."""
 CATCH_UP = 0.05
 """A servo gets the speed that takes it to its target in this time [s]: a little more than AHEAD, so that it
 is neither there before the next target comes, nor far behind. Ours."""
@@ -48,17 +47,13 @@ class Stream:
         self._sent = np.full(count, -np.inf)
         self._running: dict[int, Any] = {}
 
-    def send(self, motion: Any, safe: SafeCommand, ends: Array, measured: Array) -> None:
+    def send(self, motion: Any, safe: SafeCommand, ahead: Array, measured: Array) -> None:
         """Send the servos (k,) of a command on their way.
 
-        `ends` (k,) [rad] is where they are going, `measured` (n,) [rad] where all servos are.
+        `ahead` (k,) [rad] is where they will be AHEAD later, `measured` (n,) [rad] where all servos are.
         """
         servos, now = safe.servos, safe.stamp
-        ahead = AHEAD * safe.velocity
-        driven = np.array([mode is Mode.VELOCITY for mode in safe.modes], dtype=bool)
-        left = np.where(driven, ahead, ends - safe.position)
-        ahead = np.where(ahead * left > 0.0, np.sign(ahead) * np.minimum(np.abs(ahead), np.abs(left)), 0.0)
-        target = np.clip(safe.position + ahead, self.lower[servos], self.upper[servos])
+        target = np.clip(ahead, self.lower[servos], self.upper[servos])
         speed = np.abs(target - measured[servos]) / CATCH_UP
         share = np.clip(speed / self.fastest[servos], LEAST, 1.0)
         known = np.abs(target - self._target[servos]) < SAME

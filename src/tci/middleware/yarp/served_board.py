@@ -52,9 +52,12 @@ class ServedBoard:
         self._words = [POSITION] * self.count
         self._compliant = [False] * self.count
         self._impedance = np.tile([FULL_STIFFNESS, FULL_DAMPING], (self.count, 1))
-        velocity = [servo.limits.velocity or 0.0 for servo in self.servos]
-        acceleration = [servo.limits.acceleration or 0.0 for servo in self.servos]
-        self._set_points = SetPoints(np.array(velocity), np.array(acceleration))
+        limits = [servo.limits for servo in self.servos]
+        self._set_points = SetPoints(
+            np.array([limit.velocity for limit in limits], dtype=float),
+            np.array([limit.acceleration for limit in limits], dtype=float),
+            np.array([limit.jerk for limit in limits], dtype=float),
+        )
         self._targets = np.full(self.count, np.nan)
         self.state = BoardState(np.zeros(self.count))
         """The latest state."""
@@ -124,7 +127,7 @@ class ServedBoard:
             self._targets[chosen] = values
         values = values if stream is Stream.TORQUE else np.deg2rad(values)
         if stream is Stream.POSITION:
-            values = self._set_points.lead(chosen, values)
+            values = self._set_points.lead(chosen, values, np.deg2rad(self.state.position[chosen]))
         self._stream(stream, chosen, values)
 
     def mind(self) -> None:

@@ -54,6 +54,15 @@ def test_taxel_stuck_high_is_masked_and_comes_back(bench: Bench) -> None:
     assert bench.subject.health.coverage == 1.0
 
 
+def test_taxel_stuck_anywhere_all_alone_is_masked_after_two_lessons(bench: Bench) -> None:
+    bench.feed(11.0, t100=200.0)  # a lesson is 50 frames, 5 s
+    assert dict(bench.subject.health.masked) == {100: "stuck"}
+    bench.feed(5.0, t100=bench.subject.patch.sensor.rest)
+    assert bench.subject.health.coverage == 1.0
+    bench.feed(11.0, t100=200.0, t101=200.0)
+    assert bench.subject.health.coverage == 1.0, "a press of two, however still"
+
+
 def test_taxel_stuck_low_is_masked(bench: Bench) -> None:
     bench.feed(90.0, t5=bench.subject.patch.sensor.rest)
     assert dict(bench.subject.health.masked) == {5: "dead"}

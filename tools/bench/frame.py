@@ -48,7 +48,7 @@ def respond(
             values[again & 1], which, stamps, 1.0, table, sensor, offset, memory, octets, words, blocks,
             state, channels, gain, nodes, area, force, active, actives, felt, pressure, ends,
         )  # fmt: skip
-        count, k = cluster_all(force, floor, touch, active, actives, graph, begins, work, found)
+        count, k, _ = cluster_all(force, floor, touch, active, actives, graph, begins, work, found)
         if count == 0:
             continue
         numbers, vectors = np.empty((count, NUMBERS)), np.empty((count, VECTORS, 3))

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from tci.frames import apply, invert
+from tci.interface.kernels.lone import ONE_SIDED
 from tci.interface.skin.contacts import ContactSettings, centre_of_pressure
 from tci.interface.skin.skin import Skin, segment_pose
 from tci.messages import Contact, SkinState
@@ -38,6 +39,30 @@ def clusters(forces: np.ndarray, neighbours: np.ndarray, settings: ContactSettin
     return [np.flatnonzero(active & (labels == seed)) for seed in seeds]
 
 
+def is_touch(skin: Skin, patch: str, forces: np.ndarray, taxel: int, settings: ContactSettings) -> bool:
+    """Whether a taxel that is pressed all alone is a touch, in a frame of which nothing came before."""
+    lone, surface = settings.lone, skin.surfaces[patch]
+    if lone is None:
+        return True
+    flat = skin.flat_skin()
+    own = [site.patch for site in flat.sites].index(patch)
+    least = skin.least(flat)[flat.begins[own, 0] : flat.begins[own + 1, 0]]
+    pairs = np.concatenate([surface.neighbours, surface.neighbours[:, ::-1]])
+    others = pairs[pairs[:, 0] == taxel, 1]
+    ways = surface.positions[others] - surface.positions[taxel]
+    apart = np.linalg.norm(ways, axis=1)
+    near = (apart > 0.0) & (apart <= lone.reach) & np.isfinite(least[others]) & np.isfinite(forces[others])
+    ways = ways[near] - np.outer(ways[near] @ surface.normals[taxel], surface.normals[taxel])
+    units = ways / np.maximum(np.linalg.norm(ways, axis=1), 1e-300)[:, None]
+    if not near.any() or np.linalg.norm(units.mean(axis=0)) > ONE_SIDED:
+        return True
+    area, force = surface.areas[taxel], forces[taxel]
+    variance = lone.cover**2 + area / 12.0 + (lone.tip * np.cbrt(force)) ** 2 / 4.0
+    pressure = force / area * np.exp(-(apart[near] ** 2) / (2.0 * variance))
+    notices = np.maximum(least[others[near]], settings.floor / surface.areas[others[near]])
+    return not np.any(pressure >= lone.sure * notices)
+
+
 def project(surface: Surface, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """As `Surface.project`, by faces with each corner within an edge of the nearest corner's distance."""
     corners = surface.positions[surface.faces]
@@ -62,6 +87,8 @@ def contacts(
         T_TS = segment_pose(part, segment, state.link_poses[segment.link], posture[patch.part])
         own = []
         for taxels in clusters(felt.force, surface.neighbours, settings):
+            if len(taxels) == 1 and not is_touch(skin, patch.name, felt.force, taxels[0], settings):
+                continue
             positions, forces = surface.positions[taxels], felt.force[taxels]
             p_L, n_L = project(surface, centre_of_pressure(positions, forces))
             points_S = apply(invert(T_TS) @ T_TL, np.concatenate([p_L[None], positions]))

@@ -111,7 +111,7 @@ def test_skin_without_faces_has_its_nearest_taxel() -> None:
     surface = skin.surfaces["left_forearm"]
     skin.surfaces = {"left_forearm": replace(surface, faces=np.zeros((0, 3), np.intp))}
     force = np.zeros(len(surface.positions))
-    force[7] = 2.0
+    force[7] = 0.5
     _, posture = touched(skin_of("nao"), 0)
     poses = skin.kinematics.poses(np.zeros(len(skin.robot.servos)), skin.kinematics.links)
     state = SkinState({"left_forearm": PatchState("left_forearm", 0.0, 0, force, force)}, poses)

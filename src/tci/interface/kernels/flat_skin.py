@@ -55,6 +55,8 @@ class FlatSkin:
     """Memory of the loops, not for two threads at once."""
     force: Array
     """Room for the force (n,) [N] on all taxels."""
+    rates: Array
+    """Frames per second (p,) of each patch."""
     counts: NDArray[np.int64]
     """Contacts (p,) of each patch in the latest frame."""
 
@@ -95,6 +97,7 @@ class FlatSkin:
             on=read_only(on, np.int64),
             work=np.zeros(4 * count + len(patches), np.int32),
             force=np.zeros(count),
+            rates=read_only([patch.rate for patch in patches]),
             counts=np.zeros(len(patches), np.int64),
         )
 

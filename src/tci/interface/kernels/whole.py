@@ -36,7 +36,7 @@ def _apart(one: Array, other: Array) -> float:
 
 
 @compiled(
-    returns(int64, int64)(
+    returns(int64, int64, int64)(
         reads(1),
         float64,
         float64,
@@ -58,13 +58,14 @@ def cluster_all(
     begins: Indices,
     work: Indices,
     counts: Indices,
-) -> tuple[int, int]:
-    """`cluster` on every patch: the number of contacts and of their taxels; `counts` (p,) of each patch.
+) -> tuple[int, int, int]:
+    """`cluster` on every patch: the number of contacts, of their taxels, and of those of a single taxel;
+    `counts` (p,) of each patch.
 
     `active` taxels (n,) of each patch, and how many (p,) they are, -1 where nobody knows; `begins` (p + 1, 4)
     see above; `work` (4 n + p,) is memory that is zero before the first call.
     """
-    contacts, taxels = 0, 0
+    contacts, taxels, lone = 0, 0, 0
     for p in range(len(counts)):
         a, b = begins[p, TAXEL], begins[p + 1, TAXEL]
         own = work[4 * a + p : 4 * b + p + 1]
@@ -75,7 +76,9 @@ def cluster_all(
             counts[p] = cluster_of(force[a:b], floor, touch, active[a : a + actives[p]], edges, own)
         contacts += counts[p]
         taxels += own[b - a + counts[p]] if counts[p] else 0
-    return contacts, taxels
+        for i in range(b - a, b - a + counts[p]):
+            lone += own[i + 1] - own[i] == 1
+    return contacts, taxels, lone
 
 
 @compiled(

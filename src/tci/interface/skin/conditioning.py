@@ -123,6 +123,7 @@ class Conditioner:
         self._active = np.zeros(count, np.uint8)
         self._pressure = np.zeros(count)
         self._masked = read_only(self._health.state, np.bool_)
+        self._least: Array | None = None
         self._saturated = 0
         self._frames = self._in_lesson = self._bends = 0
         self._due, self._phase = self.settings.baseline.lesson, phase
@@ -136,6 +137,15 @@ class Conditioner:
     def masked(self) -> NDArray[np.bool_]:
         """Which taxels (n,) are ignored: an array that nobody changes."""
         return self._masked
+
+    @property
+    def least(self) -> Array:
+        """Pressure (n,) [Pa] from which taxels feel something, at least one count; masked ones: infinite."""
+        if self._least is None:
+            counts = np.maximum(self.baseline.threshold, 1.0)
+            pressure = np.interp(counts, *self.nodes) if self.nodes.size else self.gain * counts
+            self._least = read_only(np.where(self._masked, np.inf, pressure))
+        return self._least
 
     @property
     def silent(self) -> NDArray[np.bool_]:
@@ -164,7 +174,7 @@ class Conditioner:
     def revive(self, changed: NDArray[np.bool_]) -> None:
         """Taxels that were dead or stuck and `changed` (n,) are believed again, from the next frame on."""
         self._health.revive(changed)
-        self._masked = read_only(self._health.state, np.bool_)
+        self._masked, self._least = read_only(self._health.state, np.bool_), None
 
     @property
     def health(self) -> PatchHealth:
@@ -278,7 +288,7 @@ class Conditioner:
 
     def _round(self) -> None:
         """What the loop compares with, in single precision: exact for counts below 2^24."""
-        self._values = None
+        self._values = self._least = None
         self.offset = self.baseline.offset.astype(np.float32)
         self.threshold = self.baseline.threshold.astype(np.float32)
 

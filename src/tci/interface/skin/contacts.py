@@ -7,7 +7,7 @@ onto the bare skin between them, or inside the limb.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Literal
 
@@ -23,6 +23,7 @@ from tci.interface.kernels.weighted_force import mean_force
 from tci.interface.kernels.whole import cluster_all, describe_all
 from tci.interface.skin.contact_table import ContactTable
 from tci.interface.skin.felt import Felt, FeltPatches
+from tci.interface.skin.lone import LoneSettings
 from tci.interface.skin.skin import Skin
 from tci.interface.skin.tracking import Tracker
 from tci.messages import Contact, PatchState, SkinState
@@ -41,6 +42,8 @@ class ContactSettings:
     floor: float = 0.01
     """It grows over neighbours that feel this much [N], so that the weak edge of a touch is not lost.
     Ours: below one of an iCub's counts; a sensor that flickers at rest needs more."""
+    lone: LoneSettings | None = field(default_factory=LoneSettings)
+    """When a taxel that is pressed all alone is a touch; None: always."""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.floor <= self.touch < np.inf:
@@ -59,8 +62,8 @@ def find_contacts(
     """All contacts of the skin, patch by patch in the robot's order, the strongest first.
 
     `posture` holds the generic angles (n,) [rad] of each part that carries skin. A `tracker` gives contacts
-    the identity that they had in the frame before; without one all are new. Raises UnknownNameError when
-    the posture lacks a part that is touched.
+    the identity that they had in the frame before; without one all are new, and no lone taxel waits. Raises
+    UnknownNameError when the posture lacks a part that is touched.
     """
     flat = skin.flat_skin()
     known = state.patches.felt if isinstance(state.patches, FeltPatches) else state.patches
@@ -69,7 +72,7 @@ def find_contacts(
         return ()
     force, active, actives = skin.force_now(flat, state)
     # NaN is neither above nor below anything, so it never seeds a contact and never joins one.
-    count, taxels = cluster_all(
+    count, taxels, lone = cluster_all(
         force,
         settings.floor,
         settings.touch,
@@ -80,7 +83,16 @@ def find_contacts(
         flat.work,
         flat.counts,
     )
+    stamps = [np.nan if one is None else one.stamp for one in felt] if count else []
+    waits, tracker = tracker is not None, tracker or Tracker()
+    if lone and settings.lone is not None:
+        count, taxels = tracker.lone.leave_out(
+            flat, force, skin.least(flat), stamps, lone, waits, floor=settings.floor, settings=settings.lone
+        )
+    else:
+        tracker.lone.nobody_waits()
     if not count:
+        tracker.lone.remember()
         return ()
     touched = flat.counts.nonzero()[0].tolist()
     for p in touched:
@@ -96,9 +108,9 @@ def find_contacts(
     )  # fmt: skip
     for p in touched:
         _turn(p, felt[p], flat, state, rows, vectors, indices)
-    stamps = [np.nan if one is None else one.stamp for one in felt]
     sequences = [-1 if one is None else one.sequence for one in felt]
-    told = (tracker or Tracker()).follow(rows[1, :-1], vectors[:, P_L], np.array(stamps))
+    tracker.lone.remember(rows[0], rows[1, :-1], indices)
+    told = tracker.follow(rows[1, :-1], vectors[:, P_L], np.array(stamps))
     return ContactTable(
         flat.sites, flat.segments, stamps, sequences, rows, numbers, vectors, indices, places, told
     )

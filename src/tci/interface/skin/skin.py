@@ -181,6 +181,11 @@ class Skin:
                 flat.force[flat.begins[p, TAXEL] :][: len(felt.force)] = felt.force
         return flat.force, self.octets.active[:0], np.full(len(flat.sites), -1, np.int64)
 
+    def least(self, flat: FlatSkin) -> Array:
+        """Pressure (n,) [Pa] from which each of the skin's taxels feels something; infinite where it is not
+        believed."""
+        return np.concatenate([self._conditioners[site.patch].least for site in flat.sites])
+
     def _fresh(self, frames: Iterable[SkinFrame]) -> list[SkinFrame]:
         """Those that are newer than what is known of their patch."""
         fresh, held = [], self._felt

@@ -21,7 +21,8 @@ class Health(IntEnum):
     DEAD = 1
     """Its value has not changed for long, at rest, though its patch flickers: masked."""
     STUCK = 2
-    """The same while it reads pressure; or pressed to the end of its range all alone: masked."""
+    """The same while it reads pressure, all alone for a lesson only; or pressed to the end of its range all
+    alone: masked."""
     NOISY = 3
     """Far noisier than its patch: masked."""
 
@@ -32,6 +33,9 @@ class HealthSettings:
 
     still: float = 60.0
     """How long [s] a value may stay the same to the bit while others change."""
+    lively: float = 0.5
+    """Noise [counts] from which a taxel that reads pressure all alone, the same to the bit for one lesson, is
+    stuck: half of such noise's readings differ, so that chance gives 50 alike once in 1e8 lessons."""
     noisy: float = 8.0
     """A taxel this many times as noisy as the median of its patch is masked, until half of that."""
     least_noise: float = 1.0
@@ -87,6 +91,10 @@ class TaxelHealth:
         middle = median(noise)
         if still.any():
             self._judge_still(still, deviation, threshold, middle)
+        frozen = ~changed & (noise >= s.lively)
+        if frozen.any():
+            touched = _touched(deviation, threshold)
+            self.state[frozen & touched & ~near(touched, self._neighbours)] = Health.STUCK
         limit = max(s.noisy * middle, s.least_noise)
         present = lesson.bend / BEND
         self.state[(noise > limit) & (self.state == Health.SOUND)] = Health.NOISY
@@ -98,7 +106,7 @@ class TaxelHealth:
     def _judge_still(
         self, still: NDArray[np.bool_], deviation: Array, threshold: Array, middle: float
     ) -> None:
-        touched = deviation > np.maximum(threshold, 2.0)
+        touched = _touched(deviation, threshold)
         alone = touched & ~near(touched, self._neighbours)
         # Where taxels flicker, one that does not is no sensor; where none ever did, it means nothing.
         if middle > self.settings.flicker:
@@ -107,3 +115,8 @@ class TaxelHealth:
             self.state[still & (alone | (touched & bool(still.all())))] = Health.STUCK
         else:
             self.state[still & alone & (deviation >= 0.9 * self._full)] = Health.STUCK
+
+
+def _touched(deviation: Array, threshold: Array) -> NDArray[np.bool_]:
+    touched: NDArray[np.bool_] = deviation > np.maximum(threshold, 2.0)
+    return touched

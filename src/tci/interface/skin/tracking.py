@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from tci.errors import TciError
 from tci.frames import Array
 from tci.interface.kernels.whole import TRACK, follow_all
+from tci.interface.skin.lone import LoneTaxels
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +35,8 @@ class Tracker:
         self.settings = settings or TrackSettings()
         self._tracks = np.zeros((0, TRACK))
         self._next = 1
+        self.lone = LoneTaxels()
+        """Taxels that are pressed alone."""
 
     def follow(self, patches: NDArray[np.int64], centres: Array, stamps: Array) -> Array:
         """Identity, begin [s] and distance [m] from its beginning (c, 3), of each contact of a frame.

@@ -1,0 +1,164 @@
+"""A taxel that is pressed all alone: a light touch, or a broken taxel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+import tci
+from tci.errors import TciError
+from tci.frames import read_only
+from tci.interface.body import Body
+from tci.interface.part import generic_posture
+from tci.interface.skin.contacts import ContactSettings, find_contacts
+from tci.interface.skin.lone import LoneSettings
+from tci.interface.skin.skin import Skin
+from tci.interface.skin.taxel_health import Health
+from tci.interface.skin.tracking import Tracker
+from tci.messages import Contact, JointReading, PatchState, Reading, SkinFrame, SkinState
+
+ARM = "left_forearm"
+PERIOD = 0.02
+LONE = 100
+"""A taxel with six neighbours around it."""
+LIGHT, FIRM = 0.3, 9.0
+"""Force [N] that neighbours need not feel, and one that they must."""
+
+
+class Felt:
+    """Frames of one patch of a robot, and the contacts that are found in them."""
+
+    def __init__(self, robot: str = "nao", patch: str = ARM) -> None:
+        self.skin, self.patch = Skin(tci.load_robot(robot)), patch
+        self.tracker: Tracker | None = Tracker()
+        self.surface = self.skin.surfaces[patch]
+        self.frame = 0
+
+    def beside(self, taxel: int) -> list[int]:
+        pairs = self.surface.neighbours
+        return sorted({int(i) for pair in pairs if taxel in pair for i in pair} - {taxel})
+
+    def see(self, forces: dict[int, float], *, settings: ContactSettings | None = None) -> Sequence[Contact]:
+        """The contacts of the next frame, with forces [N] on some taxels."""
+        force = np.zeros(len(self.surface.positions))
+        force[list(forces)] = list(forces.values())
+        still = np.zeros(len(self.skin.robot.servos))
+        joints = JointReading(0.0, 0, still, still)
+        self.frame += 1
+        felt = PatchState(self.patch, self.frame * PERIOD, self.frame, force / self.surface.areas, force)
+        poses = self.skin.kinematics.poses(still, self.skin.kinematics.links)
+        return find_contacts(
+            self.skin, SkinState({self.patch: felt}, poses), generic_posture(self.skin.robot, joints),
+            settings=settings or ContactSettings(), tracker=self.tracker,
+        )  # fmt: skip
+
+
+def test_a_taxel_that_is_pressed_hard_beside_silent_ones_is_never_a_touch() -> None:
+    felt = Felt()
+    assert not any(felt.see({LONE: FIRM}) for _ in range(100))
+    assert len(felt.see({LONE: FIRM}, settings=ContactSettings(lone=None))) == 1
+
+
+def test_a_light_touch_of_one_taxel_comes_later_and_stays() -> None:
+    felt = Felt()
+    came = [bool(felt.see({LONE: LIGHT})) for _ in range(40)]
+    assert came.index(True) == pytest.approx(0.2 / PERIOD, abs=1)
+    assert all(came[came.index(True) :])
+
+
+def test_a_light_touch_that_wavers_begins_to_wait_anew() -> None:
+    felt = Felt()
+    flicker = [bool(felt.see({LONE: LIGHT} if i % 10 else {})) for i in range(200)]
+    assert not any(flicker)
+
+
+def test_a_touch_of_several_taxels_is_felt_at_once_and_to_its_weak_end() -> None:
+    felt = Felt()
+    assert len(felt.see({LONE: 1.0, felt.beside(LONE)[0]: 0.2})) == 1
+    assert len(felt.see({LONE: LIGHT})) == 1, "its other taxel has gone, the touch goes on"
+    assert len(felt.see({LONE: LIGHT})) == 1
+    assert not felt.see({})
+    assert not felt.see({LONE: LIGHT}), "and it is another touch after it"
+
+
+def test_a_touch_over_a_broken_taxel_is_felt_and_leaves_nothing_behind() -> None:
+    felt = Felt()
+    touch = dict.fromkeys(felt.beside(LONE), 0.5)
+    assert not felt.see({LONE: FIRM})
+    (over,) = felt.see({LONE: FIRM, **touch})
+    assert len(over.taxels) == 7
+    assert not felt.see({LONE: FIRM}), "the broken one does not go on as a touch"
+
+
+def test_a_touch_elsewhere_is_felt_beside_a_broken_taxel() -> None:
+    felt = Felt()
+    (contact,) = felt.see({LONE: FIRM, 10: 1.0, felt.beside(10)[0]: 0.4})
+    assert 10 in contact.taxels
+    assert LONE not in contact.taxels
+
+
+@pytest.mark.parametrize("force", [LIGHT, FIRM])
+def test_where_neighbours_tell_nothing_one_taxel_is_a_touch_at_once(force: float) -> None:
+    felt = Felt()
+    conditioner = felt.skin._conditioners[ARM]
+    conditioner._health.state[felt.beside(LONE)] = Health.DEAD
+    conditioner.revive(np.zeros(240, bool))
+    assert len(felt.see({LONE: force})) == 1, "masked neighbours"
+    one_side = Felt()
+    one_side.skin.surfaces = {
+        ARM: replace(one_side.surface, neighbours=np.array([[LONE, one_side.beside(LONE)[0]]]))
+    }
+    assert len(one_side.see({LONE: force})) == 1, "at a corner of a skin a touch may be beside it"
+
+
+@pytest.mark.parametrize("patch", ["head", "left_hand", "left_sole", "left_bumper"])
+def test_switches_and_coarse_skins_have_touches_of_one_taxel(patch: str) -> None:
+    felt = Felt("nao-whole", patch)
+    assert len(felt.see({0: 1.0})) == 1
+
+
+def test_forces_that_neighbours_must_feel_follow_from_noise_and_distance() -> None:
+    """About 1 N on a skin of 10 mm without noise, five times that with a count of it; never on 30 mm."""
+    felt = Felt()
+    felt.tracker = None  # nothing waits for the next frame
+
+    def largest() -> float:
+        return float(max(force for force in np.geomspace(0.2, 50.0, 200) if felt.see({LONE: force})))
+
+    assert largest() == pytest.approx(1.1, abs=0.2)
+    conditioner = felt.skin._conditioners[ARM]
+    conditioner.baseline.start(np.zeros(240), 1.0)
+    conditioner._round()
+    assert largest() == pytest.approx(4.8, abs=0.5)
+
+
+def test_a_light_touch_is_the_same_from_senders_of_changes() -> None:
+    robot = tci.load_robot("nao")
+    patch, still = robot.patch(ARM), read_only(np.zeros(len(robot.servos)))
+    values = np.full(patch.channels, patch.sensor.rest)
+    pressed = values.copy()
+    pressed[Skin(robot).surfaces[ARM].channels[LONE]] -= 8.0
+    seen = []
+    for keep_alive in (None, 1.0):
+        body, touched = Body(robot, keep_alive=keep_alive), []
+        frame = SkinFrame(ARM, 0.0, 0, read_only(values))
+        for i in range(int(1.0 * patch.rate)):
+            now = i / patch.rate
+            raw = values if now < 0.5 else pressed
+            if keep_alive is None or not np.array_equal(raw, frame.values):
+                frame = SkinFrame(ARM, now, i, read_only(raw))
+            reading = Reading(JointReading(now, i, still, still), (frame,))
+            touched.append([c.taxels.tolist() for c in body.perceive(reading, now).contacts])
+        assert any(touched)
+        seen.append(touched)
+    assert seen[0] == seen[1]
+
+
+@pytest.mark.parametrize("field", [field.name for field in fields(LoneSettings)])
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
+def test_settings_that_make_no_sense_are_refused(field: str, value: float) -> None:
+    with pytest.raises(TciError, match=f"lone taxels: {field} {value}; valid: above 0 and finite"):
+        replace(LoneSettings(), **{field: value})

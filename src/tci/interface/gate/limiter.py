@@ -190,11 +190,11 @@ class Limiter:
 
     def ahead(self, time: float) -> Array:
         """Where the servos will be (n,) [rad] in `time` [s] if nothing else is asked for."""
-        if self._resting:
-            return self._state[0]
+        position: Array = self._state[0]
         if self._stopping or self._since > 0.0:
             return np.array(self._escape.at_time(self._since + time)[0])
-        return np.array(self._output.trajectory.at_time(self._output.time + time)[0])
+        plan = self._output
+        return position if self._resting else np.array(plan.trajectory.at_time(plan.time + time)[0])
 
     def step(self) -> Array:
         """Positions (n,) [rad] one period later."""

@@ -12,7 +12,7 @@ import pytest
 
 import tci
 from middleware.yarp.show import Show, until
-from tci.errors import LinkError
+from tci.errors import CommandError, LinkError
 from tci.interface.skin.places import find_place
 from tci.messages import Mode
 from tci.middleware.simulated import SimulatedLink
@@ -23,6 +23,7 @@ from tci.middleware.yarp.name_server import NameServer
 from tci.middleware.yarp.names import Names
 from tci.middleware.yarp.port import Port
 from tci.middleware.yarp.rpc import Rpc
+from tci.middleware.yarp.served_board import ServedBoard
 from tci.middleware.yarp.server import YarpServer
 from tci.middleware.yarp.skin_events import decode_events
 from tci.middleware.yarp.state import decode_state
@@ -153,6 +154,23 @@ def test_a_mode_that_the_gate_refuses_is_refused_on_the_wire(show: Show) -> None
     with pytest.raises(LinkError, match="refuses"):
         board.set_interaction(ELBOW, Vocab("soft"))
     board.close()
+
+
+def test_a_board_whose_change_of_mode_was_refused_is_in_the_mode_from_before() -> None:
+    board = ServedBoard("LArm", tci.load_robot("nao").servos_of("LArm"))
+    board.set_modes(None, [DIRECT] * board.count)
+    board.book.take()
+    board.book.judge([], ["hold: joint data is old"])
+    with pytest.raises(CommandError, match=r"is in \[pos\]"):
+        board.stream(Stream.POSITION, [ELBOW], [10.0])
+    board.set_modes([ELBOW], [DIRECT])
+    board.book.judge(board.book.take(), [])
+    board.stream(Stream.POSITION, [ELBOW], [10.0])
+    board.armed = False
+    with pytest.raises(CommandError, match="read-only"):
+        board.set_modes([ELBOW], [POSITION])
+    board.armed = True
+    board.stream(Stream.POSITION, [ELBOW], [10.0])
 
 
 def test_compliance_and_impedance(show: Show) -> None:

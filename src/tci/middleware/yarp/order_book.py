@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from tci.errors import CommandError
 from tci.messages import Order
@@ -23,12 +23,17 @@ class OrderBook:
         self._waiting: list[Order] = []
         self._given: list[Order] = []
         self._refused: dict[int, str] = {}
+        self._undo: dict[int, Callable[[], None]] = {}
         self._mine = threading.local()
 
-    def put(self, order: Order) -> None:
-        """Hand in an order."""
+    def put(self, order: Order, undo: Callable[[], None] | None = None) -> None:
+        """Hand in an order; `undo` takes back what counts already, if it is refused."""
         with self._changed:
             self._waiting.append(order)
+            if undo is not None:
+                self._undo[id(order)] = undo
+            for lost in self._waiting[:-MOST_ORDERS]:
+                self._undo.pop(id(lost), None)
             del self._waiting[:-MOST_ORDERS]
         if getattr(self._mine, "orders", None) is not None:
             self._mine.orders.append(order)
@@ -54,7 +59,10 @@ class OrderBook:
             return
         with self._changed:
             for order in self._given:
+                undo = self._undo.pop(id(order), None)
                 if not any(order is other for other in passed):
+                    if undo is not None:
+                        undo()
                     self._refused.setdefault(id(order), "; ".join(reasons) or "the gate did not take it over")
             self._given = []
             self._changed.notify_all()

@@ -6,7 +6,8 @@ Both dialects lead here. Degrees on this side of it, radians on the other.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -174,10 +175,11 @@ class ServedBoard:
                 raise CommandError(f"control mode {Vocab(word)} of {self.part}; valid here: {valid}")
             self._can(number, self._mode(number, MODES[Vocab(word)]))
         wanted = [self._mode(n, MODES[Vocab(word)]) for n, word in zip(chosen, words, strict=True)]
-        self._switch(chosen, wanted)
+        before = {number: self._words[number] for number in chosen}
         for number, word in zip(chosen, words, strict=True):
             self._words[number] = Vocab(word)
             self._targets[number] = np.nan
+        self._switch(chosen, wanted, before)
 
     def set_interactions(self, joints: Sequence[int] | None, words: Sequence[int]) -> None:
         """Make joints stiff or compliant."""
@@ -270,15 +272,27 @@ class ServedBoard:
     def _mode(self, number: int, mode: Mode) -> Mode:
         return Mode.IMPEDANCE if mode is Mode.POSITION and self._compliant[number] else mode
 
-    def _switch(self, joints: Sequence[int], modes: Sequence[Mode]) -> None:
+    def _switch(
+        self, joints: Sequence[int], modes: Sequence[Mode], before: Mapping[int, Vocab] | None = None
+    ) -> None:
+        """Switch joints; where that is refused, the words from `before` count again."""
         for mode in dict.fromkeys(modes):
             chosen = [number for number, wanted in zip(joints, modes, strict=True) if wanted is mode]
-            self._put(PlatformSwitch(servos=self._index[chosen], mode=mode))
+            undo = partial(self._take_back, {number: before[number] for number in chosen} if before else {})
+            try:
+                self._put(PlatformSwitch(servos=self._index[chosen], mode=mode), undo)
+            except CommandError:
+                undo()
+                raise
+
+    def _take_back(self, words: Mapping[int, Vocab]) -> None:
+        for number, word in words.items():
+            self._words[number] = word
 
     def _order(self, joints: Sequence[int], mode: Mode, values: Array, speed: Array) -> None:
         self._put(PlatformCommand(mode=mode, servos=self._index[list(joints)], values=values, speed=speed))
 
-    def _put(self, order: Order) -> None:
+    def _put(self, order: Order, undo: Callable[[], None] | None = None) -> None:
         if not self.armed:
             raise CommandError(f"{self.part} is read-only: serve it with --arm")
-        self.book.put(order)
+        self.book.put(order, undo)

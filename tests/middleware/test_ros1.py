@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import queue
 import subprocess
 import sys
 import time
@@ -19,6 +20,8 @@ from peers import DEBIAN_PYTHON, needs_debian_module
 from tci.errors import LinkError
 from tci.interface.gate.safe_command import GateState
 from tci.middleware.query import query, read_facts
+from tci.middleware.ros.messages import TEXT
+from tci.middleware.ros1 import Ros1Node
 from tci.runtime.registry import connect
 
 HERE = Path(__file__).parent
@@ -103,6 +106,23 @@ def test_28_a_robot_that_dies_is_held_and_34_nothing_is_replayed(start: Start) -
             assert time.monotonic() < end
         process.kill()
     assert not list(process.stdout or ()), "it is told nothing before a new command"
+
+
+def test_what_is_said_just_before_leaving_is_heard(start: Start) -> None:
+    topic, heard = f"{anywhere()}/farewell", queue.Queue[str]()
+    hears = Ros1Node("hears")
+    hears.subscribe(topic, TEXT, lambda message: heard.put(message["data"]))
+    for number in range(20):
+        leaves = Ros1Node("leaves")
+        send = leaves.advertise(topic, TEXT)
+        end = time.monotonic() + 60.0
+        while not leaves._topics[-1].get_num_connections():
+            assert time.monotonic() < end
+            time.sleep(0.01)
+        send([str(number)])
+        leaves.close()
+        assert heard.get(timeout=60.0) == str(number)
+    hears.close()
 
 
 def test_35_topics_of_a_wrong_type_are_refused_by_name(start: Start) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import socket
 import sys
+import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import cache, partial
@@ -33,6 +34,9 @@ MASTER_TIMEOUT = 3.0
 """Time [s] that the master or a node has to answer. Ours."""
 BUFFER = 1 << 20
 """Bytes that a subscriber takes at once, so that the newest of a flood is found. Ours."""
+FLUSH, SENT = 0.2, 0.005
+"""How long [s] closing waits at most until the last messages have left their queues, and then until they are
+on the wire. Ours."""
 
 
 def _rospy() -> Any:
@@ -110,9 +114,20 @@ class Ros1Node(RosNode):
         return ()
 
     def close(self) -> None:
+        self._flush()
         while self._topics:
             self._topics.pop().unregister()
         self._master = None  # and its connection
+
+    def _flush(self) -> None:
+        """Let rospy's threads send what was published: closing cuts them off, a farewell would be lost."""
+        publishers = [topic for topic in self._topics if isinstance(topic, self._rospy.Publisher)]
+        queued = [connection for publisher in publishers for connection in publisher.impl.connections]
+        until = time.monotonic() + FLUSH
+        while any(getattr(one, "_queue", ()) for one in queued) and time.monotonic() < until:
+            time.sleep(1e-3)
+        if queued:
+            time.sleep(SENT)
 
 
 class _Brief(Transport):

@@ -9,6 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from tci.errors import MissingExtraError
+from tci.middleware.yarp.bindings.module import load, version
+
 ROOT = Path(__file__).parent.parent
 DEBIAN_PYTHON = "/usr/bin/python3"
 """Debian's own Python, which has Debian's modules; the virtual environment has none of them."""
@@ -51,6 +54,27 @@ def node_packages(name: str) -> str:
     if not (folder / "installed").exists():
         pytest.skip(f"did not run: needs .peers/{name}; to get it: python3 tools/peers.py")
     return str(folder)
+
+
+@cache
+def bindings_dialect() -> str | None:
+    """What YARP's own bindings speak, `3` or `4`; None where this Python can't import them."""
+    try:
+        return version(load())[1].name
+    except MissingExtraError:
+        return None
+
+
+def needs_yarp_bindings() -> str:
+    """Their dialect; where they are not, the whole file is named as not run."""
+    dialect = bindings_dialect()
+    if dialect is None:
+        pytest.skip(
+            "did not run: needs YARP's own bindings, which neither Debian nor PyPI has; to get them: conda "
+            "install -c conda-forge yarp-python, or PYTHONPATH=BUILD/lib/python3 of a YARP built with them",
+            allow_module_level=True,
+        )
+    return dialect
 
 
 def debian_python(script: str, stdin: str) -> str:

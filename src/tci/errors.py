@@ -69,6 +69,8 @@ class RecordingError(TciError):
 class MissingExtraError(TciError):
     """An optional package is not installed; the message says how to install it."""
 
-    def __init__(self, what: str, extra: str) -> None:
+    def __init__(self, what: str, extra: str = "", *, how: str = "") -> None:
+        """`how` to get a package that no extra of ours has."""
         self.extra = extra
-        super().__init__(f"{what} needs an optional package; install it with: pip install 'tci[{extra}]'")
+        how = how or f"install it with: pip install 'tci[{extra}]'"
+        super().__init__(f"{what} needs an optional package; {how}")

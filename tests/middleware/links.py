@@ -7,16 +7,21 @@ import socket
 import subprocess
 import sys
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import lcm
+import pytest
 import zenoh
 
 import tci
 from middleware.patient import patient
 from middleware.ros_robots import anywhere, garbage_on, here_only, roscore
 from middleware.served import needs_qi
+from peers import bindings_dialect
 from tci.errors import LinkError
 from tci.middleware.lcm_datagrams import parse_url
 from tci.middleware.link import Link
@@ -220,6 +225,24 @@ class Yarp4(Yarp):
     dialect = "4"
 
 
+class YarpBindings(Yarp):
+    """Over YARP by its own bindings, in their dialect."""
+
+    def __init__(self) -> None:
+        self.dialect = bindings_dialect() or ""
+        self.configured = ExitStack()
+        Process.__init__(self, lambda: f"yarp:{bindings_server()},dialect={self.dialect}")
+
+    def start(self) -> None:
+        self.configured.enter_context(bindings_configured())
+        Process.start(self)
+        self.link_via = "yarp:bindings"
+
+    def stop(self) -> None:
+        super().stop()
+        self.configured.close()
+
+
 class Player(Process):
     """By Player's protocol."""
 
@@ -296,6 +319,21 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
+@cache
+def bindings_server() -> str:
+    """HOST:PORT of the name server for YARP's bindings: they keep the first of a process for ever."""
+    return f"127.0.0.1:{free_port()}"
+
+
+@contextmanager
+def bindings_configured() -> Iterator[str]:
+    """YARP's configuration says that this is the name server, whoever it is."""
+    with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
+        Path(folder, "yarp.conf").write_text(f"{bindings_server().replace(':', ' ')} yarp\n")
+        patch.setenv("YARP_CONFIG_HOME", folder)
+        yield bindings_server()
+
+
 def lcm_url() -> str:
     """A group that nobody else is in, on this machine only."""
     return f"udpm://239.255.76.67:{free_port()}?ttl=0"
@@ -314,3 +352,6 @@ PEERS: dict[str, Callable[[], Peer]] = {
     "rosbridge": Rosbridge,
 }
 """Every link, by name."""
+
+BINDINGS: dict[str, Callable[[], Peer]] = {"yarp-bindings": YarpBindings} if bindings_dialect() else {}
+"""The same by a library that neither Debian nor PyPI has: where it is, the contract holds for it too."""

@@ -12,7 +12,7 @@ import numpy as np
 import psutil
 import pytest
 
-from middleware.links import PEERS, Peer
+from middleware.links import BINDINGS, PEERS, Peer
 from tci.errors import CommandError, LinkError, UnknownNameError
 from tci.interface.gate.gate import Gate
 from tci.interface.gate.safe_command import GateState, SafeCommand
@@ -26,6 +26,7 @@ AFTER_THAW = 0.02
 """How far [rad] a robot that was frozen at 0.1 rad/s may go beyond where it was seen and led last."""
 
 pytestmark = pytest.mark.timeout(120)  # a peer that says nothing must not hang the run
+PEERS = PEERS | BINDINGS
 ALL = [pytest.param(name, marks=pytest.mark.xdist_group(f"link-{name}")) for name in PEERS]
 ELSEWHERE = [param for param in ALL if PEERS[str(param.values[0])].other_process]
 

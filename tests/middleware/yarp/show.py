@@ -34,7 +34,8 @@ class Show:
         self.dialect = dialect
         self.link = SimulatedLink(patient(robot), paced=True)
         self.server = YarpServer(self.link, f"{where},dialect={dialect.name}")
-        self.names: Names = self.server.names
+        self.network = self.server.network
+        self.names = Names(self.network.address)
         self.served = Served()
         self._stop = False
         self._ready = threading.Event()

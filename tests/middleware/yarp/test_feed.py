@@ -15,8 +15,8 @@ from tci.middleware.yarp.dialect import V3
 from tci.middleware.yarp.feed import Feed
 from tci.middleware.yarp.message import Stamp
 from tci.middleware.yarp.name_server import NameServer
-from tci.middleware.yarp.names import Names
-from tci.middleware.yarp.port import Port
+from tci.middleware.yarp.network import Network
+from tci.middleware.yarp.wire import Wire
 
 EVERY = 0.05
 """Time [s] between two messages by their stamps."""
@@ -25,9 +25,9 @@ EVERY = 0.05
 class Writer:
     """A port that writes one number at a time, and the feed that reads it."""
 
-    def __init__(self, names: Names) -> None:
-        self.port = Port("/skin", names, V3)
-        self.feed = Feed("/skin", names, V3, lambda d: d.vector(V3), own="/reader", carrier="fast_tcp")
+    def __init__(self, network: Network) -> None:
+        self.port = network.port("/skin", V3)
+        self.feed = Feed("/skin", network, V3, lambda d: d.vector(V3), own="/reader", carrier="fast_tcp")
         self.count = 0
 
     def write(self) -> None:
@@ -41,7 +41,7 @@ class Writer:
 @pytest.fixture
 def writer() -> Iterator[Writer]:
     with NameServer() as server:
-        writer = Writer(Names(server.address))
+        writer = Writer(Wire(server.address))
         yield writer
         writer.feed.close()
         writer.port.close()

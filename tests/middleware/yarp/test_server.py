@@ -65,7 +65,7 @@ def speed(show: Show) -> float:
 def test_every_part_is_a_board_with_its_joints_names_and_limits(show: Show) -> None:
     robot = show.link.robot
     for part in ("LArm", "RArm", "Head"):
-        board = find_board(show.names, f"/nao/{part}", "/test/calls")
+        board = find_board(show.network, f"/nao/{part}", "/test/calls")
         assert board.dialect is show.dialect
         servos = robot.servos_of(part)
         assert board.axes() == len(servos)
@@ -84,7 +84,7 @@ def _words(*items: object) -> list[object]:
 
 
 def test_positions_by_call(show: Show) -> None:
-    port = find_board(show.names, "/nao/LArm", "/x").port
+    port = find_board(show.network, "/nao/LArm", "/x").port
     rpc = Rpc(show.names.query(f"/nao/LArm{port}"), "/test/pos", show.dialect)
     calls, done = {
         V3: ([_words("set", "vel", ELBOW, 100.0), _words("set", "pos", ELBOW, -50.0)], _words("get", "dons")),
@@ -103,7 +103,7 @@ def test_positions_by_call(show: Show) -> None:
 
 
 def test_streamed_groups_move_their_joints_and_no_other(show: Show) -> None:
-    board = find_board(show.names, "/nao/LArm", "/test/modes")
+    board = find_board(show.network, "/nao/LArm", "/test/modes")
     insist(lambda: board.set_modes([ELBOW], DIRECT))
     writer = Port("/test/command:o", show.names, show.dialect)
     writer.connect("/nao/LArm/command:i")
@@ -126,7 +126,7 @@ def test_streamed_groups_move_their_joints_and_no_other(show: Show) -> None:
 
 
 def test_a_commander_of_velocities_that_falls_silent_leaves_the_arm_at_rest(show: Show) -> None:
-    board = find_board(show.names, "/nao/LArm", "/test/velocity")
+    board = find_board(show.network, "/nao/LArm", "/test/velocity")
     assert until(lambda: speed(show) < 0.01)
     insist(lambda: board.set_modes([ELBOW], VELOCITY))
     writer = Port("/test/velocity:o", show.names, show.dialect)
@@ -148,7 +148,7 @@ def test_a_commander_of_velocities_that_falls_silent_leaves_the_arm_at_rest(show
 
 
 def test_a_mode_that_the_gate_refuses_is_refused_on_the_wire(show: Show) -> None:
-    board = find_board(show.names, "/nao/LArm", "/test/refused")
+    board = find_board(show.network, "/nao/LArm", "/test/refused")
     with pytest.raises(LinkError, match="refuses"):
         board.set_modes([ELBOW], Vocab("idl"))
     with pytest.raises(LinkError, match="refuses"):
@@ -174,7 +174,7 @@ def test_a_board_whose_change_of_mode_was_refused_is_in_the_mode_from_before() -
 
 
 def test_compliance_and_impedance(show: Show) -> None:
-    board = find_board(show.names, "/nao/LArm", "/test/impedance")
+    board = find_board(show.network, "/nao/LArm", "/test/impedance")
     if Mode.IMPEDANCE in show.link.robot.servos_of("LArm")[ELBOW].modes:
         insist(lambda: board.set_interaction(ELBOW, COMPLIANT))
         assert until(lambda: show.server.boards["LArm"].state.interactions[ELBOW] == COMPLIANT)  # type: ignore[index]
@@ -236,7 +236,7 @@ def test_55_a_link_that_is_not_armed_is_read_only(monkeypatch: pytest.MonkeyPatc
             np.deg2rad(server.boards["LArm"].state.position),
             link.read().joints.position[[servo.index for servo in link.robot.servos_of("LArm")]],
         )
-        board = find_board(server.names, "/nao/LArm", "/test/unarmed")
+        board = find_board(server.network, "/nao/LArm", "/test/unarmed")
         with pytest.raises(LinkError, match="refuses"):
             board.set_modes([ELBOW], DIRECT)
         assert server.orders() == []
@@ -249,7 +249,7 @@ def test_29_a_name_server_that_restarts_hears_of_every_port_again(
     monkeypatch.setenv("YARP_CONFIG_HOME", str(tmp_path))
     first = NameServer()
     with YarpServer(SimulatedLink(tci.load_robot("nao")), "{}:{}".format(*first.address)) as server:
-        ports = {contact.name for contact in server.names.list()}
+        ports = {contact.name for contact in server.network.list()}
         first.close()
         with NameServer(*first.address) as second:
             assert until(lambda: {c.name for c in Names(second.address).list()} == ports)

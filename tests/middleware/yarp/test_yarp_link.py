@@ -208,7 +208,7 @@ def test_what_the_description_says_otherwise_is_told(show: Show) -> None:
     assert "the board allows" in found["somebody_else"].what
     good = YarpLink.probe(show.link.robot, where(show))
     assert {finding.level for finding in good} == {Level.OK}
-    assert YarpLink.probe(show.link.robot, "127.0.0.1:9")[0].level is Level.FAULT
+    assert YarpLink.probe(show.link.robot, "127.0.0.1:9")[-1].level is Level.FAULT
 
 
 def test_swapped_names_are_followed_by_name(show: Show) -> None:

@@ -1,14 +1,19 @@
-"""What follows `yarp:` on the command line: `[HOST[:PORT]][,dialect=3][,robot=NAME]...`."""
+"""What follows `yarp:` on the command line: `[HOST[:PORT]][,bindings][,dialect=3][,robot=NAME]...`."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
 from tci.errors import LinkError
-from tci.middleware.yarp.carrier import CARRIERS, FAST_TCP
+from tci.middleware.yarp.bindings.network import Bindings
+from tci.middleware.yarp.carrier import CARRIERS, FAST_TCP, TEXT, TEXT_ACK
 from tci.middleware.yarp.dialect import DIALECTS, Dialect
 from tci.middleware.yarp.names import parse_address
+from tci.middleware.yarp.network import Network
+from tci.middleware.yarp.wire import Wire
 from tci.model.description import Robot
+
+BINDINGS = "bindings"
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,6 +22,8 @@ class YarpAddress:
 
     server: tuple[str, int] | None = None
     """The name server; None: the one of yarp.conf."""
+    bindings: bool = False
+    """Whether YARP's own bindings carry the messages."""
     dialect: Dialect | None = None
     """`3` or `4`; None: probed by a link, 3 for a server."""
     robot: str = ""
@@ -28,6 +35,13 @@ class YarpAddress:
     without: tuple[str, ...] = ()
     """Patches that are left out, joined by +."""
 
+    def network(self) -> Network:
+        """What carries the messages. Raises LinkError, MissingExtraError."""
+        network = Bindings(self.server) if self.bindings else Wire(self.server)
+        if network.dialect not in (None, self.dialect or network.dialect):
+            raise LinkError(f"{network.title}, speak no other; without `bindings` TCI speaks both")
+        return network
+
 
 def parse(text: str) -> YarpAddress:
     """Raises LinkError that says what is valid."""
@@ -35,13 +49,15 @@ def parse(text: str) -> YarpAddress:
     found: dict[str, object] = {}
     for number, word in enumerate(part.strip() for part in text.split(",") if part.strip()):
         name, equals, value = word.partition("=")
-        if not equals:
+        if word == BINDINGS:
+            found[BINDINGS] = True
+        elif not equals:
             if number:
                 raise LinkError(f"{word!r} in yarp:{text}; valid: {_valid()}")
             server = parse_address(word)
         elif name == "dialect" and value in DIALECTS:
             found[name] = DIALECTS[value]
-        elif name == "carrier" and value in CARRIERS:
+        elif name == "carrier" and value:
             found[name] = value
         elif name == "skin" and value in ("raw", "comp"):
             found[name] = value.removeprefix("raw")
@@ -51,13 +67,17 @@ def parse(text: str) -> YarpAddress:
             found[name] = tuple(value.split("+"))
         else:
             raise LinkError(f"{word!r} in yarp:{text}; valid: {_valid()}")
+    carrier = str(found.get("carrier", FAST_TCP.name))
+    if carrier in (TEXT.name, TEXT_ACK.name) if BINDINGS in found else carrier not in CARRIERS:
+        raise LinkError(f"carrier={carrier} in yarp:{text}; valid: {_valid()}")
     assert found.keys() <= {field.name for field in fields(YarpAddress)}
     return YarpAddress(server=server, **found)  # type: ignore[arg-type]
 
 
 def _valid() -> str:
     return (
-        f"HOST:PORT first, then dialect={'|'.join(DIALECTS)}, robot=NAME, carrier={'|'.join(CARRIERS)}, "
+        f"HOST:PORT first, then {BINDINGS}, dialect={'|'.join(DIALECTS)}, robot=NAME, "
+        f"carrier={'|'.join(CARRIERS)} (with {BINDINGS} whatever YARP has but text), "
         "skin=raw|comp, without=PATCH+PATCH, separated by commas"
     )
 

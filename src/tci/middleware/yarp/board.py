@@ -16,8 +16,8 @@ from typing import Any
 from tci.errors import LinkError, UnknownNameError
 from tci.frames import Array
 from tci.middleware.yarp.dialect import V3, V4, Dialect
-from tci.middleware.yarp.names import PATIENCE, Contact, Names
-from tci.middleware.yarp.rpc import Rpc
+from tci.middleware.yarp.names import PATIENCE, Contact
+from tci.middleware.yarp.network import Network
 from tci.middleware.yarp.values import Int16, Vocab
 
 IDLE, POSITION, DIRECT = Vocab("idl"), Vocab("pos"), Vocab("posd")
@@ -47,16 +47,16 @@ class AxisLimits:
     """[deg]"""
 
 
-def find_board(names: Names, prefix: str, sender: str, dialect: Dialect | None = None) -> Board:
+def find_board(network: Network, prefix: str, sender: str, dialect: Dialect | None = None) -> Board:
     """The board whose ports begin with `prefix`, in the dialect that it speaks: its call port's name tells.
 
     Raises UnknownNameError when there is none, LinkError when the name server doesn't answer.
     """
-    there = {contact.name: contact for contact in names.list()}
+    there = {contact.name: contact for contact in network.list()}
     for kind in (BoardV3, BoardV4):
         contact = there.get(prefix + kind.port)
         if contact is not None and dialect in (None, kind.dialect):
-            return kind(prefix, contact, sender, names.key)
+            return kind(prefix, network, contact, sender)
     boards = [
         name.removesuffix(port)
         for name in there
@@ -74,10 +74,10 @@ class Board(ABC):
     port: str
     """What the name of its call port ends with."""
 
-    def __init__(self, prefix: str, contact: Contact, sender: str, key: bytes | None = None) -> None:
+    def __init__(self, prefix: str, network: Network, contact: Contact, sender: str) -> None:
         self.prefix = prefix
         """Its ports' common beginning: `/icub/left_arm`."""
-        self._rpc = Rpc(contact, sender, self.dialect, key=key)
+        self._rpc = network.caller(contact, sender, self.dialect)
         self._asked: deque[tuple[Sequence[Any], float]] = deque()
         self._refusal: LinkError | None = None
 

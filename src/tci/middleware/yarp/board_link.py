@@ -22,12 +22,10 @@ from tci.middleware.yarp.board import (
     Stream,
     find_board,
 )
-from tci.middleware.yarp.carrier import FAST_TCP
 from tci.middleware.yarp.dialect import Dialect
 from tci.middleware.yarp.feed import Feed
 from tci.middleware.yarp.incoming import Delivery
-from tci.middleware.yarp.names import Names
-from tci.middleware.yarp.outgoing import Outgoing
+from tci.middleware.yarp.network import Network, Writer
 from tci.middleware.yarp.state import BoardState, decode_state
 from tci.middleware.yarp.values import Vocab
 from tci.model.description import Servo
@@ -55,7 +53,7 @@ class BoardLink:
         self,
         prefix: str,
         servos: Sequence[Servo],
-        names: Names,
+        network: Network,
         *,
         own: str,
         carrier: str,
@@ -64,18 +62,18 @@ class BoardLink:
         """Connect and see which axis is which joint: by name where the board has them, else by number."""
         self.servos = tuple(servos)
         self.prefix = prefix
-        self._names, self._own = names, own
-        self.board: Board = find_board(names, prefix, f"{own}/rpc:o", dialect)
+        self._network, self._own = network, own
+        self.board: Board = find_board(network, prefix, f"{own}/rpc:o", dialect)
         self.axes: tuple[str, ...] = ()
         """The board's own names, by axis."""
         self.feed: Feed[BoardState] | None = None
-        self._output: Outgoing | None = None
+        self._output: Writer | None = None
         try:
             self.axes = tuple(self.board.name(axis) for axis in range(self.board.axes()))
             self.axis = self._match()
             self.feed = Feed(
                 f"{prefix}/stateExt:o",
-                names,
+                network,
                 self.board.dialect,
                 self._decode,
                 own=f"{own}/stateExt:i",
@@ -176,7 +174,7 @@ class BoardLink:
     def reconnect(self) -> None:
         """Connect again. Raises LinkError, UnknownNameError."""
         assert self.feed is not None
-        fresh = find_board(self._names, self.prefix, f"{self._own}/rpc:o", self.board.dialect)
+        fresh = find_board(self._network, self.prefix, f"{self._own}/rpc:o", self.board.dialect)
         self.board.close()
         self.board = fresh
         self.forget()
@@ -259,10 +257,10 @@ class BoardLink:
                 self._output = None  # nothing queues; whoever watches connects again
 
     def _connect_commands(self) -> None:
-        contact = self._names.query(f"{self.prefix}/command:i")
         if self._output is not None:
             self._output.close()
-        self._output = Outgoing(contact, f"{self._own}/command:o", FAST_TCP, self._names.key)
+            self._output = None
+        self._output = self._network.writer(f"{self.prefix}/command:i", f"{self._own}/command:o")
 
     def _decode(self, delivery: Delivery) -> BoardState:
         dialect = self.board.dialect

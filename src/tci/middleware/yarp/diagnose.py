@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tci.errors import TciError
+from tci.errors import MissingExtraError, TciError
 from tci.middleware.diagnosis import Finding, Level
 from tci.middleware.yarp import address as addresses
 from tci.middleware.yarp.address import patch_port
+from tci.middleware.yarp.bindings.module import importable
 from tci.middleware.yarp.board import find_board
 from tci.middleware.yarp.feed import Feed
-from tci.middleware.yarp.names import Names, find_server, read_key
+from tci.middleware.yarp.network import Network
 from tci.model.description import Robot
 
 if TYPE_CHECKING:
@@ -26,20 +28,26 @@ CLOCK = 0.1
 
 
 def probe(robot: Robot, address: str) -> tuple[Finding, ...]:
-    """Step by step: the name server, the boards, the skin."""
+    """Step by step: the library, the name server, the boards, the skin."""
     try:
         options = addresses.parse(address)
-        names = Names(options.server or find_server(), key=read_key())
-        there = {contact.name for contact in names.list()}
+        network = options.network()
+    except MissingExtraError as error:
+        return (Finding(Level.FAULT, "YARP library", str(error)),)
     except TciError as error:
-        advice = "start yarpserver, or say where it is: --via yarp:HOST:PORT; see docs/yarp.md"
-        return (Finding(Level.FAULT, "name server", str(error), advice),)
-    host, port = names.address
-    found = [Finding(Level.OK, "name server", f"{host}:{port} knows {len(there)} ports")]
+        return (_no_server(error),)
+    try:
+        there = {contact.name for contact in network.list()}
+    except TciError as error:
+        return _library(network), _no_server(error)
+    host, port = network.address
+    found = [_library(network)]
+    found += [Finding(Level.OK, "name server", f"{host}:{port} knows {len(there)} ports")]
     prefix = options.robot or robot.name
+    dialect = options.dialect or network.dialect
     for part in dict.fromkeys(servo.robot_part for servo in robot.servos):
         try:
-            board = find_board(names, f"/{prefix}/{part}", f"/tci/probe/{part}", options.dialect)
+            board = find_board(network, f"/{prefix}/{part}", f"/tci/{os.getpid()}/probe/{part}", dialect)
             axes = board.axes()
             board.close()
             found.append(
@@ -54,6 +62,18 @@ def probe(robot: Robot, address: str) -> tuple[Finding, ...]:
             advice = f"leave it out: --via yarp:...,without={patch.name}"
             found.append(Finding(Level.FAULT, patch.name, f"no port {name}", advice))
     return tuple(found)
+
+
+def _library(network: Network) -> Finding:
+    bindings = importable()
+    also = f"; {bindings or 'no bindings of YARP'} can be imported"
+    said = network.title + ("" if network.title == bindings else also)
+    return Finding(Level.OK, "YARP library", said, figures={"library": network.title, "bindings": bindings})
+
+
+def _no_server(error: TciError) -> Finding:
+    advice = "start yarpserver, or say where it is: --via yarp:HOST:PORT; see docs/yarp.md"
+    return Finding(Level.FAULT, "name server", str(error), advice)
 
 
 def examine(link: YarpLink) -> tuple[Finding, ...]:

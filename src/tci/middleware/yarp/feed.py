@@ -12,8 +12,7 @@ from tci.errors import LinkError, UnknownNameError, WireError
 from tci.middleware.source_clock import SourceClock
 from tci.middleware.yarp.dialect import Dialect
 from tci.middleware.yarp.incoming import Delivery
-from tci.middleware.yarp.names import Names
-from tci.middleware.yarp.port import Port
+from tci.middleware.yarp.network import Network
 
 KEPT = 4
 """Messages that are kept, so that those of several ports can be taken from about one time. Ours."""
@@ -43,7 +42,7 @@ class Feed(Generic[Value]):
     def __init__(
         self,
         source: str,
-        names: Names,
+        network: Network,
         dialect: Dialect,
         decode: Callable[[Delivery], Value],
         *,
@@ -62,13 +61,13 @@ class Feed(Generic[Value]):
         """Messages that were dropped because they can't be what they should."""
         self.last_error = ""
         """What was wrong with the last of them."""
-        self._names, self._decode, self._carrier = names, decode, carrier
+        self._decode, self._carrier = decode, carrier
         self._count: int | None = None
         self._arrived = 0.0
         self._every = 0.0
         self._came, self._fresh = threading.Event(), threading.Event()
-        names.query(source)
-        self.port = Port(own, names, dialect, receive=self._receive)
+        network.query(source)
+        self.port = network.port(own, dialect, self._receive)
         try:
             self.port.listen_to(source, carrier)
         except (LinkError, UnknownNameError):

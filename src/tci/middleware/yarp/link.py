@@ -26,7 +26,7 @@ from tci.middleware.yarp.diagnose import examine, probe
 from tci.middleware.yarp.dialect import Dialect
 from tci.middleware.yarp.feed import Feed
 from tci.middleware.yarp.incoming import Delivery
-from tci.middleware.yarp.names import Names, find_server, read_key
+from tci.middleware.yarp.network import Network
 from tci.middleware.yarp.skin_events import SkinEvent, decode_events
 from tci.model.description import Patch, Robot
 
@@ -62,15 +62,15 @@ class YarpLink(Link):
         options = addresses.parse(address)
         clock = MonotonicClock()
         super().__init__(robot, middleware="yarp", clock=clock, armed=arm)
-        self.names = Names(options.server or find_server(), key=read_key())
+        self.network: Network = options.network()
         self.prefix = options.robot or robot.name
-        self.lease_name = "yarp:{}:{}/{}".format(*self.names.address, self.prefix)
+        self.lease_name = "yarp:{}:{}/{}".format(*self.network.address, self.prefix)
         own = f"/tci/{os.getpid()}/{next(_numbers)}"
         self.boards: dict[str, BoardLink] = {}
         self.skin: dict[str, Feed[NDArray[np.float64]]] = {}
         self._events: Feed[tuple[SkinEvent, ...]] | None = None
         self._own, self._carrier = own, options.carrier
-        self._dialect = options.dialect
+        self._dialect = dialect = options.dialect or self.network.dialect
         self._compensated = options.skin == "comp"
         self._joints: JointReading | None = None
         self._away: set[str] = set()
@@ -79,8 +79,8 @@ class YarpLink(Link):
         self._closed = threading.Event()
         try:
             if joints:
-                self._open_boards(options.dialect)
-            elif options.dialect is None:
+                self._open_boards(dialect)
+            elif dialect is None:
                 raise LinkError(f"skin alone over yarp:{address} needs dialect=3 or dialect=4 in its address")
             for patch in robot.patches if skin else ():
                 if patch.name not in options.without:
@@ -108,7 +108,7 @@ class YarpLink(Link):
         if self._events is None:
             try:
                 self._events = Feed(
-                    EVENTS, self.names, self.dialect, lambda d: decode_events(d.items(self.dialect)),
+                    EVENTS, self.network, self.dialect, lambda d: decode_events(d.items(self.dialect)),
                     own=f"{self._own}/skin_events:i", carrier=self._carrier,
                 )  # fmt: skip
             except UnknownNameError as error:
@@ -213,7 +213,7 @@ class YarpLink(Link):
         for part in dict.fromkeys(servo.robot_part for servo in self.robot.servos):
             where = self.robot.binding("yarp").address(part, part)
             self.boards[part] = BoardLink(
-                f"/{self.prefix}/{where}", self.robot.servos_of(part), self.names,
+                f"/{self.prefix}/{where}", self.robot.servos_of(part), self.network,
                 own=f"{self._own}/{part}", carrier=self._carrier, dialect=dialect,
             )  # fmt: skip
             dialect = self.boards[part].board.dialect
@@ -231,7 +231,7 @@ class YarpLink(Link):
 
         self.skin[patch.name] = Feed(
             source,
-            self.names,
+            self.network,
             self.dialect,
             decode,
             own=f"{self._own}/skin/{patch.name}:i",
@@ -275,7 +275,7 @@ class YarpLink(Link):
             if now > due:
                 due = now + REGISTER_AGAIN
                 with contextlib.suppress(LinkError):
-                    known = {contact.name for contact in self.names.list()}
+                    known = {contact.name for contact in self.network.list()}
                     for feed in self._feeds():
                         if feed.port.name not in known and not self._closed.is_set():
                             feed.port.register()

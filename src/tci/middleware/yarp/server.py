@@ -10,6 +10,7 @@ import contextlib
 import threading
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,8 +29,8 @@ from tci.middleware.yarp.dialect import V3, V4, Dialect
 from tci.middleware.yarp.incoming import Answer, Delivery
 from tci.middleware.yarp.message import CALL, Stamp
 from tci.middleware.yarp.name_server import NameServer
-from tci.middleware.yarp.names import Names, config_file, find_server, namespace, read_key
-from tci.middleware.yarp.port import Port
+from tci.middleware.yarp.names import config_file, namespace, read_key
+from tci.middleware.yarp.network import NamedPort, Network
 from tci.middleware.yarp.served_board import ServedBoard
 from tci.middleware.yarp.skin_events import encode_events
 from tci.middleware.yarp.state import encode_state
@@ -53,10 +54,10 @@ class YarpServer(Server):
         """
         super().__init__(link, address)
         options = addresses.parse(address)
-        self.dialect: Dialect = options.dialect or V3
         self.prefix = options.robot or link.robot.name
-        self._key = read_key()
-        self._own, self.names = self._name_server(options)
+        self._bindings = options.bindings
+        self._own, self.network = self._name_server(options)
+        self.dialect: Dialect = options.dialect or self.network.dialect or V3
         parts = dict.fromkeys(servo.robot_part for servo in link.robot.servos)
         self.boards = {part: ServedBoard(part, link.robot.servos_of(part)) for part in parts}
         joints = link.read().joints
@@ -66,7 +67,7 @@ class YarpServer(Server):
         """Why the latest command was not obeyed."""
         self.refused = 0
         """Commands that were not obeyed."""
-        self._ports: dict[str, Port] = {}
+        self._ports: dict[str, NamedPort] = {}
         self._sequences: dict[str, int] = {}
         self._stamps: dict[str, int] = {}
         self._due = 0.0
@@ -86,10 +87,14 @@ class YarpServer(Server):
         threading.Thread(target=self._keep_registered, name="yarp registration", daemon=True).start()
 
     def where(self) -> str:
-        host, port = self.names.address
+        host, port = self.network.address
         file = config_file(namespace())
         hint = "" if file.is_file() else f"; for YARP's tools: yarp conf {host} {port}"
         return f"yarp:{host}:{port}, ports /{self.prefix}/... of YARP {self.dialect.name}{hint}"
+
+    def reach(self) -> str:
+        host, port = self.network.address
+        return f"yarp:{host}:{port}{',bindings' if self._bindings else ''}"
 
     def orders(self) -> Sequence[Order]:
         if not self._shown:
@@ -142,14 +147,20 @@ class YarpServer(Server):
         if self._own is not None:
             self._own.close()
 
-    def _name_server(self, options: YarpAddress) -> tuple[NameServer | None, Names]:
+    def _name_server(self, options: YarpAddress) -> tuple[NameServer | None, Network]:
+        where = options.server or DEFAULT
         try:
-            names = Names(options.server or find_server(), key=self._key)
-            names.ask("query", namespace())
-            return None, names
+            network = options.network()
+            where = network.address
+            network.list()
+            return None, network
         except LinkError:
-            own = NameServer(*(options.server or DEFAULT), key=self._key, space=namespace())
-            return own, Names(own.address, key=self._key)
+            own = NameServer(*where, key=read_key(), space=namespace())
+            try:
+                return own, replace(options, server=own.address).network()
+            except LinkError:
+                own.close()
+                raise
 
     def open_board(self, part: str) -> None:
         """Show one robot part as a control board. Raises LinkError."""
@@ -176,8 +187,8 @@ class YarpServer(Server):
             if name.startswith(f"/{self.prefix}/{part}/"):
                 self._ports.pop(name).close()
 
-    def _open(self, name: str, receive: Callable[[Delivery], Answer] | None = None) -> Port:
-        port = self._ports[name] = Port(name, self.names, self.dialect, receive=receive)
+    def _open(self, name: str, receive: Callable[[Delivery], Answer] | None = None) -> NamedPort:
+        port = self._ports[name] = self.network.port(name, self.dialect, receive)
         return port
 
     def _publish_skin(self, frame: SkinFrame, offset: float) -> None:
@@ -207,7 +218,7 @@ class YarpServer(Server):
         """A name server that restarts forgets its ports; what flows between ports goes on meanwhile."""
         while not self._closed.wait(REGISTER_AGAIN):
             with contextlib.suppress(LinkError):
-                known = {contact.name for contact in self.names.list()}
+                known = {contact.name for contact in self.network.list()}
                 for port in list(self._ports.values()):
                     if port.name not in known and not self._closed.is_set():
                         port.register()

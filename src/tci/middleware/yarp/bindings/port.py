@@ -1,0 +1,125 @@
+"""A port of YARP's own. What comes in goes to the same readers as on TCI's wire: YARP hands over bytes."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from tci.errors import LinkError, WireError
+from tci.frames import Array
+from tci.middleware.yarp.bindings.module import close_port, connect, open_port, reader, to_bottle
+from tci.middleware.yarp.carrier import FAST_TCP
+from tci.middleware.yarp.dialect import Dialect
+from tci.middleware.yarp.incoming import Answer, Delivery
+from tci.middleware.yarp.message import CALL, DATA, Command, Stamp
+from tci.middleware.yarp.source import LONGEST
+
+
+class BindingsPort:
+    """Reads and writes; a write never waits."""
+
+    def __init__(self, yarp: Any, name: str, receive: Callable[[Delivery], Answer] | None = None) -> None:
+        """Raises LinkError when YARP refuses the name."""
+        self.name = name
+        self.last_error = ""
+        self.dropped = 0
+        """Messages that its readers were too slow for."""
+        self._yarp, self._receive = yarp, receive
+        self._sending: Any = None
+        self._port = yarp.Port()
+        self._port.enableBackgroundWrite(True)
+        if receive is not None:
+            self._reader = reader(yarp, self._read)
+            self._port.setReader(self._reader)
+        open_port(yarp, self._port, name)
+
+    @property
+    def outputs(self) -> Sequence[str]:
+        count: int = self._port.getOutputCount()
+        return ("?",) * count
+
+    def register(self) -> None:
+        self._yarp.NetworkBase.registerContact(self._port.where())
+
+    def listen_to(self, source: str, carrier: str) -> None:
+        connect(self._yarp, source, self.name, carrier)
+
+    def write(self, value: Array | Sequence[Any], stamp: Stamp | None = None) -> None:
+        if self._port.isWriting():
+            self.dropped += 1
+            return
+        if stamp is not None:
+            self._port.setEnvelope(self._yarp.Stamp(stamp.count, stamp.time))
+        # Kept, for YARP reads it from a thread of its own until it is sent.
+        if isinstance(value, np.ndarray):
+            self._sending = self._yarp.Vector(value.tolist())
+        else:
+            self._sending = to_bottle(self._yarp, value)
+        self._port.write(self._sending)
+
+    def close(self) -> None:
+        close_port(self._port)
+
+    def _read(self, connection: Any) -> bool:
+        if self._receive is None or not connection.isValid():
+            return False
+        arrived, size = time.monotonic(), connection.getSize()
+        if connection.isTextMode() or not 0 < size <= LONGEST:
+            self.last_error = f"text, or a message of {size} bytes; valid: 1 to {LONGEST} bytes"
+            return False
+        connection.pushInt(size)
+        # A string of YARP's holds any bytes; SWIG makes those that are no UTF-8 into surrogates.
+        body = connection.expectString().encode("utf-8", errors="surrogateescape")
+        writer = connection.getWriter()
+        sender = connection.getRemoteContact().getName()
+        command = Command(DATA if writer is None else CALL, self._envelope())
+        try:
+            answer = self._receive(Delivery(command, sender, arrived, body))
+        except WireError as error:
+            self.last_error = f"{sender}: {error}"
+            return False
+        if writer is not None and answer is not None:
+            self._answer(writer, answer)
+        return True
+
+    def _answer(self, writer: Any, answer: Sequence[Any] | str | bytes) -> None:
+        if isinstance(answer, bytes):
+            for byte in answer:
+                writer.appendInt8(byte - 256 if byte > 127 else byte)
+        else:
+            to_bottle(self._yarp, [answer] if isinstance(answer, str) else answer).write(writer)
+
+    def _envelope(self) -> str:
+        stamp = self._yarp.Stamp()
+        there = self._port.getEnvelope(stamp) and stamp.isValid()
+        return f"{stamp.getCount()} {stamp.getTime()!r}" if there else ""
+
+
+class BindingsWriter:
+    """A port that sends to one other."""
+
+    def __init__(self, yarp: Any, target: str, sender: str) -> None:
+        """Raises LinkError."""
+        self._target = target
+        self._port = BindingsPort(yarp, sender)
+        try:
+            connect(yarp, sender, target, FAST_TCP.name)
+        except LinkError:
+            self._port.close()
+            raise
+
+    def offer(self, value: Array | Sequence[Any], dialect: Dialect, stamp: Stamp | None = None) -> bool:
+        if self.is_over():
+            raise LinkError(f"{self._target} is gone")
+        before = self._port.dropped
+        self._port.write(value, stamp)
+        return self._port.dropped == before
+
+    def is_over(self) -> bool:
+        return not self._port.outputs
+
+    def close(self) -> None:
+        self._port.close()

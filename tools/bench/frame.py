@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 from measured import Measured, cold, each, in_turn, row
-from numba import njit
 
 import tci
 from interface.kernels import contact_oracle
 from tci.capabilities.answer import field_table, find_answers
 from tci.capabilities.discounts import phi, psi
 from tci.capabilities.fields import default_fields
+from tci.interface.kernels.compiled import inlined
 from tci.interface.kernels.condition import empty_memory
 from tci.interface.kernels.contacts import NUMBERS, VECTORS
 from tci.interface.kernels.octets import END, STRAIGHT, TURN, feel
@@ -30,35 +30,40 @@ from tci.messages import PatchState, SkinState
 from tci.model.dense_skin import with_dense_skin
 
 SETTINGS = ContactSettings()
+_feel, _cluster, _describe, _answer = [
+    inlined(loop.py_func) for loop in (feel, cluster_all, describe_all, find_answers)
+]
+"""The loops that are shipped, within one: what a call costs is a row of its own."""
 HERE = Path(__file__).parent
 PITCH = 0.012
 """Distance [m] of taxels: six neighbours each, on a skin as large as it needs to be."""
 
 
-@njit(error_model="numpy")
+@inlined
 def respond(
     repeats, values, which, stamps, table, sensor, offset, memory, octets, words, blocks, state, channels,
     gain, nodes, area, force, active, actives, felt, pressure, ends, floor, touch, graph, begins, work, found,
-    taxels, faces, box, cells, limb, poses, posture, on, segments, fields, gains,
+    taxels, faces, box, cells, limb, poses, posture, on, numbers, vectors, indices, places, rows, segments,
+    fields, squares, closest, one, gains,
 ):  # fmt: skip
     count = 0
     for again in range(repeats):
         gains[:] = 0.0
-        feel(
+        _feel(
             values[again & 1], which, stamps, 1.0, table, sensor, offset, memory, octets, words, blocks,
             state, channels, gain, nodes, area, force, active, actives, felt, pressure, ends,
         )  # fmt: skip
-        count, k, _ = cluster_all(force, floor, touch, active, actives, graph, begins, work, found)
+        count, k, _ = _cluster(force, floor, touch, active, actives, graph, begins, work, found)
         if count == 0:
             continue
-        numbers, vectors = np.empty((count, NUMBERS)), np.empty((count, VECTORS, 3))
-        indices, places, rows = np.empty(k, np.int64), np.empty((4, k)), np.empty((3, count + 1), np.int64)
-        describe_all(
+        own, order = places[: 4 * k].reshape(4, k), rows[: 3 * (count + 1)].reshape(3, count + 1)
+        _describe(
             force, work, begins, found, taxels, faces, box, cells, limb, poses, posture, on, numbers, vectors,
-            indices, places, rows,
+            indices, own, order,
         )  # fmt: skip
-        closest, one = np.empty(count, np.int64), np.empty(count)
-        find_answers(fields, False, segments, rows[1, :count], rows[0], numbers, places, closest, one)
+        _answer(
+            fields, False, segments, order[1, :count], order[0], numbers[:count], own, squares, closest, one
+        )
         for c in range(count):
             if closest[c] >= 0:
                 gains[closest[c]] = max(gains[closest[c]], one[c])
@@ -102,6 +107,11 @@ class Frame:
         self.octets.conditioners[0].threshold[:] = 7.0
         self.octets.limit(0)
         self.table, self.gains = field_table(self.fields), np.zeros(fields)
+        self.room = (
+            np.zeros((n, NUMBERS)), np.zeros((n, VECTORS, 3)), np.zeros(n, np.int64), np.zeros(4 * n),
+            np.zeros(3 * n + 3, np.int64),
+        )  # fmt: skip
+        self.answers = np.zeros(fields), np.zeros(n, np.int64), np.zeros(n)
         self.felt, self.pressure, self.ends = np.zeros(n, np.int32), np.zeros(n), np.zeros(2, np.int64)
         self.show(self.touched)
 
@@ -121,7 +131,8 @@ class Frame:
             repeats, values, np.zeros(1, np.int64), np.full(1, np.nan), *octets.tables, octets.force,
             octets.active, octets.counts, self.felt, self.pressure, self.ends, SETTINGS.floor, SETTINGS.touch,
             flat.graph, flat.begins, flat.work, flat.counts, flat.taxels, flat.faces, flat.box, flat.cells,
-            flat.limb, poses, self.posture[None, :4].copy(), flat.on, flat.segments, self.table, self.gains,
+            flat.limb, poses, self.posture[None, :4].copy(), flat.on, *self.room, flat.segments, self.table,
+            *self.answers, self.gains,
         )  # fmt: skip
 
     def numpy(self) -> np.ndarray:

@@ -295,27 +295,27 @@ static void describe(int64_t count, const frame_t *f) {
 
 static void answer(int64_t c, int64_t all, const frame_t *f) {
     const int32_t *bounds = f->work + f->n;
-    const double *N = f->numbers + 7 * c, *closest = 0;
+    const int64_t m = f->fields_n;
+    const double *N = f->numbers + 7 * c, *fields = f->fields;
     double least = INFINITY, u = N[3], y = N[5], z = N[6];
-    for (int64_t i = 0; i < f->fields_n; i++) {
-        const double *field = f->fields + 8 * i;
-        if (field[0] != f->limb[14]) continue;
-        double dx = field[1] - u, dy = field[2] - y, dz = field[3] - z;
+    int64_t closest = -1;
+    for (int64_t i = 0; i < m; i++) {
+        if (fields[i] != f->limb[14]) continue;
+        double dx = fields[m + i] - u, dy = fields[2 * m + i] - y, dz = fields[3 * m + i] - z;
         double apart = sqrt(dx * dx + dy * dy + dz * dz);
-        if (apart < field[4] && apart < least) { least = apart; closest = field; }
+        if (apart < fields[4 * m + i] && apart < least) { least = apart; closest = i; }
     }
-    if (!closest) return;
-    double total = 0, weights = 0, radius = closest[4];
+    if (closest < 0) return;
+    double total = 0, weights = 0, radius = fields[4 * m + closest], threshold = fields[5 * m + closest];
     for (int64_t p = bounds[c]; p < bounds[c + 1]; p++) {
         double ex = f->places[all + p] - u, ey = f->places[2 * all + p] - y, ez = f->places[3 * all + p] - z;
         double weight = 2 * radius - sqrt(ex * ex + ey * ey + ez * ez);
         if (weight > 0) { total += weight * f->places[p]; weights += weight; }
     }
     double felt = weights > 0 ? total / weights : 0;
-    if (!(felt > closest[5])) return;
-    double gain = MIN((felt - closest[5]) / (closest[6] - closest[5]), 1.0) * (1.0 - least / radius);
-    double *best = f->gains + (closest - f->fields) / 8;
-    *best = MAX(*best, gain);
+    if (!(felt > threshold)) return;
+    double gain = MIN((felt - threshold) / (fields[6 * m + closest] - threshold), 1.0) * (1.0 - least / radius);
+    f->gains[closest] = MAX(f->gains[closest], gain);
 }
 
 int64_t respond(frame_t *f) {

@@ -169,7 +169,7 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         closest, gains = np.empty(len(table), np.int64), np.empty(len(table))
         find_answers(
             self._table, self.distance_discount == "cosine", table.segments, table.patch, table.bounds,
-            table.numbers, table.places, closest, gains,
+            table.numbers, table.places, np.empty(len(self.fields)), closest, gains,
         )  # fmt: skip
         return zip(table.patch.tolist(), closest.tolist(), gains.tolist(), strict=True)
 

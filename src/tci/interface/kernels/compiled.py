@@ -48,7 +48,8 @@ def compiled(
 
 def inlined(loop: Callable[..., Any]) -> Any:
     """A loop that only compiled loops call, which keep it with themselves; it makes no arrays."""
-    return _jit(loop, False)
+    options: dict[str, Any] = {"error_model": "numpy", "_nrt": False, "forceinline": True}
+    return njit(**options)(loop)
 
 
 def allocating(loop: Callable[..., Any]) -> Any:

@@ -21,16 +21,20 @@ P_L, N_L, P_T, N_T, F_T = range(5)
 """Rows of `vectors`: centre and normal in the link, both seen from the torso, force [N] there."""
 VECTORS = 5
 _BLOCK = 64
+_NONE, _ONE = np.uint64(0), np.uint64(1)
+"""Places that are counted without a sign need no look at whether they count from the end."""
 
 
 @inlined
 def _deal(active: Indices, label: Indices, bounds: Indices, members: Indices, count: int) -> None:
-    for taxel in active:
+    for place in range(np.uint64(len(active))):
+        taxel = np.uint64(active[place])
         mine = label[taxel]
         label[taxel] = 0
         if mine > 0:
-            members[bounds[mine - 1]] = taxel
-            bounds[mine - 1] += 1
+            cluster = np.uint64(mine - 1)
+            members[np.uint64(bounds[cluster])] = active[place]
+            bounds[cluster] += 1
     # Each bound has moved to the next one's place.
     for i in range(count, 0, -1):
         bounds[i] = bounds[i - 1]
@@ -83,32 +87,32 @@ def _group(force: Array, floor: float, touch: float, graph: Indices, work: Indic
         return 0
     count = 0
     bounds[0] = 0
-    for place in range(active):
-        seed = members[place]
+    for place in range(np.uint64(active)):
+        seed = np.uint64(members[place])
         if label[seed] != 0:
             continue
         label[seed] = count + 1
-        queue[0] = seed
-        done, size = 0, 1
+        queue[_NONE] = members[place]
+        done, size = _NONE, _ONE
         peak = force[seed]
         while done < size:
-            taxel = queue[done]
-            done += 1
+            taxel = np.uint64(queue[done])
+            done += _ONE
             peak = max(peak, force[taxel])
-            for edge in range(graph[taxel], graph[taxel + 1]):
-                other = graph[edge]
+            for edge in range(np.uint64(graph[taxel]), np.uint64(graph[taxel + _ONE])):
+                other = np.uint64(graph[edge])
                 if label[other] == 0 and force[other] >= floor:
                     label[other] = count + 1
-                    queue[size] = other
-                    size += 1
+                    queue[size] = graph[edge]
+                    size += _ONE
         if peak >= touch:
             count += 1
-            bounds[count] = bounds[count - 1] + size
+            bounds[count] = bounds[count - 1] + np.int64(size)
         else:
             for i in range(size):
-                label[queue[i]] = -1
+                label[np.uint64(queue[i])] = -1
     # All active taxels in their order, dealt to their clusters.
-    for place in range(active):
+    for place in range(np.uint64(active)):
         queue[place] = members[place]
     _deal(queue[:active], label, bounds, members, count)
     return count
@@ -129,12 +133,12 @@ def cluster_of(
     force: Array, floor: float, touch: float, active: Indices, graph: Indices, work: Indices
 ) -> int:
     """`cluster` where no other taxels than the `active` (k,) ones, in their order, feel anything."""
-    found = 0
-    for place in range(len(active)):
-        if force[active[place]] >= floor:
+    found = _NONE
+    for place in range(np.uint64(len(active))):
+        if force[np.uint64(active[place])] >= floor:
             work[found] = active[place]
-            found += 1
-    return _group(force, floor, touch, graph, work, found)  # type: ignore[no-any-return]
+            found += _ONE
+    return _group(force, floor, touch, graph, work, np.int64(found))  # type: ignore[no-any-return]
 
 
 @inlined

@@ -46,10 +46,11 @@ BEGIN, TAXELS, FIRST, COUNT, TURN, END, STRAIGHT, NODE, NODES, CHANNELS = range(
 """Columns of `table`: a patch's first taxel and their number, first block and their number, what turns bytes
 (0 or 255), the largest byte that is not at the end of the range, whether channels are taxels, place and
 number of its response's nodes, and number of channels in its frame."""
-STAMP, ELAPSED, FRAMES, IN_LESSON, BENT, SINCE, REPEATS, SATURATED, DUE, LEAST = range(10)
+STAMP, ELAPSED, FRAMES, IN_LESSON, BENT, SINCE, REPEATS, SATURATED, DUE, LEAST, CALM = range(11)
 """Columns of `state`: time of the latest frame [s] (NaN: none) and since the lesson began, frames seen, up to
 2, and in this lesson, second differences in it, frames since the last spill, frames that came again, taxels
-at the end of their range."""
+at the end of their range, when the next lesson is due, the least of frames in it; frames that all blocks
+still have to count, -1 where one is not settled."""
 LONGEST = 120
 """Frames that the counts can hold: second differences are up to 510."""
 
@@ -110,6 +111,15 @@ def _alive(octets: Octets, row: int, b: int) -> int:
 
 
 @inlined
+def _count_calm(p: int, table: Numbers, blocks: NDArray[np.int32], state: Array) -> None:
+    """Count in each block the frames in which nothing changed."""
+    if state[p, CALM] > 0.0:
+        for b in range(table[p, FIRST], table[p, FIRST] + table[p, COUNT]):
+            blocks[STILL, b] += int(state[p, CALM])
+        state[p, CALM] = 0.0
+
+
+@inlined
 def _update(
     p: int,
     table: Numbers,
@@ -119,14 +129,24 @@ def _update(
     state: Array,
 ) -> None:
     """Go through the blocks of a patch whose new bytes are there."""
-    now, whole = octets[NOW], octets.view(np.uint64)
+    start, stop = np.uint64(table[p, FIRST]), np.uint64(table[p, FIRST] + table[p, COUNT])
+    state[p, SINCE] += 1
+    whole = octets.view(np.uint64)
     fresh, last = whole[NOW], whole[LAST]
+    changed = np.uint64(0)
+    for i in range(start * _EIGHT, stop * _EIGHT):
+        changed |= fresh[i] ^ last[i]
+    if changed == 0 and state[p, CALM] >= 0.0:
+        state[p, CALM] += 1
+        return
+    _count_calm(p, table, blocks, state)
+    now = octets[NOW]
     still, settled, live, full = blocks[STILL], blocks[SETTLED], blocks[LIVE], blocks[ENDS]
     bending = np.uint16(0xFFFF if state[p, FRAMES] > 1 else 0)
     changing = np.uint8(1 if state[p, FRAMES] > 0 else 0)
     end = np.uint8(table[p, END])
     saturated = 0
-    for b in range(np.uint64(table[p, FIRST]), np.uint64(table[p, FIRST] + table[p, COUNT])):
+    for b in range(start, stop):
         other = np.uint64(0)
         for i in range(b * _EIGHT, b * _EIGHT + _EIGHT):  # eight octets each
             other |= fresh[i] ^ last[i]
@@ -144,7 +164,7 @@ def _update(
             saturated += np.int64(ends) - full[b]
             full[b] = ends
     state[p, SATURATED] += saturated
-    state[p, SINCE] += 1
+    state[p, CALM] = 0.0 if changed == 0 else -1.0
 
 
 @inlined
@@ -163,6 +183,7 @@ def _spill(
     own = memory[ROWS * begin : ROWS * (begin + count)].reshape(ROWS, count)
     frames, turn, s = int(state[p, SINCE]), np.uint8(table[p, TURN]), sensor[p]
     if frames:
+        _count_calm(p, table, blocks, state)
         for b in range(first, first + table[p, COUNT]):
             if blocks[STILL, b]:
                 _catch_up(octets, words, blocks, b)

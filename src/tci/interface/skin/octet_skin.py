@@ -17,6 +17,7 @@ from tci.interface.kernels.condition import CHANGED, FULL, HIGHEST, LOWEST, REST
 from tci.interface.kernels.octets import (
     BENT,
     BLOCK,
+    CALM,
     CHANGES,
     DUE,
     ELAPSED,
@@ -76,8 +77,8 @@ class OctetSkin:
             np.zeros((2, BLOCK * whole), np.uint16),
         )
         self._octets[LOW] = 255
-        self._blocks, self._state = np.zeros((4, whole), np.int32), np.zeros((len(sizes), 10))
-        self._state[:, STAMP] = np.nan
+        self._blocks, self._state = np.zeros((4, whole), np.int32), np.zeros((len(sizes), 11))
+        self._state[:, STAMP], self._state[:, CALM] = np.nan, -1.0
         self._room = sizes
         none = np.zeros(0, np.int64)
         self._indices = np.concatenate([none, *(one.channels for one in conditioners)])

@@ -151,6 +151,20 @@ def test_26_a_lease_is_free_again_after_its_holder() -> None:
             pass
 
 
+@pytest.mark.parametrize(("after", "missed"), [(148, 1), (146, 3), (149, 0)])
+def test_41_periods_that_are_missed_at_the_end_are_counted(
+    link: SimulatedLink, after: int, missed: int
+) -> None:
+    report = LoopReport()
+
+    def oversleep() -> None:
+        link.world.advance(link.world.time + 8.5 * link.period)
+
+    run(link, Swing(after, oversleep), duration=0.3, report=report)
+    assert report.ticks + report.missed == 150
+    assert (report.missed, report.overruns) == (missed, missed > 0)
+
+
 @pytest.mark.parametrize("missed", [2, 3])
 def test_41_periods_that_are_missed_are_counted_and_many_mean_hold(link: SimulatedLink, missed: int) -> None:
     report = LoopReport()

@@ -15,6 +15,7 @@ from row import Row
 import tci
 from tci.capabilities.fields import default_fields
 from tci.clock import MonotonicClock
+from tci.frames import frozen
 from tci.interface.skin.skin import Skin
 from tci.messages import Reading, SkinFrame
 from tci.middleware.link import Link
@@ -55,8 +56,10 @@ class Touched(Link):
             armed=True,
         )
         self.angles, self.count, self.busy = np.array(robot.initial_position), 0, 0.0
-        self._start = self.clock.now()
-        self._rest = {p.name: np.full(p.channels, p.sensor.rest) for p in robot.patches}
+        self._start, self._number = self.clock.now(), -1
+        self._frames: tuple[SkinFrame, ...] = ()
+        # Bytes, as the links of a robot with 8-bit sensors give them; each frame is an array of its own.
+        self._rest = {p.name: np.full(p.channels, p.sensor.rest, np.uint8) for p in robot.patches}
         patches = [patch for patch in robot.patches if patch.segment in SEGMENTS]
         self._touches = [self._touch(patch, number) for number, patch in enumerate(patches)]
 
@@ -70,7 +73,8 @@ class Touched(Link):
         turn = np.abs((theta - field.theta + np.pi) % (2 * np.pi) - np.pi)
         nearest = np.argsort(np.hypot(u - field.u, turn / np.pi))[:9]
         values = self._rest[patch.name].copy()
-        values[skin.surfaces[patch.name].channels[nearest]] += 60.0 * np.sign(patch.sensor.pascal_per_count)
+        pressed = skin.surfaces[patch.name].channels[nearest]
+        values[pressed] = values[pressed].astype(int) + 60 * np.sign(patch.sensor.pascal_per_count)
         return patch.name, values
 
     def _joints(self, now: float) -> tci.JointReading:
@@ -84,13 +88,11 @@ class Touched(Link):
         number = int(since * RATE)
         touched, values = self._touches[int(since / TOUCH[1]) % len(self._touches)]
         pressed = since % TOUCH[1] < TOUCH[0]
-        frames = (
-            SkinFrame(
-                name, self._start + number / RATE, number, values if pressed and name == touched else rest
-            )
-            for name, rest in self._rest.items()
-        )
-        return Reading(self._joints(now), tuple(frames))
+        if number != self._number:
+            self._number, stamp = number, self._start + number / RATE
+            felt = {**self._rest, touched: values} if pressed else self._rest
+            self._frames = tuple(SkinFrame(n, stamp, number, frozen(v.copy())) for n, v in felt.items())
+        return Reading(self._joints(now), self._frames)
 
     def _send(self, safe: tci.SafeCommand) -> None:
         self.angles[safe.servos] = safe.position

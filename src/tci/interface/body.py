@@ -81,6 +81,8 @@ class Body:
                 ended = tuple(one for one in identities(before) if one not in here)
             self._covered = self._coverage.step(state, reading.joints)
             self._frames = frames
+        else:
+            self.skin.learn()
         position = reading.joints.position
         return Perception(
             stamp=now,

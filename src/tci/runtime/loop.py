@@ -6,6 +6,7 @@ the capability, an observer or a thread, the robot is brought to rest first and 
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -89,6 +90,8 @@ def run(
                 interruption.raise_it()
                 if until is not None and until(loop.memory):
                     break
+            else:
+                loop.end(duration)
             loop.report.ended = "done"
         except BaseException as error:
             where = f" in thread {interruption.thread}" if error is interruption.failure else ""
@@ -165,6 +168,16 @@ class _Loop(Generic[Memory]):
             self.observe(Tick(now, reading, self._perception, commands, sent, self.body.skin.state))
         self.report.ticks += 1
         self.report.work.add(time.perf_counter() - begin)
+
+    def end(self, duration: float | None) -> None:
+        """Count what was missed of `duration` [s] after the last period that was served."""
+        if duration is None or self._before is None:
+            return
+        served = int((self._before - self._start) / self.link.period + 1e-6) + 1
+        missed = math.ceil(duration / self.link.period - 1e-6) - served
+        if missed > 0:
+            self.report.overruns += 1
+            self.report.missed += missed
 
     def _in_own_joints(
         self, commands: tuple[Order, ...], joints: JointReading

@@ -126,6 +126,8 @@ class Conditioner:
         self._least: Array | None = None
         self._saturated = 0
         self._frames = self._in_lesson = self._bends = 0
+        self.ended = False
+        """A lesson has ended from which nothing has been learnt yet."""
         self._due, self._phase = self.settings.baseline.lesson, phase
         self._elapsed = self._raised = 0.0
         self._stamp: float | None = None
@@ -179,6 +181,7 @@ class Conditioner:
     @property
     def health(self) -> PatchHealth:
         """What was found out about the taxels until now."""
+        self.catch_up()
         state = self._health.state
         masked = {int(i): Health(state[i]).name.lower() for i in np.flatnonzero(state)}
         coverage = 1.0 - len(masked) / max(len(state), 1)
@@ -187,6 +190,7 @@ class Conditioner:
     def rezero(self) -> None:
         """What the taxels read now is rest: after a step of the baseline, or on an operator's word."""
         if self._frames:
+            self.catch_up()
             self._count_repeats()
             self.baseline.rezero(self.memory[SIGNAL].astype(np.float64))
             self._round()
@@ -195,10 +199,12 @@ class Conditioner:
     def pressure(self, values: NDArray[np.generic], stamp: float | None = None) -> Array:
         """Pressure (taxels,) [Pa] of a raw frame (channels,) at `stamp` [s]: never negative, always finite.
 
-        Without a stamp nothing is learnt from the frame. A value that is not finite, or that the sensor
+        Without a stamp nothing is learnt from the frame. What a lesson teaches counts from the frame after it
+        on. A value that is not finite, or that the sensor
         can't send, counts as the taxel's rest. The same read-only array again is the same frame again: it is
         only counted. Raises FrameError for another number of values, or for values that are no real numbers.
         """
+        self.catch_up()
         elapsed = 0.0
         if stamp is not None:
             elapsed = 0.0 if self._stamp is None else min(max(stamp - self._stamp, 0.0), GAP)
@@ -212,10 +218,8 @@ class Conditioner:
         self._frames = min(self._frames + 1, 2)
         self._in_lesson += 1
         self._elapsed += elapsed
-        pressure = self._pressure
-        if self._elapsed >= self._due and self._in_lesson >= self.settings.baseline.frames:
-            self.learn()
-        return pressure
+        self.ended = self._elapsed >= self._due and self._in_lesson >= self.settings.baseline.frames
+        return self._pressure
 
     def _condition(self, values: NDArray[np.generic], elapsed: float) -> None:
         """Go through all taxels."""
@@ -256,8 +260,14 @@ class Conditioner:
             memory[TOTAL] += np.float32(self._repeats) * memory[SIGNAL]
             self._repeats = 0
 
+    def catch_up(self) -> None:
+        """Learn from the lesson that ended: at any time between two frames the result is the same."""
+        if self.ended:
+            self.learn()
+
     def learn(self) -> None:
         """End a lesson."""
+        self.ended = False
         self._count_repeats()
         total, peak, bend, changed = self.memory[[TOTAL, PEAK, BEND, CHANGED]].astype(np.float64)
         lesson = Lesson(

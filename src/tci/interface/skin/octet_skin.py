@@ -99,6 +99,7 @@ class OctetSkin:
         self._same: list[object] = [None] * len(sizes)
         self._seen = [0] * len(sizes)
         self._still: set[int] = set()
+        self._ended: list[int] = []
         for p, one in enumerate(conditioners):
             if self.takes[p]:
                 one.memory = self._memory[ROWS * self.begins[p] : ROWS * self.begins[p + 1]].reshape(ROWS, -1)
@@ -109,6 +110,8 @@ class OctetSkin:
     ) -> tuple[NDArray[np.int32], Array, list[int], list[bool]]:
         """Active taxels (m,) and pressure (m,) [Pa] on them in frames of the patches `which` (k > 0), where
         each one's end (k + 1,), and which are the same as the frame before, for which nothing is given."""
+        while self._ended:
+            self.learn()
         held = self._same
         again = [v is held[p] for p, v in zip(which, values, strict=True)]
         kinds = which
@@ -135,15 +138,28 @@ class OctetSkin:
         if self._still:
             self._revive([p for p, same in zip(which, again, strict=True) if p in self._still and not same])
         if due:
-            for p in which:
-                if (
-                    self._state[p, ELAPSED] >= self._state[p, DUE]
-                    and self._state[p, IN_LESSON] >= self._state[p, LEAST]
-                ):
-                    self.sync(p)
-                    self.conditioners[p].learn()
-                    self._load(p)
+            elapsed, lesson, frames, least = self._state[which][:, [ELAPSED, DUE, IN_LESSON, LEAST]].T
+            self._ended = [which[k] for k in np.flatnonzero((elapsed >= lesson) & (frames >= least))]
         return taxels, pressure, ends.tolist(), again
+
+    def catch_up(self) -> None:
+        """Learn from all lessons that have ended."""
+        while self.learn():
+            pass
+
+    def learn(self) -> bool:
+        """Learn from one lesson that has ended; false if none has. It takes longer than a frame."""
+        if self._ended:
+            p = self._ended.pop()
+            self.sync(p)
+            self.conditioners[p].learn()
+            self._load(p)
+            return True
+        for one in self.conditioners:
+            if one.ended:
+                one.learn()
+                return True
+        return False
 
     def put(self, p: int, force: Array) -> None:
         """The force (n,) [N] on a patch that goes the other way."""
@@ -156,6 +172,7 @@ class OctetSkin:
     def retire(self, p: int) -> None:
         """From now on a patch goes the other way."""
         if self.takes[p]:
+            self.catch_up()
             self.sync(p)
             self.takes[p] = False
 
@@ -182,6 +199,7 @@ class OctetSkin:
 
     def rezero(self, p: int) -> None:
         """What a patch reads now is rest."""
+        self.catch_up()
         self.sync(p)
         self.conditioners[p].rezero()
         if self.takes[p]:

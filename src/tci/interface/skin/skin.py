@@ -114,6 +114,7 @@ class Skin:
     def health(self) -> dict[str, PatchHealth]:
         """How much of each patch can be trusted, by its name."""
         octets, found = self.octets, {}
+        octets.catch_up()
         for p, (name, conditioner) in enumerate(self._conditioners.items()):
             health = conditioner.health
             found[name] = replace(health, saturated=octets.saturated(p)) if octets.takes[p] else health
@@ -166,6 +167,13 @@ class Skin:
         self._joints = reading.joints
         self._state = SkinState(patches=patches, link_poses=poses)
         return self._state
+
+    def learn(self) -> None:
+        """Learn from one lesson that has ended, if one has: for a period without a new frame, which has time.
+
+        It would be learnt from at the next frame anyway, with the same result.
+        """
+        self.octets.learn()
 
     def force_now(
         self, flat: FlatSkin, state: SkinState

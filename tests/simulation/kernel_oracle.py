@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from tci.frames import Array
-from tci.simulation.kernel import _REACH, _SOFTNESS, _STEPS, _TOLERANCE
+from tci.simulation.kernel import _SOFTNESS, _STEPS, _TOLERANCE, REACH
 
 
 def spread(positions: Array, point: Array, normal: Array, sigma: float) -> Array:
     offsets = (positions - point) / sigma
     squared = np.einsum("ij,ij->i", offsets, offsets)
     distance = np.sqrt(squared)
-    near = np.flatnonzero(distance <= distance.min() + _REACH)
+    near = np.flatnonzero(distance <= distance.min() + REACH)
     logarithms = -0.5 * squared[near]
     shares = np.zeros(len(positions))
     shares[near] = _centred(logarithms, offsets[near] @ _tangents(normal))

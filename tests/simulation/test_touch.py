@@ -11,6 +11,7 @@ from simulation import kernel_oracle
 from simulation.pokes import frame_of, poke_anywhere, pressures, straight_arms
 from tci.errors import TciError
 from tci.model.catalogue import load_robot
+from tci.simulation import feeling as at
 from tci.simulation.feeling import SLOTS
 from tci.simulation.kernel import spread, width
 from tci.simulation.touch import skin_geom
@@ -173,3 +174,21 @@ def test_the_compiled_loop_equals_numpy(seed: int) -> None:
     shares = spread(positions, point, normal, SIGMA)
     np.testing.assert_allclose(shares, kernel_oracle.spread(positions, point, normal, SIGMA), atol=1e-6)
     assert shares.sum() == pytest.approx(1.0)
+
+
+def test_a_list_of_taxels_around_a_contact_hides_none(nao: World) -> None:
+    """The finger slides over the skin, which turns below it."""
+    patch = nao.robot.patches[0]
+    nao.finger.poke(patch.name, len(nao.surfaces[patch.name].positions) // 2, speed=0.1)
+    spots = nao._taxels.arrays[11]
+    centres = set()
+    for step in range(100, 700):
+        nao.advance(step * 0.001)
+        if step % 100 == 0:
+            nao.set_position_targets(np.arange(5), nao.joints().position[:5] + 0.1 * (-1) ** (step // 100))
+        felt = nao._taxels.vectors(patch.name)
+        centres.add(tuple(spots[0, :3]))
+        spots[:, at.RADIUS] = -np.inf
+        assert (felt == nao._taxels.vectors(patch.name)).all()
+    assert nao.finger.touching
+    assert len(centres) > 1

@@ -41,7 +41,7 @@ def test_time_is_at_least_what_was_asked_for_in_whole_steps(nao: World) -> None:
 
 
 def test_frames_of_skin_change_nothing_that_moves_even_where_joints_are_moved_from_outside() -> None:
-    """A frame takes the first half of the next step; if the joints are elsewhere then, it is taken again."""
+    """A frame takes the next step but for its motion: again, if joints or forces are others then."""
     robot = load_robot("nao")
     ends = []
     for rate in (1000.0, 45.0):
@@ -53,6 +53,12 @@ def test_frames_of_skin_change_nothing_that_moves_even_where_joints_are_moved_fr
         assert world.finger.touching
         world.data.qpos[2] += 1e-3
         world.data.qvel[3] -= 0.1
+        world.advance(0.11)
+        world.set_stiffness(servos, 0.5 * np.ones(len(servos)))
+        world.advance(0.12)
+        world.data.xfrc_applied[-5, 0] = world.data.qfrc_applied[3] = 0.5
+        world.advance(0.13)
+        world.data.xfrc_applied[-5, 0] = world.data.qfrc_applied[3] = 0.0
         world.advance(0.2)
         ends.append((world.data.qpos.tobytes(), world.data.qvel.tobytes(), world.finger.trace.tobytes()))
     assert ends[0] == ends[1]

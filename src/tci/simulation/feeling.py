@@ -10,7 +10,7 @@ from tci.frames import Array
 from tci.interface.kernels.arrays import reads, writes
 from tci.interface.kernels.compiled import compiled, inlined
 from tci.simulation import kernel
-from tci.simulation.kernel import spread_into
+from tci.simulation.kernel import REACH, ROWS, SHARE, share_into, within
 
 SLOTS = 16
 """Contacts on one patch at a time. A finger makes one."""
@@ -21,32 +21,89 @@ NUMBERS = 13
 """Numbers per slot."""
 WIDE = 0.02
 """[m]; far wider than a taxel. Ours."""
-SENSOR, FLOOR, BODY, BEGIN, END, CHANNEL, CHANNELS, NODE, NODES, AXES, COUNT, DUE, TAKEN, TOUCHED = range(14)
+SENSOR, FLOOR, BODY, BEGIN, END, CHANNEL, NODE, NODES, AXES, COUNT, DUE, TAKEN, TOUCHED, PRESSED = range(14)
 """Columns of a patch's whole numbers: its slots in `sensordata`, what a floor does to it there or -1, its
-link; its taxels; its first channel and how many; its response's nodes; axes; of its latest frame: its number,
-the step in which the next is due and the step in which it was taken, contacts."""
+link; its taxels; its first channel; its response's nodes; axes; of its latest frame: its number, the step in
+which the next is due and the step in which it was taken, contacts, taxels that felt something."""
 REST, PER_COUNT, SHEAR_PER_COUNT, RATE, WIDTH, SIZE, OUTWARD = range(7)
 """Columns of a patch's numbers (9): the sensor's [count], [Pa/count]; frames per step; width of the kernel
 and half its longest side [m]; the mean of its normals (3)."""
 X, Y, AREA = 0, 3, 6
 """Columns of a taxel (7): its tangents, its area [m2]."""
+PRESSING, MARK = 2, 3
+"""Rows of what taxels feel (4): force [N] along x and y and pressing; whether they do. Else 0."""
+ALL, NEAR, FELT, LATEST, AROUND = range(5)
+"""Rows of lists of taxels, by their number in the patch: all; those near a contact; those that feel
+something; those that did in the latest frame; those around each contact, a row for each slot and the floor.
+"""
+CENTRE, RADIUS, MEMBERS = 0, 3, 4
+"""Columns of what is known of `AROUND` (5), for each patch's slots and floor: all taxels nearer to a point
+[m] than a radius [widths], how many."""
+_SLACK = 1.0
+"""How far [widths] a contact goes until the taxels around it are looked for anew (Verlet 1967). Ours."""
 
 
 @inlined
-def _share(positions: Array, point: Array, normal: Array, sigma: float, shares: Array) -> None:
-    """`spread` over the taxels; a wide one is aimed twice, since its softness is in widths."""
-    spread_into(positions, point, normal, sigma, shares)
-    if sigma > WIDE:
-        x, y, z = point[0], point[1], point[2]
-        for k in range(len(positions)):
-            x -= shares[k] * positions[k, 0]
-            y -= shares[k] * positions[k, 1]
-            z -= shares[k] * positions[k, 2]
-        along = x * normal[0] + y * normal[1] + z * normal[2]
-        point[0] += x - along * normal[0]
-        point[1] += y - along * normal[1]
-        point[2] += z - along * normal[2]
-        spread_into(positions, point, normal, sigma, shares)
+def _share(
+    positions: Array,
+    point: Array,
+    normal: Array,
+    sigma: float,
+    lists: Array,
+    row: int,
+    spot: Array,
+    work: Array,
+) -> int:
+    """`spread` over a patch's taxels: who feels anything, in the list `NEAR`, and their shares; how many.
+
+    A wide one is aimed twice, since its softness is in widths.
+    """
+    near, around, count = lists[NEAR], lists[AROUND + row], 0
+    for _ in range(2 if sigma > WIDE else 1):
+        if count > 0:
+            x, y, z = point[0], point[1], point[2]
+            for j in range(count):
+                k, share = near[j], work[SHARE, j]
+                x -= share * positions[k, 0]
+                y -= share * positions[k, 1]
+                z -= share * positions[k, 2]
+            along = x * normal[0] + y * normal[1] + z * normal[2]
+            point[0] += x - along * normal[0]
+            point[1] += y - along * normal[1]
+            point[2] += z - along * normal[2]
+        x, y, z = point[0] - spot[0], point[1] - spot[1], point[2] - spot[2]
+        room = spot[RADIUS] - (x * x + y * y + z * z) ** 0.5 / sigma - REACH
+        least = room
+        if room > 0.0:
+            known = around[: int(spot[MEMBERS])]
+            count, least = within(positions, known, point, sigma, REACH, near, work)
+        if least >= room:
+            wide = REACH + 2.0 * _SLACK
+            members, least = within(positions, lists[ALL], point, sigma, wide, around, work)
+            spot[0], spot[1], spot[2] = point[0], point[1], point[2]
+            spot[RADIUS], spot[MEMBERS] = least + wide, members
+            count, least = within(positions, around[:members], point, sigma, REACH, near, work)
+        share_into(positions, near[:count], point, normal, sigma, work)
+    return count
+
+
+@inlined
+def _add(force: float, x: float, y: float, z: float, count: int, axes: int, taxels: Array, lists: Array,
+         felt: int, total: Array, work: Array) -> int:  # fmt: skip
+    """Give the taxels `NEAR` their shares of a pressing force and, where they feel three axes, of a force
+    (x, y, z) along the skin [N]; how many feel something now."""
+    for j in range(count):
+        k, share = lists[NEAR, j], work[SHARE, j]
+        if total[MARK, k] == 0.0:
+            total[MARK, k] = 1.0
+            lists[FELT, felt] = k
+            felt += 1
+        total[PRESSING, k] += force * share
+        if axes == 3:
+            row = taxels[k]
+            total[0, k] += share * (row[X] * x + row[X + 1] * y + row[X + 2] * z)
+            total[1, k] += share * (row[Y] * x + row[Y + 1] * y + row[Y + 2] * z)
+    return felt
 
 
 @inlined
@@ -60,66 +117,59 @@ def press(
     positions: Array,
     taxels: Array,
     total: Array,
-    shares: Array,
-) -> int:
-    """Write the force (3, taxels) [N] on each taxel of a patch, along its x and y axes and pressing.
+    lists: Array,
+    spots: Array,
+    work: Array,
+) -> tuple[int, int]:
+    """Write which taxels of a patch feel something, `FELT`, and their forces [N].
 
-    Returns how many contacts there are, a floor's only where there is no other; nothing is written where
-    there are none, or more than slots.
+    Returns how many contacts there are, a floor's only where there is no other, and how many taxels feel
+    them: none where there are more contacts than slots.
     """
     words, size = patches[patch], sizes[patch]
     start, begin, end, body = words[SENSOR], words[BEGIN], words[END], words[BODY]
     found, floor = int(sensors[start + FOUND]), words[FLOOR]
     carried = floor >= 0 and sensors[floor + FOUND] > 0.0
+    felt = 0
     if (found == 0 and not carried) or found > SLOTS:
-        return int(found)
-    for k in range(end - begin):
-        total[0, k] = total[1, k] = total[2, k] = 0.0
-    if carried:
-        # A floor presses a padded sole all over, not in the corners of its hull.
-        x = sensors[floor + POSITION] - centres[body, 0]
-        y = sensors[floor + POSITION + 1] - centres[body, 1]
-        z = sensors[floor + POSITION + 2] - centres[body, 2]
-        point, normal, pressing = shares[1, :3], size[OUTWARD : OUTWARD + 3], 0.0
-        for i in range(3):
-            a, b, c = turns[body, i], turns[body, 3 + i], turns[body, 6 + i]
-            point[i] = a * x + b * y + c * z
-            force = (
-                a * sensors[floor + FORCE] + b * sensors[floor + FORCE + 1] + c * sensors[floor + FORCE + 2]
-            )
-            pressing += force * normal[i]
-        _share(positions[begin:end], point, normal, size[SIZE], shares[0])
-        for k in range(end - begin):
-            total[2, k] += abs(pressing) * shares[0, k]
-    for number in range(found):
-        slot = sensors[start + NUMBERS * number : start + NUMBERS * (number + 1)]
+        return found, felt
+    point, way, tangent = work[ROWS, :3], work[ROWS, 3:6], work[ROWS, 6:9]
+    places, own, spots = positions[begin:end], taxels[begin:end], spots[(SLOTS + 1) * patch :]
+    mine = lists[:, begin:end]
+    for number in range(-1 if carried else 0, found):
+        at = floor if number < 0 else start + NUMBERS * number
+        slot = sensors[at : at + NUMBERS]
         # Seen from the link: R^T (p - c), for directions R^T d.
         px = slot[POSITION] - centres[body, 0]
         py = slot[POSITION + 1] - centres[body, 1]
         pz = slot[POSITION + 2] - centres[body, 2]
-        point, way, tangent = shares[1, :3], shares[1, 3:6], shares[1, 6:9]
         for i in range(3):
             a, b, c = turns[body, i], turns[body, 3 + i], turns[body, 6 + i]
             point[i] = a * px + b * py + c * pz
             way[i] = a * slot[NORMAL] + b * slot[NORMAL + 1] + c * slot[NORMAL + 2]
             tangent[i] = a * slot[TANGENT] + b * slot[TANGENT + 1] + c * slot[TANGENT + 2]
-        _share(positions[begin:end], point, way, size[WIDTH], shares[0])
-        pressing = slot[FORCE]
-        for k in range(end - begin):
-            total[2, k] += pressing * shares[0, k]
-        if words[AXES] == 3:
-            first, second = slot[FORCE + 1], slot[FORCE + 2]
+        first, second, third = slot[FORCE], slot[FORCE + 1], slot[FORCE + 2]
+        if number < 0:
+            # A floor presses a padded sole all over, not in the corners of its hull; its sensor's axes are
+            # the world's.
+            row, sigma, pressing = SLOTS, size[SIZE], 0.0
+            x = y = z = 0.0
+            for i in range(3):
+                way[i] = size[OUTWARD + i]
+                a, b, c = turns[body, i], turns[body, 3 + i], turns[body, 6 + i]
+                pressing += (a * first + b * second + c * third) * way[i]
+            pressing = abs(pressing)
+        else:
+            row, sigma, pressing = number, size[WIDTH], first
             third_x = way[1] * tangent[2] - way[2] * tangent[1]
             third_y = way[2] * tangent[0] - way[0] * tangent[2]
             third_z = way[0] * tangent[1] - way[1] * tangent[0]
-            x = -(first * tangent[0] + second * third_x)
-            y = -(first * tangent[1] + second * third_y)
-            z = -(first * tangent[2] + second * third_z)
-            for k in range(end - begin):
-                row, share = taxels[begin + k], shares[0, k]
-                total[0, k] += share * (row[X] * x + row[X + 1] * y + row[X + 2] * z)
-                total[1, k] += share * (row[Y] * x + row[Y + 1] * y + row[Y + 2] * z)
-    return max(int(found), 1)
+            x = -(second * tangent[0] + third * third_x)
+            y = -(second * tangent[1] + third * third_y)
+            z = -(second * tangent[2] + third * third_z)
+        near = _share(places, point, way, sigma, mine, row, spots[row], work)
+        felt = _add(pressing, x, y, z, near, words[AXES], own, mine, felt, total, work)
+    return max(found, 1), felt
 
 
 @inlined
@@ -149,66 +199,55 @@ def feel(
     channels: Array,
     nodes: Array,
     total: Array,
-    shares: Array,
+    lists: Array,
+    spots: Array,
+    work: Array,
     values: Array,
 ) -> int:
-    """Take a patch's next frame, at the end of a step: the values [counts] of its channels, not rounded.
+    """Take a patch's next frame, at the end of a step: the values [counts] of its channels, not rounded, of
+    which only those are written that feel something or did in the frame before.
 
-    Returns how many contacts there are; only where there are some are values written."""
+    Without a step (-1) there is no frame: forces are left in `total`. Returns how many contacts there are.
+    """
     words, size = patches[patch], sizes[patch]
-    found = press(patch, sensors, centres, turns, patches, sizes, positions, taxels, total, shares)
+    begin, axes = words[BEGIN], words[AXES]
+    latest = lists[LATEST, begin : words[END]]
+    found, felt = press(
+        patch, sensors, centres, turns, patches, sizes, positions, taxels, total, lists, spots, work
+    )
+    if step < 0:
+        return found  # type: ignore[no-any-return]
+    for j in range(words[PRESSED]):
+        at = words[CHANNEL] + axes * channels[begin + latest[j]]
+        for axis in range(axes):
+            values[at + axis] = size[REST]
     words[COUNT] += 1
     words[DUE] = max(math.ceil((words[COUNT] + 1) / size[RATE] - 1e-6), step + 1)
-    words[TAKEN], words[TOUCHED] = step, found
-    if found == 0 or found > SLOTS:
-        return int(found)
-    begin, channel = words[BEGIN], words[CHANNEL]
-    for k in range(channel, channel + words[CHANNELS]):
-        values[k] = size[REST]
+    words[TAKEN], words[TOUCHED], words[PRESSED] = step, found, felt
     sign = 1.0 if size[PER_COUNT] > 0.0 else -1.0
-    for k in range(words[END] - begin):
+    for j in range(felt):
+        k = lists[FELT, begin + j]
         area = taxels[begin + k, AREA]
-        pressed = sign * _counts(total[2, k] / area, words[NODE], words[NODES], nodes, size[PER_COUNT])
-        place = channels[begin + k]
-        if words[AXES] == 3:
-            at = channel + 3 * place
+        at = words[CHANNEL] + axes * channels[begin + k]
+        if axes == 3:
             values[at] += total[0, k] / area / size[SHEAR_PER_COUNT]
             values[at + 1] += total[1, k] / area / size[SHEAR_PER_COUNT]
-            values[at + 2] += pressed
-        else:
-            values[channel + place] += pressed
+        pressure = total[PRESSING, k] / area
+        values[at + axes - 1] += sign * _counts(pressure, words[NODE], words[NODES], nodes, size[PER_COUNT])
+        latest[j] = k
+        total[0, k] = total[1, k] = total[PRESSING, k] = total[MARK, k] = 0.0
     return int(found)
 
 
 SKIN = (
     reads(1), reads(2), reads(2), writes(2, int64), reads(2), reads(2), reads(2), reads(1, int64), reads(2),
-    writes(2), writes(2), writes(1),
+    writes(2), writes(2, int64), writes(2), writes(2), writes(1),
 )  # fmt: skip
 """Types of what `feel` takes after patch and step."""
 
 
-@compiled(int64(int64, *SKIN), calls=(kernel,))
-def look(
-    patch: int,
-    sensors: Array,
-    centres: Array,
-    turns: Array,
-    patches: Array,
-    sizes: Array,
-    positions: Array,
-    taxels: Array,
-    channels: Array,
-    nodes: Array,
-    total: Array,
-    shares: Array,
-    values: Array,
-) -> int:
-    """`press`, for those who ask between steps."""
-    return press(patch, sensors, centres, turns, patches, sizes, positions, taxels, total, shares)  # type: ignore[no-any-return]
-
-
 @compiled(int64(int64, int64, *SKIN), calls=(kernel,))
-def begin(
+def feel_now(
     patch: int,
     step: int,
     sensors: Array,
@@ -221,11 +260,13 @@ def begin(
     channels: Array,
     nodes: Array,
     total: Array,
-    shares: Array,
+    lists: Array,
+    spots: Array,
+    work: Array,
     values: Array,
 ) -> int:
-    """`feel`, for the first frame."""
+    """`feel`, for the first frame, and for those who ask between steps."""
     return feel(  # type: ignore[no-any-return]
         patch, step, sensors, centres, turns, patches, sizes, positions, taxels, channels, nodes, total,
-        shares, values,
+        lists, spots, work, values,
     )  # fmt: skip

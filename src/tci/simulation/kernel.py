@@ -11,16 +11,23 @@ from numba import float64, int64
 
 from tci.frames import Array
 from tci.interface.kernels.arrays import reads, views, writes
-from tci.interface.kernels.compiled import allocating, compiled, inlined
+from tci.interface.kernels.compiled import compiled, inlined
 
 SIGMA = 3e-3
 """Width [m] of the Gaussian that the cover over the taxels makes of a point. Ours."""
-_REACH = 6.0
+REACH = 6.0
 """Taxels farther from a contact than the nearest taxel and this many widths get nothing."""
 _SOFTNESS = 0.02
 """What a tilt of the weights costs. With it a contact off the skin's edge has weights too. Ours."""
 _STEPS = 30
-_TOLERANCE = 1e-9
+_TOLERANCE = 1e-7
+"""How near [widths] the taxels' mean comes to where it belongs."""
+_LEAST = -60.0
+"""Logarithm of weights, of a largest one of 1, that count for nothing."""
+SHARE, _TRIAL, _LOGARITHM, _ACROSS, _UP, _NUMBERS = range(6)
+"""Rows of the workspace (6, at least n and 8): shares; others that are tried; their logarithms without a
+tilt; two offsets [widths]; and what a tilt gives: the sums in `_weigh`."""
+ROWS = 6
 
 
 def width(areas: Array) -> float:
@@ -40,108 +47,146 @@ def spread(positions: Array, point: Array, normal: Array, sigma: float) -> Array
     sense of entropy, are the local maximum-entropy ones: exp(lambda . x - x^2 / 2 sigma^2), with one
     tilt lambda for all taxels (Arroyo and Ortiz 2006, doi:10.1002/nme.1534).
     """
-    shares = np.empty(len(positions))
-    _spread(np.ascontiguousarray(positions), point, normal, sigma, shares)
+    n = len(positions)
+    near, work = np.empty(n, dtype=np.int64), np.empty((ROWS, max(n, 8)))
+    count = _spread(np.ascontiguousarray(positions), np.arange(n), point, normal, sigma, near, work)
+    shares = np.zeros(n)
+    shares[near[:count]] = work[SHARE, :count]
     return shares
 
 
-@allocating
-def _tangents(normal: Array) -> Array:
-    """Two unit vectors, the rows of (2, 3), across `normal` (3,)."""
-    least = np.zeros(3)
-    least[np.argmin(np.abs(normal))] = 1.0
-    across = np.empty((2, 3))
-    across[0] = np.cross(normal, least)
-    across[0] /= np.sqrt(np.sum(across[0] ** 2))
-    across[1] = np.cross(normal, across[0])
-    return across
+@inlined
+def _exponential(x: float) -> float:
+    """exp(x) for x from `_LEAST` to 0, to 1e-11 of itself: (1 + x / 256 + ...)^256, without a branch, so that
+    a processor takes several at a time."""
+    x = (x if x > _LEAST else _LEAST) * 0.00390625
+    y = 1.0 + x * (1.0 / 7.0) * (1.0 + x * (1.0 / 8.0) * (1.0 + x * (1.0 / 9.0)))
+    y = 1.0 + x * (1.0 / 4.0) * (1.0 + x * (1.0 / 5.0) * (1.0 + x * (1.0 / 6.0) * y))
+    y = 1.0 + x * (1.0 + x * (1.0 / 2.0) * (1.0 + x * (1.0 / 3.0) * y))
+    for _ in range(8):
+        y *= y
+    return y
 
 
 @inlined
-def _potential(tilt: Array, logarithms: Array, offsets: Array, weights: Array) -> float:
-    """Write the weights (k,) of a tilt (2,); the logarithm of their sum, and what the tilt costs."""
-    top = -np.inf
-    for i in range(len(weights)):
-        weights[i] = logarithms[i] + offsets[0, i] * tilt[0] + offsets[1, i] * tilt[1]
-        top = max(top, weights[i])
-    total = 0.0
-    for i in range(len(weights)):
-        weights[i] = np.exp(weights[i] - top)
-        total += weights[i]
-    for i in range(len(weights)):
-        weights[i] /= total
-    return top + np.log(total) + 0.5 * _SOFTNESS * (tilt[0] ** 2 + tilt[1] ** 2)  # type: ignore[no-any-return]
+def _weigh(u: float, v: float, count: int, work: Array, row: int) -> float:
+    """Write the weights of a tilt (u, v), the largest of them 1, into a row; their sums: plain, times
+    offsets, times products of offsets. Returns what the tilt costs: the logarithm of the sum, and its
+    softness."""
+    weights, logarithms, across, up = work[row], work[_LOGARITHM], work[_ACROSS], work[_UP]
+    top = 0.0
+    if u != 0.0 or v != 0.0:
+        top = -np.inf
+        for i in range(count):
+            weights[i] = logarithms[i] + across[i] * u + up[i] * v
+            top = weights[i] if weights[i] > top else top
+        for i in range(count):
+            weights[i] = _exponential(weights[i] - top)
+    else:
+        for i in range(count):
+            weights[i] = _exponential(logarithms[i])
+    total = x = y = xx = xy = yy = 0.0
+    for i in range(count):
+        a, b, w = across[i], up[i], weights[i]
+        total += w
+        x += w * a
+        y += w * b
+        xx += w * a * a
+        xy += w * a * b
+        yy += w * b * b
+    sums = work[_NUMBERS]
+    sums[0], sums[1], sums[2], sums[3], sums[4], sums[5] = total, x, y, xx, xy, yy
+    return top + np.log(total) + 0.5 * _SOFTNESS * (u * u + v * v)  # type: ignore[no-any-return]
 
 
-@allocating
-def _centre(logarithms: Array, offsets: Array, weights: Array) -> None:
-    """Write weights (k,) proportional to exp(logarithms + offsets . tilt), with the tilt that centres them.
+@inlined
+def _centre(count: int, work: Array) -> None:
+    """Write shares proportional to exp(logarithms + offsets . tilt), with the tilt that centres them.
 
     Newton's method on the convex function log(sum) + softness / 2 * tilt^2, whose gradient is the
     weighted mean offset but for the softness.
     """
-    tilt, trial, trial_weights = np.zeros(2), np.zeros(2), np.empty(len(weights))
-    value = _potential(tilt, logarithms, offsets, weights)
+    tilt_u = tilt_v = 0.0
+    row, other = SHARE, _TRIAL
+    value = _weigh(tilt_u, tilt_v, count, work, row)
+    sums = work[_NUMBERS]
+    total = sums[0]
     for _ in range(_STEPS):
-        x = y = xx = xy = yy = 0.0
-        for i in range(len(weights)):
-            a, b, w = offsets[0, i], offsets[1, i], weights[i]
-            x += w * a
-            y += w * b
-            xx += w * a * a
-            xy += w * a * b
-            yy += w * b * b
-        g, h = x + _SOFTNESS * tilt[0], y + _SOFTNESS * tilt[1]
+        total = sums[0]
+        x, y = sums[1] / total, sums[2] / total
+        g, h = x + _SOFTNESS * tilt_u, y + _SOFTNESS * tilt_v
         if g * g + h * h < _TOLERANCE**2:
             break
-        xx, xy, yy = xx - x * x + _SOFTNESS, xy - x * y, yy - y * y + _SOFTNESS
+        xx = sums[3] / total - x * x + _SOFTNESS
+        xy = sums[4] / total - x * y
+        yy = sums[5] / total - y * y + _SOFTNESS
         determinant = xx * yy - xy * xy
         u, v = (xy * h - yy * g) / determinant, (xy * g - xx * h) / determinant
         slope = g * u + h * v
-        size, better = 1.0, False
+        size, better, trial = 1.0, False, value
         while size > 1e-6 and not better:
-            trial[0], trial[1] = tilt[0] + size * u, tilt[1] + size * v
-            trial_value = _potential(trial, logarithms, offsets, trial_weights)
-            better = trial_value <= value + 1e-4 * size * slope
+            trial = _weigh(tilt_u + size * u, tilt_v + size * v, count, work, other)
+            better = trial <= value + 1e-4 * size * slope
             size /= 2.0
         if not better:
             break
-        tilt[:], value = trial, trial_value
-        weights[:] = trial_weights
+        tilt_u += 2.0 * size * u
+        tilt_v += 2.0 * size * v
+        value, row, other, total = trial, other, row, sums[0]
+    for i in range(count):
+        work[SHARE, i] = work[row, i] / total
 
 
-@allocating
-def spread_into(positions: Array, point: Array, normal: Array, sigma: float, shares: Array) -> int:
-    """Write `spread`; how many taxels feel anything."""
-    n = len(positions)
-    least = np.inf
-    for i in range(n):
-        x, y, z = positions[i, 0] - point[0], positions[i, 1] - point[1], positions[i, 2] - point[2]
-        shares[i] = (x * x + y * y + z * z) / (sigma * sigma)
-        least = min(least, shares[i])
-    limit = (np.sqrt(least) + _REACH) ** 2
-    near = np.empty(n, np.int64)
-    count = 0
-    for i in range(n):
-        if shares[i] <= limit:
-            near[count] = i
-            count += 1
-        else:
-            shares[i] = 0.0
-    across = _tangents(normal)
-    logarithms, offsets, weights = np.empty(count), np.empty((2, count)), np.empty(count)
-    for k in range(count):
+@inlined
+def share_into(positions: Array, near: Array, point: Array, normal: Array, sigma: float, work: Array) -> None:
+    """Write the shares of taxels `near` (k,), which `within` has just found."""
+    x, y, z = abs(normal[0]), abs(normal[1]), abs(normal[2])
+    # Across the normal and the axis that it is least along.
+    if x <= y and x <= z:
+        a, b, c = 0.0, normal[2], -normal[1]
+    elif y <= z:
+        a, b, c = -normal[2], 0.0, normal[0]
+    else:
+        a, b, c = normal[1], -normal[0], 0.0
+    size = 1.0 / (sigma * (a * a + b * b + c * c) ** 0.5)
+    a, b, c = a * size, b * size, c * size
+    d, e, f = normal[1] * c - normal[2] * b, normal[2] * a - normal[0] * c, normal[0] * b - normal[1] * a
+    px, py, pz = point[0], point[1], point[2]
+    for k in range(len(near)):
         i = near[k]
-        logarithms[k] = -0.5 * shares[i]
-        for axis in range(2):
-            x, y, z = positions[i, 0] - point[0], positions[i, 1] - point[1], positions[i, 2] - point[2]
-            offsets[axis, k] = (x * across[axis, 0] + y * across[axis, 1] + z * across[axis, 2]) / sigma
-    _centre(logarithms, offsets, weights)
-    for k in range(count):
-        shares[near[k]] = weights[k]
-    return count
+        x, y, z = positions[i, 0] - px, positions[i, 1] - py, positions[i, 2] - pz
+        work[_ACROSS, k] = x * a + y * b + z * c
+        work[_UP, k] = x * d + y * e + z * f
+    _centre(len(near), work)
 
 
-@compiled(int64(reads(2), views(1), views(1), float64, writes(1)))
-def _spread(positions: Array, point: Array, normal: Array, sigma: float, shares: Array) -> int:
-    return spread_into(positions, point, normal, sigma, shares)  # type: ignore[no-any-return]
+@inlined
+def within(
+    positions: Array, among: Array, point: Array, sigma: float, reach: float, near: Array, work: Array
+) -> tuple[int, float]:
+    """Write which of the taxels `among` (k,) are near a point: no farther than the nearest one and a `reach`
+    [widths]. Returns how many they are, and how far [widths] the nearest is."""
+    least, scale = np.inf, 1.0 / (sigma * sigma)
+    px, py, pz = point[0], point[1], point[2]
+    squares = work[_TRIAL]
+    for k in range(len(among)):
+        i = among[k]
+        x, y, z = positions[i, 0] - px, positions[i, 1] - py, positions[i, 2] - pz
+        squares[k] = (x * x + y * y + z * z) * scale
+        least = min(least, squares[k])
+    nearest = least**0.5
+    limit, count = (nearest + reach) ** 2, 0
+    for k in range(len(among)):
+        near[count] = among[k]
+        work[_LOGARITHM, count] = -0.5 * (squares[k] - least)
+        count += squares[k] <= limit
+    return count, nearest
+
+
+@compiled(int64(reads(2), reads(1, int64), views(1), views(1), float64, writes(1, int64), writes(2)))
+def _spread(
+    positions: Array, among: Array, point: Array, normal: Array, sigma: float, near: Array, work: Array
+) -> int:
+    count, _ = within(positions, among, point, sigma, REACH, near, work)
+    share_into(positions, near[:count], point, normal, sigma, work)
+    return int(count)

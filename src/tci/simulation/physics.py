@@ -38,7 +38,8 @@ class Physics:
         self.motors = data.actuator_force
         """Torque [N m] of each actuator in the latest step."""
         self._warm = data.qacc_warmstart
-        self._here = np.zeros(self.model.nq + 2 * self.model.nv)
+        self._applied, self._pushed = data.qfrc_applied, data.xfrc_applied
+        self._here = np.zeros(model.nq + 3 * model.nv + model.nu + self._pushed.size)
         self.whole = np.zeros(5, dtype=np.int64)
         """Whole numbers of the loop; places as `stepping` names them."""
 
@@ -67,8 +68,8 @@ class Physics:
         """Steps until there were `until` of them since the start."""
         self.steps = stepping.march(
             self.model._address, self.data._address, self.steps, until, self.step, self.qpos, self.qvel,
-            self.ctrl, self._warm, self._here, self.whole, servos.state, servos.places, servos.asked,
-            finger.state, finger.traced, *taxels.arrays,
+            self.ctrl, self._applied, self._pushed, self._warm, self._here, self.whole, servos.state,
+            servos.places, servos.asked, finger.state, finger.traced, *taxels.arrays,
         )  # fmt: skip
 
     def refresh(self) -> None:
@@ -82,7 +83,7 @@ class Physics:
         self._fresh = self.steps
 
     def touch(self) -> None:
-        """Say that joints were moved from outside: what is derived from them is out of date."""
+        """Say that joints were moved, or servos changed: what is derived from them is out of date."""
         self._fresh = self.whole[stepping.AHEAD] = -1
 
     def pose(self, body: int) -> Array:

@@ -197,6 +197,7 @@ class Servos:
         model.actuator_gainprm[self._actuators, 0] = np.where(loose & on, 1.0, kp)
         model.actuator_biasprm[self._actuators, 1] = -kp
         model.actuator_biasprm[self._actuators, 2] = -kv
+        self._physics.touch()
 
 
 def _largest_inertia(model: mujoco.MjModel, data: mujoco.MjData, dofs: NDArray[np.intp]) -> Array:

@@ -49,6 +49,7 @@ def _bring(name: str) -> Any:
 _step, _step1, _step2 = _bring("mj_step"), _bring("mj_step1"), _bring("mj_step2")
 _actuate, _accelerate = _bring("mj_fwdActuation"), _bring("mj_fwdAcceleration")
 _constrain, _sense = _bring("mj_fwdConstraint"), _bring("mj_sensorAcc")
+_check, _integrate = _bring("mj_checkAcc"), _bring("mj_implicit")
 
 
 @inlined
@@ -102,43 +103,86 @@ def _note(time: float, sensors: Array, finger: Array, whole: Array, trace: Array
 
 
 @inlined
+def _keep(values: Array, here: Array, at: int) -> int:
+    for i in range(len(values)):
+        here[at + i] = values[i]
+    return at + len(values)
+
+
+@inlined
 def _look_ahead(
-    model: int, data: int, number: int, qpos: Array, qvel: Array, warm: Array, here: Array, whole: Array
+    model: int,
+    data: int,
+    number: int,
+    qpos: Array,
+    qvel: Array,
+    ctrl: Array,
+    applied: Array,
+    pushed: Array,
+    warm: Array,
+    here: Array,
+    whole: Array,
 ) -> None:
-    """Make contacts and sensors belong to the present joints: the first half of the next step, and of its
-    second half all that moves nothing."""
-    n, m = len(qpos), len(qvel)
+    """Make contacts and sensors belong to the present joints: all of the next step but that it moves."""
     _step1(model, data)
-    for i in range(n):
-        here[i] = qpos[i]
-    for i in range(m):
-        # The solver starts from its last result: looking must not change what happens next.
-        here[n + i], here[n + m + i] = qvel[i], warm[i]
+    at = _keep(qpos, here, 0)
+    at = _keep(qvel, here, at)
+    at = _keep(ctrl, here, at)
+    at = _keep(applied, here, at)
+    for body in range(len(pushed)):
+        at = _keep(pushed[body], here, at)
+    _keep(warm, here, at)
     _actuate(model, data)
     _accelerate(model, data)
     _constrain(model, data)
     _sense(model, data)
-    for i in range(m):
-        warm[i] = here[n + m + i]
+    # The solver starts from its last result: looking must not change what happens next.
+    for i in range(len(warm)):
+        warm[i] = here[at + i]
     whole[AHEAD] = number
 
 
 @inlined
-def _moved(qpos: Array, qvel: Array, here: Array) -> bool:
-    """Whether somebody moved joints since `_look_ahead`."""
-    n = len(qpos)
-    moved = False
-    for i in range(n):
-        moved |= qpos[i] != here[i]
-    for i in range(len(qvel)):
-        moved |= qvel[i] != here[n + i]
-    return bool(moved)
+def _differs(values: Array, here: Array, at: int) -> bool:
+    differs = False
+    for i in range(len(values)):
+        differs |= values[i] != here[at + i]
+    return bool(differs)
+
+
+@inlined
+def _take_step(
+    model: int,
+    data: int,
+    number: int,
+    qpos: Array,
+    qvel: Array,
+    ctrl: Array,
+    applied: Array,
+    pushed: Array,
+    here: Array,
+    whole: Array,
+) -> None:
+    """`mj_step`, or what is left of it after `_look_ahead`: after that somebody may have moved joints, or
+    changed what moves them."""
+    n, m = len(qpos), len(qvel)
+    if whole[AHEAD] != number or _differs(qpos, here, 0) or _differs(qvel, here, n):
+        _step(model, data)
+        return
+    changed = _differs(ctrl, here, n + m) or _differs(applied, here, n + m + len(ctrl))
+    for body in range(len(pushed)):
+        changed |= _differs(pushed[body], here, n + 2 * m + len(ctrl) + 6 * body)
+    if changed:
+        _step2(model, data)
+    else:
+        _check(model, data)
+        _integrate(model, data)
 
 
 @compiled(
     int64(
-        int64, int64, int64, int64, float64, reads(1), reads(1), writes(1), writes(1), writes(1),
-        writes(1, int64), writes(2), reads(2, int64), reads(2), writes(1), writes(2), *SKIN,
+        int64, int64, int64, int64, float64, reads(1), reads(1), writes(1), reads(1), reads(2), writes(1),
+        writes(1), writes(1, int64), writes(2), reads(2, int64), reads(2), writes(1), writes(2), *SKIN,
     ),
     calls=(kernel, feeling),
 )  # fmt: skip
@@ -151,6 +195,8 @@ def march(
     qpos: Array,
     qvel: Array,
     ctrl: Array,
+    applied: Array,
+    pushed: Array,
     warm: Array,
     here: Array,
     whole: Array,
@@ -169,7 +215,9 @@ def march(
     channels: Array,
     nodes: Array,
     total: Array,
-    shares: Array,
+    lists: Array,
+    spots: Array,
+    work: Array,
     values: Array,
 ) -> int:
     """Take the steps from `begin` to `end` (their numbers), each `step` [s], and frames of the skin.
@@ -184,10 +232,7 @@ def march(
             _drive(qpos, ctrl, servos, places, asked, whole)
         if finger[ACTIVE]:
             _push(time, ctrl, finger, whole)
-        if whole[AHEAD] == number and not _moved(qpos, qvel, here):
-            _step2(model, data)
-        else:
-            _step(model, data)
+        _take_step(model, data, number, qpos, qvel, ctrl, applied, pushed, here, whole)
         if finger[ACTIVE]:
             _note(time, sensors, finger, whole, trace)
         if number + 1 < due:
@@ -196,10 +241,10 @@ def march(
         for patch in range(len(patches)):
             if number + 1 >= patches[patch, DUE]:
                 if whole[AHEAD] != number + 1:
-                    _look_ahead(model, data, number + 1, qpos, qvel, warm, here, whole)
+                    _look_ahead(model, data, number + 1, qpos, qvel, ctrl, applied, pushed, warm, here, whole)
                 found = feel(
                     patch, number + 1, sensors, centres, turns, patches, sizes, positions, taxels, channels,
-                    nodes, total, shares, values,
+                    nodes, total, lists, spots, work, values,
                 )  # fmt: skip
                 full |= found > SLOTS
             due = min(due, patches[patch, DUE])

@@ -13,7 +13,7 @@ from tci.messages import SkinFrame
 from tci.model.description import Patch
 from tci.model.surfaces import Surface, tangents
 from tci.simulation import feeling as at
-from tci.simulation.kernel import width
+from tci.simulation.kernel import ROWS, width
 from tci.simulation.physics import Physics
 from tci.simulation.touch import floor_sensor, skin_geom
 
@@ -54,7 +54,6 @@ class Taxels:
             words[at.BEGIN] = sum(map(len, positions))
             words[at.END] = words[at.BEGIN] + len(surface.positions)
             words[at.CHANNEL] = sum(patch.channels for patch in patches[:number])
-            words[at.CHANNELS] = patch.channels
             words[at.NODE] = sum(one.shape[1] for one in nodes)
             words[at.NODES] = words[at.NODE] + len(sensor.response)
             words[at.AXES] = sensor.axes
@@ -72,14 +71,22 @@ class Taxels:
             taxels.append(np.column_stack([x, np.cross(surface.normals, x), surface.areas]))
             channels += surface.channels.tolist()
             nodes.append(np.array(sensor.response).reshape(-1, 2).T)
-        longest = max(9, *(np.diff(self._words[:, [at.BEGIN, at.END]]).ravel()), 0)
-        self._total = np.zeros((3, longest))
-        self._values = np.zeros(sum(patch.channels for patch in patches))
+        count = sum(map(len, positions))
+        self._lists = np.zeros((at.AROUND + at.SLOTS + 1, count), dtype=np.int64)
+        for words in self._words:
+            begin, end = words[[at.BEGIN, at.END]]
+            self._lists[at.ALL, begin:end] = np.arange(end - begin)
+        spots = np.full((len(patches) * (at.SLOTS + 1), 5), -np.inf)
+        self._total = np.zeros((4, count))
+        self._values = np.concatenate(
+            [np.full(patch.channels, float(patch.sensor.rest)) for patch in patches] or [np.zeros(0)]
+        )
         data = physics.data
         self.arrays = (
             physics.sensors, data.xpos, data.xmat, self._words, np.array(sizes).reshape(-1, 9),
             np.concatenate(positions), np.concatenate(taxels), np.array(channels, dtype=np.int64),
-            np.concatenate(nodes, axis=1), self._total, np.zeros((2, longest)), self._values,
+            np.concatenate(nodes, axis=1), self._total, self._lists, spots,
+            np.empty((ROWS + 1, max(9, count))), self._values,
         )  # fmt: skip
         """What the loops in `feeling` take."""
         # One array for all frames at rest, which nobody can change: who sees it again need not look again.
@@ -101,7 +108,7 @@ class Taxels:
         self._physics.refresh()
         self._words[:, at.COUNT] = -1
         for number in range(len(self._patches)):
-            at.begin(number, self._physics.steps, *self.arrays)
+            at.feel_now(number, self._physics.steps, *self.arrays)
         self._frames = [self._frame(number) for number in range(len(self._patches))]
 
     def frames(self) -> tuple[SkinFrame, ...]:
@@ -134,9 +141,11 @@ class Taxels:
         self._physics.refresh()
         number = self.worn[patch]
         begin, end = self._words[number, [at.BEGIN, at.END]]
-        found = at.look(number, *self.arrays)
+        found = at.feel_now(number, -1, *self.arrays)
         self._check(number, found)
-        return self._total[:, : end - begin].T.copy() if found else np.zeros((end - begin, 3))
+        vectors = self._total[:3, : end - begin].T.copy()
+        self._total[:] = 0.0
+        return vectors
 
     def _check(self, number: int, found: int) -> None:
         if found > at.SLOTS:

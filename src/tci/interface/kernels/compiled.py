@@ -31,7 +31,7 @@ def compiled(
     """
 
     def decorate(loop: Callable[..., Any]) -> Any:
-        function: Any = _jit(loop, allocates)
+        function: Any = _jit(loop, _nrt=allocates)
         try:
             function.enable_caching()
         except RuntimeError:  # numba finds no folder to write to
@@ -47,19 +47,16 @@ def compiled(
 
 
 def inlined(loop: Callable[..., Any]) -> Any:
-    """A loop that only compiled loops call, which keep it with themselves; it makes no arrays."""
-    options: dict[str, Any] = {"error_model": "numpy", "_nrt": False, "forceinline": True}
-    return njit(**options)(loop)
+    """A loop that only compiled loops call, which keep it with themselves; it makes no arrays.
+
+    It becomes part of them: an array is seven numbers or more, which a call would write and read again.
+    """
+    return _jit(loop, _nrt=False, forceinline=True)
 
 
-def allocating(loop: Callable[..., Any]) -> Any:
-    """The same for one that makes arrays."""
-    return _jit(loop, True)
-
-
-def _jit(loop: Callable[..., Any], allocates: bool) -> Any:
-    options: dict[str, Any] = {"error_model": "numpy", "_nrt": allocates}
-    return njit(**options)(loop)
+def _jit(loop: Callable[..., Any], **options: bool) -> Any:
+    untyped: dict[str, Any] = {"error_model": "numpy", **options}
+    return njit(**untyped)(loop)
 
 
 def _stamp(own: Path, calls: tuple[ModuleType, ...]) -> str:

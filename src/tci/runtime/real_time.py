@@ -1,0 +1,48 @@
+"""A loop that other programs on the machine do not interrupt, where the system lets it (Linux)."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from tci.errors import TciError
+
+PRIORITY = 50
+"""As ros2_control: as high as what the kernel does for devices. 99 is for its own watchdogs."""
+
+
+@contextmanager
+def real_time(*, priority: int = PRIORITY, processor: int | None = None) -> Iterator[None]:
+    """Inside the block this thread goes before all that is not real time (SCHED_FIFO), on one `processor` if
+    given.
+
+    Threads and processes that are started inside inherit that. A capability that never ends takes its
+    processor away from all others. Raises TciError, before anything is changed, where the system does not
+    permit it.
+    """
+    if sys.platform != "linux":
+        raise TciError(f"real time on {sys.platform}; valid: on Linux")
+    least, most = (find(os.SCHED_FIFO) for find in (os.sched_get_priority_min, os.sched_get_priority_max))
+    if not least <= priority <= most:
+        raise TciError(f"priority {priority}; valid: {least} to {most}")
+    processors = os.sched_getaffinity(0)
+    if processor is not None and processor not in processors:
+        valid = ", ".join(map(str, sorted(processors)))
+        raise TciError(f"processor {processor}; valid here: {valid}")
+    policy, before = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except PermissionError as error:
+        raise TciError(
+            f"the system permits no real time with priority {priority}; valid: as root, or after a line "
+            f"'@realtime - rtprio {most}' in /etc/security/limits.conf for a group that you are in"
+        ) from error
+    try:
+        if processor is not None:
+            os.sched_setaffinity(0, {processor})
+        yield
+    finally:
+        os.sched_setaffinity(0, processors)
+        os.sched_setscheduler(0, policy, before)

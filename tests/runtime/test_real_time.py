@@ -1,0 +1,68 @@
+"""A loop in real time, where the system permits it, and as it was before afterwards."""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+
+import pytest
+
+from tci.errors import TciError
+from tci.runtime.real_time import PRIORITY, real_time
+
+
+def now() -> tuple[int, int, set[int]]:
+    """Policy, priority and processors of this thread."""
+    return os.sched_getscheduler(0), os.sched_getparam(0).sched_priority, os.sched_getaffinity(0)
+
+
+def permitted() -> bool:
+    """Whether this user may ask for real time."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    except PermissionError:
+        return False
+    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    return True
+
+
+def test_inside_it_is_real_time_and_afterwards_as_before() -> None:
+    before = now()
+    processor = max(before[2])
+    if not permitted():
+        with pytest.raises(TciError, match=r"limits\.conf"), real_time(processor=processor):
+            raise AssertionError
+    else:
+        with suppress(ZeroDivisionError), real_time(processor=processor):
+            assert now() == (os.SCHED_FIFO, PRIORITY, {processor})
+            raise ZeroDivisionError
+    assert now() == before
+
+
+def test_where_it_is_not_permitted_it_tells_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError
+
+    before = now()
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    with (
+        pytest.raises(TciError, match="permits no real time with priority 50; valid: as root, or after"),
+        real_time(),
+    ):
+        raise AssertionError
+    assert now() == before
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ({"priority": 0}, "priority 0; valid: 1 to 99"),
+        ({"priority": 100}, "priority 100; valid: 1 to 99"),
+        ({"processor": 4096}, "processor 4096; valid here: "),
+    ],
+)
+def test_what_makes_no_sense_is_refused(words: dict[str, int], message: str) -> None:
+    before = now()
+    with pytest.raises(TciError, match=message), real_time(**words):  # type: ignore[arg-type]
+        raise AssertionError
+    assert now() == before

@@ -35,13 +35,23 @@ class Silence:
         least = max(stale_after, LEAST_SILENCE, PERIODS * (keep_alive or 0.0))
         self._longest = {patch.name: max(PERIODS / patch.rate, least) for patch in robot.patches}
         self._heard: dict[str, tuple[int, float]] = {}
+        self._skin: object = None
+        self._soonest = -np.inf
 
     def fault(self, reading: Reading, now: float) -> str:
         """Which patch has sent no new frame for too long at `now` [s]; empty when all go on."""
-        for frame in reading.skin:
-            before = self._heard.get(frame.patch)
-            if before is None or before[0] != frame.sequence:
-                self._heard[frame.patch] = frame.sequence, now
+        if reading.skin is not self._skin:
+            self._skin = reading.skin
+            for frame in reading.skin:
+                before = self._heard.get(frame.patch)
+                if before is None or before[0] != frame.sequence:
+                    self._heard[frame.patch] = frame.sequence, now
+            self._soonest = min(
+                (heard + self._longest.get(patch, np.inf) for patch, (_, heard) in self._heard.items()),
+                default=np.inf,
+            )
+        if now <= self._soonest:
+            return ""
         for patch, (_, heard) in self._heard.items():
             if now - heard > self._longest.get(patch, np.inf):
                 return f"the skin of {patch} has sent nothing for {(now - heard) * 1e3:.0f} ms"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any, TypeGuard
 
 import mujoco
 import numpy as np
@@ -91,8 +92,9 @@ class Servos:
         self._setpoint[:] = self._home[self.moving]
         self._stride[:] = 0.0
         self._torques[:] = 0.0
-        self.modes = [Mode.POSITION] * len(self._home)
-        """Control mode of each servo (n,)."""
+        self.modes = (Mode.POSITION,) * len(self._home)
+        """Control mode of each servo (n,); the same object until one changes."""
+        self._switched: tuple[object, ...] = ()
         self.powered = read_only(np.ones(len(self._home)), np.bool_)
         """Whether each servo (n,) is on."""
         self._apply_gains()
@@ -122,20 +124,25 @@ class Servos:
 
         Raises CommandError.
         """
-        now, count = self.modes, len(self._home)
-        if isinstance(servos, np.ndarray) and servos.shape == (len(modes),):
-            pairs = zip(servos.tolist(), modes, strict=True)
-            if all(0 <= servo < count and now[servo] is mode for servo, mode in pairs):
-                return
+        now = self.modes
+        wanted = (
+            *(servos if isinstance(servos, np.ndarray) else np.asarray(servos)).ravel().tolist(),
+            *modes,
+        )
+        if wanted == self._switched[1:] and now is self._switched[0]:
+            return  # streams say their modes in every period
         index, _ = _checked(servos, np.zeros(len(modes)), len(self._home))
         changes = [(s, mode) for s, mode in zip(index.tolist(), modes, strict=True) if mode is not now[s]]
+        after = list(now)
         for servo, mode in changes:
-            if self.modes[servo] is Mode.TORQUE:
+            if after[servo] is Mode.TORQUE:
                 self._catch(servo)
-            self.modes[servo] = mode
+            after[servo] = mode
             self._torques[servo] = 0.0
         if changes:
+            self.modes = tuple(after)
             self._apply_gains()
+        self._switched = self.modes, *wanted
 
     def set_torques(self, servos: ArrayLike, torque: ArrayLike) -> None:
         """Torques (k,) [N m] of servos in torque mode; the motor's limit holds. Raises CommandError."""
@@ -222,14 +229,21 @@ def _enough_torque(acceleration: float | None, inertia: float) -> float:
     return 2.0 * inertia * (100.0 if acceleration is None else acceleration)
 
 
+def _plain(values: ArrayLike, dtype: type) -> TypeGuard[NDArray[Any]]:
+    return isinstance(values, np.ndarray) and values.dtype == dtype and values.ndim == 1
+
+
 def _checked(
     servos: ArrayLike, values: ArrayLike, count: int, *, share: bool = False
 ) -> tuple[NDArray[np.intp], Array]:
-    index, numbers = np.atleast_1d(servos), np.atleast_1d(np.asarray(values, dtype=float))
+    if _plain(servos, np.int64) and _plain(values, np.float64):
+        index, numbers = servos, values
+    else:
+        index, numbers = np.atleast_1d(servos), np.atleast_1d(np.asarray(values, dtype=float))
     if index.shape != numbers.shape or index.ndim != 1:
         raise CommandError(f"{numbers.size} values for {index.size} servos; one for each belongs here")
     whole = index.dtype.kind in "iu" or not index.size
-    index = index.astype(np.intp) if whole else index
+    index = index.astype(np.intp, copy=False) if whole else index
     fault = at.fault_of(index, numbers, count) if whole else 1
     if fault == 1:
         raise CommandError(f"servos {index.tolist()}; valid: 0 to {count - 1}")

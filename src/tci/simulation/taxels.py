@@ -92,6 +92,8 @@ class Taxels:
         # One array for all frames at rest, which nobody can change: who sees it again need not look again.
         self._rest = [_raw(patch, np.full(patch.channels, patch.sensor.rest)) for patch in patches]
         self._frames: list[SkinFrame] = []
+        self._latest: tuple[SkinFrame, ...] = ()
+        self._until = -1
 
     @property
     def due(self) -> int:
@@ -110,13 +112,16 @@ class Taxels:
         for number in range(len(self._patches)):
             at.feel_now(number, self._physics.steps, *self.arrays)
         self._frames = [self._frame(number) for number in range(len(self._patches))]
+        self._until = -1
 
     def frames(self) -> tuple[SkinFrame, ...]:
-        """The latest frame of every patch. Raises TciError when a patch had more contacts than slots."""
-        for number, count in enumerate(self._words[:, at.COUNT].tolist()):
-            if self._frames[number].sequence != count:
-                self._frames[number] = self._frame(number)
-        return tuple(self._frames)
+        """The latest frame of every patch: the same object until one is new. Raises TciError when a patch had more contacts than slots."""
+        if self._physics.steps >= self._until:
+            for number, count in enumerate(self._words[:, at.COUNT].tolist()):
+                if self._frames[number].sequence != count:
+                    self._frames[number] = self._frame(number)
+            self._latest, self._until = tuple(self._frames), self.due
+        return self._latest
 
     def _frame(self, number: int) -> SkinFrame:
         patch, words = self._patches[number], self._words[number]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 
 import mujoco
@@ -128,7 +129,7 @@ class World:
 
     def advance(self, until: float) -> None:
         """Step the physics until `time` is at least `until` [s]; skin frames are taken on the way."""
-        last = int(np.ceil(until / self._physics.step - 1e-6))
+        last = math.ceil(until / self._physics.step - 1e-6)
         while self._physics.steps < last:
             end = min(last, self._taxels.due) if self._taxels.noisy else last
             self._physics.advance(end, self._servos, self.finger, self._taxels)
@@ -178,7 +179,7 @@ class World:
             position=position,
             velocity=velocity,
             torque=torque,
-            modes=tuple(self._servos.modes),
+            modes=self._servos.modes,
             powered=self._servos.powered,
         )
 

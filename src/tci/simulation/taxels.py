@@ -115,7 +115,10 @@ class Taxels:
         self._until = -1
 
     def frames(self) -> tuple[SkinFrame, ...]:
-        """The latest frame of every patch: the same object until one is new. Raises TciError when a patch had more contacts than slots."""
+        """The latest frame of every patch: the same object until one is new.
+
+        Raises TciError when a patch had more contacts than slots.
+        """
         if self._physics.steps >= self._until:
             for number, count in enumerate(self._words[:, at.COUNT].tolist()):
                 if self._frames[number].sequence != count:

@@ -15,7 +15,7 @@ from tci.errors import TciError
 from tci.interface.body import order_to_platform
 from tci.messages import Order, Perception, PlatformOrder
 from tci.middleware.server import Server
-from tci.runtime.guards import Standstill
+from tci.runtime.guards import Standstill, attentive
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport
 
@@ -51,10 +51,11 @@ def serve(
         if observe is not None:
             observe(tick)
 
-    run(
-        server.link, orders, duration=duration, observe=see, sensed=server.show, guard=orders.hold,
-        report=report, write=server.link.armed,
-    )  # fmt: skip
+    with attentive():
+        run(
+            server.link, orders, duration=duration, observe=see, sensed=server.show, guard=orders.hold,
+            report=report, write=server.link.armed,
+        )  # fmt: skip
     return orders.served
 
 

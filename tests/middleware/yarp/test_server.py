@@ -14,8 +14,9 @@ import tci
 from middleware.yarp.show import Show, until
 from tci.errors import CommandError, LinkError
 from tci.interface.skin.places import find_place
-from tci.messages import Mode
+from tci.messages import Mode, PlatformCommand, PlatformSwitch
 from tci.middleware.simulated import SimulatedLink
+from tci.middleware.yarp import served_board
 from tci.middleware.yarp.board import COMPLIANT, DIRECT, POSITION, VELOCITY, Stream, find_board
 from tci.middleware.yarp.dialect import DIALECTS, V3, V4
 from tci.middleware.yarp.incoming import Delivery
@@ -171,6 +172,22 @@ def test_a_board_whose_change_of_mode_was_refused_is_in_the_mode_from_before() -
         board.set_modes([ELBOW], [POSITION])
     board.armed = True
     board.stream(Stream.POSITION, [ELBOW], [10.0])
+
+
+@pytest.mark.parametrize(
+    ("waits", "kinds"), [(60.0, [PlatformSwitch, PlatformCommand]), (0.0, [PlatformSwitch])]
+)
+def test_set_points_that_overtake_their_change_of_mode_wait_for_it(
+    waits: float, kinds: list[type], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(served_board, "OVERTAKES", waits)
+    board = ServedBoard("LArm", tci.load_robot("nao").servos_of("LArm"))
+    with pytest.raises(CommandError, match="this command needs"):
+        board.stream(Stream.POSITION, [ELBOW], [-10.0])
+    board.set_modes([ELBOW], [DIRECT])
+    assert [type(order) for order in board.book.take()] == kinds
+    board.set_modes([ELBOW], [DIRECT])
+    assert [type(order) for order in board.book.take()] == [PlatformSwitch], "once"
 
 
 def test_compliance_and_impedance(show: Show) -> None:

@@ -20,7 +20,7 @@ ARM = [servo.index for servo in NAO.servos if servo.robot_part == "LArm" and ser
 
 
 def fed(points: SetPoints, values: list[float]) -> list[float]:
-    here = np.array(values[:1])
+    here = np.array([values[:1]])
     return [float(points.lead([0], np.array([v]), here, 10.0 + n * PERIOD)[0]) for n, v in enumerate(values)]
 
 
@@ -44,7 +44,7 @@ def follow(way: Array, *, period: float, lead: bool, jitter: float = 0.0) -> tup
         if step * 0.002 >= due:
             sent = sender.step()
             arrived = 10.0 + due + random.uniform(0.0, jitter)
-            led = points.lead(range(len(ARM)), sent, here, arrived) if lead else sent
+            led = points.lead(range(len(ARM)), sent, here[None], arrived) if lead else sent
             robot.aim(bounds.nearest(led, np.ones(len(ARM), dtype=bool)), bounds.velocity)
             due += period
         direct.append(told.step())
@@ -130,8 +130,24 @@ def test_set_points_that_come_together_are_no_faster_motion() -> None:
     for number in range(60):
         arrived = 10.0 + PERIOD * (number if number < 50 else 49 + (number - 49) * 1e-3)
         value = 2.0 * PERIOD * number
-        went.append(float(points.lead([0], np.array([value]), np.zeros(1), arrived)[0]) - value)
+        went.append(float(points.lead([0], np.array([value]), np.zeros((1, 1)), arrived)[0]) - value)
     assert max(went[50:]) <= went[45] * 1.01
+
+
+def test_a_stream_that_says_one_set_point_twice_goes_on_and_one_that_repeats_it_has_stopped() -> None:
+    points = make()
+    values = [2.0 * PERIOD * n for n in range(20)]
+    went = np.array(fed(points, [*values[:15], values[14], *values[15:], values[19], values[19], values[19]]))
+    led = went - [*values[:15], values[14], *values[15:], *[values[19]] * 3]
+    np.testing.assert_allclose(led[8:22], STOP)
+    assert led[-1] == 0.0
+
+
+def test_a_stream_begins_where_its_sender_last_saw_the_joints() -> None:
+    there = np.array([[0.05], [0.0]])
+    step = np.array([JERK * PERIOD**3 / 6.0])
+    assert make().lead([0], step, there, 10.0) == pytest.approx(12.0 * step, rel=1e-6)
+    assert make().lead([0], step, there[:1], 10.0) == step
 
 
 def test_a_robot_that_holds_is_not_led_back_to_a_set_point_from_before() -> None:

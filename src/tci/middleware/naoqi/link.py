@@ -22,7 +22,7 @@ from tci.middleware.naoqi.session import answer, parse_address
 from tci.middleware.naoqi.stream import AHEAD, Stream
 from tci.model.description import Robot
 
-PATIENCE = 0.7
+PATIENCE = 0.9
 """Share of a period that a reading may be waited for; else the one before counts. Ours."""
 SWITCH_ON = 0.3
 """Time [s] that a servo has to report the stiffness that it was sent. Ours."""

@@ -30,8 +30,7 @@ IDLE = 0.1
 REFUSED = object()
 """What comes instead of a value from a NAOqi that refuses to be asked for a key."""
 EARLY, LATE = 0.0005, 0.0025
-"""From how long [s] before to how long after the time of a frame of the skin it is asked for again and again.
-Ours: it is there some time before it is first seen."""
+"""From how long [s] before to how long after the time of a frame of the skin it is asked for. Ours."""
 SLOW = 0.05
 """Time [s] between two questions for what changes slowly: stiffness. Ours."""
 
@@ -107,11 +106,12 @@ class Poller:
         self._thread.start()
 
     def read(self, patience: float) -> Sensed:
-        """The latest; waits up to `patience` [s] for one that was asked for now."""
+        """The latest; waits up to `patience` [s] for one that was asked for now, or until a frame of the skin
+        that is due before then is there."""
         self._fresh.clear()
         self._until = self.clock.now() + patience
         self._wanted.set()
-        self._fresh.wait(patience)
+        self._fresh.wait(patience + (LATE if self._next_frame() is not None else 0.0))
         return self.latest
 
     def close(self) -> None:
@@ -132,11 +132,10 @@ class Poller:
             try:
                 if self.trouble:
                     self._reconnect()
-                if (due := self._next_frame()) is not None:
-                    self._end.wait(max(0.0, due - EARLY - self.clock.now()))
                 sensed = self._ask()
-                while self._next_frame() is not None and not self._end.is_set():
-                    sensed = self._ask()
+                while (due := self._next_frame()) is not None and not self._end.is_set():
+                    self._end.wait(max(0.0, due - EARLY - self.clock.now()))
+                    sensed = self._ask(sensed.reading.joints)
                 if missed and self.clock.now() - answered > stale:
                     self.generation += 1  # it was away long enough for the gate to hold
                 self.latest = sensed
@@ -153,10 +152,7 @@ class Poller:
                 self._end.wait(AGAIN)
 
     def _next_frame(self) -> float | None:
-        """When the next frame is due [s], if that is just now or while somebody still waits for it.
-
-        Who asks just before it is there would have it a whole period later.
-        """
+        """When the next frame is due [s], if that is just now or while somebody still waits for it."""
         now = self.clock.now()
         due = (seen + self._every[patch] for patch, seen in self._seen.items())
         return min((one for one in due if now - LATE < one < self._until), default=None)
@@ -205,19 +201,20 @@ class Poller:
             raise LinkError(f"ALMemory answers {str(values)[:60]!r} for {len(keys)} keys")
         return list(values)
 
-    def _ask(self) -> Sensed:
-        """One question. Raises LinkError."""
+    def _ask(self, joints: JointReading | None = None) -> Sensed:
+        """One question, for skin alone where `joints` were asked for just now. Raises LinkError."""
         begin = self.clock.now()
         motion, memory = self.services.motion, self.services.memory
         asked = {patch: keys for patch, keys in self._asks.items() if begin >= self._due.get(patch, -np.inf)}
         keys = [key for some in asked.values() for key in some]
-        angles = motion.getAngles(self.names, True, _async=True) if self._joints else None
+        whole = joints is None and self._joints
+        angles = motion.getAngles(self.names, True, _async=True) if whole else None
         values = memory.getListData(keys, _async=True)
         stiff = None
-        if self._joints and begin >= self._stiffness_due:
+        if whole and begin >= self._stiffness_due:
             stiff = motion.getStiffnesses(self.names, _async=True)
             self._stiffness_due = begin + SLOW
-        joints = self._read_joints(angles, begin)
+        joints = self._read_joints(angles, begin) if joints is None else joints
         answers = iter(self._values(values, keys, ANSWER))
         for patch, some in asked.items():
             found = [next(answers) for _ in some]
@@ -235,7 +232,8 @@ class Poller:
                 answer(stiff, "ALMotion.getStiffnesses", timeout=ANSWER), "stiffness"
             )
         self.counts["polls"] += 1
-        self.trips.append(self.clock.now() - begin)
+        if whole:
+            self.trips.append(self.clock.now() - begin)
         reading = Reading(joints, tuple(self._frames[name] for name in self.keys if name in self._frames))
         return Sensed(reading, self._stiffness)
 

@@ -42,8 +42,8 @@ STREAMS = {
 }  # fmt: skip
 
 SWITCHING = 0.0005
-"""How long [s] set-points wait for the answer to a change of mode. A board that takes longer ignores those
-that come before it has changed; what comes after is in time. Ours."""
+"""How long [s] the answer to a change of mode is waited for, to send the set-points again: a board may have
+ignored those that came before it had changed. Ours."""
 
 
 class BoardLink:
@@ -147,18 +147,24 @@ class BoardLink:
             return
         reported = dict(zip(mine, self.modes(self.state()[0]), strict=True))
         wanted = {servo: safe.modes[place] for place, servo in chosen}
-        self._switch({s: m for s, m in wanted.items() if self._must_switch(s, m, *reported[s])}, mine)
-        for stream, values in (
-            (Stream.POSITION, np.rad2deg(safe.position)),
-            (Stream.VELOCITY, np.rad2deg(safe.velocity)),
-            (Stream.TORQUE, safe.torque),
-        ):
-            places = [
-                place for place, servo in chosen
-                if STREAMS[wanted[servo]] is stream and self._obeys(servo, wanted[servo], reported[servo][0])
-            ]  # fmt: skip
-            if places:
-                self._stream(stream, [mine[int(safe.servos[place])] for place in places], values[places])
+        changes = {s: m for s, m in wanted.items() if self._must_switch(s, m, *reported[s])}
+        asked = self._switch(changes, mine)
+        while True:
+            for stream, values in (
+                (Stream.POSITION, np.rad2deg(safe.position)),
+                (Stream.VELOCITY, np.rad2deg(safe.velocity)),
+                (Stream.TORQUE, safe.torque),
+            ):
+                places = [
+                    place for place, servo in chosen if STREAMS[wanted[servo]] is stream
+                    and self._obeys(servo, wanted[servo], reported[servo][0])
+                ]  # fmt: skip
+                if places:
+                    axes = [mine[int(safe.servos[place])] for place in places]
+                    self._stream(stream, axes, values[places])
+            if not asked or not self._settle(SWITCHING):
+                return
+            asked = False
 
     def halt(self) -> None:
         """The board's own stop, in position mode: its joints stay where they are. Raises LinkError."""
@@ -199,10 +205,10 @@ class BoardLink:
     def _obeys(self, servo: int, mode: Mode, reported: Mode | None) -> bool:
         return reported is mode or servo in self._direct or mode in (Mode.VELOCITY, Mode.TORQUE)
 
-    def _switch(self, wanted: dict[int, Mode], mine: dict[int, int]) -> None:
-        """Ask the board for other modes, one question at a time."""
+    def _switch(self, wanted: dict[int, Mode], mine: dict[int, int]) -> bool:
+        """Ask the board for other modes, one question at a time; whether it was asked."""
         if not wanted or self._switching:
-            return
+            return False
         for servo, mode in wanted.items():
             if mode in (Mode.POSITION, Mode.IMPEDANCE) and mode is not self._told[servo]:
                 soft = COMPLIANT if mode is Mode.IMPEDANCE else STIFF
@@ -216,13 +222,15 @@ class BoardLink:
             self._direct.pop(servo, None)
             if mode in (Mode.POSITION, Mode.IMPEDANCE):
                 self._direct[servo] = True
-        self._settle(SWITCHING)
+        return True
 
-    def _settle(self, patience: float = 0.0) -> None:
-        """Look at the answers to a change of modes. Raises LinkError when the board refused it."""
+    def _settle(self, patience: float = 0.0) -> bool:
+        """Whether all changes of modes are answered. Raises LinkError when the board refused one."""
         try:
-            if self.board.settle(patience):
+            answered = self.board.settle(patience)
+            if answered:
                 self._switching = {}
+            return answered
         except LinkError:
             self._told |= self._switching
             for servo in self._switching:

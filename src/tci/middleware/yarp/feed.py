@@ -95,7 +95,7 @@ class Feed(Generic[Value]):
             return
         self._fresh.clear()
         if self.recent is before:
-            self._fresh.wait(min(until, due + LATE) - now)
+            self._fresh.wait(due + LATE - now)
 
     def silent(self, now: float) -> float:
         """How long [s] nothing has come."""

@@ -38,8 +38,8 @@ LOOK = 0.25
 """How often [s] it is looked whether somebody is silent. Ours."""
 REGISTER_AGAIN = 1.0
 """How often [s] it is looked whether the name server forgot us. Ours."""
-PATIENCE = 0.7
-"""Share of a period for which a reading waits for frames of the skin that are due in it. Ours."""
+PATIENCE = 0.9
+"""Frames of the skin that are due within this share of a period are waited for. Ours."""
 REFUSED = 3.0
 """How long [s] a board may refuse a change of mode, or not answer one, before that is an error. Ours."""
 EVENTS = "/skinManager/skin_events:o"

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 
 import numpy as np
@@ -29,6 +30,8 @@ SPEED = 10.0
 """Speed [deg/s] of a joint's moves until somebody sets another; as on iCub."""
 ACCELERATION = 50.0
 """Acceleration [deg/s2] that is reported and kept; the gate has its own. Ours."""
+OVERTAKES = 0.005
+"""How long [s] streamed numbers wait for their change of mode, which comes by another connection. Ours."""
 THERE = 0.5
 """How near [deg] to its target a joint's move counts as done. Ours."""
 MODES = {POSITION: Mode.POSITION, DIRECT: Mode.POSITION, VELOCITY: Mode.VELOCITY, TORQUE: Mode.TORQUE}
@@ -50,16 +53,14 @@ class ServedBoard:
         self._index = np.array([servo.index for servo in self.servos], dtype=np.intp)
         self.book = OrderBook()
         """What was commanded and waits for the loop."""
-        self._words = [POSITION] * self.count
+        self._words = dict.fromkeys(range(self.count), POSITION)
         self._compliant = [False] * self.count
         self._impedance = np.tile([FULL_STIFFNESS, FULL_DAMPING], (self.count, 1))
-        limits = [servo.limits for servo in self.servos]
-        self._set_points = SetPoints(
-            np.array([limit.velocity for limit in limits], dtype=float),
-            np.array([limit.acceleration for limit in limits], dtype=float),
-            np.array([limit.jerk for limit in limits], dtype=float),
-        )
+        limits = [(s.limits.velocity, s.limits.acceleration, s.limits.jerk) for s in self.servos]
+        self._set_points = SetPoints(*np.array(limits, dtype=float).reshape(-1, 3).T)
         self._targets = np.full(self.count, np.nan)
+        self._recent = np.zeros((2, self.count))
+        self._early: tuple[float, Stream, list[int], Sequence[float]] | None = None
         self.state = BoardState(np.zeros(self.count))
         """The latest state."""
         self.stamp = 0.0
@@ -87,6 +88,7 @@ class ServedBoard:
                 COMPLIANT if modes[servo] is Mode.IMPEDANCE else STIFF for servo in self._index.tolist()
             ),
         )
+        self._recent = np.array([joints.position[self._index], self._recent[0]])
         self.stamp = time.time()
 
     def _catch_up(self, modes: Sequence[Mode]) -> None:
@@ -123,12 +125,14 @@ class ServedBoard:
     def stream(self, stream: Stream, joints: Sequence[int] | None, numbers: Sequence[float]) -> None:
         """A command that comes again and again: angles [deg], velocities [deg/s] or torques [N m]."""
         chosen, values = self._checked(joints, numbers)
+        self._early = time.monotonic(), stream, chosen, numbers
         self._need(chosen, (STREAMS[stream],))
+        self._early = None
         if stream is Stream.POSITION:
             self._targets[chosen] = values
         values = values if stream is Stream.TORQUE else np.deg2rad(values)
         if stream is Stream.POSITION:
-            values = self._set_points.lead(chosen, values, np.deg2rad(self.state.position[chosen]))
+            values = self._set_points.lead(chosen, values, self._recent[:, chosen])
         self._stream(stream, chosen, values)
 
     def mind(self) -> None:
@@ -180,6 +184,10 @@ class ServedBoard:
             self._words[number] = Vocab(word)
             self._targets[number] = np.nan
         self._switch(chosen, wanted, before)
+        early, self._early = self._early, None
+        if early is not None and time.monotonic() - early[0] < OVERTAKES:
+            with suppress(CommandError):
+                self.stream(*early[1:])
 
     def set_interactions(self, joints: Sequence[int] | None, words: Sequence[int]) -> None:
         """Make joints stiff or compliant."""
@@ -278,16 +286,14 @@ class ServedBoard:
         """Switch joints; where that is refused, the words from `before` count again."""
         for mode in dict.fromkeys(modes):
             chosen = [number for number, wanted in zip(joints, modes, strict=True) if wanted is mode]
-            undo = partial(self._take_back, {number: before[number] for number in chosen} if before else {})
+            undo = partial(
+                self._words.update, {number: before[number] for number in chosen} if before else {}
+            )
             try:
                 self._put(PlatformSwitch(servos=self._index[chosen], mode=mode), undo)
             except CommandError:
                 undo()
                 raise
-
-    def _take_back(self, words: Mapping[int, Vocab]) -> None:
-        for number, word in words.items():
-            self._words[number] = word
 
     def _order(self, joints: Sequence[int], mode: Mode, values: Array, speed: Array) -> None:
         self._put(PlatformCommand(mode=mode, servos=self._index[list(joints)], values=values, speed=speed))

@@ -33,38 +33,42 @@ class SetPoints:
     def __init__(self, velocity: Array, acceleration: Array, jerk: Array) -> None:
         """Limits (n,) of the joints [rad/s], [rad/s2], [rad/s3]; NaN for joints that have none."""
         self._limits = np.array([velocity, acceleration, jerk])
-        self._stream: tuple[list[int], list[Array], float, bool] = ([], [], 0.0, False)
-        self._period = 0.0
+        self._stream: tuple[list[int], list[Array], float, Array] = ([], [], 0.0, np.zeros(0))
+        self._period, self._count, self._again = 0.0, 0, False
         # Replaced as a whole: connections and the loop come here from threads of their own.
 
     def lead(self, joints: Sequence[int], values: Array, here: Array, now: float | None = None) -> Array:
         """Where to go (k,) for set-points (k,) of these joints [rad] that came in now [s].
 
-        `here` (k,) [rad] is where the joints are; a new stream begins there, at rest.
+        `here` (m, k) [rad] is where the joints were just now; a new stream begins at one of these, at rest.
         """
         now = time.monotonic() if now is None else now
-        before, kept, came, _ = self._stream
+        before, kept, came, ahead = self._stream
         if list(joints) != before or now - came > ENDED:
-            kept, self._period = [here] * 3, 0.0
+            kept, self._period, self._count = [here[np.abs(values - here).max(axis=1).argmin()]] * 3, 0.0, 0
         else:
-            self._period += (now - came - self._period) * (SLOWLY if self._period else 1.0)
-        kept = [*kept[-3:], values]
-        ahead = _ahead(np.array(kept), max(QUICKEST, self._period), *self._limits[:, list(joints)])
-        self._stream = list(joints), kept, now, bool(np.any(ahead != 0.0))
+            self._count += 1
+            self._period += (now - came - self._period) * max(SLOWLY, 1.0 / self._count)
+        again = self._count > 0 and not self._again and np.array_equal(values, kept[-1])
+        if not again:
+            kept = [*kept[-3:], values]
+            ahead = _ahead(np.array(kept), max(QUICKEST, self._period), *self._limits[:, list(joints)])
+        self._again = again
+        self._stream = list(joints), kept, now, ahead
         return values + ahead
 
     def last(self, now: float | None = None) -> tuple[list[int], Array] | None:
         """The joints and set-points of a stream that has ended ahead of itself; told once."""
         now = time.monotonic() if now is None else now
         joints, kept, came, ahead = self._stream
-        if not ahead or now - came <= ENDED:
+        if not ahead.any() or now - came <= ENDED:
             return None
-        self._stream = joints, kept, came, False
+        self._stream = joints, kept, came, np.zeros(0)
         return joints, kept[-1]
 
     def forget(self) -> None:
         """The robot holds: where the stream would have ended is nobody's wish any more."""
-        self._stream = [], [], 0.0, False
+        self._stream = [], [], 0.0, np.zeros(0)
 
 
 def _ahead(points: Array, period: float, velocity: Array, acceleration: Array, jerk: Array) -> Array:

@@ -18,7 +18,7 @@ from interface.gate_checks import (
     position_command,
     reading,
 )
-from tci.errors import LinkError, TciError
+from tci.errors import CommandError, LinkError, TciError
 from tci.interface.gate.gate import Gate, GateSettings, GateState, SafeCommand
 from tci.messages import Mode, PlatformCommand
 from tci.model.description import Limits
@@ -338,3 +338,32 @@ def test_a_gate_without_a_watch_forgets_its_servos_too() -> None:
     gate.drop()
     assert gate.targets.size == 0
     assert gate.step([], reading(ZERO, PERIOD), PERIOD).servos.size == 0
+
+
+def test_stops_are_counted_and_have_a_reason() -> None:
+    driven = Driven(make_robot(), ZERO)
+    for count, (said, told) in enumerate([("it smokes", "it smokes"), ("", "stopped without a reason")]):
+        driven.gate.stop(said)
+        driven.gate.stop("another one")
+        assert driven.step().reason == told
+        assert driven.gate.counts.stops == count + 1
+        driven.gate.reset()
+        assert driven.step().state is GateState.RUN
+
+
+def test_a_robot_that_moves_is_not_reset() -> None:
+    driven = Driven(make_robot(), ZERO)
+    driven.step(position_command([2], [1.5]))
+    for _ in range(50):
+        driven.step()
+    driven.gate.stop("it smokes")
+    with pytest.raises(CommandError, match=r"^the robot has not come to rest yet; valid: reset at rest$"):
+        driven.gate.reset()
+    assert driven.step().reason == "it smokes"
+
+
+def test_less_than_no_stiffness_is_none() -> None:
+    driven = Driven(make_robot(), ZERO)
+    safe = driven.step(PlatformCommand(Mode.DAMPING, np.array([0, 1]), np.array([-0.4, 0.7]), np.ones(2)))
+    assert safe.damping == {0: 0.0, 1: 0.7}
+    assert safe.clamped == ("joint0: -0.40 damping asked, clamped to 0.00",)

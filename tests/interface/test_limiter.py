@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tci.errors import CommandError
 from tci.frames import Array
 from tci.interface.gate.bounds import bounds_of
 from tci.interface.gate.limiter import Limiter
@@ -75,3 +76,74 @@ def test_what_lies_ahead_is_where_the_servos_then_are(halted: bool) -> None:
     went = [limiter.step() for _ in range(1, 60)]
     np.testing.assert_allclose(told, went, atol=1e-9)
     assert limiter.ahead(1e3) == pytest.approx(limiter.target, abs=1e-6)
+
+
+def moving(count: int = 3) -> tuple[Limiter, Array]:
+    """A limiter of some servos in full motion, and their target."""
+    start = BOUNDS.nearest(np.zeros(len(ARM)), FREE)
+    limiter = Limiter(BOUNDS, start, PERIOD)
+    target = BOUNDS.nearest(start + np.where(np.arange(len(ARM)) < count, 0.3, 0.0), FREE)
+    limiter.aim(target, BOUNDS.velocity)
+    for _ in range(12):
+        limiter.step()
+    assert np.abs(limiter.state[1]).max() > 0.1
+    return limiter, target
+
+
+def test_a_motion_that_is_taken_over_goes_on_with_its_stop() -> None:
+    limiter, target = moving()
+    ahead = limiter.stop_at(np.linspace(0.0, 1.0, 9))
+    other = Limiter(BOUNDS, limiter.state[0], PERIOD)
+    places = list(range(len(ARM)))
+    other.take_over(places, limiter, places)
+    assert other.span == pytest.approx(np.array([ahead.min(axis=0), ahead.max(axis=0)]), abs=1e-4)
+    assert other.target == pytest.approx(target)
+    assert other.remaining == pytest.approx(limiter.remaining, abs=1e-9)
+    before = other.state[0]
+    other.step()  # nobody aims again
+    assert np.abs(other.state[0] - before).max() > 1e-4
+    for _ in range(300):
+        other.step()
+    assert other.state[0] == pytest.approx(target, abs=1e-6)
+    assert other.remaining == 0.0
+
+
+def test_servos_that_are_driven_go_on_so_where_they_are_taken_over() -> None:
+    limiter = Limiter(BOUNDS, BOUNDS.nearest(np.zeros(len(ARM)), FREE), PERIOD)
+    limiter.drive_at([0, 2], np.array([0.1, -0.05]))
+    for _ in range(40):
+        limiter.step()
+    other = Limiter(BOUNDS, limiter.state[0], PERIOD)
+    other.take_over([0, 2], limiter, [0, 2])
+    assert other.drives
+    assert np.flatnonzero(np.isfinite(other.drive)).tolist() == [0, 2]
+    for _ in range(20):
+        other.step()
+    assert other.state[1][[0, 2]] == pytest.approx([0.1, -0.05])
+
+
+def test_what_can_not_stop_can_not_be_taken_over() -> None:
+    limiter, _ = moving()
+    limiter._state[1, 1] = np.nan
+    other = Limiter(BOUNDS, BOUNDS.nearest(np.zeros(len(ARM)), FREE), PERIOD)
+    words = "these servos can't join the motion now; valid: ask again later"
+    with pytest.raises(CommandError, match=f"^{words}$"):
+        other.take_over([0, 1, 2], limiter, [0, 1, 2])
+
+
+def test_a_driven_servo_is_going_nowhere_but_on() -> None:
+    limiter, target = moving()
+    for _ in range(400):
+        limiter.step()
+    limiter.drive_at([1], np.array([0.2]))
+    assert limiter.target == pytest.approx(target, abs=1e-6)
+    for _ in range(30):
+        limiter.step()
+    assert limiter.state[1][1] == pytest.approx(0.2)
+    limiter.halt()
+    assert limiter.drive[1] == 0.0
+    assert not np.isfinite(np.delete(limiter.drive, 1)).any()
+    for _ in range(100):
+        limiter.step()
+    assert not limiter.state[1].any()
+    assert limiter.state[0] == pytest.approx(limiter.target, abs=1e-9)

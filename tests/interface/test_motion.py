@@ -13,6 +13,7 @@ from interface.gate_checks import LIMITS, PERIOD, Driven, make_robot, position_c
 from tci.frames import Array, read_only
 from tci.interface.gate.gate import Gate, GateSettings, GateState
 from tci.interface.gate.torque import RISE
+from tci.interface.gate.watch import WatchSettings
 from tci.messages import CONTROL_MODES, JointReading, Mode, PlatformCommand, PlatformSwitch
 
 ZERO = [0.0] * 6
@@ -371,3 +372,77 @@ def test_calls_before_their_time_move_nothing_and_late_ones_do_not_catch_up() ->
 def test_settings_of_the_timeout_are_checked() -> None:
     with pytest.raises(Exception, match="command_timeout 0"):
         GateSettings(command_timeout=0.0)
+
+
+def yielded(equilibrium: float, measured: float) -> tuple[Gate, JointReading]:
+    """Servo 2 in impedance mode, held away from its equilibrium; servo 3 in position mode beside it."""
+    driven = Driven(ROBOT, ZERO)
+    watch = WatchSettings(encoder_step=1.0)  # it yields from one reading to the next
+    driven.gate = Gate(ROBOT, period=PERIOD, stale_after=0.05, settings=GateSettings(watch=watch))
+    driven.step(switch([2], Mode.IMPEDANCE), position_command([3], [0.2]))
+    driven.step(command(Mode.IMPEDANCE, [2], [equilibrium]))
+    driven.settle()
+    angles = driven.angles.copy()
+    angles[2] = measured
+    return driven.gate, reading(angles, driven.time + PERIOD)
+
+
+def stiffen(
+    gate: Gate, joints: JointReading, servos: Sequence[int], shares: Sequence[float]
+) -> tuple[str, ...]:
+    """Why that is refused."""
+    gate.check_out(safe := gate.step([command(Mode.STIFFNESS, servos, shares)], joints, joints.stamp))
+    return safe.refusals
+
+
+def test_a_joint_that_yielded_is_not_thrown_back() -> None:
+    gate, joints = yielded(0.5, 0.3)
+    words = "joint2 is 11.5 degrees from its equilibrium; valid: no more stiffness than 0.00 there"
+    assert stiffen(gate, joints, [2], [0.5]) == (words,)
+    assert stiffen(gate, joints, [3, 2], [0.5, 0.5]) == (words,)
+    assert stiffen(gate, joints, [3], [0.5]) == ()  # it does not yield
+    assert stiffen(gate, joints, [2], [-0.5]) == ()
+    assert stiffen(gate, joints, [2], [0.1]) == (words,)
+
+
+def test_near_its_equilibrium_it_may_be_as_stiff_as_it_likes_and_elsewhere_no_stiffer_than_it_is() -> None:
+    gate, joints = yielded(0.5, 0.45)
+    assert stiffen(gate, joints, [2], [1.7]) == ()
+    gate, joints = yielded(0.5, 0.5)
+    assert stiffen(gate, joints, [2], [1.7]) == ()
+    angles = np.array(joints.position)
+    angles[2] = 0.3
+    away = reading(angles, joints.stamp + PERIOD)
+    assert stiffen(gate, away, [2], [1.0]) == ()
+    assert "valid: no more stiffness than 1.00 there" in stiffen(gate, away, [2], [1.5])[0]
+    assert stiffen(gate, away, [2], [0.4]) == ()
+    assert "valid: no more stiffness than 0.40 there" in stiffen(gate, away, [2], [1.0])[0]
+
+
+def test_without_a_watch_nobody_looks_where_the_equilibrium_is() -> None:
+    driven = Driven(ROBOT, ZERO)
+    driven.gate = Gate(ROBOT, period=PERIOD, stale_after=0.05, settings=GateSettings(watch=None))
+    driven.step(switch([2], Mode.IMPEDANCE))
+    driven.step(command(Mode.IMPEDANCE, [2], [0.5]))
+    driven.settle()
+    assert stiffen(driven.gate, reading(ZERO, driven.time), [2], [0.9]) == ()
+
+
+def test_a_servo_that_was_driven_goes_to_targets_again() -> None:
+    driven = Driven(ROBOT, ZERO)
+    driven.step(switch([1, 2], Mode.VELOCITY))
+    drive(driven, velocity([1, 2], [0.1, 0.5]), 100)
+    driven.settle()
+    driven.step(switch([2], Mode.POSITION))
+    driven.step(position_command([2], [0.9]))
+    driven.settle()
+    assert driven.angles[2] == pytest.approx(0.9, abs=1e-6)
+    assert driven.gate.modes[1:3] == (Mode.VELOCITY, Mode.POSITION)
+
+
+def test_a_servo_in_torque_mode_is_told_once() -> None:
+    driven = Driven(ROBOT, ZERO)
+    driven.step(position_command([2], [0.1]))
+    driven.settle()
+    assert driven.step(switch([2], Mode.TORQUE)).servos.tolist() == [2]
+    assert driven.step(command(Mode.TORQUE, [2], [0.5])).modes == (Mode.TORQUE,)

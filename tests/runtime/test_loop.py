@@ -16,7 +16,7 @@ import pytest
 
 import tci
 from tci.errors import CommandError, LinkError
-from tci.interface.gate.gate import GateState
+from tci.interface.gate.gate import GateState, SafeCommand
 from tci.messages import GenericCommand, Mode, Perception
 from tci.middleware.simulated import SimulatedLink
 from tci.runtime.guards import LEAST_SILENCE, frozen_garbage, interruptions
@@ -73,6 +73,34 @@ def test_45_an_exception_of_the_capability_stops_the_robot_and_is_raised(link: S
     assert report.ended == "ZeroDivisionError: on purpose"
     link.world.advance(link.world.time + 0.05)
     assert speed(link) < 0.02
+
+
+def test_45_while_it_comes_to_rest_the_robot_is_told_why_and_no_longer_than_that(
+    link: SimulatedLink, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write, after = link.write, []
+    failed: list[bool] = []
+
+    def watched(safe: SafeCommand) -> SafeCommand:
+        if failed:
+            after.append(safe)
+        return write(safe)
+
+    monkeypatch.setattr(link, "write", watched)
+    with pytest.raises(ZeroDivisionError):
+        run(link, Swing(40, lambda: (failed.append(True), fail())), duration=1.0)
+    assert {safe.reason for safe in after} == {"ZeroDivisionError: on purpose"}
+    assert len(after) < 0.5 * REST / link.period
+    assert not after[-1].velocity.any()
+
+
+def test_45_a_robot_that_nobody_moves_is_not_brought_to_rest(world: World) -> None:
+    world.reset()
+    with SimulatedLink(world.robot, world=world, armed=False) as link:
+        with pytest.raises(ZeroDivisionError) as raised:
+            run(link, Swing(5, fail), duration=1.0, write=False)
+        assert not hasattr(raised.value, "__notes__")
+        assert link.gate.counts.steps == 5
 
 
 def test_45_a_link_that_fails_to_read_in_any_way_is_still_brought_to_rest(

@@ -22,11 +22,11 @@ from tci.interface.kernels.flat_skin import FlatSkin
 from tci.interface.kernels.weighted_force import mean_force
 from tci.interface.kernels.whole import cluster_all, describe_all
 from tci.interface.skin.contact_table import ContactTable
-from tci.interface.skin.felt import Felt, FeltPatches
+from tci.interface.skin.felt import FeltPatches
 from tci.interface.skin.lone import LoneSettings
 from tci.interface.skin.skin import Skin
 from tci.interface.skin.tracking import Tracker
-from tci.messages import Contact, PatchState, SkinState
+from tci.messages import Contact, SkinState
 
 _NOWHERE = np.zeros((4, 4))
 Measure = Literal["weighted", "sum", "peak"]
@@ -107,7 +107,8 @@ def find_contacts(
         rows,
     )  # fmt: skip
     for p in touched:
-        _turn(p, felt[p], flat, state, rows, vectors, indices)
+        if (one := felt[p]) is not None and one.vector is not None:
+            _turn(p, one.vector, flat, state, rows, vectors, indices)
     sequences = [-1 if one is None else one.sequence for one in felt]
     tracker.lone.remember(rows[0], rows[1, :-1], indices)
     told = tracker.follow(rows[1, :-1], vectors[:, P_L], np.array(stamps))
@@ -175,16 +176,15 @@ def _postures(flat: FlatSkin, posture: Mapping[str, Array]) -> Array:
 
 def _turn(
     p: int,
-    felt: Felt | PatchState | None,
+    vector: Array,
     flat: FlatSkin,
     state: SkinState,
     rows: NDArray[np.int64],
     vectors: Array,
     indices: NDArray[np.intp],
 ) -> None:
-    """Where taxels feel the direction of their force, write that of the contacts of a patch."""
-    if felt is not None and felt.vector is not None:
-        R_TL = state.link_poses[flat.patch_links[p]][:3, :3]
-        for row in np.flatnonzero(rows[1, :-1] == p).tolist():
-            own = indices[rows[0, row] : rows[0, row + 1]]
-            vectors[row, F_T] = R_TL @ felt.vector[own].sum(axis=0)
+    """Write the force of the contacts of a patch whose taxels feel its `vector` (n, 3) [N]."""
+    R_TL = state.link_poses[flat.patch_links[p]][:3, :3]
+    for row in np.flatnonzero(rows[1, :-1] == p).tolist():
+        own = indices[rows[0, row] : rows[0, row + 1]]
+        vectors[row, F_T] = R_TL @ vector[own].sum(axis=0)

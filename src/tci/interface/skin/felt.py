@@ -10,11 +10,16 @@ from numpy.typing import NDArray
 from tci.frames import Array
 from tci.messages import PatchState
 
+_NOBODY = np.zeros(0, np.int32)
+
 
 class Felt:
     """One frame of one patch."""
 
-    __slots__ = ("_areas", "_pressure", "_state", "_taxels", "masked", "patch", "sequence", "stamp", "vector")
+    __slots__ = (
+        "_areas", "_begin", "_end", "_pressure", "_state", "_taxels", "masked", "patch", "sequence", "stamp",
+        "vector",
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -24,12 +29,16 @@ class Felt:
         masked: NDArray[np.bool_],
         taxels: NDArray[np.int32],
         pressure: Array,
+        begin: int,
+        end: int,
         areas: Array,
     ) -> None:
-        """Of taxels with `areas` (n,) [m2] some `taxels` (k,) feel a `pressure` (k,) [Pa]."""
+        """Of taxels with `areas` (n,) [m2] some `taxels` (m,) feel a `pressure` (m,) [Pa]: those from place
+        `begin` to `end`."""
         self.patch, self.stamp, self.sequence, self.masked = patch, stamp, sequence, masked
         self.vector: Array | None = None
         self._taxels, self._pressure, self._areas = taxels, pressure, areas
+        self._begin, self._end = begin, end
         self._state: PatchState | None = None
 
     @staticmethod
@@ -37,13 +46,23 @@ class Felt:
         """What was worked out for all taxels."""
         none = np.zeros(0)
         masked = np.zeros(len(state.force), np.bool_) if state.masked is None else state.masked
-        felt = Felt(state.patch, state.stamp, state.sequence, masked, none.astype(np.int32), none, none)
+        felt = Felt(state.patch, state.stamp, state.sequence, masked, _NOBODY, none, 0, 0, none)
         felt.vector, felt._state = state.vector, state
         return felt
 
     def again(self, stamp: float, sequence: int, masked: NDArray[np.bool_]) -> Felt:
         """The same in another frame."""
-        felt = Felt(self.patch, stamp, sequence, masked, self._taxels, self._pressure, self._areas)
+        felt = Felt(
+            self.patch,
+            stamp,
+            sequence,
+            masked,
+            self._taxels,
+            self._pressure,
+            self._begin,
+            self._end,
+            self._areas,
+        )
         if self._state is not None:
             old = self._state
             felt._state = PatchState(old.patch, stamp, sequence, old.pressure, old.force, masked=masked)
@@ -54,7 +73,8 @@ class Felt:
         """For all taxels."""
         if self._state is None:
             pressure = np.zeros(len(self._areas))
-            pressure[self._taxels] = self._pressure
+            own = slice(self._begin, self._end)
+            pressure[self._taxels[own]] = self._pressure[own]
             force = pressure * self._areas
             pressure.setflags(write=False)
             force.setflags(write=False)

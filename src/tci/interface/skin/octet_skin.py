@@ -100,6 +100,8 @@ class OctetSkin:
         self._seen = [0] * len(sizes)
         self._still: set[int] = set()
         self._ended: list[int] = []
+        self._which: list[int] | None = None
+        self._kinds, self._total = np.zeros(0, np.int64), 0
         for p, one in enumerate(conditioners):
             if self.takes[p]:
                 one.memory = self._memory[ROWS * self.begins[p] : ROWS * self.begins[p + 1]].reshape(ROWS, -1)
@@ -121,20 +123,20 @@ class OctetSkin:
             kinds = [-1 - p if same else p for p, same in zip(which, again, strict=True)]
             fresh = [v for v, same in zip(values, again, strict=True) if not same]
             raw = np.concatenate(fresh) if fresh else _NO_BYTES
-        room = sum([self._room[p] for p in kinds if p >= 0])
+        if which is not self._which or kinds is not which:
+            self._which, self._kinds = which if kinds is which else None, np.array(kinds, np.int64)
+            self._total = sum([self._room[p] for p in kinds if p >= 0])
+        room = self._total
         taxels, pressure = np.empty(room, np.int32), np.empty(room)
         ends = np.empty(len(which) + 1, np.int64)
         due = feel(
-            raw, np.array(kinds, np.int64), np.array(stamps), GAP, *self.tables, self.force, self.active,
+            raw, self._kinds, np.array(stamps), GAP, *self.tables, self.force, self.active,
             self.counts, taxels, pressure, ends,
         )  # fmt: skip
+        still, seen = self._still, self._seen
         for p, v in zip(which, values, strict=True):
-            if self._seen[p] < 2:
-                self._seen[p] += 1
-            elif not v.flags.writeable and p not in self._still:
-                self._same[p] = v
-            else:
-                self._same[p] = None
+            held[p] = None if v.flags.writeable or p in still or seen[p] < 2 else v
+            seen[p] += 1
         if self._still:
             self._revive([p for p, same in zip(which, again, strict=True) if p in self._still and not same])
         if due:

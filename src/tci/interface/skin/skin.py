@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,6 +89,9 @@ class Skin:
         self._index = {name: p for p, name in enumerate(self._conditioners)}
         self._areas = [self.surfaces[name].areas for name in self._conditioners]
         self._felt: dict[str, Felt] = {}
+        self._usual: list[tuple[str, np.dtype[Any], tuple[int, ...]]] = []
+        self._taken: list[bool] = []
+        self._which: list[int] = []
         self._flat: dict[str, FlatPatch] = {}
         self._flat_skin: FlatSkin | None = None
         self._flat_of: object = None
@@ -205,9 +208,35 @@ class Skin:
                 self._late += frame.sequence < before.sequence
         return fresh
 
-    def _feel(self, frames: Iterable[SkinFrame]) -> dict[str, Felt]:
-        octets, felt = self.octets, {}
-        which, values, stamps, quick = [], [], [], []
+    def _feel(self, frames: list[SkinFrame]) -> dict[str, Felt]:
+        octets, felt = self.octets, dict[str, Felt]()
+        kinds = [(frame.patch, frame.values.dtype, frame.values.shape) for frame in frames]
+        quick = frames
+        if kinds != self._usual or octets.takes != self._taken:
+            quick, felt = self._tell_apart(frames)
+            if not felt:
+                self._usual, self._taken = kinds, octets.takes.copy()
+                self._which = [self._index[frame.patch] for frame in frames]
+        which = self._which if quick is frames else [self._index[frame.patch] for frame in quick]
+        if which:
+            taxels, pressure, ends, again = octets.feel(
+                which, [frame.values for frame in quick], [frame.stamp for frame in quick]
+            )
+            begin, conditioners, areas = 0, octets.conditioners, self._areas
+            for p, frame, end, same in zip(which, quick, ends[1:], again, strict=True):
+                name, masked = frame.patch, conditioners[p].masked
+                if same:
+                    felt[name] = self._felt[name].again(frame.stamp, frame.sequence, masked)
+                else:
+                    felt[name] = Felt(
+                        name, frame.stamp, frame.sequence, masked, taxels, pressure, begin, end, areas[p]
+                    )
+                begin = end
+        return felt
+
+    def _tell_apart(self, frames: list[SkinFrame]) -> tuple[list[SkinFrame], dict[str, Felt]]:
+        """Those that may come the fast way, all of them if it is so; what the others make feel."""
+        octets, felt, quick = self.octets, {}, []
         for frame in frames:
             p = self._index.get(frame.patch)
             if p is None:
@@ -215,29 +244,12 @@ class Skin:
                 raise FrameError(f"{self.robot.name} has no skin patch {frame.patch!r}; valid: {valid}")
             raw = frame.values
             if octets.takes[p] and raw.dtype == np.uint8 and raw.shape == (octets.channels[p],):
-                which.append(p)
-                values.append(raw)
-                stamps.append(frame.stamp)
                 quick.append(frame)
             else:
                 self._conditioners[frame.patch].check(np.asarray(raw))
                 octets.retire(p)
                 felt[frame.patch] = self._feel_other(p, frame)
-        if which:
-            taxels, pressure, ends, again = octets.feel(which, values, stamps)
-            begin = 0
-            for p, frame, end, same in zip(which, quick, ends[1:], again, strict=True):
-                name = frame.patch
-                masked = self._conditioners[name].masked
-                if same:
-                    felt[name] = self._felt[name].again(frame.stamp, frame.sequence, masked)
-                else:
-                    felt[name] = Felt(
-                        name, frame.stamp, frame.sequence, masked, taxels[begin:end], pressure[begin:end],
-                        self._areas[p],
-                    )  # fmt: skip
-                begin = end
-        return felt
+        return (quick, felt) if felt else (frames, felt)
 
     def _feel_other(self, p: int, frame: SkinFrame) -> Felt:
         """A frame that does not come the fast way."""

@@ -74,11 +74,12 @@ def measure(case: str) -> list[dict[str, Any]]:
 
 def show(rows: list[dict[str, Any]]) -> None:
     table = Table(title="Beside peers, in the same run: median, and spread of the ratio over all rounds")
-    for head in ("what", "ours", "peer", "its", "unit", "ratio", "spread", "target", "met"):
+    for head in ("what", "ours", "cold", "peer", "its", "cold", "unit", "ratio", "spread", "target", "met"):
         table.add_column(head, justify="left" if head in ("what", "peer", "target") else "right")
     for row in rows:
         table.add_row(
-            row["name"], f"{row['ours']:.4g}", row["peer"], f"{row['theirs']:.4g}", row["unit"],
+            row["name"], f"{row['ours']:.4g}", _cold(row["cold"]), row["peer"], f"{row['theirs']:.4g}",
+            _cold(row["theirs_cold"]), row["unit"],
             f"{row['ratio']:.2f}", f"{row['ratio_min']:.2f}-{row['ratio_max']:.2f}", row["target"],
             {True: "[green]yes[/]", False: "[red]no[/]", None: ""}[row["met"]],
         )  # fmt: skip
@@ -87,6 +88,10 @@ def show(rows: list[dict[str, Any]]) -> None:
     for row in rows:
         if row["note"]:
             console.print(f"{row['name']}: {row['note']}", highlight=False)
+
+
+def _cold(value: float | None) -> str:
+    return "" if value is None else f"{value:.4g}"
 
 
 def main() -> None:

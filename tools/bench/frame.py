@@ -107,12 +107,29 @@ class Frame:
         self.octets.conditioners[0].threshold[:] = 7.0
         self.octets.limit(0)
         self.table, self.gains = field_table(self.fields), np.zeros(fields)
-        self.room = (
+        octets, flat = self.octets, self.flat
+        poses = np.array([self.poses[link] for link in flat.links])
+        self._feel = (
+            np.zeros(1, np.int64), np.full(1, np.nan), 1.0, *octets.tables, octets.force, octets.active,
+            octets.counts, np.zeros(n, np.int32), np.zeros(n), np.zeros(2, np.int64),
+        )  # fmt: skip
+        self._cluster = (
+            octets.force, SETTINGS.floor, SETTINGS.touch, octets.active, octets.counts, flat.graph,
+            flat.begins, flat.work, flat.counts,
+        )  # fmt: skip
+        self._describe = (
+            octets.force, flat.work, flat.begins, flat.counts, flat.taxels, flat.faces, flat.box, flat.cells,
+            flat.limb, poses, self.posture[None, :4].copy(), flat.on,
+        )  # fmt: skip
+        self._answer = np.zeros(fields), np.zeros(n, np.int64), np.zeros(n)
+        room = (
             np.zeros((n, NUMBERS)), np.zeros((n, VECTORS, 3)), np.zeros(n, np.int64), np.zeros(4 * n),
             np.zeros(3 * n + 3, np.int64),
         )  # fmt: skip
-        self.answers = np.zeros(fields), np.zeros(n, np.int64), np.zeros(n)
-        self.felt, self.pressure, self.ends = np.zeros(n, np.int32), np.zeros(n), np.zeros(2, np.int64)
+        self._arguments = (
+            *self._feel[:2], *self._feel[3:], *self._cluster[1:3], *self._cluster[5:], *self._describe[4:],
+            *room, flat.segments, self.table, *self._answer, self.gains,
+        )  # fmt: skip
         self.show(self.touched)
 
     def show(self, values: np.ndarray, *, flicker: bool = False) -> None:
@@ -121,18 +138,25 @@ class Frame:
         noise = random.integers(-1, 2, (2, len(values))) if flicker else np.zeros((2, len(values)), int)
         self.values[:] = values + noise
         self.values[1] -= values < 200
-        self._turns = itertools.cycle((self.values, self.values[::-1].copy()))
+        self._turns = itertools.cycle(self.values.copy())
 
     def ours(self, repeats: int = 1) -> int:
-        flat, octets = self.flat, self.octets
-        poses = np.array([self.poses[link] for link in flat.links])
-        values = self.values if repeats > 1 else next(self._turns)
-        return respond(  # type: ignore[no-any-return]
-            repeats, values, np.zeros(1, np.int64), np.full(1, np.nan), *octets.tables, octets.force,
-            octets.active, octets.counts, self.felt, self.pressure, self.ends, SETTINGS.floor, SETTINGS.touch,
-            flat.graph, flat.begins, flat.work, flat.counts, flat.taxels, flat.faces, flat.box, flat.cells,
-            flat.limb, poses, self.posture[None, :4].copy(), flat.on, *self.room, flat.segments, self.table,
-            *self.answers, self.gains,
+        """One loop over so many frames."""
+        return respond(repeats, self.values, *self._arguments)  # type: ignore[no-any-return]
+
+    def called(self) -> None:
+        """The next frame through the loops as they are shipped, each called from Python."""
+        feel(next(self._turns), *self._feel)
+        count, taxels, _ = cluster_all(*self._cluster)
+        if count == 0:
+            return
+        numbers, vectors = np.empty((count, NUMBERS)), np.empty((count, VECTORS, 3))
+        indices, places = np.empty(taxels, np.intp), np.empty((4, taxels))
+        rows, closest, gains = np.empty((3, count + 1), np.int64), np.empty(count, np.int64), np.empty(count)
+        describe_all(*self._describe, numbers, vectors, indices, places, rows)
+        find_answers(
+            self.table, False, self.flat.segments, rows[1, :count], rows[0], numbers, places,
+            self._answer[0], closest, gains,
         )  # fmt: skip
 
     def numpy(self) -> np.ndarray:
@@ -215,7 +239,7 @@ def kernel(
 ) -> list[Measured]:
     frame = Frame(taxels, fields, contacts)
     peer = InC(frame)
-    found, theirs = frame.ours(), peer()
+    found, theirs = frame.ours(2), peer(2)
     assert found == theirs, (found, theirs)
     # Two points of a skin may be equally near to a contact's mean: rounding decides.
     np.testing.assert_allclose(frame.gains, peer.gains, atol=2e-3)
@@ -225,24 +249,31 @@ def kernel(
     repeats = max(2, min(200, 200_000 // taxels))
     most_ratio = 1.5 if taxels >= 230 else None
     name = f"kernel, {frame.n} taxels, {fields} fields, {found} contacts"
-    pairs = _inner(frame, peer, taxels, repeats)
-    call, late, theirs_late = each(frame.ours, calls=max(3, 10 * repeats)), cold(frame.ours), cold(peer)
-    note = f"one call from Python {call:.1f} us, after 1 ms of sleep {late:.1f} us, C {theirs_late:.1f} us"
-    rows = [row(f"{name}, hot", "C -O3", pairs, most=most, most_ratio=most_ratio, note=note)]
-    if small:
-        rows.append(row(name, "the tests' NumPy", in_turn(frame.ours, frame.numpy)))
+    rows = []
     for what, values, flicker, limit in (
+        ("hot", frame.touched, False, most),
         ("every taxel flickers", frame.touched, True, None),
         ("idle", frame.rest, False, idle_most),
     ):
         frame.show(values, flicker=flicker)
         for _ in range(4):
-            frame.ours(), peer()
+            frame.called(), frame.ours(2), peer()
+        label = f"kernel, {frame.n} taxels, idle" if what == "idle" else f"{name}, {what}"
         pairs = _inner(frame, peer, taxels, repeats)
-        late, theirs_late = cold(frame.ours), cold(peer)
-        note = f"one call after 1 ms of sleep {late:.1f} us, C {theirs_late:.1f} us"
-        label = f"{name}, {what}" if flicker else f"kernel, {frame.n} taxels, idle"
-        rows.append(row(label, "C -O3", pairs, most=limit, most_ratio=most_ratio, note=note))
+        rows.append(row(label, "C -O3", pairs, most=limit, most_ratio=most_ratio))
+        if flicker:
+            continue
+        colds = cold(frame.called), cold(peer)
+        label = label.removesuffix(", hot") + ", loops called from Python"
+        rows.append(row(label, "C called by ctypes", in_turn(frame.called, peer), colds=colds))
+        if small and what == "hot":
+            rows.append(
+                row(
+                    f"{name}, loops called from Python",
+                    "the tests' NumPy",
+                    in_turn(frame.called, frame.numpy),
+                )
+            )
     return rows
 
 

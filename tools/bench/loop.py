@@ -24,8 +24,9 @@ import json, sys, time
 from tci.clock import MonotonicClock, ticks
 from tci.runtime.loop_report import Histogram
 late, clock = Histogram(), MonotonicClock()
+periods = ticks(clock, 0.001, duration=float(sys.argv[1]))
 start = clock.now()
-for now in ticks(clock, 0.001, duration=float(sys.argv[1])):
+for now in periods:
     late.add((now - start + 1e-9) % 0.001)
 print(json.dumps([late.quantile(q) for q in (0.5, 0.99, 0.999)]))
 """

@@ -35,6 +35,9 @@ class Measured:
     """What the ratio or our figure should be; empty where there is none."""
     met: bool | None = None
     note: str = ""
+    cold: float | None = None
+    """Ours after 1 ms of sleep, when the caches belong to others; None where that is not asked."""
+    theirs_cold: float | None = None
 
 
 def row(
@@ -47,9 +50,10 @@ def row(
     most_ratio: float | None = None,
     least_ratio: float | None = None,
     note: str = "",
+    colds: tuple[float | None, float | None] = (None, None),
 ) -> Measured:
     """A row of pairs (ours, theirs), one per round, with its target: the most that our median may be, or
-    the most or least that the median ratio may be."""
+    the most or least that the median ratio may be; `colds`: both after 1 ms of sleep."""
     ours = statistics.median(a for a, _ in pairs)
     ratios = sorted(a / b for a, b in pairs)
     ratio = statistics.median(ratios)
@@ -62,7 +66,7 @@ def row(
         target, met = f">= {least_ratio:g} x", ratio >= least_ratio
     theirs = statistics.median(b for _, b in pairs)
     return Measured(
-        name, peer, unit, ours, theirs, ratio, ratios[0], ratios[-1], len(pairs), target, met, note
+        name, peer, unit, ours, theirs, ratio, ratios[0], ratios[-1], len(pairs), target, met, note, *colds
     )
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 PAGE = Path(__file__).parents[2] / "docs" / "performance.md"
-HEAD = "| what | ours | peer | its | unit | ratio | spread | target |"
+HEAD = "| what | ours | cold | peer | its | cold | unit | ratio | spread | target |"
 
 
 def about(name: str) -> str:
@@ -20,12 +20,15 @@ def about(name: str) -> str:
 
 
 def line(row: dict[str, Any]) -> str:
-    def number(value: float) -> str:
+    def number(value: float | None) -> str:
+        if value is None:
+            return ""
         return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
 
     met = {True: ": met", False: ": missed", None: ""}[row["met"]]
     cells = [
-        row["name"], number(row["ours"]), row["peer"], number(row["theirs"]), row["unit"],
+        row["name"], number(row["ours"]), number(row["cold"]), row["peer"], number(row["theirs"]),
+        number(row["theirs_cold"]), row["unit"],
         f"{row['ratio']:.3g}", f"{row['ratio_min']:.3g}-{row['ratio_max']:.3g}", f"{row['target']}{met}",
     ]  # fmt: skip
     return f"| {' | '.join(cells)} |"

@@ -73,7 +73,7 @@ def pipeline() -> list[Measured]:
                 "C kernel, no gate",
                 in_turn(ours, peer),
                 most=100.0 if taxels == 4000 and contacts else None,
-                note=f"after 1 ms of sleep {cold(ours):.0f} us",
+                colds=(cold(ours), cold(peer)),
             )
         )
     return rows

@@ -84,8 +84,9 @@ def run(
     loop.sensed = sensed
     with lease(link.lease_name), interruptions() as interruption, frozen_garbage():
         try:
-            loop.begin(link.clock.now())
-            for now in link.ticks(duration=duration):
+            periods = link.ticks(duration=duration)
+            loop.begin(link.clock.now())  # they begin with the next line
+            for now in periods:
                 loop.tick(now)
                 interruption.raise_it()
                 if until is not None and until(loop.memory):

@@ -96,7 +96,7 @@ def test_45_while_it_comes_to_rest_the_robot_is_told_why_and_no_longer_than_that
 
 def test_45_a_robot_that_nobody_moves_is_not_brought_to_rest(world: World) -> None:
     world.reset()
-    with SimulatedLink(world.robot, world=world, armed=False) as link:
+    with SimulatedLink(world.robot, world=world, arm=False) as link:
         with pytest.raises(ZeroDivisionError) as raised:
             run(link, Swing(5, fail), duration=1.0, write=False)
         assert not hasattr(raised.value, "__notes__")

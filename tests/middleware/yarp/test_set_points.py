@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import os
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from interface.gate_checks import Driven, make_robot, reading
 from tci.frames import Array
 from tci.interface.gate.bounds import bounds_of
 from tci.interface.gate.limiter import Limiter
+from tci.middleware.yarp import set_points
+from tci.middleware.yarp.board import DIRECT, Stream
+from tci.middleware.yarp.served_board import ServedBoard
 from tci.middleware.yarp.set_points import ENDED, SetPoints, stopping_distance
 from tci.model.catalogue import load_robot
 
@@ -156,3 +163,44 @@ def test_a_robot_that_holds_is_not_led_back_to_a_set_point_from_before() -> None
     points.forget()
     assert points.last(10.0 + 19 * PERIOD + ENDED * 1.1) is None
     assert fed(points, [3.0]) == [3.0], "and a new stream begins anew"
+
+
+def test_whatever_streams_the_gate_keeps_its_limits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Steps, zigzags, noise, motions at the limits, repeats, gaps, far numbers (`make soak` runs more)."""
+    cycles = int(os.environ.get("TCI_SOAK", "6000"))
+    random = np.random.default_rng(11)
+    driven = Driven(make_robot(), [0.0] * 6)
+    monkeypatch.setattr(set_points, "time", SimpleNamespace(monotonic=lambda: 10.0 + driven.time))
+    board = ServedBoard("arm", driven.robot.servos)
+    board.set_modes(None, [DIRECT] * 6)
+    bounds, _ = bounds_of(driven.robot, range(6), speed_share=1.0)
+    sender, told, kind, every = Limiter(bounds, np.zeros(6), PERIOD), np.zeros(6), 0, 3
+    led = 0
+    for cycle in range(cycles):
+        if cycle % 150 == 0:
+            kind, every = int(random.integers(6)), int(random.integers(1, 9))
+            sender.aim(bounds.nearest(random.uniform(-3.0, 3.0, 6), np.ones(6, dtype=bool)), bounds.velocity)
+        if cycle % every == 0 and random.random() < 0.95:
+            told = sender.step() if kind in (0, 1) else told
+            if kind == 1:
+                told = told + random.normal(0.0, 1e-4, 6)
+            elif kind > 1 and random.random() < 0.9:
+                told = told + random.choice([1e-5, 1e-2, 1.0]) * random.normal(size=6)
+            if kind == 5 and random.random() < 0.1:
+                told = random.choice([-1.0, 1.0], 6) * 1e12
+            group = [0, 3, 4] if kind == 4 else list(range(6))
+            board.stream(Stream.POSITION, group, np.rad2deg(told[group]).tolist())
+        if random.random() < 0.002:
+            driven.gate.hold("for a test")
+        board.mind()
+        safe = driven.step(*board.book.take())
+        board.book.judge(safe.orders, safe.refusals)
+        board.see(reading(driven.angles, driven.time), driven.gate.modes)
+        if safe.reason:
+            board.held()
+        led += bool(np.any(board._set_points._stream[3]))
+        if cycle % 5000 == 4999:
+            driven.assert_within_limits()
+            del driven.path[:-3]
+    driven.assert_within_limits()
+    assert led > cycles / 20

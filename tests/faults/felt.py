@@ -46,17 +46,19 @@ class NoisySkin(Link):
         self.lease_name = f"felt:{id(self)}"
         self.angles, self.count = np.array(ROBOT.initial_position), 0
         self.noise, self.random = noise, np.random.default_rng(3)
-        self.touches: list[tuple[float, float, str, np.ndarray]] = []
+        self.touches: list[tuple[float, float, str, np.ndarray, float]] = []
 
-    def touch(self, begin: float, end: float, patch: str = PATCH.name, *, count: int = 12) -> None:
-        """Press the taxels nearest to a field of the patch's segment, from `begin` to `end` [s]."""
+    def touch(
+        self, begin: float, end: float, patch: str = PATCH.name, *, count: int = 12, counts: float = JUST_FELT
+    ) -> None:
+        """Press the taxels nearest to a field of the patch's segment from `begin` to `end` [s]."""
         skin = Skin(ROBOT)
         words = ROBOT.patch(patch)
         field = next(f for f in tci.WithdrawalReflex().fields if f.segment == words.segment)
         u, theta, _ = skin.limb(patch, self._joints(0.0))
         turn = np.abs((theta - field.theta + np.pi) % (2 * np.pi) - np.pi)
         nearest = np.argsort(np.hypot(u - field.u, turn / np.pi))[:count]
-        self.touches.append((begin, end, patch, skin.surfaces[patch].channels[nearest]))
+        self.touches.append((begin, end, patch, skin.surfaces[patch].channels[nearest], counts))
 
     def scatter(self, begin: float, end: float, count: int) -> None:
         """Press `count` single taxels of all patches that do not touch each other."""
@@ -74,7 +76,7 @@ class NoisySkin(Link):
                 around = beside[taxel] | (beside & beside[taxel]).any(axis=1)
                 free[[taxel, *np.flatnonzero(around)]] = False
                 left -= 1
-            self.touches.append((begin, end, patch.name, surface.channels[chosen]))
+            self.touches.append((begin, end, patch.name, surface.channels[chosen], JUST_FELT))
 
     def _joints(self, now: float) -> JointReading:
         return JointReading(now, self.count, read_only(self.angles), read_only(np.zeros(len(self.angles))))
@@ -89,9 +91,9 @@ class NoisySkin(Link):
         patch = ROBOT.patch(name)
         sensor = patch.sensor
         values = sensor.rest + self.noise * self.random.standard_normal(patch.channels)
-        for begin, end, touched, channels in self.touches:
+        for begin, end, touched, channels, counts in self.touches:
             if touched == name and begin <= now < end:
-                values[channels] += JUST_FELT * np.sign(sensor.pascal_per_count)
+                values[channels] += counts * np.sign(sensor.pascal_per_count)
         return np.clip(np.rint(values), sensor.lowest, sensor.highest)
 
     def _send(self, safe: SafeCommand) -> None:

@@ -11,6 +11,8 @@ import tci
 from capabilities.touches import one_field, see, touch
 from faults.felt import OTHER, PATCH, Felt, NoisySkin
 from tci.interface.gate.gate import GateState
+from tci.interface.skin.skin import Skin
+from tci.middleware.faulty import FaultPlan, FaultyLink
 
 LEARNT = 5.0
 """Time [s] after which noise and rest are learnt."""
@@ -48,11 +50,46 @@ def test_03_a_dead_patch_stops_the_robot_since_its_fields_are_blind() -> None:
     assert len(felt.answers(PATCH.part)) <= 1
 
 
-def test_05_saturated_taxels_are_one_touch_with_a_bounded_answer() -> None:
-    felt = Felt(NoisySkin(), "saturated-taxel", at=LEARNT, duration=LEARNT + 20.0)
-    assert len(felt.answers(PATCH.part)) <= 1
+def test_04_values_that_are_no_number_are_dropped_and_counted() -> None:
+    link = NoisySkin(noise=0.0)
+    link.touch(1.0, 9.0)
+    faulty, skin = FaultyLink(link, [FaultPlan("nan-taxel", 2.0, 1.0)]), Skin(link.robot)
+    for now in link.ticks(duration=4.0):
+        reading = faulty.read()
+        (frame,) = (frame for frame in reading.skin if frame.patch == PATCH.name)
+        bad = ~np.isfinite(frame.values[skin.surfaces[PATCH.name].channels])
+        before = skin.counts["values_dropped"]
+        felt = skin.update(reading).patches[PATCH.name]
+        assert skin.counts["values_dropped"] - before == np.count_nonzero(bad)
+        assert bad.any() == (2.0 <= now < 3.0)
+        assert np.isfinite(felt.pressure).all()
+        assert not felt.pressure[bad].any()
+        assert bool((felt.pressure > 0.0).any()) == (now >= 1.0), "the others feel"
+    assert skin.health[PATCH.name].dropped == skin.counts["values_dropped"] > 1000
+
+
+@pytest.mark.parametrize("count", [12, 60])
+def test_05_saturated_taxels_are_one_touch_with_a_bounded_answer(count: int) -> None:
+    link = NoisySkin()
+    link.touch(LEARNT + 1.0, LEARNT + 2.0, count=count, counts=1e9)
+    felt = Felt(link, "saturated-taxel", at=LEARNT, duration=LEARNT + 1.5)
+    assert felt.answers(PATCH.part) == [pytest.approx(1.0, abs=0.1)]
+    assert felt.answers(OTHER.part) == []
     assert held(felt) == {GateState.RUN}
-    assert all(0.0 <= w.gain <= 1.0 for tick in felt.ticks[-1:] for w in felt.memory.values())
+    answer = felt.memory[PATCH.part]
+    softer = NoisySkin()
+    softer.touch(LEARNT + 1.0, LEARNT + 2.0, count=count, counts=120.0)
+    hard = Felt(softer, "saturated-taxel", at=LEARNT, duration=LEARNT + 1.5).memory[PATCH.part]
+    assert 0.5 < answer.gain <= 1.0
+    assert answer.gain == pytest.approx(hard.gain, rel=0.02), "no more than to half of that"
+    (full,) = {
+        int(state.pressure.max()) for state in (tick.skin.patches[PATCH.name] for tick in felt.ticks[-2:])
+    }
+    assert full == pytest.approx(240 * 420, rel=0.01)
+    commands = [one for tick in felt.ticks for one in tick.commands if one.part == PATCH.part]
+    assert commands
+    for one in commands:
+        assert np.abs(one.values - answer.origin).max() <= np.abs(answer.field.motion).max() + 1e-9
 
 
 def test_07_a_step_of_the_baseline_is_answered_once_and_is_rest_after_a_while() -> None:

@@ -119,6 +119,9 @@ def test_a_mode_that_the_robot_lacks_is_refused() -> None:
     driven = Driven(make_robot(), ZERO)
     safe = driven.step(switch([2], Mode.TORQUE))
     assert safe.refusals == ("tester: joint2 has no torque mode; valid: position",)
+    two = Driven(make_robot(modes=(Mode.POSITION, Mode.VELOCITY)), ZERO)
+    words = "tester: joint2 has no torque mode; valid: position, velocity"
+    assert two.step(switch([2], Mode.TORQUE)).refusals == (words,)
     assert driven.gate.modes == (Mode.POSITION,) * 6
 
 
@@ -126,13 +129,15 @@ def test_torque_needs_a_limit_of_torque() -> None:
     robot = make_robot(modes=CONTROL_MODES)
     safe = Driven(robot, ZERO).step(switch([2], Mode.TORQUE))
     assert safe.refusals == ("joint2 has no torque mode: its description has no limit of torque",)
+    weak = make_robot(limits=LIMITS.model_copy(update={"torque": 0.01}), modes=CONTROL_MODES)
+    assert Driven(weak, ZERO).step(switch([2], Mode.TORQUE)).refusals == ()
 
 
 @pytest.mark.parametrize(
     ("order", "words"),
     [
         (switch([], Mode.TORQUE), "at least one"),
-        (switch([9], Mode.TORQUE), "valid: 0 to 5"),
+        (switch([9], Mode.TORQUE), "switch: servos [9]; valid: 0 to 5"),
         (switch([1, 1], Mode.TORQUE), "each only once"),
         (switch([1], Mode.STIFFNESS), "switch to stiffness; valid: position, velocity, torque, impedance"),
     ],

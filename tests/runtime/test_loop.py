@@ -237,6 +237,15 @@ def test_40_the_garbage_collector_is_as_before_after_a_run(link: SimulatedLink) 
         gc.unfreeze()
 
 
+def test_40_what_was_there_before_a_run_costs_no_collection_in_it(link: SimulatedLink) -> None:
+    ballast: list[list[object]] = [[] for _ in range(200_000)]
+    looked_at: list[int] = []
+    run(link, Swing(3, lambda: looked_at.append(len(gc.get_objects()))), duration=0.05)
+    run(link, Swing(900, lambda: looked_at.append(len(gc.get_objects()))), duration=2.0)
+    assert len(ballast) < len(gc.get_objects())
+    assert max(looked_at) < 20_000  # nor does it grow
+
+
 def test_the_report_tells_quantiles_in_milliseconds() -> None:
     report = LoopReport()
     for microseconds in range(1, 1001):
@@ -244,6 +253,27 @@ def test_the_report_tells_quantiles_in_milliseconds() -> None:
     figures = report.to_json()["work_ms"]
     assert figures["p50"] == pytest.approx(0.512)
     assert figures["p99"] == figures["max"] == pytest.approx(1.0)
+
+
+def test_quantiles_of_the_report_are_those_of_its_names() -> None:
+    report = LoopReport()
+    for seconds, count in ((1e-4, 10_000), (1e-3, 50), (1e-2, 5)):
+        for _ in range(count):
+            report.work.add(seconds)
+    figures = report.to_json()["work_ms"]
+    assert figures["p50"] == figures["p99"] == pytest.approx(0.1, rel=0.3)
+    assert figures["p999"] == pytest.approx(1.0, rel=0.3)
+    assert figures["max"] == pytest.approx(10.0)
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_45_a_thread_that_is_gone_when_it_fails_has_no_name() -> None:
+    told = threading.ExceptHookArgs((ZeroDivisionError, ZeroDivisionError("on purpose"), None, None))
+    with interruptions() as found:
+        threading.excepthook(told)
+    assert found.thread == "a thread"
+    with pytest.raises(ZeroDivisionError):
+        found.raise_it()
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")

@@ -51,7 +51,9 @@ class Motion:
         body = None if robot.model is None or margin is None else SelfCollision(robot, margin=margin)
         self._body = None if body is None else BodyGuard(body, period=period)
         self._shown: Reference | None = None
+        self._none = np.zeros(0)
         self._states: list[Array] = []
+        self._shown_of: list[Chain] | None = None
         self.modes = [servo.modes[0] for servo in robot.servos]
         """Control mode of every servo."""
 
@@ -64,11 +66,15 @@ class Motion:
         rests = len(states) == len(self._states) and all(map(is_, states, self._states))
         if self._shown is not None and rests and not loose.size:
             return self._shown
-        servos = np.concatenate([*(chain.index for chain in chains), loose])
-        self._states = states
+        if self._shown is not None and not loose.size and chains == self._shown_of:
+            servos, modes = self._shown.servos, self._shown.modes
+        else:
+            servos = np.concatenate([*(chain.index for chain in chains), loose])
+            modes = tuple(self.modes[servo] for servo in servos.tolist())
+        self._states, self._shown_of = states, None if loose.size else chains
         self._shown = Reference(
             servos=servos,
-            modes=tuple(self.modes[servo] for servo in servos.tolist()),
+            modes=modes,
             position=np.concatenate([*(state[0] for state in states), self._measured[loose]]),
             velocity=np.concatenate([*(state[1] for state in states), np.zeros(loose.size)]),
         )
@@ -129,25 +135,29 @@ class Motion:
     def step(self, now: float) -> list[str]:
         """Move by one period; says which motions were ended so that the robot does not hit itself."""
         self._switched.clear()
-        old = now - self._fed > self._settings.command_timeout
+        longest = self._settings.command_timeout
         near: list[str] = []
         chains = self._chains.values()
         for chain in chains if self._body is None else self._body.turns(chains):
-            late = [place for place in chain.driven if old[chain.servos[place]]]
+            late = [place for place in chain.driven if now - self._fed[chain.servos[place]] > longest]
             if late:
                 chain.limiter.drive_at(late, np.zeros(len(late)))
             chain.limiter.step()
             if chain.limiter.ended:
                 near.append(f"stopped on the way: {chain.limiter.ended}")
-        self._torque.relax(np.flatnonzero(old))
+        if self._torque.servos.size:
+            self._torque.relax(np.flatnonzero(now - self._fed > longest))
         self._tally.near_misses += len(near)
         return near
 
     def torques(self) -> Array:
         """Torque (k,) [N m] of each servo of `reference`; 0 for those in another mode."""
-        torque = self._torque.step(self._measured, self._velocity)
         others = sum(len(chain.servos) for chain in self._chains.values())
-        return np.concatenate([np.zeros(others), torque]) if torque.size else np.zeros(others)
+        if self._torque.servos.size:
+            return np.concatenate([np.zeros(others), self._torque.step(self._measured, self._velocity)])
+        if len(self._none) != others:
+            self._none = np.zeros(others)
+        return self._none
 
     def _push(self, command: PlatformCommand) -> list[str]:
         """Torques for servos in torque mode."""

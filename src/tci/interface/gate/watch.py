@@ -7,13 +7,14 @@ encoder that jumps or stands still, data that repeats under fresh stamps.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from operator import is_
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import TciError
 from tci.frames import Array
-from tci.interface.kernels.motion import FOLLOWS, LATE, OPPOSED, judge_motion
+from tci.interface.kernels.motion import FOLLOWS, LATE, OPPOSED, judge_motion, largest_change
 from tci.messages import JointReading, Mode
 from tci.model.description import Robot
 
@@ -90,6 +91,7 @@ class Watch:
         self._fresh = np.inf
         self._memory = np.array([never, never, never, np.zeros(len(never))])
         self._other_mode = never
+        self._well: tuple[object, ...] = ()
 
     def step(self, joints: JointReading, reference: Reference) -> str:
         """Why the robot must stop, given a usable reading; empty while it does what it is told.
@@ -111,9 +113,9 @@ class Watch:
         )
 
     def _fault_of_encoders(self, joints: JointReading, before: JointReading) -> str:
-        change = np.abs(joints.position - before.position)
-        if change.max(initial=0.0) <= self.settings.encoder_step:
+        if largest_change(joints.position, before.position) <= self.settings.encoder_step:
             return ""
+        change = np.abs(joints.position - before.position)
         allowed = self._fastest * (joints.stamp - before.stamp) + self.settings.encoder_step
         if (change > allowed).any():
             worst = int(np.argmax(change - allowed))
@@ -125,20 +127,25 @@ class Watch:
 
     def _fault_of_state(self, joints: JointReading, reference: Reference) -> str:
         """Servos that are off, or in another mode than they were switched to."""
-        servos = reference.servos
+        servos, words = reference.servos, (joints.powered, joints.modes, reference.servos, reference.modes)
+        if len(self._well) == len(words) and all(map(is_, words, self._well)):
+            return ""  # the very objects that were looked at before, and nothing was wrong
+        self._well = ()
         if joints.powered is not None and not joints.powered[servos].all():
             off = servos[int(np.argmin(joints.powered[servos]))]
             return f"{self._names[off]} is under command and its servo is off"
-        if joints.modes is None:
-            return ""
+        others = 0
         for servo, mode in zip(servos.tolist(), reference.modes, strict=True):
-            reported = joints.modes[servo]
+            reported = None if joints.modes is None else joints.modes[servo]
             if reported is None or reported is mode:
                 self._other_mode[servo] = np.inf
                 continue
+            others += 1
             self._other_mode[servo] = min(self._other_mode[servo], joints.stamp)
             if joints.stamp - self._other_mode[servo] > self.settings.mode_change:
                 return f"{self._names[servo]} reports mode {reported.value}; commanded in {mode.value}"
+        if not others:
+            self._well = words
         return ""
 
     def _fault_of_motion(self, joints: JointReading, before: JointReading, reference: Reference) -> str:

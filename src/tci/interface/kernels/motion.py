@@ -17,6 +17,15 @@ LATE_SINCE, OPPOSED_SINCE, REPEATS_SINCE, ORIGIN = range(4)
 the reference was [rad] when the angle began to repeat."""
 
 
+@compiled(float64(views(1), views(1)))
+def largest_change(now: Array, before: Array) -> float:
+    """Largest distance between two readings (n,), which are finite; 0 without servos."""
+    largest = 0.0
+    for i in range(len(now)):
+        largest = max(largest, abs(now[i] - before[i]))
+    return largest
+
+
 @compiled(
     int64(
         views(1, int64), views(1, boolean), views(1), views(1), views(1), views(1), reads(1),

@@ -28,6 +28,7 @@ from tci.messages import (
     PlatformOrder,
     PlatformSwitch,
     Reading,
+    SkinFrame,
     Spot,
     SwitchMode,
 )
@@ -47,6 +48,7 @@ class Body:
         self.skin = Skin(robot)
         self._settings = contacts or ContactSettings()
         self._frames: tuple[tuple[str, int], ...] = ()
+        self._skin: tuple[SkinFrame, ...] | None = None
         self._contacts: Sequence[Contact] = ()
         self._tracker = Tracker()
         self._coverage = Coverage(self.skin)
@@ -68,7 +70,9 @@ class Body:
         posture = generic_posture(self.robot, reading.joints)
         if self._filled is not None:
             reading = replace(reading, skin=self._filled.fill(reading.skin, now))
-        frames = tuple((frame.patch, frame.sequence) for frame in reading.skin)
+        frames = self._frames
+        if reading.skin is not self._skin:
+            frames = tuple((frame.patch, frame.sequence) for frame in reading.skin)
         ended: tuple[int, ...] = ()
         if frames != self._frames:
             before = self._contacts
@@ -81,6 +85,7 @@ class Body:
                 ended = tuple(one for one in identities(before) if one not in here)
             self._covered = self._coverage.step(state, reading.joints)
             self._frames = frames
+            self._skin = reading.skin
         else:
             self.skin.learn()
         position = reading.joints.position

@@ -205,13 +205,18 @@ class Postures:
         self._servos = np.concatenate([none, *(t.servos for _, t in linear)])
         self._scale = np.concatenate([np.zeros(0), *(t.scale for _, t in linear)])
         self._offset = np.concatenate([np.zeros(0), *(t.offset for _, t in linear)])
+        self._whole = np.array_equal(self._ids, np.arange(len(self._fixed)))
         self._others = [(begin + t.ids, t) for begin, t in placed if not isinstance(t, Linear)]
 
     def to_generic(self, position: Array) -> dict[str, Array]:
         """Generic angles (n,) [rad] of every part by name, which nobody can change, at all servos' `position`
         (n_servos,) [rad]."""
-        generic = self._fixed.copy()
-        generic[self._ids] = self._scale * position[self._servos] + self._offset
+        linear = self._scale * position.take(self._servos) + self._offset
+        if self._whole:
+            generic = linear
+        else:
+            generic = self._fixed.copy()
+            generic[self._ids] = linear
         for ids, transform in self._others:
             generic[ids] = transform.generic(position[transform.servos])
         generic.setflags(write=False)

@@ -172,13 +172,13 @@ class World:
 
     def joints(self) -> JointReading:
         """Angles and velocities of all servos now, exact. One without a joint reads its target."""
-        position, velocity, torque = self._servos.measured()
+        found = self._servos.measured()
         return JointReading(
             stamp=self.time,
             sequence=self._physics.steps,
-            position=position,
-            velocity=velocity,
-            torque=torque,
+            position=found[0],
+            velocity=found[1],
+            torque=found[2],
             modes=self._servos.modes,
             powered=self._servos.powered,
         )

@@ -32,6 +32,13 @@ def test_01_a_taxel_that_sticks_high_is_answered_once_at_most() -> None:
     assert held(felt) == {GateState.RUN}
 
 
+def test_01_a_taxel_that_sticks_high_is_no_touch_and_hides_none_of_its_arm() -> None:
+    link = NoisySkin()
+    link.touch(LEARNT + 3.0, LEARNT + 4.0)
+    felt = Felt(link, "taxel-stuck-high", at=LEARNT, duration=LEARNT + 6.0)
+    assert felt.answers(PATCH.part) == [pytest.approx(3.0, abs=0.1)]
+
+
 def test_02_beside_a_taxel_that_sticks_low_a_touch_is_still_answered() -> None:
     link = NoisySkin()
     link.touch(LEARNT + 80.0, LEARNT + 81.0)

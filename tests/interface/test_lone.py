@@ -56,6 +56,16 @@ class Felt:
         )  # fmt: skip
 
 
+def beside_some(count: int) -> Felt:
+    """A skin where a taxel has so many neighbours, all on one side."""
+    felt = Felt()
+    beside, at = felt.beside(LONE), felt.surface.positions
+    nearest = sorted(beside, key=lambda other: float(np.linalg.norm(at[other] - at[beside[0]])))[:count]
+    pairs = np.array([[LONE, other] for other in nearest])
+    felt.skin.surfaces = {ARM: replace(felt.surface, neighbours=pairs)}
+    return felt
+
+
 def test_a_taxel_that_is_pressed_hard_beside_silent_ones_is_never_a_touch() -> None:
     felt = Felt()
     assert not any(felt.see({LONE: FIRM}) for _ in range(100))
@@ -67,6 +77,18 @@ def test_a_light_touch_of_one_taxel_comes_later_and_stays() -> None:
     came = [bool(felt.see({LONE: LIGHT})) for _ in range(40)]
     assert came.index(True) == pytest.approx(0.2 / PERIOD, abs=1)
     assert all(came[came.index(True) :])
+
+
+def test_a_light_touch_of_a_taxel_that_flickers_at_rest_flickers_too() -> None:
+    felt = Felt()
+    conditioner = felt.skin._conditioners[ARM]
+    conditioner.baseline.start(np.zeros(240), 1.0)
+    conditioner._round()
+    assert not any(felt.see({LONE: LIGHT}) for _ in range(100)), "it is stuck"
+    assert not any(felt.see({LONE: LIGHT + 0.01}) for _ in range(100)), "its rest value was learnt anew"
+    felt.see({})
+    came = [bool(felt.see({LONE: LIGHT + 0.01 * (i % 2)})) for i in range(40)]
+    assert came.index(True) == pytest.approx(0.2 / PERIOD, abs=1)
 
 
 def test_a_light_touch_that_wavers_begins_to_wait_anew() -> None:
@@ -93,6 +115,19 @@ def test_a_touch_over_a_broken_taxel_is_felt_and_leaves_nothing_behind() -> None
     assert not felt.see({LONE: FIRM}), "the broken one does not go on as a touch"
 
 
+def test_a_stuck_taxel_under_a_touch_that_has_ended_goes_on_for_a_moment_only() -> None:
+    felt = Felt()
+    conditioner = felt.skin._conditioners[ARM]
+    conditioner.baseline.start(np.zeros(240), 1.0)
+    conditioner._round()
+    assert felt.see({LONE: 2.0, felt.beside(LONE)[0]: 0.5})
+    left = [bool(felt.see({LONE: 2.0})) for _ in range(40)]
+    assert left.index(False) == pytest.approx(0.2 / PERIOD, abs=1)
+    assert not any(left[left.index(False) :])
+    felt.see({LONE: 2.0, felt.beside(LONE)[0]: 0.5})
+    assert all(felt.see({LONE: 2.0 + 0.04 * (i % 3)}) for i in range(40)), "a touch lives"
+
+
 def test_a_touch_elsewhere_is_felt_beside_a_broken_taxel() -> None:
     felt = Felt()
     (contact,) = felt.see({LONE: FIRM, 10: 1.0, felt.beside(10)[0]: 0.4})
@@ -107,11 +142,14 @@ def test_where_neighbours_tell_nothing_one_taxel_is_a_touch_at_once(force: float
     conditioner._health.state[felt.beside(LONE)] = Health.DEAD
     conditioner.revive(np.zeros(240, bool))
     assert len(felt.see({LONE: force})) == 1, "masked neighbours"
-    one_side = Felt()
-    one_side.skin.surfaces = {
-        ARM: replace(one_side.surface, neighbours=np.array([[LONE, one_side.beside(LONE)[0]]]))
-    }
-    assert len(one_side.see({LONE: force})) == 1, "at a corner of a skin a touch may be beside it"
+    pair = beside_some(1)
+    assert len(pair.see({LONE: force})) == 1, "one neighbour says nothing"
+
+
+def test_at_a_corner_of_a_skin_where_a_touch_may_be_beside_it_time_tells() -> None:
+    felt = beside_some(2)
+    came = [bool(felt.see({LONE: FIRM})) for _ in range(40)]
+    assert came.index(True) == pytest.approx(0.2 / PERIOD, abs=1)
 
 
 @pytest.mark.parametrize("patch", ["head", "left_hand", "left_sole", "left_bumper"])

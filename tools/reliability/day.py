@@ -23,7 +23,9 @@ DRIFT, DRIFT_PERIOD, SCATTER = 0.1, 7200.0, 0.02
 """Share of the range by which all taxels drift to and fro, in which time [s], and how unlike they are."""
 FAULTY = 600.0
 """Time [s] from one broken taxel to the next; each is broken for half of it."""
-KINDS = ("stuck high", "stuck low", "not a number", "noisy")
+KINDS = ("stuck high", "stuck low", "not a number", "noisy", "stuck", "spikes")
+SPIKES = 0.1
+"""Share of its frames in which a taxel with spikes jumps to the value that it has drawn."""
 PRESSED = 40.0
 """Counts of a touch on each of its 12 taxels."""
 
@@ -58,6 +60,7 @@ class Day:
         self.noise = self.random.uniform(0.5, 1.5, count)
         self.scatter = 1.0 + SCATTER * self.random.standard_normal(count)
         self.memory = self.reflex.init()
+        self.stuck = 0.0
 
     def touch(self) -> np.ndarray:
         """Taxels (12,) nearest to some place well inside a field."""
@@ -90,6 +93,7 @@ class Day:
             if now % FAULTY < 1.0 / RATE:
                 broken = int(self.random.integers(len(self.channels)))
                 kind = KINDS[int(self.random.integers(len(KINDS)))]
+                self.stuck = float(self.random.integers(int(sensor.lowest), int(sensor.highest) + 1))
                 result.broken += 1
             if broken >= 0 and now > LEARN and now % FAULTY < FAULTY / 2.0:
                 values[broken] = self._break(kind, values[broken])
@@ -120,6 +124,10 @@ class Day:
                 return float(sensor.rest)
             case "not a number":
                 return float("nan")
+            case "stuck":
+                return self.stuck
+            case "spikes":
+                return self.stuck if self.random.random() < SPIKES else value
         return float(
             np.clip(round(value + 15.0 * self.random.standard_normal()), sensor.lowest, sensor.highest)
         )

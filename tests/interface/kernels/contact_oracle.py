@@ -46,7 +46,7 @@ def is_touch(skin: Skin, patch: str, forces: np.ndarray, taxel: int, settings: C
         return True
     flat = skin.flat_skin()
     own = [site.patch for site in flat.sites].index(patch)
-    least = skin.least(flat)[flat.begins[own, 0] : flat.begins[own + 1, 0]]
+    least = skin.noticed(flat)[0][flat.begins[own, 0] : flat.begins[own + 1, 0]]
     pairs = np.concatenate([surface.neighbours, surface.neighbours[:, ::-1]])
     others = pairs[pairs[:, 0] == taxel, 1]
     ways = surface.positions[others] - surface.positions[taxel]
@@ -54,7 +54,7 @@ def is_touch(skin: Skin, patch: str, forces: np.ndarray, taxel: int, settings: C
     near = (apart > 0.0) & (apart <= lone.reach) & np.isfinite(least[others]) & np.isfinite(forces[others])
     ways = ways[near] - np.outer(ways[near] @ surface.normals[taxel], surface.normals[taxel])
     units = ways / np.maximum(np.linalg.norm(ways, axis=1), 1e-300)[:, None]
-    if not near.any() or np.linalg.norm(units.mean(axis=0)) > ONE_SIDED:
+    if np.count_nonzero(near) < 2 or np.linalg.norm(units.mean(axis=0)) > ONE_SIDED:
         return True
     area, force = surface.areas[taxel], forces[taxel]
     variance = lone.cover**2 + area / 12.0 + (lone.tip * np.cbrt(force)) ** 2 / 4.0

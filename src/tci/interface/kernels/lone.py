@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import float64, int32, int64
+from numba import boolean, float64, int32, int64
+from numpy.typing import NDArray
 
 from tci.frames import Array
 from tci.interface.kernels.arrays import reads, returns, writes
@@ -13,8 +14,11 @@ from tci.interface.kernels.whole import GRAPH, TAXEL
 
 COVER, TIP, REACH, SURE = range(4)
 """Places in `limits`, see `LoneSettings`."""
-PLACE, SINCE = range(2)
-"""Columns of `waiting`: a taxel among all of the skin, and when it began to be pressed alone [s]."""
+PLACE, SINCE, FORCE, CHANGED, LEFT, WAITING = range(6)
+"""Columns of `waiting`, and their number: a taxel among all of the skin, when it began to be pressed alone
+[s], its force [N], how often that has changed since, and 1 where it is what is left of a contact."""
+ALIVE = 2
+"""Changes of a lone taxel's force that show it is alive: one may come from its rest value, learnt anew."""
 ONE_SIDED = 0.5
 """Length of the mean of the unit vectors towards a taxel's neighbours from which they do not surround it:
 0.43 at the straight edge of a triangular lattice, 0.67 and more at corners."""
@@ -30,8 +34,8 @@ def _must_be_felt(
     floor: float,
     limits: Array,
 ) -> int:
-    """1 where a touch on one taxel alone would be felt by neighbours too, 0 where it need not be,
-    -1 where neighbours say nothing: too far away, not believed, or on one side only."""
+    """1 where a touch on one taxel alone would be felt by neighbours too, 0 where it need not be, being too
+    light or beside all of them, -1 where neighbours say nothing: fewer than two are near and believed."""
     x, y, z = taxels[taxel, 0], taxels[taxel, 1], taxels[taxel, 2]
     nx, ny, nz = taxels[taxel, 3], taxels[taxel, 4], taxels[taxel, 5]
     force, area = forces[taxel], taxels[taxel, 6]
@@ -54,13 +58,13 @@ def _must_be_felt(
         found += 1
         pressure = force / area * np.exp(-apart / (2.0 * variance))
         felt |= pressure >= limits[SURE] * max(least[other], floor / taxels[other, 6])
-    if found == 0 or across**2 + along**2 + up**2 > (ONE_SIDED * found) ** 2:
+    if found < 2:
         return -1
-    return int(felt)
+    return 0 if across**2 + along**2 + up**2 > (ONE_SIDED * found) ** 2 else int(felt)
 
 
 @inlined
-def _goes_on(taxel: int, p: int, bounds: Indices, patches: Indices, indices: Indices) -> bool:
+def _is_left(taxel: int, p: int, bounds: Indices, patches: Indices, indices: Indices) -> bool:
     """Whether a taxel of a patch was part of a contact before."""
     for c in range(len(patches)):
         if patches[c] == p:
@@ -71,23 +75,29 @@ def _goes_on(taxel: int, p: int, bounds: Indices, patches: Indices, indices: Ind
 
 
 @inlined
-def _since(place: int, stamp: float, waiting: Array) -> float:
+def _wait_on(place: int, stamp: float, force: float, waiting: Array, now: Array) -> bool:
+    """Write how long a lone taxel waits `now` (WAITING,); false if it has just begun to."""
+    now[PLACE], now[SINCE], now[FORCE], now[CHANGED], now[LEFT] = place, stamp, force, 0.0, 0.0
     for w in range(len(waiting)):
         if int(waiting[w, PLACE]) == place:
-            return min(waiting[w, SINCE], stamp)  # type: ignore[no-any-return]
-    return stamp
+            now[SINCE] = min(waiting[w, SINCE], stamp)
+            now[CHANGED] = waiting[w, CHANGED] + (waiting[w, FORCE] != force)
+            now[LEFT] = waiting[w, LEFT]
+            return True
+    return False
 
 
 @compiled(
     returns(int64, int64, int64)(
-        reads(1), reads(1), reads(2), reads(1, int32), reads(2, int64), float64, reads(1), reads(1), reads(1),
-        reads(1, int64), reads(1, int64), reads(1, int64), reads(2), writes(1, int32), writes(1, int64),
-        writes(2),
+        reads(1), reads(1), reads(1, boolean), reads(2), reads(1, int32), reads(2, int64), float64, reads(1),
+        reads(1), reads(1), reads(1, int64), reads(1, int64), reads(1, int64), reads(2), writes(1, int32),
+        writes(1, int64), writes(2),
     )
 )  # fmt: skip
 def leave_out(
     force: Array,
     least: Array,
+    lively: NDArray[np.bool_],
     taxels: Array,
     graph: Indices,
     begins: Indices,
@@ -106,10 +116,11 @@ def leave_out(
     """Leave out what `cluster_all` found in `work` and `counts` and what is no touch, see `LoneSettings`.
 
     `least` (n,) [Pa] is the pressure from which each taxel feels something, infinite where it is not
-    believed; `wait` (p,) [s] how long a lone taxel must be pressed, `stamps` (p,) [s] of the patches' frames;
-    `bounds`, `patches` and `indices` are the contacts of the frame before, see `ContactTable`, and `waiting`
-    (w, 2) the lone taxels that were no touch yet. Gives the number of contacts and of their taxels, and how
-    many there are in `fresh` (m, 2), what is `waiting` next.
+    believed; `lively` (n,) ones never stay the same. A lone taxel must be pressed for `wait` (p,) [s], 0 for
+    none; `stamps` (p,) [s] are those of the patches' frames; `bounds`, `patches` and `indices` are the
+    contacts of the frame before, see `ContactTable`, and `waiting` (w, WAITING) the lone taxels then. Gives
+    the number of contacts and of their taxels, and how many rows of `fresh` (m, WAITING) are in use: what is
+    `waiting` next.
     """
     contacts, members_n, waits = 0, 0, 0
     for p in range(len(counts)):
@@ -128,11 +139,13 @@ def leave_out(
                 told = _must_be_felt(i, force[a:b], least[a:b], taxels[a:b], edges, floor, limits)
                 keep = told < 0
                 if told == 0:
-                    since = _since(a + i, stamps[p], waiting)
-                    keep = _goes_on(i, p, bounds, patches, indices) or stamps[p] - since >= wait[p]
-                    if not keep:
-                        fresh[waits, PLACE], fresh[waits, SINCE] = a + i, since
-                        waits += 1
+                    now = fresh[waits]
+                    waits += 1
+                    if not _wait_on(a + i, stamps[p], force[a + i], waiting, now):
+                        now[LEFT] = _is_left(i, p, bounds, patches, indices)
+                    lasts = stamps[p] - now[SINCE] >= wait[p]
+                    alive = now[CHANGED] >= ALIVE or not lively[a + i] or wait[p] == 0.0
+                    keep = alive if lasts else now[LEFT] > 0.0
             if keep:
                 for k in range(begin, end):
                     own[filled] = own[k]

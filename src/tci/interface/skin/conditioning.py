@@ -150,6 +150,12 @@ class Conditioner:
         return self._least
 
     @property
+    def lively(self) -> NDArray[np.bool_]:
+        """Which taxels (n,) have so much noise that their values never stay the same for long."""
+        lively: NDArray[np.bool_] = self.baseline.noise >= self.settings.health.lively
+        return lively
+
+    @property
     def silent(self) -> NDArray[np.bool_]:
         """Which taxels (n,) are not believed."""
         return self._health.silent

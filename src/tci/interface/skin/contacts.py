@@ -87,7 +87,14 @@ def find_contacts(
     waits, tracker = tracker is not None, tracker or Tracker()
     if lone and settings.lone is not None:
         count, taxels = tracker.lone.leave_out(
-            flat, force, skin.least(flat), stamps, lone, waits, floor=settings.floor, settings=settings.lone
+            flat,
+            force,
+            *skin.noticed(flat),
+            stamps,
+            lone,
+            waits,
+            floor=settings.floor,
+            settings=settings.lone,
         )
     else:
         tracker.lone.nobody_waits()

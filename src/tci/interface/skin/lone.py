@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from tci.errors import TciError
 from tci.frames import Array
 from tci.interface.kernels.flat_skin import FlatSkin
-from tci.interface.kernels.lone import leave_out
+from tci.interface.kernels.lone import WAITING, leave_out
 
 _EARLY = 1e-6
 """Time [s] that a frame may be early by rounding."""
 _NONE = np.zeros(0, np.int64)
-_NOBODY: Array = np.zeros((0, 2))
+_NOBODY: Array = np.zeros((0, WAITING))
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,9 +32,10 @@ class LoneSettings:
     exp(-d^2 / 2 s^2) of its pressure, s^2 = cover^2 + A / 12 + (tip F^(1/3))^2 / 4: the variances, along one
     side, of what the cover makes of a point, of a square taxel, and of a round contact, whose radius grows
     with the cube root of the force (Hertz 1882). Where a neighbour should feel `sure` times what it would
-    notice, the lone taxel is broken. Where it need not, the taxel is a touch once it was pressed for `wait`,
-    or was part of a touch in the frame before. One that no believed taxels surround within `reach` is always
-    a touch.
+    notice, the lone taxel is broken. Where it need not, or where all neighbours are on one side, the taxel is
+    a touch once it was pressed for `wait` (and has changed meanwhile, if noise lets no taxel like it stay the
+    same), and until then if it is what is left of a touch. One with fewer than two believed neighbours within
+    `reach` is always a touch.
     """
 
     cover: float = 3e-3
@@ -82,6 +83,7 @@ class LoneTaxels:
         flat: FlatSkin,
         force: Array,
         least: Array,
+        lively: NDArray[np.bool_],
         stamps: Sequence[float],
         lone: int,
         waits: bool,
@@ -92,14 +94,15 @@ class LoneTaxels:
         """Of the contacts in the skin's memory, `lone` of them with a single taxel, leave those that are
         touches; their number, and that of their taxels.
 
-        `force` (n,) [N] on each taxel and `least` (n,) [Pa] that it notices; `stamps` (p,) [s] of the frames;
+        `force` (n,) [N] on each taxel and `least` (n,) [Pa] that it notices, `lively` (n,) where
+        noise never lets a value stay the same; `stamps` (p,) [s] of the frames;
         `waits`: whether light ones wait.
         """
         wait = np.maximum(settings.wait, settings.frames / flat.rates) - _EARLY if waits else 0.0 * flat.rates
         limits = np.array([settings.cover, settings.tip, settings.reach, settings.sure])
-        fresh = np.empty((lone, 2))
+        fresh = np.empty((lone, WAITING))
         count, taxels, waiting = leave_out(
-            force, least, flat.taxels, flat.graph, flat.begins, floor, limits, wait, np.array(stamps),
+            force, least, lively, flat.taxels, flat.graph, flat.begins, floor, limits, wait, np.array(stamps),
             *self._contacts, self._waiting, flat.work, flat.counts, fresh,
         )  # fmt: skip
         self._waiting = fresh[:waiting]

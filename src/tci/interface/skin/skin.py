@@ -192,10 +192,11 @@ class Skin:
                 flat.force[flat.begins[p, TAXEL] :][: len(felt.force)] = felt.force
         return flat.force, self.octets.active[:0], np.full(len(flat.sites), -1, np.int64)
 
-    def least(self, flat: FlatSkin) -> Array:
-        """Pressure (n,) [Pa] from which each of the skin's taxels feels something; infinite where it is not
-        believed."""
-        return np.concatenate([self._conditioners[site.patch].least for site in flat.sites])
+    def noticed(self, flat: FlatSkin) -> tuple[Array, NDArray[np.bool_]]:
+        """Pressure (n,) [Pa] from which each of the skin's taxels feels something, infinite where it is not
+        believed; and which (n,) are lively, so that their values never stay the same."""
+        own = [self._conditioners[site.patch] for site in flat.sites]
+        return np.concatenate([one.least for one in own]), np.concatenate([one.lively for one in own])
 
     def _fresh(self, frames: Iterable[SkinFrame]) -> list[SkinFrame]:
         """Those that are newer than what is known of their patch."""

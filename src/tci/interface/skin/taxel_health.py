@@ -33,9 +33,9 @@ class HealthSettings:
 
     still: float = 60.0
     """How long [s] a value may stay the same to the bit while others change."""
-    lively: float = 0.5
-    """Noise [counts] from which a taxel that reads pressure all alone, the same to the bit for one lesson, is
-    stuck: half of such noise's readings differ, so that chance gives 50 alike once in 1e8 lessons."""
+    lively: float = 0.4
+    """Noise [counts] from which a taxel that reads pressure all alone, the same to the bit for one lesson,
+    is stuck: a third of such a taxel's frames differ, so that chance gives 50 alike once in 1e5 lessons."""
     noisy: float = 8.0
     """A taxel this many times as noisy as the median of its patch is masked, until half of that."""
     least_noise: float = 1.0

@@ -7,6 +7,7 @@ link, `middleware/test_link.py`, runs over them too.
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -27,7 +28,7 @@ from tci.middleware.yarp.incoming import Delivery
 from tci.middleware.yarp.link import YarpLink
 from tci.middleware.yarp.message import Stamp
 from tci.middleware.yarp.name_server import NameServer
-from tci.middleware.yarp.names import parse_address
+from tci.middleware.yarp.names import PATIENCE, parse_address
 from tci.middleware.yarp.network import Network
 from tci.middleware.yarp.values import Vocab
 from tci.middleware.yarp.wire import Wire
@@ -132,6 +133,17 @@ def test_a_writer_tells_that_its_reader_is_gone(dialect: Dialect) -> None:
     writer.close()
     with pytest.raises(UnknownNameError, match="'/reads'"):
         network.writer("/reads", "/writes")
+
+
+def test_a_connection_that_rests_stays_open(dialect: Dialect) -> None:
+    port = Bindings().port("/rests", dialect, lambda delivery: None)
+    writer = Wire().writer("/rests", "/writes")
+    try:
+        time.sleep(PATIENCE + 0.5)
+        assert not writer.is_over()
+    finally:
+        writer.close()
+        port.close()
 
 
 def test_their_name_server_and_their_dialect_are_the_only_ones(dialect: Dialect) -> None:

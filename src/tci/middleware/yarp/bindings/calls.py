@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import itertools
+import time
 from collections import deque
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import Any
 
 from tci.errors import LinkError
-from tci.middleware.yarp.bindings.module import close_port, connect, open_port, to_bottle
+from tci.middleware.yarp.bindings.module import (
+    RESTED,
+    close_port,
+    closes_at_rest,
+    connect,
+    open_port,
+    to_bottle,
+)
 from tci.middleware.yarp.carrier import TCP
 from tci.middleware.yarp.names import PATIENCE
 from tci.middleware.yarp.text import from_text, to_text
@@ -74,6 +82,8 @@ class Line:
     def __init__(self, yarp: Any, target: str, sender: str) -> None:
         self._yarp, self._target, self._sender = yarp, target, sender
         self._port: Any = None
+        self._used = 0.0
+        self._closes = closes_at_rest()
         self._thread = ThreadPoolExecutor(1, thread_name_prefix=f"yarp {sender}")
 
     def submit(self, items: Sequence[Any]) -> Future[list[Any]]:
@@ -87,8 +97,13 @@ class Line:
         return done
 
     def _exchange(self, items: Sequence[Any]) -> list[Any]:
+        now = time.monotonic()
+        if self._closes and now - self._used > RESTED:
+            self._hang_up()
+        self._used = now
         if self._port is None:
             self._port = self._yarp.Port()
+            self._port.setTimeout(PATIENCE)
             open_port(self._yarp, self._port, self._sender)
             connect(self._yarp, self._sender, self._target, TCP.name)
         reply = self._yarp.Bottle()
@@ -97,5 +112,6 @@ class Line:
         return from_text(reply.toString())
 
     def _hang_up(self) -> None:
-        if self._port is not None:
-            close_port(self._port)
+        port, self._port = self._port, None
+        if port is not None:
+            close_port(port)

@@ -12,7 +12,7 @@ import numpy as np
 
 from tci.errors import LinkError, MissingExtraError, WireError
 from tci.middleware.yarp.dialect import DIALECTS, Dialect
-from tci.middleware.yarp.names import PATIENCE
+from tci.middleware.yarp.names import PATIENCE, read_key
 from tci.middleware.yarp.values import FALSE, TRUE, Float32, Int8, Int16, Int64, Vocab
 
 HOW = (
@@ -24,6 +24,8 @@ ADDERS: dict[type, str] = {
     int: "addInt32", float: "addFloat64", str: "addString", Vocab: "addVocab32",
     Int8: "addInt8", Int16: "addInt16", Int64: "addInt64", Float32: "addFloat32",
 }  # fmt: skip
+RESTED = 1.0
+"""After so long [s] a connection that may be closed at rest is made anew. Ours."""
 _open: dict[int, Any] = {}
 
 
@@ -58,7 +60,6 @@ def importable() -> str:
 
 def open_port(yarp: Any, port: Any, name: str) -> None:
     """Open a port of YARP's. Raises LinkError when YARP refuses."""
-    port.setTimeout(PATIENCE)
     if not port.open(name):
         raise LinkError(f"YARP does not open a port {name!r}; valid: a free name that begins with /")
     _open[id(port)] = port
@@ -76,6 +77,11 @@ def _close_all() -> None:
     """YARP's threads must not call into a Python that ends."""
     for port in list(_open.values()):
         close_port(port)
+
+
+def closes_at_rest() -> bool:
+    """Whether ports authenticate: then they close a connection on which nothing came for 2 s."""
+    return read_key() is not None
 
 
 def style(yarp: Any, carrier: str = "") -> Any:

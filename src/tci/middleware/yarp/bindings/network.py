@@ -22,7 +22,7 @@ class Bindings(Network):
         """Raises MissingExtraError without the bindings, LinkError when YARP's configuration has another
         name server than `server`: there is one for the whole process."""
         self._yarp = load()
-        self.dialect = version(self._yarp)[1]
+        self.dialect: Dialect = version(self._yarp)[1]
         self.title = importable()
         self._yarp.Network.init()
         contact = self._yarp.NetworkBase.getNameServerContact()
@@ -55,11 +55,11 @@ class Bindings(Network):
     def port(
         self, name: str, dialect: Dialect, receive: Callable[[Delivery], Answer] | None = None
     ) -> BindingsPort:
-        return BindingsPort(self._yarp, name, receive)
+        return BindingsPort(self._yarp, name, dialect, receive)
 
     def writer(self, target: str, sender: str) -> BindingsWriter:
         self.query(target)
-        return BindingsWriter(self._yarp, target, sender)
+        return BindingsWriter(self._yarp, target, sender, self.dialect)
 
     def caller(self, target: Contact, sender: str, dialect: Dialect) -> BindingsCaller:
         return BindingsCaller(self._yarp, target.name, sender)

@@ -84,16 +84,11 @@ def closes_at_rest() -> bool:
     return read_key() is not None
 
 
-def style(yarp: Any, carrier: str = "") -> Any:
-    """How YARP makes a connection."""
-    found = yarp.ContactStyle()
-    found.quiet, found.timeout, found.carrier = True, PATIENCE, carrier
-    return found
-
-
 def connect(yarp: Any, source: str, target: str, carrier: str) -> None:
     """As `yarp connect`. Raises LinkError."""
-    if not yarp.NetworkBase.connect(source, target, style(yarp, carrier)):
+    style = yarp.ContactStyle()
+    style.quiet, style.timeout, style.carrier = True, PATIENCE, carrier
+    if not yarp.NetworkBase.connect(source, target, style):
         raise LinkError(f"{source} does not connect to {target} by {carrier}")
 
 

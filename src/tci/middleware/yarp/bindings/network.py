@@ -1,17 +1,16 @@
-"""YARP's own name server client, ports and carriers, as a link asks for them."""
+"""YARP's own ports and carriers, as a link asks for them."""
 
 from __future__ import annotations
 
-import socket
 from collections.abc import Callable
 
-from tci.errors import LinkError, UnknownNameError
+from tci.errors import LinkError
 from tci.middleware.yarp.bindings.calls import BindingsCaller
-from tci.middleware.yarp.bindings.module import importable, load, style, version
+from tci.middleware.yarp.bindings.module import importable, load, version
 from tci.middleware.yarp.bindings.port import BindingsPort, BindingsWriter
 from tci.middleware.yarp.dialect import Dialect
 from tci.middleware.yarp.incoming import Answer, Delivery
-from tci.middleware.yarp.names import PATIENCE, Contact, parse_contact
+from tci.middleware.yarp.names import Contact, Names, read_key
 from tci.middleware.yarp.network import Network
 
 
@@ -33,24 +32,14 @@ class Bindings(Network):
                 "YARP's bindings ask the name server of YARP's configuration, {}:{}, ".format(*self.address)
                 + f"not {host}:{port}; valid: yarp conf {host} {port} before, or without bindings"
             )
+        # Asked by our own client: YARP's waits for ever where it lacks the key.
+        self._names = Names(self.address, key=read_key())
 
     def list(self) -> list[Contact]:
-        self._look()
-        question, answer = self._yarp.Bottle(), self._yarp.Bottle()
-        question.addString("list")
-        if not self._yarp.NetworkBase.writeToNameServer(question, answer, style(self._yarp)):
-            raise LinkError(
-                "the YARP name server at {}:{} does not answer YARP's bindings".format(*self.address)
-            )
-        lines = answer.get(0).asString().splitlines()
-        return [contact for line in lines if (contact := parse_contact(line)) is not None]
+        return self._names.list()
 
     def query(self, name: str) -> Contact:
-        self._look()
-        found = self._yarp.NetworkBase.queryName(name)
-        if not found.isValid():
-            raise UnknownNameError("YARP port", name, sorted(contact.name for contact in self.list()))
-        return Contact(name, found.getHost(), found.getPort(), found.getCarrier())
+        return self._names.query(name)
 
     def port(
         self, name: str, dialect: Dialect, receive: Callable[[Delivery], Answer] | None = None
@@ -63,10 +52,3 @@ class Bindings(Network):
 
     def caller(self, target: Contact, sender: str, dialect: Dialect) -> BindingsCaller:
         return BindingsCaller(self._yarp, target.name, sender)
-
-    def _look(self) -> None:
-        """Raises LinkError when nobody is there: YARP would search the network, and complain aloud."""
-        try:
-            socket.create_connection(self.address, timeout=PATIENCE).close()
-        except OSError as error:
-            raise LinkError("no YARP name server at {}:{}: {}".format(*self.address, error)) from error

@@ -18,14 +18,16 @@ class Bindings(Network):
     """Speaks the dialect that the bindings were built for, by any carrier that they have."""
 
     def __init__(self, server: tuple[str, int] | None = None) -> None:
-        """Raises MissingExtraError without the bindings, LinkError when YARP's configuration has another
-        name server than `server`: there is one for the whole process."""
+        """Raises MissingExtraError without the bindings, LinkError when YARP's configuration has no name
+        server, or another one than `server`: there is one for the whole process."""
         self._yarp = load()
         self.dialect: Dialect = version(self._yarp)[1]
         self.title = importable()
         self._yarp.Network.init()
         contact = self._yarp.NetworkBase.getNameServerContact()
         self.address = (contact.getHost(), contact.getPort())
+        if not contact.isValid():
+            raise LinkError("YARP's configuration has no name server; valid after: yarp conf HOST PORT")
         if server is not None and server != self.address:
             host, port = server
             raise LinkError(

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tci.errors import CommandError
 from tci.frames import Array
+from tci.interface.kernels.motion import all_finite
 from tci.messages import CONTROL_MODES, JointReading, Mode, PlatformCommand, PlatformSwitch
 from tci.model.description import Robot, Servo
 
@@ -35,9 +36,9 @@ def fault_of_reading(robot: Robot, joints: JointReading, now: float, stale_after
         return f"joint reading of shape {joints.position.shape}; valid: {expected}"
     if joints.velocity.shape != expected:
         return f"joint velocities of shape {joints.velocity.shape}; valid: {expected}"
-    finite = np.isfinite(joints.position)
-    if not finite.all():
-        return f"the angle of {robot.servos[int(np.argmin(finite))].name} is not finite"
+    if not all_finite(joints.position):
+        worst = int(np.argmin(np.isfinite(joints.position)))
+        return f"the angle of {robot.servos[worst].name} is not finite"
     age = now - joints.stamp
     if not -stale_after <= age <= stale_after:  # also refuses NaN
         return f"joint data is {age * 1e3:.0f} ms old; valid: at most {stale_after * 1e3:.0f} ms"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tci.frames import Array
+from tci.interface.kernels.motion import all_finite
 from tci.messages import JointReading
 
 SMOOTHING = 0.05
@@ -21,7 +22,7 @@ class Speeds:
     def step(self, joints: JointReading) -> Array:
         """Speeds (n,) [rad/s] at a new reading: measured, or guessed where the reading says NaN."""
         before, self._before = self._before, joints
-        if np.isfinite(joints.velocity).all():
+        if all_finite(joints.velocity):
             self._guess = joints.velocity
             return joints.velocity
         passed = 0.0 if before is None else joints.stamp - before.stamp

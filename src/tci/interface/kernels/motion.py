@@ -17,6 +17,15 @@ LATE_SINCE, OPPOSED_SINCE, REPEATS_SINCE, ORIGIN = range(4)
 the reference was [rad] when the angle began to repeat."""
 
 
+@compiled(boolean(views(1)))
+def all_finite(values: Array) -> bool:
+    """Whether no value (n,) is infinite or NaN."""
+    sum_of_zeros = 0.0
+    for i in range(len(values)):
+        sum_of_zeros += 0.0 * values[i]
+    return bool(sum_of_zeros == 0.0)
+
+
 @compiled(float64(views(1), views(1)))
 def largest_change(now: Array, before: Array) -> float:
     """Largest distance between two readings (n,), which are finite; 0 without servos."""

@@ -367,3 +367,15 @@ def test_less_than_no_stiffness_is_none() -> None:
     safe = driven.step(PlatformCommand(Mode.DAMPING, np.array([0, 1]), np.array([-0.4, 0.7]), np.ones(2)))
     assert safe.damping == {0: 0.0, 1: 0.7}
     assert safe.clamped == ("joint0: -0.40 damping asked, clamped to 0.00",)
+
+
+def test_what_lies_ahead_is_where_the_robot_then_is() -> None:
+    driven = Driven(make_robot(), ZERO)
+    driven.step(position_command([2, 3], [0.5, -0.4]))
+    for _ in range(20):
+        safe = driven.step()
+    ahead = driven.gate.ahead(0.1)
+    assert driven.gate.ahead(1e3) == pytest.approx(driven.gate.targets)
+    for _ in range(50):
+        driven.step()
+    assert driven.angles[safe.servos] == pytest.approx(ahead, abs=1e-9)

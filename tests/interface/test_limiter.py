@@ -147,3 +147,28 @@ def test_a_driven_servo_is_going_nowhere_but_on() -> None:
         limiter.step()
     assert not limiter.state[1].any()
     assert limiter.state[0] == pytest.approx(limiter.target, abs=1e-9)
+
+
+def test_a_stop_that_is_too_long_to_look_at_is_not_risked_beside_a_coupling() -> None:
+    period = 1e-4
+    random = np.random.default_rng(12)
+    limiter = Limiter(BOUNDS, BOUNDS.nearest(random.uniform(BOUNDS.lower, BOUNDS.upper), FREE), period)
+    aim_anywhere(limiter, random)
+    path = np.array([limiter.step() for _ in range(6500)])
+    value = path @ BOUNDS.coupling.T
+    assert np.all((value >= BOUNDS.coupling_lower - 1e-9) & (value <= BOUNDS.coupling_upper + 1e-9))
+    assert np.abs(path[-1] - path[0]).max() > 0.1
+
+
+def test_what_rests_stays_where_it_is() -> None:
+    start = BOUNDS.nearest(np.full(len(ARM), 0.1), FREE)
+    limiter = Limiter(BOUNDS, start, PERIOD)
+    times = np.array([0.0, 0.5, 7.0])
+    for _ in range(2):
+        assert np.array_equal(limiter.stop_at(times), [limiter.state[0]] * 3)
+        assert np.array_equal(limiter.ahead(0.5), limiter.state[0])
+        assert limiter.remaining == 0.0
+        limiter.aim(BOUNDS.nearest(start + 0.05, FREE), BOUNDS.velocity)
+        for _ in range(200):
+            limiter.step()
+    assert limiter.state[0] == pytest.approx(limiter.target, abs=1e-9)

@@ -418,8 +418,8 @@ def test_near_its_equilibrium_it_may_be_as_stiff_as_it_likes_and_elsewhere_no_st
     angles = np.array(joints.position)
     angles[2] = 0.3
     away = reading(angles, joints.stamp + PERIOD)
-    assert stiffen(gate, away, [2], [1.0]) == ()
     assert "valid: no more stiffness than 1.00 there" in stiffen(gate, away, [2], [1.5])[0]
+    assert stiffen(gate, away, [2], [1.0]) == ()
     assert stiffen(gate, away, [2], [0.4]) == ()
     assert "valid: no more stiffness than 0.40 there" in stiffen(gate, away, [2], [1.0])[0]
 

@@ -179,6 +179,27 @@ def test_26_a_lease_is_free_again_after_its_holder() -> None:
             pass
 
 
+def test_a_run_of_no_time_misses_nothing(link: SimulatedLink) -> None:
+    report = LoopReport()
+    run(link, Swing(), duration=0.0, report=report)
+    assert (report.ticks, report.missed, report.ended) == (0, 0, "done")
+
+
+def test_what_was_read_is_told_before_anything_is_made_of_it(link: SimulatedLink) -> None:
+    said: list[tuple[str, object]] = []
+    run(
+        link, Swing(2, lambda: said.append(("step", None))), duration=0.01,
+        sensed=lambda reading: said.append(("sensed", reading)),
+        observe=lambda tick: said.append(("tick", tick.reading)),
+    )  # fmt: skip
+    assert [word for word, _ in said] == ["sensed", "tick"] * 2 + ["sensed", "step", "tick"] + [
+        "sensed",
+        "tick",
+    ] * 2
+    readings = [what for word, what in said if word != "step"]
+    assert all(one is other for one, other in zip(readings[::2], readings[1::2], strict=True))
+
+
 @pytest.mark.parametrize(("after", "missed"), [(148, 1), (146, 3), (149, 0)])
 def test_41_periods_that_are_missed_at_the_end_are_counted(
     link: SimulatedLink, after: int, missed: int

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from contextlib import suppress
 
 import pytest
@@ -37,6 +38,19 @@ def test_inside_it_is_real_time_and_afterwards_as_before() -> None:
             assert now() == (os.SCHED_FIFO, PRIORITY, {processor})
             raise ZeroDivisionError
     assert now() == before
+
+
+def test_the_processors_stay_where_none_is_named() -> None:
+    before = now()
+    with suppress(TciError), real_time():
+        assert now() == (os.SCHED_FIFO, PRIORITY, before[2])
+    assert now() == before
+
+
+def test_elsewhere_it_tells_where_there_is_real_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "platform", "darwin")
+    with pytest.raises(TciError, match="real time on darwin; valid: on Linux"), real_time():
+        raise AssertionError
 
 
 def test_where_it_is_not_permitted_it_tells_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:

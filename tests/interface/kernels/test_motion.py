@@ -44,7 +44,7 @@ def test_it_finds_what_numpy_finds(seed: int) -> None:
     random = np.random.default_rng(seed)
     n, step = 6, 0.01
     judged = random.random(n) < 0.8
-    memories = [np.full((4, n), np.inf) for _ in range(2)]
+    memories = [np.full((4, n), np.inf) for _ in range(3)]
     for memory in memories:
         memory[at.ORIGIN] = 0.0
     servos, worst, found = np.arange(n), np.zeros(2), set()
@@ -56,13 +56,24 @@ def test_it_finds_what_numpy_finds(seed: int) -> None:
         position = position + step * velocity
         before, measured = measured, measured + (step * velocity * moving if k >= 10 else 0.0)
         wanted = oracle(judged, measured, before, position, velocity, step * k, step, memories[0])
-        got = at.judge_motion(
-            servos, judged, measured, before, position, velocity, SETTINGS, step * k, step, memories[1], worst
-        )
+        seen = (servos, judged, measured, before, position, velocity, SETTINGS, step * k, step)
+        plain = np.zeros(2)
+        in_python = at.judge_motion.py_func(*seen, memories[2], plain)
+        got = at.judge_motion(*seen, memories[1], worst)
         assert got == wanted[0], k
-        np.testing.assert_array_equal(*memories)
+        np.testing.assert_array_equal(*memories[:2])
+        assert got == in_python
+        np.testing.assert_array_equal(*memories[1:])
         if got != at.FOLLOWS:
-            assert worst[0] == wanted[1]
+            assert worst[0] == plain[0] == wanted[1]
             measured, position = np.zeros(n), np.zeros(n)
         found.add(got)
     assert len(found) > 1
+
+
+def test_the_largest_change_is_numpy_s() -> None:
+    random = np.random.default_rng(1)
+    for count in (0, 1, 7):
+        now, before = random.normal(size=(2, count))
+        for find in (at.largest_change, at.largest_change.py_func):
+            assert find(now, before) == np.abs(now - before).max(initial=0.0)

@@ -73,8 +73,8 @@ def test_who_is_led_is_not_behind_its_sender_and_goes_no_farther(period: float) 
     assert when(followed, 7.0) < when(plain, 7.0) - 5
     assert when(followed, 7.0) <= when(direct, 7.0) + 1e3 * period / 2 + 2
     if period == PERIOD:
-        assert when(followed, 0.02) == when(direct, 0.02), "it begins as if it were told itself"
-        assert when(plain, 0.02) > when(direct, 0.02) + 1
+        assert when(followed, 0.05) <= when(direct, 0.05) + 1, "it begins as if it were told itself"
+        assert when(plain, 0.05) > when(direct, 0.05) + 1
     np.testing.assert_allclose(followed[-1], WAY, atol=1e-5)
     assert np.all(np.abs(followed) <= np.abs(WAY) + np.deg2rad(0.05 if period == PERIOD else 0.2))
 
@@ -153,8 +153,21 @@ def test_a_stream_that_says_one_set_point_twice_goes_on_and_one_that_repeats_it_
 def test_a_stream_begins_where_its_sender_last_saw_the_joints() -> None:
     there = np.array([[0.05], [0.0]])
     step = np.array([JERK * PERIOD**3 / 6.0])
-    assert make().lead([0], step, there, 10.0) == pytest.approx(12.0 * step, rel=1e-6)
+    assert step < make().lead([0], step, there, 10.0) < 4.0 * step
     assert make().lead([0], step, there[:1], 10.0) == step
+
+
+def test_a_slow_motion_is_not_led_far_when_it_begins() -> None:
+    """What is checked for wrong units moves slowly: a lead would be that much longer there."""
+    bounds, _ = bounds_of(NAO, ARM, speed_share=0.9)
+    here = bounds.nearest(np.array(NAO.initial_position)[ARM], np.ones(len(ARM), dtype=bool))
+    slow, slowly = Limiter(bounds, here, PERIOD), np.full(len(ARM), np.deg2rad(2.0))
+    slow.aim(here + WAY, slowly)
+    points = SetPoints(bounds.velocity, bounds.acceleration, bounds.jerk)
+    for number in range(40):
+        told = slow.step()
+        led = points.lead(range(len(ARM)), told, here[None], 10.0 + number * PERIOD)
+        assert np.rad2deg(np.abs(led - told)).max() < 0.02
 
 
 def test_a_robot_that_holds_is_not_led_back_to_a_set_point_from_before() -> None:

@@ -79,10 +79,10 @@ def _ahead(points: Array, period: float, velocity: Array, acceleration: Array, j
     most = jerk * period**2
     begins = (first == 0.0) & (second == 0.0)
     made = np.abs(third - 2.0 * second + first) <= SLACK * np.where(begins, most / 6.0, most)
-    # From rest at constant jerk; then by backward differences of second order.
-    speed = np.where(begins, 3.0 * third, 1.5 * third - 0.5 * second)
+    # Backward differences of second order: what has just begun may be slow, and is not led far.
+    speed = 1.5 * third - 0.5 * second
     rising, before = (third - second) / period, (second - first) / period
-    rise = np.where(begins, 6.0 * third / period, 2.0 * rising - before)
+    rise = 2.0 * rising - before
     # Who accelerates less goes on with that for a period at least: else it would be led too far each time.
     falls = np.clip((before - rising) / (SIGN * jerk * period), 0.0, 1.0)
     speed = speed - falls * (np.maximum(speed - third, 0.0) + most / 2.0)

@@ -34,6 +34,7 @@ CASES = {
     "kernel_100000": "frame:kernel_100000",
     "kernel_1000000": "frame:kernel_1000000",
     "pipeline": "pipeline:pipeline",
+    "pipeline_1000000": "pipeline:pipeline_1000000",
     "own_skin": "own_skin:own_skin",
     "events": "pipeline:events",
     "contacts": "parts:contacts",

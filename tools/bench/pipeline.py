@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 from frame import Frame, InC
@@ -55,16 +57,13 @@ class Pipeline:
         return safe
 
 
-def pipeline() -> list[Measured]:
+SIZES = ((40, 4, 1), (230, 4, 1), (768, 4, 5), (4000, 16, 30), (4000, 16, 0), (100_000, 16, 30))
+"""Taxels, patches and touches, some of which meet."""
+
+
+def pipeline(sizes: Sequence[tuple[int, int, int]] = SIZES) -> list[Measured]:
     rows = []
-    for taxels, patches, contacts in (
-        (40, 4, 1),
-        (230, 4, 1),
-        (768, 4, 5),
-        (4000, 16, 30),
-        (4000, 16, 0),
-        (100_000, 16, 30),
-    ):
+    for taxels, patches, contacts in sizes:
         ours = Pipeline(taxels, patches, contacts)
         peer = InC(Frame(ours.taxels, 5, contacts))
         rows.append(
@@ -77,6 +76,9 @@ def pipeline() -> list[Measured]:
             )
         )
     return rows
+
+
+pipeline_1000000 = partial(pipeline, ((1_000_000, 16, 30),))
 
 
 def events() -> list[Measured]:

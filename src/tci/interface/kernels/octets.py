@@ -134,8 +134,11 @@ def _update(
     whole = octets.view(np.uint64)
     fresh, last = whole[NOW], whole[LAST]
     changed = np.uint64(0)
-    for i in range(start * _EIGHT, stop * _EIGHT):
-        changed |= fresh[i] ^ last[i]
+    for b in range(start, stop, _BLOCK):
+        for i in range(b * _EIGHT, min(b + _BLOCK, stop) * _EIGHT):
+            changed |= fresh[i] ^ last[i]
+        if changed != 0:
+            break
     if changed == 0 and state[p, CALM] >= 0.0:
         state[p, CALM] += 1
         return

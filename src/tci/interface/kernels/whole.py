@@ -19,6 +19,9 @@ PATCH, IDENTITY, BEGAN, SEEN, ORIGIN, PLACE, TRACK = 0, 1, 2, 3, 4, 7, 10
 """Columns of a track, and their number: the patch, the contact's number, when it began and was seen last [s],
 where it began and is (3,) [m]."""
 
+_FIRST = np.zeros(1, np.int64)
+"""The order of one pair."""
+
 
 @inlined
 def _before(numbers: Array, one: int, other: int) -> bool:
@@ -169,42 +172,38 @@ def follow_all(
             used += 1
     taken = np.zeros(used, np.bool_)
     begin, known = 0, used
+    apart, pair = np.empty(contacts * known), np.empty((contacts * known, 2), np.int64)
     while begin < contacts:
         p = patches[begin]
         end = begin
-        while end < contacts and patches[end] == p:
-            end += 1
         count = 0
-        apart, pair = np.empty(0), np.empty((0, 2), np.int64)
-        for counting in (True, False):
-            if not counting:
-                apart, pair = np.empty(count), np.empty((count, 2), np.int64)
-                count = 0
-            for now in range(begin, end):
-                for i in range(known):
-                    if int(tracks[i, PATCH]) == p:
-                        far = _apart(centres[now], tracks[i, PLACE : PLACE + 3])
-                        if far <= reach:
-                            if not counting:
-                                apart[count] = far
-                                pair[count, 0], pair[count, 1] = now, i
-                            count += 1
-        told[begin:end, 0] = 0.0
-        for k in np.argsort(apart, kind="mergesort"):
-            now, i = pair[k]
+        while end < contacts and patches[end] == p:
+            told[end, 0] = 0.0
+            for i in range(known):
+                if int(tracks[i, PATCH]) == p:
+                    far = _apart(centres[end], tracks[i, PLACE : PLACE + 3])
+                    if far <= reach:
+                        apart[count] = far
+                        pair[count, 0], pair[count, 1] = end, i
+                        count += 1
+            end += 1
+        order = np.argsort(apart[:count], kind="mergesort") if count > 1 else _FIRST[:count]
+        for k in order:
+            now, i = pair[k, 0], pair[k, 1]
             if told[now, 0] == 0.0 and not taken[i]:
                 taken[i] = True
                 tracks[i, SEEN] = stamps[p]
                 told[now, 0] = tracks[i, IDENTITY]
                 told[now, 1] = tracks[i, BEGAN]
                 told[now, 2] = _apart(centres[now], tracks[i, ORIGIN : ORIGIN + 3])
-                tracks[i, PLACE : PLACE + 3] = centres[now]
+                for axis in range(3):
+                    tracks[i, PLACE + axis] = centres[now, axis]
         for now in range(begin, end):
             if told[now, 0] == 0.0:
                 tracks[used, PATCH], tracks[used, IDENTITY] = p, fresh
                 tracks[used, BEGAN] = tracks[used, SEEN] = stamps[p]
-                tracks[used, ORIGIN : ORIGIN + 3] = centres[now]
-                tracks[used, PLACE : PLACE + 3] = centres[now]
+                for axis in range(3):
+                    tracks[used, ORIGIN + axis] = tracks[used, PLACE + axis] = centres[now, axis]
                 told[now, 0], told[now, 1], told[now, 2] = fresh, stamps[p], 0.0
                 used += 1
                 fresh += 1

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from operator import is_
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,9 +25,7 @@ class Coverage:
     def step(self, state: SkinState, joints: JointReading) -> Covered | None:
         """What tells the coverage of any place in this state of the skin; None while all taxels are used."""
         masks = masks_of(state.patches)
-        if len(masks) != len(self._masks) or any(
-            one is not other for one, other in zip(masks, self._masks, strict=True)
-        ):
+        if len(masks) != len(self._masks) or not all(map(is_, masks, self._masks)):
             self._masks = masks
             blind = any(mask is not None and mask.any() for mask in masks)
             self._covered = self._places(state, joints) if blind else None

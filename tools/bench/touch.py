@@ -131,12 +131,12 @@ def in_contact(what: str, limbs: Robot, faster: dict[int, float]) -> list[Measur
             pairs = beside(world, peer)
             rows.append(row(name, "MuJoCo touch sites, each step", pairs, most_ratio=1.0 / wanted))
             rows.append(row(name, "MuJoCo tactile (depths), each step", beside(world, other)))
+            if taxels == 1000:
+                nobody = pressed(with_skin_rate(robot, NEVER))
+                rows.append(row(name, "the same, never read", beside(world, nobody), most_ratio=1.25))
         force = world.contact_truth(robot.patches[0].name).force
         spread = sum(world._taxels.vectors(patch)[:, 2].sum() for patch in world.surfaces)
         assert abs(spread - force) <= 1e-5 * force, (spread, force)
-        if taxels == 1000:
-            nobody = pressed(with_skin_rate(robot, NEVER))
-            rows.append(row(name, "the same, never read", beside(world, nobody), most_ratio=1.25))
     return rows
 
 

@@ -106,10 +106,11 @@ class SimulatedLink(Link):
             self.world.set_torques(safe.servos[loose], safe.torque[loose])
         elif safe.servos.size:
             self.world.set_position_targets(safe.servos, safe.position)
-        for servo, share in safe.stiffness.items():
-            self.world.set_stiffness([servo], [share])
-        for servo, share in safe.damping.items():
-            self.world.set_damping([servo], [share])
+        if safe.stiffness or safe.damping:
+            for servo, share in safe.stiffness.items():
+                self.world.set_stiffness([servo], [share])
+            for servo, share in safe.damping.items():
+                self.world.set_damping([servo], [share])
 
     def _halt(self) -> None:
         self.world.halt()

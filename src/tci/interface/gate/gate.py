@@ -15,7 +15,7 @@ from types import MappingProxyType
 import numpy as np
 
 from tci.errors import CommandError, LinkError, TciError
-from tci.frames import Array, frozen
+from tci.frames import Array
 from tci.interface.gate.acceptance import check_command, fault_of_reading
 from tci.interface.gate.motion import Motion
 from tci.interface.gate.safe_command import GateState as GateState
@@ -33,6 +33,7 @@ EARLY = 0.05
 CATCH_UP = 0.5
 """Share of a period that a late call may make up for in the next. Ours: timers jitter, bursts don't pass."""
 SHARES = (Mode.STIFFNESS, Mode.DAMPING)
+_NONE: MappingProxyType[int, float] = MappingProxyType({})
 
 
 class Gate:
@@ -156,7 +157,7 @@ class Gate:
         refusals = list(refused)
         clamped: list[str] = []
         taken: list[PlatformOrder] = []
-        shares: dict[Mode, dict[int, float]] = {mode: {} for mode in SHARES}
+        shares: dict[Mode, dict[int, float]] = {mode: {} for mode in SHARES} if commands else {}
         for command in commands:
             try:
                 if reason:
@@ -176,13 +177,13 @@ class Gate:
             seal=self._seal,
             stamp=now,
             state=self.state,
-            servos=frozen(told.servos),
+            servos=told.servos,
             modes=told.modes,
-            position=frozen(told.position),
-            velocity=frozen(told.velocity),
-            torque=frozen(self._motion.torques()),
-            stiffness=MappingProxyType(shares[Mode.STIFFNESS]),
-            damping=MappingProxyType(shares[Mode.DAMPING]),
+            position=told.position,
+            velocity=told.velocity,
+            torque=self._motion.torques(),
+            stiffness=MappingProxyType(shares[Mode.STIFFNESS]) if commands else _NONE,
+            damping=MappingProxyType(shares[Mode.DAMPING]) if commands else _NONE,
             clamped=tuple(clamped),
             refusals=tuple(refusals),
             reason=reason,

@@ -8,7 +8,7 @@ from operator import is_
 import numpy as np
 
 from tci.errors import CommandError
-from tci.frames import Array
+from tci.frames import Array, frozen
 from tci.interface.gate.acceptance import check_command, check_limits, check_start, check_switch
 from tci.interface.gate.body_guard import BodyGuard
 from tci.interface.gate.bounds import MARGIN
@@ -51,7 +51,7 @@ class Motion:
         body = None if robot.model is None or margin is None else SelfCollision(robot, margin=margin)
         self._body = None if body is None else BodyGuard(body, period=period)
         self._shown: Reference | None = None
-        self._none = np.zeros(0)
+        self._none = frozen(np.zeros(0))
         self._states: list[Array] = []
         self._shown_of: list[Chain] | None = None
         self.modes = [servo.modes[0] for servo in robot.servos]
@@ -69,14 +69,14 @@ class Motion:
         if self._shown is not None and not loose.size and chains == self._shown_of:
             servos, modes = self._shown.servos, self._shown.modes
         else:
-            servos = np.concatenate([*(chain.index for chain in chains), loose])
+            servos = frozen(np.concatenate([*(chain.index for chain in chains), loose]))
             modes = tuple(self.modes[servo] for servo in servos.tolist())
         self._states, self._shown_of = states, None if loose.size else chains
         self._shown = Reference(
             servos=servos,
             modes=modes,
-            position=np.concatenate([*(state[0] for state in states), self._measured[loose]]),
-            velocity=np.concatenate([*(state[1] for state in states), np.zeros(loose.size)]),
+            position=frozen(np.concatenate([*(state[0] for state in states), self._measured[loose]])),
+            velocity=frozen(np.concatenate([*(state[1] for state in states), np.zeros(loose.size)])),
         )
         return self._shown
 
@@ -154,9 +154,10 @@ class Motion:
         """Torque (k,) [N m] of each servo of `reference`; 0 for those in another mode."""
         others = sum(len(chain.servos) for chain in self._chains.values())
         if self._torque.servos.size:
-            return np.concatenate([np.zeros(others), self._torque.step(self._measured, self._velocity)])
+            torque = self._torque.step(self._measured, self._velocity)
+            return frozen(np.concatenate([np.zeros(others), torque]))
         if len(self._none) != others:
-            self._none = np.zeros(others)
+            self._none = frozen(np.zeros(others))
         return self._none
 
     def _push(self, command: PlatformCommand) -> list[str]:

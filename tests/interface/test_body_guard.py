@@ -45,9 +45,11 @@ class Watched(SelfCollision):
     def __init__(self) -> None:
         super().__init__(NAO)
         self.ways: list[Array] = []
+        self.boxes: list[Array] = []
         self.says = ""
 
     def keeps_margin(self, box: Array) -> bool:
+        self.boxes.append(box.copy())
         return False
 
     def fault(self, path: Array) -> str:
@@ -106,6 +108,10 @@ def test_a_servo_joins_a_motion_only_when_its_stop_hits_nothing() -> None:
     watched.says = "hand would come 4.0 mm near head"
     with pytest.raises(CommandError, match="can't join the motion now: hand would come"):
         driven.gate._motion.accept(position_command([INDEX["LElbowYaw"]], [0.0]), driven.time)
+    (low, high), way = watched.boxes[-1], watched.ways[-1]
+    assert np.all((low <= driven.angles + 1e-12) & (driven.angles <= high + 1e-12))
+    assert way[0] == pytest.approx(driven.angles)
+    assert np.all((low <= way[1:].min(axis=0) + 1e-9) & (way[1:].max(axis=0) <= high + 1e-9))
     safe = driven.step()
     assert all(words.startswith("stopped on the way: hand") for words in safe.clamped)
     assert driven.gate.counts.near_misses == len(safe.clamped) == 2

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +15,16 @@ import pytest
 import tci
 from tci.errors import LinkError
 from tci.messages import JointReading, Reading, SkinFrame
-from tci.runtime.guards import LEAST_SILENCE, PILED_UP, STOOD, Silence, Standstill, interruptions
+from tci.runtime.guards import (
+    LEAST_SILENCE,
+    PILED_UP,
+    STOOD,
+    TURN,
+    Silence,
+    Standstill,
+    attentive,
+    interruptions,
+)
 from tci.runtime.lease import lease
 
 NAO = tci.load_robot("nao")
@@ -140,3 +151,16 @@ def test_26_a_folder_of_somebody_else_is_refused(tmp_path: Path, monkeypatch: py
     monkeypatch.setattr(os, "getuid", lambda: 4_000_000)
     with pytest.raises(LinkError, match=r"belongs to somebody else.*XDG_RUNTIME_DIR"), lease("mine"):
         pytest.fail("the lease was given")
+
+
+@pytest.mark.parametrize("usual", [0.02, 0.1 * TURN])
+def test_threads_get_their_turn_and_it_is_as_before_afterwards(usual: float) -> None:
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(usual)
+    try:
+        with suppress(ZeroDivisionError), attentive():
+            assert sys.getswitchinterval() == pytest.approx(min(usual, TURN), abs=1e-6)
+            raise ZeroDivisionError
+        assert sys.getswitchinterval() == pytest.approx(usual, abs=1e-6)
+    finally:
+        sys.setswitchinterval(before)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -27,9 +28,14 @@ from tci.middleware.yarp.incoming import Answer, Delivery
 from tci.middleware.yarp.message import CALL, DATA, Command, Stamp
 from tci.middleware.yarp.source import LONGEST
 
+KEPT = 16
+"""Messages that are kept when they are sent: YARP calls them once more from a thread of its own. Ours."""
+SENT = 0.001
+"""How long [s] a message waits for the one before it to be sent, once; then new ones are dropped. Ours."""
+
 
 class BindingsPort:
-    """Reads and writes; a write never waits."""
+    """Reads and writes; a write waits for no reader."""
 
     def __init__(
         self, yarp: Any, name: str, dialect: Dialect, receive: Callable[[Delivery], Answer] | None = None
@@ -40,7 +46,8 @@ class BindingsPort:
         self.dropped = 0
         """Messages that its readers were too slow for."""
         self._yarp, self._dialect, self._receive = yarp, dialect, receive
-        self._sending: Any = None
+        self._sending: deque[Any] = deque(maxlen=KEPT)
+        self._stuck = False
         self._port = yarp.Port()
         self._port.enableBackgroundWrite(True)
         if receive is not None:
@@ -60,20 +67,30 @@ class BindingsPort:
         connect(self._yarp, source, self.name, carrier)
 
     def write(self, value: Array | Sequence[Any], stamp: Stamp | None = None) -> None:
-        if self._port.isWriting():
+        if not self._is_free():
             self.dropped += 1
             return
         if stamp is not None:
             self._port.setEnvelope(self._yarp.Stamp(stamp.count, stamp.time))
-        # Kept, for YARP reads it from a thread of its own until it is sent.
         if isinstance(value, np.ndarray):
-            self._sending = self._yarp.Vector(value.tolist())
+            message = self._yarp.Vector(value.tolist())
         else:
-            self._sending = to_bottle(self._yarp, value)
-        self._port.write(self._sending)
+            message = to_bottle(self._yarp, value)
+        self._sending.append(message)
+        self._port.write(message)
 
     def close(self) -> None:
         close_port(self._port)
+
+    def _is_free(self) -> bool:
+        """Whether the message before is sent: it may be of this very period."""
+        until = time.monotonic() + (0.0 if self._stuck else SENT)
+        while self._port.isWriting():
+            self._stuck = time.monotonic() >= until
+            if self._stuck:
+                return False
+        self._stuck = False
+        return True
 
     def _read(self, connection: Any) -> bool:
         if self._receive is None or not connection.isValid():

@@ -64,6 +64,18 @@ def _must_be_felt(
 
 
 @inlined
+def _is_beside(taxel: int, forces: Array, taxels: Array, floor: float, reach: float) -> bool:
+    """Whether another taxel within `reach` [m] is pressed: the same touch, over a gap in the skin."""
+    x, y, z = taxels[taxel, 0], taxels[taxel, 1], taxels[taxel, 2]
+    for other in range(len(forces)):
+        if forces[other] >= floor and other != taxel:
+            a, b, c = taxels[other, 0] - x, taxels[other, 1] - y, taxels[other, 2] - z
+            if a * a + b * b + c * c <= reach * reach:
+                return True
+    return False
+
+
+@inlined
 def _is_left(taxel: int, p: int, bounds: Indices, patches: Indices, indices: Indices) -> bool:
     """Whether a taxel of a patch was part of a contact before."""
     for c in range(len(patches)):
@@ -146,6 +158,7 @@ def leave_out(
                     lasts = stamps[p] - now[SINCE] >= wait[p]
                     alive = now[CHANGED] >= ALIVE or not lively[a + i] or wait[p] == 0.0
                     keep = alive if lasts else now[LEFT] > 0.0
+                    keep = keep or _is_beside(i, force[a:b], taxels[a:b], floor, 2.0 * limits[REACH])
             if keep:
                 for k in range(begin, end):
                     own[filled] = own[k]

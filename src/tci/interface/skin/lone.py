@@ -34,7 +34,8 @@ class LoneSettings:
     with the cube root of the force (Hertz 1882). Where a neighbour should feel `sure` times what it would
     notice, the lone taxel is broken. Where it need not, or where all neighbours are on one side, the taxel is
     a touch once it was pressed for `wait` (and has changed meanwhile, if noise lets no taxel like it stay the
-    same), and until then if it is what is left of a touch. One with fewer than two believed neighbours within
+    same), and until then if it is what is left of a touch, or if another taxel within twice the `reach` is
+    pressed: one touch, over a gap in the skin. One with fewer than two believed neighbours within
     `reach` is always a touch.
     """
 

@@ -8,6 +8,8 @@ TciError ends it, with the input in a file `crash-...`.
 from __future__ import annotations
 
 import contextlib
+import importlib
+import pkgutil
 import subprocess
 import sys
 import tempfile
@@ -168,11 +170,15 @@ def main() -> None:
     sys.path.insert(0, str(TESTS))
     # Numba can't compile what is instrumented.
     import tci.capabilities.answer
-    import tci.interface.kernels.apart
-    import tci.interface.kernels.stops
+    import tci.interface.kernels as kernels
     import tci.interface.skin.contacts
     import tci.interface.skin.skin
-    import tci.simulation.kernel  # noqa: F401
+    import tci.simulation.feeling
+    import tci.simulation.kernel
+    import tci.simulation.stepping  # noqa: F401
+
+    for module in pkgutil.iter_modules(kernels.__path__, f"{kernels.__name__}."):
+        importlib.import_module(module.name)
 
     with atheris.instrument_imports(include=["tci"]):
         target, seeds = TARGETS[name]()

@@ -15,11 +15,14 @@ from middleware.patient import patient
 from middleware.yarp.show import Show, until
 from tci.capabilities.fields import default_fields
 from tci.errors import CommandError, LinkError, UnknownNameError
+from tci.frames import Array
 from tci.interface.gate.gate import GateState
 from tci.interface.skin.places import Place, find_place
 from tci.messages import Mode, Order, PlatformCommand, SwitchMode
 from tci.middleware.diagnosis import Level
 from tci.middleware.yarp import link as yarp_link
+from tci.middleware.yarp.board import Stream
+from tci.middleware.yarp.board_link import BoardLink
 from tci.middleware.yarp.dialect import DIALECTS, V3, V4
 from tci.middleware.yarp.link import YarpLink
 from tci.middleware.yarp.name_server import NameServer
@@ -124,6 +127,43 @@ def test_modes_are_switched_by_order_and_reported(show: Show) -> None:
                 if reported == {mode} or time.monotonic() > end:
                     break
             assert reported == {mode}
+
+
+def test_set_points_are_ahead_on_the_way_that_the_gate_planned_and_end_where_it_ends(
+    show: Show, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent: list[float] = []
+    stream_on = BoardLink._stream
+
+    def note(board: BoardLink, stream: Stream, joints: Sequence[int], values: Array) -> None:
+        sent.append(float(np.deg2rad(values[0])))
+        stream_on(board, stream, joints, values)
+
+    monkeypatch.setattr(BoardLink, "_stream", note)
+    with link_to(show) as link:
+        elbow = next(servo for servo in link.robot.servos if "elbow" in servo.name.lower())
+        start = float(link.read().joints.position[elbow.index])
+        way = 0.1 * np.sign(np.mean([elbow.limits.lower, elbow.limits.upper]) - start)
+        order = PlatformCommand(
+            Mode.POSITION, np.array([elbow.index]), np.array([start + way]), np.array([np.inf])
+        )
+        planned, sent[:] = [start], [start]
+        for now in link.ticks(duration=20.0):
+            first = [order] if len(planned) == 1 else []
+            safe = link.write(link.gate.step(first, link.read().joints, now))
+            if safe.reason:  # it holds, and begins anew
+                planned, sent[:] = [start], [start]
+            elif len(sent) > len(planned):
+                planned.append(float(safe.position[0]))
+            if abs(planned[-1] - start - way) < 1e-9:
+                break
+    done, told = (np.array(planned) - start) / way, (np.array(sent) - start)[: len(planned)] / way
+    moving = (done > 0.01) & (done < 0.9)
+    assert moving.any()
+    assert np.all(told[moving] > done[moving])
+    assert np.all(np.diff(told) > -1e-9)
+    assert told.max() <= 1.0 + 1e-9
+    assert told[-1] == pytest.approx(1.0)
 
 
 def test_a_board_that_refuses_a_mode_for_a_moment_means_hold_and_one_that_goes_on_is_an_error(

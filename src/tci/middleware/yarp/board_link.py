@@ -41,6 +41,9 @@ STREAMS = {
     Mode.VELOCITY: Stream.VELOCITY, Mode.TORQUE: Stream.TORQUE,
 }  # fmt: skip
 
+AHEAD = 0.02
+"""How far ahead [s] of its reference a servo is sent, on the way that the gate has planned: a board may come
+to rest at each set-point unless the next one is there before. Ours."""
 SWITCHING = 0.0005
 """How long [s] the answer to a change of mode is waited for, to send the set-points again: a board may have
 ignored those that came before it had changed. Ours."""
@@ -134,10 +137,11 @@ class BoardLink:
         """How far each servo may go, by the board [deg]."""
         return [self.board.limits(axis) for axis in self.axis]
 
-    def send(self, safe: SafeCommand) -> None:
+    def send(self, safe: SafeCommand, ahead: Array) -> None:
         """Switch modes as the gate did, then send set-points to its servos that are under command.
 
-        The board's answer is told in a later call: it may take a period of its own.
+        `ahead` (k,) [rad] is where the command's servos will be AHEAD later. The board's answer is told in a
+        later call: it may take a period of its own.
         """
         self._settle()
         mine = {servo.index: axis for servo, axis in zip(self.servos, self.axis, strict=True)}
@@ -151,7 +155,7 @@ class BoardLink:
         asked = self._switch(changes, mine)
         while True:
             for stream, values in (
-                (Stream.POSITION, np.rad2deg(safe.position)),
+                (Stream.POSITION, np.rad2deg(ahead)),
                 (Stream.VELOCITY, np.rad2deg(safe.velocity)),
                 (Stream.TORQUE, safe.torque),
             ):

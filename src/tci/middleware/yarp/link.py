@@ -21,7 +21,7 @@ from tci.middleware.diagnosis import Finding
 from tci.middleware.link import Link
 from tci.middleware.yarp import address as addresses
 from tci.middleware.yarp.address import patch_port
-from tci.middleware.yarp.board_link import BoardLink
+from tci.middleware.yarp.board_link import AHEAD, BoardLink
 from tci.middleware.yarp.diagnose import examine, probe
 from tci.middleware.yarp.dialect import Dialect
 from tci.middleware.yarp.feed import Feed
@@ -173,7 +173,7 @@ class YarpLink(Link):
         return frames
 
     def _send(self, safe: SafeCommand) -> None:
-        now = self.clock.now()
+        now, ahead = self.clock.now(), self.gate.ahead(AHEAD)
         for part, board in self.boards.items():
             if now - board.state()[1] > self.gate.stale_after:
                 self._away.add(part)
@@ -181,7 +181,7 @@ class YarpLink(Link):
             if part in self._away:
                 continue
             try:
-                board.send(safe)
+                board.send(safe, ahead)
             except LinkError as error:
                 self._refused.setdefault(part, (now, error))
             else:

@@ -232,7 +232,7 @@ class Poller:
                 answer(stiff, "ALMotion.getStiffnesses", timeout=ANSWER), "stiffness"
             )
         self.counts["polls"] += 1
-        if whole:
+        if whole or not self._joints:
             self.trips.append(self.clock.now() - begin)
         reading = Reading(joints, tuple(self._frames[name] for name in self.keys if name in self._frames))
         return Sensed(reading, self._stiffness)

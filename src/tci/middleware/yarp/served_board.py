@@ -17,7 +17,6 @@ from tci.frames import Array
 from tci.messages import JointReading, Mode, Order, PlatformCommand, PlatformSwitch
 from tci.middleware.yarp.board import COMPLIANT, DIRECT, IDLE, POSITION, STIFF, TORQUE, VELOCITY, Stream
 from tci.middleware.yarp.order_book import OrderBook
-from tci.middleware.yarp.set_points import SetPoints
 from tci.middleware.yarp.state import BoardState
 from tci.middleware.yarp.values import Vocab
 from tci.model.description import Servo
@@ -56,10 +55,7 @@ class ServedBoard:
         self._words = dict.fromkeys(range(self.count), POSITION)
         self._compliant = [False] * self.count
         self._impedance = np.tile([FULL_STIFFNESS, FULL_DAMPING], (self.count, 1))
-        limits = [(s.limits.velocity, s.limits.acceleration, s.limits.jerk) for s in self.servos]
-        self._set_points = SetPoints(*np.array(limits, dtype=float).reshape(-1, 3).T)
         self._targets = np.full(self.count, np.nan)
-        self._recent = np.zeros((2, self.count))
         self._early: tuple[float, Stream, list[int], Sequence[float]] | None = None
         self.state = BoardState(np.zeros(self.count))
         """The latest state."""
@@ -88,7 +84,6 @@ class ServedBoard:
                 COMPLIANT if modes[servo] is Mode.IMPEDANCE else STIFF for servo in self._index.tolist()
             ),
         )
-        self._recent = np.array([joints.position[self._index], self._recent[0]])
         self.stamp = time.time()
 
     def _catch_up(self, modes: Sequence[Mode]) -> None:
@@ -131,22 +126,6 @@ class ServedBoard:
         if stream is Stream.POSITION:
             self._targets[chosen] = values
         values = values if stream is Stream.TORQUE else np.deg2rad(values)
-        if stream is Stream.POSITION:
-            values = self._set_points.lead(chosen, values, self._recent[:, chosen])
-        self._stream(stream, chosen, values)
-
-    def mind(self) -> None:
-        """For the loop, once per period: a stream of set-points that ended comes to rest at its last."""
-        if (ended := self._set_points.last()) is not None:
-            joints, values = ended
-            if all(self._words[joint] == DIRECT for joint in joints):
-                self._stream(Stream.POSITION, joints, values)
-
-    def held(self) -> None:
-        """For the loop: the robot holds or has stopped, and waits for a new command."""
-        self._set_points.forget()
-
-    def _stream(self, stream: Stream, chosen: Sequence[int], values: Array) -> None:
         modes = {Mode.IMPEDANCE if self._compliant[n] else COMMANDS[stream] for n in chosen}
         for mode in modes if stream is Stream.POSITION else {COMMANDS[stream]}:
             mine = [k for k, n in enumerate(chosen) if self._mode(n, COMMANDS[stream]) is mode]

@@ -17,7 +17,7 @@ import numpy as np
 
 from tci.errors import CommandError, LinkError
 from tci.frames import Array
-from tci.interface.gate.safe_command import GateState, SafeCommand
+from tci.interface.gate.safe_command import SafeCommand
 from tci.messages import Order, Perception, Reading, SkinFrame
 from tci.middleware.link import Link
 from tci.middleware.server import Server
@@ -99,8 +99,6 @@ class YarpServer(Server):
     def orders(self) -> Sequence[Order]:
         if not self._shown:
             return []  # they wait for the first reading
-        for board in self.boards.values():
-            board.mind()
         return [order for board in self.boards.values() for order in board.book.take()]
 
     def refuse(self, order: Order, reason: str) -> None:
@@ -119,8 +117,6 @@ class YarpServer(Server):
         self._shown = True
         for board in self.boards.values():
             board.book.judge(sent.orders, sent.refusals)
-            if sent.state is not GateState.RUN:
-                board.held()
         offset = time.time() - self.link.clock.now()
         now = time.monotonic()
         if now < self._due:

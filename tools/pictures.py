@@ -56,13 +56,13 @@ def shrug(folder: Path) -> None:
     """The example of an own capability, filmed."""
     shrugging = runpy.run_path(str(ROOT / "examples" / "07_own_capability.py"))["Shrug"]()
     with tci.connect(tci.load_robot("nao"), "sim") as link:
-        link.world.finger.poke("left_forearm", 100)  # type: ignore[attr-defined]
-        film = Film(link.world, folder / "shrug.gif", fields=(), part="left_arm")  # type: ignore[attr-defined]
+        link.world.finger.poke("left_forearm", 100)
+        film = Film(link.world, folder / "shrug.gif", fields=(), part="left_arm")
 
         def watch(tick: tci.Tick) -> None:
             film.see(tick)
             if tick.now > 0.08:
-                link.world.finger.retire()  # type: ignore[attr-defined]
+                link.world.finger.retire()
 
         tci.run(link, shrugging, duration=1.0, observe=watch)
         film.save()

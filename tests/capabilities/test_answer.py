@@ -37,7 +37,7 @@ def test_answer_equals_the_equations(discount: str, measure: str, seed: int) -> 
     forces = random.uniform(0.0, 6.0, 5).tolist()
     offsets = random.uniform(-0.4, 0.4, 5).tolist()
     contact = touch(random.random(), random.uniform(-np.pi, np.pi), forces, offsets=offsets)
-    reflex = WithdrawalReflex(fields=fields, distance_discount=discount)  # type: ignore[arg-type]
+    reflex = WithdrawalReflex(fields=fields, distance_discount=discount)
     inside = [
         (float(generic_limb_distance(contact.u, contact.theta, f.u, f.theta)), f)
         for f in fields

@@ -54,7 +54,7 @@ class Startle(Capability[bool]):
 
 
 def seen(stamp: float = 0.0, *, touched: bool = False) -> Perception:
-    return Perception(stamp, {"left_arm": np.zeros(5)}, (object(),) if touched else ())  # type: ignore[arg-type]
+    return Perception(stamp, {"left_arm": np.zeros(5)}, (object(),) if touched else ())
 
 
 def values(orders: tuple[Order, ...]) -> list[list[float]]:

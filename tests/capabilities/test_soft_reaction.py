@@ -27,13 +27,13 @@ SLOW = Stimulus(speed=0.05, depth=0.02, duration=0.8)
 JACOBIAN = np.array([[0.1, 0.0, 0.0, 0.2, 0.0], [0.0, 0.3, 0.0, 0.0, 0.0], [0.0, 0.0, 0.1, 0.0, 0.0]])
 
 
-def seen(*contacts: Contact, stamp: float = 0.0, posture: Array | None = None):  # type: ignore[no-untyped-def]
+def seen(*contacts: Contact, stamp: float = 0.0, posture: Array | None = None):
     arms = BOTH_ARMS if posture is None else {**BOTH_ARMS, "left_arm": posture}
     return replace(see(*contacts, stamp=stamp, posture=arms), jacobian=lambda contact: JACOBIAN)
 
 
 def values(commands: object, part: str = "left_arm") -> Array:
-    (found,) = [c.values for c in commands if c.part == part]  # type: ignore[attr-defined]
+    (found,) = [c.values for c in commands if c.part == part]
     return found
 
 

@@ -75,14 +75,14 @@ def test_1_nothing_at_or_beyond_the_edge_nor_up_to_the_threshold(
 @BOTH
 @given(offsets=st.lists(st.floats(0.0, 0.4), min_size=2, max_size=2))
 def test_2_largest_at_the_centre_and_never_rising_outwards(discount: str, offsets: list[float]) -> None:
-    reflex = WithdrawalReflex(fields=(FIELD,), distance_discount=discount)  # type: ignore[arg-type]
+    reflex = WithdrawalReflex(fields=(FIELD,), distance_discount=discount)
     near, far = (gain_of(reflex, touch(FIELD.u + offset, 0.0, [5.0])) for offset in sorted(offsets))
     assert far <= near <= gain_of(reflex, poke(FIELD, 5.0)) == 1.0
 
 
 @BOTH
 def test_2_continuous_to_nothing_at_the_edge(discount: str) -> None:
-    reflex = WithdrawalReflex(fields=(FIELD,), distance_discount=discount)  # type: ignore[arg-type]
+    reflex = WithdrawalReflex(fields=(FIELD,), distance_discount=discount)
     steps = np.linspace(0.0, 1.2 * FIELD.radius, 241)
     gains = [gain_of(reflex, touch(FIELD.u + step, 0.0, [5.0])) for step in steps]
     assert max(abs(b - a) for a, b in pairwise(gains)) <= 0.01
@@ -375,7 +375,7 @@ def test_wrong_settings_are_refused() -> None:
         with pytest.raises(TciError, match="refractory period"):
             WithdrawalReflex(refractory=refractory)
     with pytest.raises(TciError, match="valid: linear, cosine"):
-        WithdrawalReflex(distance_discount="square")  # type: ignore[arg-type]
+        WithdrawalReflex(distance_discount="square")
 
 
 def test_a_part_that_is_no_generic_arm_is_refused() -> None:

@@ -54,8 +54,8 @@ CENTRES = {(name, f"{side}_arm"): centre(ROBOTS[name], f"{side}_arm") for name, 
 def ideal_place(generic: Array, side: str, point: str) -> Array:
     """Elbow and hand (3,) of a generic arm with segments of equal length, in arm lengths."""
     down = np.array([0.0, 0.0, -0.5])
-    elbow = upper_arm_rotation(generic, side, axial=False) @ down  # type: ignore[arg-type]
-    return elbow if point == "elbow" else elbow + forearm_rotation(generic, side, axial=False) @ down  # type: ignore[arg-type]
+    elbow = upper_arm_rotation(generic, side, axial=False) @ down
+    return elbow if point == "elbow" else elbow + forearm_rotation(generic, side, axial=False) @ down
 
 
 def judged(robot: Robot, part: str, point: str, position: Array) -> Array:

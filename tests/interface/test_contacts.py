@@ -335,7 +335,7 @@ def test_no_taxel_no_force(radius: float) -> None:
 
 def test_unknown_measure_lists_the_valid_ones() -> None:
     with pytest.raises(UnknownNameError, match="weighted, sum, peak"):
-        weighted_force(contact_of([], [], [], at=(0.5, 0.0)), 0.1, measure="mean")  # type: ignore[arg-type]
+        weighted_force(contact_of([], [], [], at=(0.5, 0.0)), 0.1, measure="mean")
 
 
 @given(pressures, st.floats(0.01, 2.0))

@@ -229,7 +229,7 @@ def test_a_coupled_servo_that_is_moved_by_hand_counts_where_it_is_now() -> None:
 )
 def test_unusable_joint_data_means_hold(bad: object) -> None:
     gate = Gate(make_robot(), period=PERIOD, stale_after=0.05)
-    assert gate.step([], bad, 0.0).state is GateState.HOLD  # type: ignore[arg-type]
+    assert gate.step([], bad, 0.0).state is GateState.HOLD
 
 
 def test_only_the_gate_makes_what_its_link_writes_and_only_once() -> None:

@@ -41,7 +41,7 @@ def test_when_it_learns_plays_no_part(times: int) -> None:
         for name, state in one.patches.items():
             assert np.array_equal(state.pressure, other.patches[name].pressure)
             assert state.masked is not None
-            assert np.array_equal(state.masked, other.patches[name].masked)  # type: ignore[arg-type]
+            assert np.array_equal(state.masked, other.patches[name].masked)
         for _ in range(times):
             idle.learn()
     assert patient.health == idle.health

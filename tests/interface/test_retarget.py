@@ -57,8 +57,8 @@ def ideal_axes(generic: Array, side: str) -> tuple[Array, Array]:
     """The same of the generic arm itself."""
     down = np.array([0.0, 0.0, -1.0])
     return (
-        upper_arm_rotation(generic, side, axial=False) @ down,  # type: ignore[arg-type]
-        forearm_rotation(generic, side, axial=False) @ down,  # type: ignore[arg-type]
+        upper_arm_rotation(generic, side, axial=False) @ down,
+        forearm_rotation(generic, side, axial=False) @ down,
     )
 
 

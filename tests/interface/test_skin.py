@@ -138,7 +138,7 @@ def test_nobody_can_change_a_state(fresh: Skin) -> None:
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
     with pytest.raises(TypeError):
-        state.patches["tail"] = felt  # type: ignore[index]
+        state.patches["tail"] = felt
 
 
 # Places
@@ -226,7 +226,7 @@ def test_unknown_names_list_the_valid_ones(skin: Skin) -> None:
     with pytest.raises(UnknownNameError, match="left_arm_forearm"):
         skin.positions("tail", at)
     with pytest.raises(UnknownNameError, match="link, limb, torso"):
-        skin.normals("left_arm_forearm", at, frame="world")  # type: ignore[arg-type]
+        skin.normals("left_arm_forearm", at, frame="world")
     with pytest.raises(UnknownNameError, match="upper_arm, forearm"):
         skin.segment_pose("left_arm", "hand", at, np.zeros(5))
 

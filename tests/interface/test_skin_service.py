@@ -91,7 +91,7 @@ def test_many_readers_in_threads_get_all_that_is_published(skin: Skin) -> None:
 
     def read(into: list[int], reader: object) -> None:
         while len(into) < count:
-            found = reader.read(5.0)  # type: ignore[attr-defined]
+            found = reader.read(5.0)
             if found is None:
                 return
             into.append(number(found))
@@ -139,7 +139,7 @@ def test_a_region_around_a_place_on_the_limb(skin: Skin) -> None:
 def test_faults(skin: Skin) -> None:
     service = SkinService(skin)
     with pytest.raises(UnknownNameError, match="every, latest, change"):
-        service.reader("sometimes")  # type: ignore[arg-type]
+        service.reader("sometimes")
     with pytest.raises(TciError, match="1 or more"):
         SkinService(skin, depth=0)
     with pytest.raises(TciError, match="step"):

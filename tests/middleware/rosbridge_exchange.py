@@ -79,7 +79,7 @@ class RecordedServer:
         published = [(t, m) for t, who, m in exchange() if who == "server" and m["op"] == "publish"]
         outer = self
 
-        class Protocol(WebSocketServerProtocol):  # type: ignore[misc]
+        class Protocol(WebSocketServerProtocol):
             def onOpen(self) -> None:
                 self.topics: set[str] = set()
                 outer.protocol = self

@@ -18,7 +18,7 @@ MOST_WAITING = 1 << 20
 """Bytes that may wait for a slow client before it gets no more."""
 
 
-class Client(WebSocketServerProtocol):  # type: ignore[misc]
+class Client(WebSocketServerProtocol):
     """One connection."""
 
     everybody: set[Client] = set()  # noqa: RUF012 - one set for the process is meant

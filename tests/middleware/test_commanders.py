@@ -32,7 +32,7 @@ class Robot:
             "session": SESSION, "seen": self.clock.now(), "client": client, "name": f"behaviour {client}",
             "sequence": self.numbers[client], "halt": "", "leaving": False, "first": first, "orders": orders,
         }  # fmt: skip
-        self.commanders.hear(Orders(**{**message, **changes}))  # type: ignore[arg-type]
+        self.commanders.hear(Orders(**{**message, **changes}))
 
     def tick(self) -> SafeCommand:
         if fault := self.commanders.fault():

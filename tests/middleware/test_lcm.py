@@ -67,7 +67,7 @@ def test_types_are_those_that_lcm_gen_makes(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("read", "before", "data"), WHOLE)
 def test_what_arrives_is_what_was_sent(read: object, before: object, data: bytes) -> None:
-    assert plain(read(NAO, data)) == plain(before)  # type: ignore[operator]
+    assert plain(read(NAO, data)) == plain(before)
 
 
 def test_wrong_types_damage_and_other_robots_are_refused() -> None:

@@ -106,7 +106,7 @@ def test_31_spoilt_contents_under_a_sound_check_raise_one_error() -> None:
             value = chance.choice([b"\xff\xff\xff\xff", b"\xff\xff\xff\x7f", chance.randbytes(1)])
             body[place : place + len(value)] = value
         try:
-            READ[kind](NAO, seal(NAO, kind.encode(), bytes(body)))  # type: ignore[arg-type]
+            READ[kind](NAO, seal(NAO, kind.encode(), bytes(body)))
         except FrameError:
             continue
 

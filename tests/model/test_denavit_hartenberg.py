@@ -78,6 +78,6 @@ def test_what_has_no_table_says_so(tmp_path: Path) -> None:
     with pytest.raises(CommandError, match="no servo moves 'torso'"):
         denavit_hartenberg(kinematics, "torso")
     with pytest.raises(CommandError, match="valid: classic, modified"):
-        denavit_hartenberg(kinematics, "l_4", convention="modern")  # type: ignore[arg-type]
+        denavit_hartenberg(kinematics, "l_4", convention="modern")
     with pytest.raises(UnknownNameError, match="l_9"):
         denavit_hartenberg(kinematics, "l_9")

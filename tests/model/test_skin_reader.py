@@ -174,7 +174,7 @@ def test_a_damaged_urdf_is_one_error_with_its_line(name: str, tmp_path: Path) ->
 
 def test_every_format_goes_the_same_way(tmp_path: Path) -> None:
     with pytest.raises(UnknownNameError, match="rows, icub, csv, urdf"):
-        read_layout(tmp_path / "x.txt", form="stl")  # type: ignore[arg-type]
+        read_layout(tmp_path / "x.txt", form="stl")
     layout = read_layout(cone_file(tmp_path / "cone.txt"))
     turn = np.eye(4)
     turn[:3, :3], turn[:3, 3] = rotation_rpy(0.1, 0.2, 0.3), (0.01, 0.02, 0.03)

@@ -45,14 +45,14 @@ def test_other_programs_read_it_without_our_code(tmp_path: Path) -> None:
             topics.setdefault(channel.topic, []).append(message)
     states = topics["/joint_states"]
     assert len(states) == len(ticks)
-    np.testing.assert_array_equal(states[-1].position, ticks[-1].reading.joints.position)  # type: ignore[attr-defined]
+    np.testing.assert_array_equal(states[-1].position, ticks[-1].reading.joints.position)
     cloud = topics["/skin/points"][-1]
-    assert [field.name for field in cloud.fields] == ["x", "y", "z", "pressure"]  # type: ignore[attr-defined]
-    points = np.frombuffer(bytes(cloud.data), dtype="<f4").reshape(-1, 4)  # type: ignore[attr-defined]
-    assert len(points) == cloud.width > 100  # type: ignore[attr-defined]
+    assert [field.name for field in cloud.fields] == ["x", "y", "z", "pressure"]
+    points = np.frombuffer(bytes(cloud.data), dtype="<f4").reshape(-1, 4)
+    assert len(points) == cloud.width > 100
     assert np.all(np.abs(points[:, :3]) < 1.0)
     pressed = np.concatenate(
-        [np.frombuffer(bytes(each.data), dtype="<f4")[3::4] for each in topics["/skin/points"]]  # type: ignore[attr-defined]
+        [np.frombuffer(bytes(each.data), dtype="<f4")[3::4] for each in topics["/skin/points"]]
     )
     assert pressed.max() > 0.0, "the poke is seen"
 

@@ -47,7 +47,7 @@ def examine(link: Link, duration: float = 1.0) -> dict[tuple[str, Level], Findin
 def spoilt(world: World, change: Callable[[Reading], Reading | None]) -> dict[tuple[str, Level], Finding]:
     world.reset()
     link = Spoilt(world.robot, world=world)
-    link.change = change  # type: ignore[method-assign]
+    link.change = change
     return examine(link)
 
 

@@ -77,6 +77,6 @@ def test_where_it_is_not_permitted_it_tells_what_to_do(monkeypatch: pytest.Monke
 )
 def test_what_makes_no_sense_is_refused(words: dict[str, int], message: str) -> None:
     before = now()
-    with pytest.raises(TciError, match=message), real_time(**words):  # type: ignore[arg-type]
+    with pytest.raises(TciError, match=message), real_time(**words):
         raise AssertionError
     assert now() == before

@@ -185,7 +185,7 @@ def test_right_is_right() -> None:
 def test_impossible_cameras_are_refused(wrong: dict[str, float], message: str) -> None:
     arguments: dict[str, float] = {"azimuth": 0.0, "elevation": 0.0, "distance": 1.0} | wrong
     with pytest.raises(TciError, match=message):
-        look_at((0, 0, 0), **arguments)  # type: ignore[arg-type]
+        look_at((0, 0, 0), **arguments)
 
 
 def coloured(picture: NDArray[np.uint8]) -> NDArray[np.bool_]:

@@ -111,7 +111,7 @@ def test_a_poked_sole_knows_where(name: str) -> None:
 def test_a_leg_that_the_robot_stands_on_stays(name: str, stance: str) -> None:
     """Also when somebody says that the robot is supported: its soles are believed."""
     world = standing(name)
-    moved, why = poke_the_shin(world, BodyWithdrawal(stance=stance), "left_leg")  # type: ignore[arg-type]
+    moved, why = poke_the_shin(world, BodyWithdrawal(stance=stance), "left_leg")
     assert not moved
     assert "the sole of left_leg feels" in why
     assert "it carries the robot" in why

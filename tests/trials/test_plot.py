@@ -100,7 +100,7 @@ def test_a_film_shows_the_run(tmp_path: Path) -> None:
         package.run(link, Raise(), duration=0.06, observe=film.see)
         assert film.save() == 3
     with Image.open(path) as shown:
-        assert shown.n_frames == 3  # type: ignore[attr-defined]
+        assert shown.n_frames == 3
         shown.seek(2)
         last = np.asarray(shown.convert("RGB"), dtype=int)
         shown.seek(0)

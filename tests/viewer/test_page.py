@@ -150,7 +150,7 @@ def test_a_recording_is_made_and_its_name_stays_in_the_folder(
     wait_for(lambda: viewer.controls["nao"].file.value == "touch.mcap", "the name reaches the server")
     button.click()
     wait_for(lambda: viewer.sessions["nao"].recorder is not None, "it records")
-    wait_for(lambda: viewer.sessions["nao"].recorder.ticks > 20, "periods are written")  # type: ignore[union-attr]
+    wait_for(lambda: viewer.sessions["nao"].recorder.ticks > 20, "periods are written")
     page.get_by_role("button", name="Stop recording").first.click()
     page.get_by_text("periods,").filter(has_text="MB").first.wait_for()
     assert files(folder) == ["touch.mcap"]

@@ -84,7 +84,7 @@ def test_plots_and_events_are_those_before_now(player: Player) -> None:
 
 def test_it_can_not_be_touched(player: Player) -> None:
     with pytest.raises(CommandError, match="recording"):
-        player.poke(None, force=1.0, speed=0.1)  # type: ignore[arg-type]
+        player.poke(None, force=1.0, speed=0.1)
 
 
 def test_what_is_too_long_is_told(poked: tuple[Path, list[Tick]], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -51,10 +51,10 @@ def words(session: Session) -> str:
 
 def test_a_poke_is_felt_answered_and_ends(session: Session) -> None:
     poke(session)
-    wait_for(lambda: session.view.finger is not None)  # type: ignore[union-attr]
+    wait_for(lambda: session.view.finger is not None)
     wait_for(lambda: "touched: left forearm" in words(session))
     wait_for(lambda: "left arm goes to" in words(session))
-    wait_for(lambda: session.view.finger is None)  # type: ignore[union-attr]
+    wait_for(lambda: session.view.finger is None)
     time_, force, response, angles = session.history.series("left_arm")
     assert force.max() > 0.1
     assert response.max() > 0.1
@@ -63,21 +63,21 @@ def test_a_poke_is_felt_answered_and_ends(session: Session) -> None:
 
 
 def test_a_poke_without_room_is_told(session: Session) -> None:
-    place = find_place(Skin(session.robot), "left_arm", "forearm", 0.5, 0.0, session.view.joints)  # type: ignore[union-attr]
+    place = find_place(Skin(session.robot), "left_arm", "forearm", 0.5, 0.0, session.view.joints)
     inward = type(place)(place.patch, place.p_L, -place.n_L)
     session.poke(inward, force=5.0, speed=0.25)
     wait_for(lambda: "no room for the finger" in words(session))
 
 
 def test_orders_of_a_person_pass_the_gate(session: Session) -> None:
-    target = session.view.posture["left_arm"] + np.array([0.0, 100.0, 0.0, 0.0, 0.0])  # type: ignore[union-attr]
+    target = session.view.posture["left_arm"] + np.array([0.0, 100.0, 0.0, 0.0, 0.0])
     session.move("left_arm", target)
-    upper = session.robot.servos[session.robot.part("left_arm").servos[1].servo].limits.upper  # type: ignore[index]
-    wait_for(lambda: session.view.posture["left_arm"][1] > np.deg2rad(60.0))  # type: ignore[union-attr]
+    upper = session.robot.servos[session.robot.part("left_arm").servos[1].servo].limits.upper
+    wait_for(lambda: session.view.posture["left_arm"][1] > np.deg2rad(60.0))
     assert upper is not None
     assert session.link.gate.counts.clamps
     session.home()
-    wait_for(lambda: abs(session.view.posture["left_arm"][1] - np.deg2rad(25.0)) < 0.02)  # type: ignore[union-attr]
+    wait_for(lambda: abs(session.view.posture["left_arm"][1] - np.deg2rad(25.0)) < 0.02)
 
 
 def test_a_pause_stops_time_and_pokes_still_arrive(session: Session) -> None:

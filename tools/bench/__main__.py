@@ -21,9 +21,9 @@ HERE = Path(__file__).parent
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # it threads small matrices, to no good
 sys.path[:0] = [str(HERE), str(HERE.parents[1] / "tests")]
 
-from rich.console import Console  # noqa: E402
-from rich.progress import track  # noqa: E402
-from rich.table import Table  # noqa: E402
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
 
 CASES = {
     "kernel_30": "frame:kernel_30",

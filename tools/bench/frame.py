@@ -142,7 +142,7 @@ class Frame:
 
     def ours(self, repeats: int = 1) -> int:
         """One loop over so many frames."""
-        return respond(repeats, self.values, *self._arguments)  # type: ignore[no-any-return]
+        return respond(repeats, self.values, *self._arguments)
 
     def called(self) -> None:
         """The next frame through the loops as they are shipped, each called from Python."""

@@ -6,6 +6,8 @@ import socket
 import sys
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
 
 import numpy as np
 import zenoh
@@ -69,6 +71,16 @@ def echo(name: str, where: str) -> None:
         time.sleep(0)
 
 
+def there_and_back(codec: Any, robot: tci.Robot, frame: SkinFrame, send: Any, receive: Any) -> SkinFrame:
+    """The frame as it comes back."""
+    send(codec.frame_bytes(robot, frame))
+    end = time.perf_counter() + 2.0
+    while time.perf_counter() < end:
+        for data in receive():
+            return codec.to_skin(robot, data)
+    raise SystemExit("the frame did not come back")
+
+
 def networks() -> list[Measured]:
     robot = tci.load_robot("nao")
     values = np.random.default_rng(0).normal(size=SIZE)
@@ -94,20 +106,9 @@ def networks() -> list[Measured]:
         assert line(other) == "ready"
         send, receive, close = OVER[name](where, False)
         time.sleep(0.5)  # until both know of each other
-        seen: list[SkinFrame] = []
-
-        def ours() -> None:
-            send(codec.frame_bytes(robot, frame))  # noqa: B023
-            end = time.perf_counter() + 2.0
-            seen.clear()  # noqa: B023
-            while not seen:  # noqa: B023
-                seen.extend(codec.to_skin(robot, data) for data in receive())  # noqa: B023
-                if time.perf_counter() > end:
-                    raise SystemExit("the frame did not come back")
-
-        ours()
+        ours = partial(there_and_back, codec, robot, frame, send, receive)
+        np.testing.assert_array_equal(ours().values, values)
         peer()
-        np.testing.assert_array_equal(seen[0].values, values)
         pairs = [(each(ours, calls=CALLS), each(peer, calls=CALLS)) for _ in range(ROUNDS)]
         note = f"{values.nbytes} bytes each way; both ends poll, encode, check and decode"
         rows.append(row(f"{name}, {SIZE} doubles, there and back", "raw TCP", pairs, note=note))

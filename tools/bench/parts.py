@@ -143,9 +143,9 @@ def inverse_and_kdl(robot: tci.Robot) -> tuple[Work, Work] | None:
 
     def peer() -> float:
         """Microseconds of one solution, measured over there."""
-        child.stdin.write("go\n")  # type: ignore[union-attr]
-        child.stdin.flush()  # type: ignore[union-attr]
-        return float(child.stdout.readline())  # type: ignore[union-attr]
+        child.stdin.write("go\n")
+        child.stdin.flush()
+        return float(child.stdout.readline())
 
     return ours, peer
 

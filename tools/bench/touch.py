@@ -48,7 +48,7 @@ def with_more(robot: Robot, more: Callable[[mujoco.MjSpec, Surface], None]) -> W
     original = scene.add_skin
 
     def add(spec: mujoco.MjSpec, surface: Surface, **options: object) -> None:
-        original(spec, surface, **options)  # type: ignore[arg-type]
+        original(spec, surface, **options)
         more(spec, surface)
 
     scene.add_skin = add

@@ -23,14 +23,14 @@ ROOT = Path(__file__).parents[2]
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path[:0] = [str(ROOT / "tools" / "bench"), str(ROOT / "tests")]
 
-from rich.progress import track  # noqa: E402
-from round_trip import round_trip  # noqa: E402
+from rich.progress import track
+from round_trip import round_trip
 
-import tci  # noqa: E402
-from middleware.links import PEERS, Peer, free_port, lcm_url  # noqa: E402
-from middleware.ros_robots import here_only, roscore  # noqa: E402
-from tci.interface.gate.safe_command import GateState  # noqa: E402
-from tci.middleware.yarp.name_server import NameServer  # noqa: E402
+import tci
+from middleware.links import PEERS, Peer, free_port, lcm_url
+from middleware.ros_robots import here_only, roscore
+from tci.interface.gate.safe_command import GateState
+from tci.middleware.yarp.name_server import NameServer
 
 TABLE = ROOT / "docs" / "tables" / "middleware.md"
 CONTRACT = "tests/middleware/test_link.py"
@@ -119,7 +119,7 @@ def held_after(peer: Peer) -> float:
     """Time [ms] from a SIGKILL of the robot's process to the first command that holds."""
     peer.start()
     try:
-        with tci.connect(tci.load_robot("nao"), peer.link_via, arm=True) as link:  # type: ignore[attr-defined]
+        with tci.connect(tci.load_robot("nao"), peer.link_via, arm=True) as link:
             for _ in link.ticks(duration=1.0):
                 link.write(link.gate.step([], link.read().joints, link.clock.now()))
             peer.kill()

@@ -15,23 +15,23 @@ from pathlib import Path
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE), str(HERE.parents[1] / "tests")]
 
-from attacks import bodies, limits  # noqa: E402
-from bytes_in import descriptions, guided, heartbeats  # noqa: E402
-from day import false_reflexes  # noqa: E402
-from death import heartbeat  # noqa: E402
-from dropped import dropped  # noqa: E402
-from explore import loop  # noqa: E402
-from gate import non_finite  # noqa: E402
-from kills import yarp_kills  # noqa: E402
-from page import write_page  # noqa: E402
-from pool import COMMITS, commit  # noqa: E402
-from recordings import killed, minute  # noqa: E402
-from rich.console import Console  # noqa: E402
-from rich.table import Table  # noqa: E402
-from row import Row  # noqa: E402
-from stream import yarp_skin  # noqa: E402
-from timing import one_kilohertz  # noqa: E402
-from wires import wires  # noqa: E402
+from attacks import bodies, limits
+from bytes_in import descriptions, guided, heartbeats
+from day import false_reflexes
+from death import heartbeat
+from dropped import dropped
+from explore import loop
+from gate import non_finite
+from kills import yarp_kills
+from page import write_page
+from pool import COMMITS, commit
+from recordings import killed, minute
+from rich.console import Console
+from rich.table import Table
+from row import Row
+from stream import yarp_skin
+from timing import one_kilohertz
+from wires import wires
 
 ROWS: dict[str, Callable[[bool], Row]] = {
     one.__name__: one

@@ -19,8 +19,8 @@ import pytest
 
 sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[2] / "tests")]
 
-import tci  # noqa: E402
-from tci.errors import LinkError  # noqa: E402
+import tci
+from tci.errors import LinkError
 
 SERVO, SPEED, STILL = "LElbowRoll", 0.3, 1e-6
 ENDS = (-0.3, -1.4)
@@ -35,7 +35,7 @@ def dropped(full: bool) -> Any:
 
     from middleware.links import PEERS
 
-    names = [name for name, peer in PEERS.items() if peer.other_process]  # type: ignore[attr-defined]
+    names = [name for name, peer in PEERS.items() if peer.other_process]
     jobs = [(name, seed, 20 if full else 2) for seed in range(50 if full else 1) for name in names]
     done = gather("dropped", _drop, jobs, full=full, alone=True)
     ran = [name for name in names if any(one["tried"] for one in done if one["name"] == name)]

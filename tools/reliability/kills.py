@@ -128,7 +128,7 @@ class Trial:
 
     def goes(self) -> bool:
         """Whether the arm goes where it is sent, once there and once back."""
-        return all(self.until(lambda t=self._targets[0]: self._targets[0] != t) for _ in range(2))  # type: ignore[misc]
+        return all(self.until(lambda t=self._targets[0]: self._targets[0] != t) for _ in range(2))
 
     def kill(self, kind: str, chance: random.Random) -> None:
         """Kill one, let it come back, and see that the arm goes on."""

@@ -76,7 +76,7 @@ def lcm() -> Receiver:
         for data in sent:
             if (whole := datagrams.take(data, number)) is not None:
                 with suppress(FrameError):
-                    read(NAO, whole[1])  # type: ignore[operator]
+                    read(NAO, whole[1])
                     wrong |= whole[1] != good
         return wrong
 

@@ -39,9 +39,9 @@ def field_table(fields: Sequence[ReceptiveField]) -> Array:
 def _felt(fields: Array, closest: int, numbers: Array, c: int, places: Array, begin: int, end: int) -> float:
     """The force [N] of a contact that a field compares, see `tci.interface.skin.contacts.weighted_force`."""
     if fields[_MEASURE, closest] == 1.0:
-        return numbers[c, FORCE]  # type: ignore[no-any-return]
+        return numbers[c, FORCE]
     if fields[_MEASURE, closest] == 2.0:
-        return numbers[c, PEAK]  # type: ignore[no-any-return]
+        return numbers[c, PEAK]
     total, weights = 0.0, 0.0
     reach, u, y, z = 2.0 * fields[_RADIUS, closest], numbers[c, U], numbers[c, Y], numbers[c, Z]
     for k in range(begin, end):

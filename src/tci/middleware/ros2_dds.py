@@ -105,7 +105,7 @@ class DdsNode(RosNode):
         for topic, kind, reader, hear, keep in self._readers:
             for sample in reader.take(keep):
                 if isinstance(sample, IdlStruct):  # otherwise a writer left
-                    self._hand_on(topic, partial(decode, kind, sample.raw), hear)  # type: ignore[attr-defined]
+                    self._hand_on(topic, partial(decode, kind, sample.raw), hear)  # type: ignore[attr-defined] # _idl's
 
     def types_of(self, topic: str) -> tuple[str, ...]:
         for sample in self._publications.take(1000):
@@ -162,8 +162,8 @@ class _Publisher:
     def __call__(self, values: Sequence[Any]) -> None:
         if self.writer is None:
             raise LinkError("this ROS 2 node is closed")
-        sample = self._cls.__new__(self._cls)
-        sample.raw = encode(self._kind, values)  # type: ignore[attr-defined]
+        sample: Any = self._cls.__new__(self._cls)
+        sample.raw = encode(self._kind, values)
         try:
             self.writer.write(sample)
         except DDSException as error:
@@ -202,6 +202,7 @@ def _idl(kind: MessageType) -> type[IdlStruct]:
         sample.raw = data
         return sample
 
+    # Methods of ours take the place of those that would pack field by field.
     cls.serialize = serialize  # type: ignore[method-assign]
     cls.deserialize = classmethod(deserialize)  # type: ignore[method-assign, assignment]
     return cls
@@ -220,7 +221,7 @@ def _struct(
             full = next(key for key in needs if key.split("/")[-1] == item.split("/")[-1])
             inner = _struct(full, needs[full], needs)
         if many is not None:
-            inner = types.array[inner, many] if many else types.sequence[inner]  # type: ignore[misc]
+            inner = types.array[inner, many] if many else types.sequence[inner]  # type: ignore[misc] # known only now
         members[f"{field}_"] = inner
     return make_idl_struct(f"{last}_", f"{package}::msg::dds_::{last}_", members)
 

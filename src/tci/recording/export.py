@@ -55,7 +55,7 @@ def export(recording: Recording, out: Path, form: str) -> list[Path]:
                    for column, values in table.items()}  # fmt: skip
         out = out if out.suffix else out.with_suffix(".npz")
         with out.open("xb") as file:
-            np.savez_compressed(file, **columns)  # type: ignore[arg-type]
+            np.savez_compressed(file, allow_pickle=False, **columns)
         return [out]
     paths = {name: inside(out, f"{name}.{form}") for name in found}
     write = _parquet_writer() if form == "parquet" else _write_csv

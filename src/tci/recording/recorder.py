@@ -79,7 +79,7 @@ class Recorder:
         self._numbers: dict[str, int] = {}
         self._frames: dict[str, SkinFrame] = {}
         self._joints: JointReading | None = None
-        writer = Writer(self._file, use_chunking=False)  # type: ignore[arg-type]
+        writer = Writer(self._file, use_chunking=False)  # type: ignore[arg-type] # write and tell do
         self._topics = Topics(writer)
         with _Guard(self):
             writer.start(profile="ros2", library=f"tci {version('tci')}")

@@ -182,7 +182,7 @@ def _counts(pressure: float, begin: int, end: int, nodes: Array, per_count: floa
     while k < end - 2 and pressure > nodes[1, k + 1]:
         k += 1
     slope = (nodes[0, k + 1] - nodes[0, k]) / (nodes[1, k + 1] - nodes[1, k])
-    return nodes[0, k] + slope * (pressure - nodes[1, k])  # type: ignore[no-any-return]
+    return nodes[0, k] + slope * (pressure - nodes[1, k])
 
 
 @inlined
@@ -216,7 +216,7 @@ def feel(
         patch, sensors, centres, turns, patches, sizes, positions, taxels, total, lists, spots, work
     )
     if step < 0:
-        return found  # type: ignore[no-any-return]
+        return found
     for j in range(words[PRESSED]):
         at = words[CHANNEL] + axes * channels[begin + latest[j]]
         for axis in range(axes):
@@ -266,7 +266,7 @@ def feel_now(
     values: Array,
 ) -> int:
     """`feel`, for the first frame, and for those who ask between steps."""
-    return feel(  # type: ignore[no-any-return]
+    return feel(
         patch, step, sensors, centres, turns, patches, sizes, positions, taxels, channels, nodes, total,
         lists, spots, work, values,
     )  # fmt: skip

@@ -96,7 +96,7 @@ def _weigh(u: float, v: float, count: int, work: Array, row: int) -> float:
         yy += w * b * b
     sums = work[_NUMBERS]
     sums[0], sums[1], sums[2], sums[3], sums[4], sums[5] = total, x, y, xx, xy, yy
-    return top + np.log(total) + 0.5 * _SOFTNESS * (u * u + v * v)  # type: ignore[no-any-return]
+    return top + np.log(total) + 0.5 * _SOFTNESS * (u * u + v * v)
 
 
 @inlined

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import mujoco
-from llvmlite import binding  # type: ignore[import-untyped]
+from llvmlite import binding
 from numba import float64, int64, types
 
 from tci.frames import Array

@@ -184,7 +184,7 @@ def _draw_angles(axes: Axes, robot: Robot, series: Series, part: str) -> None:
 
 
 def _draw_skin(
-    figure: object, axes: Axes, robot: Robot, series: Series, part: str, fields: Sequence[ReceptiveField]
+    figure: Figure, axes: Axes, robot: Robot, series: Series, part: str, fields: Sequence[ReceptiveField]
 ) -> None:
     """Largest pressure of every taxel of the part, over the angle around and the place along the limb."""
     skin = Skin(robot)
@@ -216,7 +216,7 @@ def _draw_skin(
     axes.axhline(1.0, color=PALE, linewidth=0.6)
     axes.set_title(f"skin of the {part.replace('_', ' ')}, unrolled; fields of the reflex", loc="left")
     if dots is not None:
-        bar = figure.colorbar(dots, ax=axes, location="bottom", shrink=0.7, aspect=30)  # type: ignore[attr-defined]
+        bar = figure.colorbar(dots, ax=axes, location="bottom", shrink=0.7, aspect=30)
         bar.set_label("largest pressure [kPa]", fontsize=7, color=INK)
         bar.ax.tick_params(labelsize=7, colors=PALE, length=2)
         bar.outline.set_visible(False)

@@ -64,7 +64,7 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
     the task [rad]. `info` has the three. An episode is truncated after `duration` [s], and ends no sooner.
     """
 
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 50}  # noqa: RUF012
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 50}  # noqa: RUF012 - as Gymnasium declares it
 
     def __init__(
         self,
@@ -130,7 +130,7 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
             "task": spaces.Box(-2 * np.pi, 2 * np.pi, (n,), np.float64),
             touch: felt,
         }
-        self.observation_space = spaces.Dict({**self._bounds})  # type: ignore[assignment]
+        self.observation_space = spaces.Dict({**self._bounds})  # type: ignore[assignment] # the base's is Space[Observation]
 
     def _count(self) -> int:
         return sum(len(self.world.surfaces[name].positions) for name in self.patches)

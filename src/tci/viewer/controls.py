@@ -134,7 +134,7 @@ class Controls:
                         size = recorder.path.stat().st_size / 1e6
                         words = recorder.failed or f"{recorder.ticks} periods, {size:.2f} MB"
                         told.content = f"`{recorder.path}`: {words}"
-                    name.value = self._free_name()  # type: ignore[misc]
+                    name.value = self._free_name()  # type: ignore[misc] # viser's types say read-only
             except (TciError, OSError) as error:
                 told.content = f"**{error}**"
 

@@ -121,5 +121,5 @@ def test_what_was_silent_for_long_is_believed_again_when_it_changes() -> None:
     ids=["lowest", "highest", "axes", "latency"],
 )
 def test_what_does_not_go_this_way(sensor: dict[str, object], words: dict[str, float]) -> None:
-    one = Conditioner(patch(9, **sensor), np.arange(9), settings=ConditioningSettings(**words))  # type: ignore[arg-type]
+    one = Conditioner(patch(9, **sensor), np.arange(9), settings=ConditioningSettings(**words))
     assert OctetSkin([one], [np.ones(9)]).takes == [False]

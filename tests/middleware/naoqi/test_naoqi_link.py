@@ -81,10 +81,10 @@ def test_a_vector_of_another_publisher_without_numbers_counts_when_it_changes() 
             wait_for(lambda: frame(link.read(), "left_forearm").sequence == 1)
             for rubbish in ("text", [[1.0], [2.0, 3.0]], ["a"] * 240, {"a": 1}, 3.0):
                 memory.insertData("My/Skin", rubbish)
-                polls = link._poller.counts["polls"]  # type: ignore[attr-defined]
-                wait_for(lambda polls=polls: link._poller.counts["polls"] > polls + 3, link)  # type: ignore[misc,attr-defined]
+                polls = link._poller.counts["polls"]
+                wait_for(lambda polls=polls: link._poller.counts["polls"] > polls + 3, link)
             assert frame(link.read(), "left_forearm").values[0] == 0.75
-            assert link._poller.counts["bad"] > 0  # type: ignore[attr-defined]
+            assert link._poller.counts["bad"] > 0
 
 
 def test_head_and_hands_are_patches_of_switches() -> None:
@@ -137,7 +137,7 @@ def test_a_memory_that_refuses_a_list_for_one_key_is_asked_only_for_what_it_has(
             assert patches == {patch.name for patch in ROBOT.patches} - {"left_hand"}
             nao.touch("left_forearm", 1, np.full(240, 7, np.uint8))
             wait_for(lambda: frame(link.read(), "left_forearm").values[0] == 7)
-            assert link._poller.counts["failures"] == 0  # type: ignore[attr-defined]
+            assert link._poller.counts["failures"] == 0
 
 
 def test_a_robot_without_hands_has_no_frames_of_them() -> None:
@@ -181,13 +181,13 @@ def test_stiffness_shares_and_power() -> None:
     with StillNao() as nao:
         nao.board.stiffness = [0.0] * 14
         with connect(ROBOT, nao.via, arm=True) as link:
-            assert not link.read().joints.powered.any()  # type: ignore[union-attr]
+            assert not link.read().joints.powered.any()
             share = link.native("LArm").command({"LElbowRoll": 0.8}, mode=Mode.STIFFNESS)
             link.write(link.gate.step([share], link.read().joints, link.clock.now()))
             (order,) = nao.obey()
             assert (order.servos.tolist(), order.values.tolist()) == ([ELBOW], pytest.approx([0.8]))
-            assert link.read().joints.powered[ELBOW]  # type: ignore[index]
-            wait_for(lambda: bool(link._poller.latest.stiffness[ELBOW] > 0.7), link)  # type: ignore[attr-defined]
+            assert link.read().joints.powered[ELBOW]
+            wait_for(lambda: bool(link._poller.latest.stiffness[ELBOW] > 0.7), link)
 
 
 def test_what_robot_and_description_disagree_about_is_found() -> None:
@@ -219,7 +219,7 @@ def test_answers_that_are_none_do_not_reach_the_gate() -> None:
             assert joints.position.shape == (14,)
         nao.board.measured = before.joints.position.tolist()
         assert motion.getAngles("Body", True)
-        wait_for(lambda: bool(np.isfinite(link.read().joints.position).all() and not link._poller.trouble))  # type: ignore[attr-defined]
+        wait_for(lambda: bool(np.isfinite(link.read().joints.position).all() and not link._poller.trouble))
 
 
 def test_without_a_stream_nothing_goes_further_than_the_last_target() -> None:
@@ -290,11 +290,11 @@ def test_34_a_robot_killed_in_motion_holds_the_gate_and_comes_back_without_a_rep
                 break
         assert killed is not None
         assert GateState.HOLD in states or GateState.STOP in states
-        assert link._poller.trouble  # type: ignore[attr-defined]
+        assert link._poller.trouble
         link.gate.reset()
         served = Served("nao", f"naoqi:127.0.0.1:{port}")
         try:
-            wait_for(lambda: link._poller.generation == 1, link)  # type: ignore[attr-defined]
+            wait_for(lambda: link._poller.generation == 1, link)
             start = link.read().joints.position[ELBOW]
             for now in link.ticks(duration=0.5):
                 safe = link.write(link.gate.step([], link.read().joints, now))

@@ -173,7 +173,7 @@ def test_33_a_flood_of_targets_leaves_only_the_latest_of_each_joint() -> None:
             thread.join()
         sessions[0].service("ALMotion").setAngles("LElbowRoll", -1.25, 0.5)
         (order,) = nao.obey()
-        assert order.servos.size == 2  # type: ignore[attr-defined]
+        assert order.servos.size == 2
         assert nao.board.measured[5] == pytest.approx(-1.25)
         for session in sessions:
             session.close()

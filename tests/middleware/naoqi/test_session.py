@@ -17,7 +17,7 @@ from tci.runtime.registry import connect, load_link
 
 needs_qi()
 
-from tci.middleware.naoqi.session import PASSWORD, Address, open_session, parse_address  # noqa: E402
+from tci.middleware.naoqi.session import PASSWORD, Address, open_session, parse_address
 
 
 @pytest.mark.parametrize(

@@ -15,8 +15,8 @@ from tci.model.catalogue import load_robot
 
 needs_qi()
 
-from tci.middleware.naoqi.stream import AHEAD, Stream  # noqa: E402
-from tci.middleware.naoqi.words import CYCLE  # noqa: E402
+from tci.middleware.naoqi.stream import AHEAD, Stream
+from tci.middleware.naoqi.words import CYCLE
 
 ROBOT = load_robot("nao")
 PERIOD = 0.005

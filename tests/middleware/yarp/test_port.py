@@ -38,7 +38,7 @@ def make(names: Names) -> Iterator[Callable[..., Port]]:
     ports: list[Port] = []
 
     def open_port(name: str, dialect: Dialect = V3, **options: object) -> Port:
-        ports.append(Port(name, names, dialect, **options))  # type: ignore[arg-type]
+        ports.append(Port(name, names, dialect, **options))
         return ports[-1]
 
     yield open_port
@@ -96,7 +96,7 @@ def test_a_port_is_told_to_send_and_to_stop(make: Callable[..., Port], names: Na
 @pytest.mark.parametrize("dialect", [V3, V4])
 def test_calls_are_answered(carrier: object, dialect: Dialect, make: Callable[..., Port]) -> None:
     port = make("/rpc", dialect, receive=lambda delivery: [Vocab("is"), *delivery.items(dialect)])
-    rpc = Rpc(port.contact, "/client", dialect, carrier=carrier)  # type: ignore[arg-type]
+    rpc = Rpc(port.contact, "/client", dialect, carrier=carrier)
     for value in (2.5, 7, "word", [1.0, 2.0]):
         assert rpc.call(Vocab("get"), value) == [Vocab("is"), Vocab("get"), value]
     rpc.close()

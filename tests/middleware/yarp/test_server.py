@@ -194,7 +194,7 @@ def test_compliance_and_impedance(show: Show) -> None:
     board = find_board(show.network, "/nao/LArm", "/test/impedance")
     if Mode.IMPEDANCE in show.link.robot.servos_of("LArm")[ELBOW].modes:
         insist(lambda: board.set_interaction(ELBOW, COMPLIANT))
-        assert until(lambda: show.server.boards["LArm"].state.interactions[ELBOW] == COMPLIANT)  # type: ignore[index]
+        assert until(lambda: show.server.boards["LArm"].state.interactions[ELBOW] == COMPLIANT)
         insist(lambda: board.set_interaction(ELBOW, Vocab("stif")))
     else:
         with pytest.raises(LinkError, match="refuses"):

@@ -74,10 +74,10 @@ def test_the_reflex_withdraws_the_arm_over_yarp_and_touches_nothing_else(show: S
         found = take()
         for order in found:
             assert isinstance(order, PlatformCommand) or hasattr(order, "servos")
-            ordered.update(order.servos.tolist())  # type: ignore[union-attr]
+            ordered.update(order.servos.tolist())
         return found
 
-    show.server.orders = orders  # type: ignore[method-assign, assignment]
+    show.server.orders = orders
     reflex, site = tci.WithdrawalReflex(), default_fields()[0]
     told: list[object] = []
     for _ in range(PATIENCE):
@@ -104,7 +104,7 @@ def test_the_reflex_withdraws_the_arm_over_yarp_and_touches_nothing_else(show: S
     both = {s.servo for part in robot.parts if part.kind == "arm" for s in part.servos if s.servo is not None}
     assert ordered
     assert ordered <= both
-    show.server.orders = take  # type: ignore[method-assign]
+    show.server.orders = take
 
 
 def test_modes_are_switched_by_order_and_reported(show: Show) -> None:
@@ -239,7 +239,7 @@ def test_28_a_board_that_goes_away_means_hold_and_the_arm_goes_on_when_it_is_bac
 def test_what_the_description_says_otherwise_is_told(show: Show) -> None:
     robot = patient(show.link.robot.name)
     servo = next(s for s in robot.servos if s.limits.upper is not None)
-    wider = Limits(**{**servo.limits.model_dump(), "upper": servo.limits.upper + 0.3})  # type: ignore[operator]
+    wider = Limits(**{**servo.limits.model_dump(), "upper": servo.limits.upper + 0.3})
     renamed = servo.model_copy(update={"limits": wider, "name": "somebody_else"})
     robot = robot.model_copy(update={"servos": tuple(renamed if s is servo else s for s in robot.servos)})
     with link_to(show, robot, arm=False) as link:

@@ -24,4 +24,4 @@ def writes(dimensions: int, dtype: Any = float64) -> Any:
 
 def returns(*results: Any) -> Any:
     """What a loop gives back, called with its arguments: the whole signature."""
-    return types.Tuple(results)  # type: ignore[no-untyped-call]
+    return types.Tuple(results)  # type: ignore[no-untyped-call] # Numba's has no types

@@ -69,7 +69,7 @@ def response(counts: float, nodes: Array) -> float:
     while k < last and counts > nodes[0, k]:
         k += 1
     slope = (nodes[1, k] - nodes[1, k - 1]) / (nodes[0, k] - nodes[0, k - 1])
-    return nodes[1, k - 1] + slope * (counts - nodes[0, k - 1])  # type: ignore[no-any-return]
+    return nodes[1, k - 1] + slope * (counts - nodes[0, k - 1])
 
 
 def _signature(raw: Any) -> Any:
@@ -123,7 +123,7 @@ def condition(
     if share < 1.0:
         for i in range(n):
             pressure[i] = before[i] + share * (pressure[i] - before[i])
-    return counted  # type: ignore[no-any-return]
+    return counted
 
 
 def empty_memory(taxels: int) -> Single:

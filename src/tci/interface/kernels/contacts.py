@@ -125,7 +125,7 @@ def cluster(force: Array, floor: float, touch: float, graph: Indices, work: Indi
     `work` (4 n + 1,) is memory that is zero before the first call. It holds then all members (n,), each
     cluster's in their order, the cluster of the first taxel first, and their bounds (n + 1,).
     """
-    return _group(force, floor, touch, graph, work, _scan(force, floor, work[: len(force)]))  # type: ignore[no-any-return]
+    return _group(force, floor, touch, graph, work, _scan(force, floor, work[: len(force)]))
 
 
 @compiled(int64(reads(1), float64, float64, reads(1, int32), reads(1, int32), writes(1, int32)))
@@ -138,7 +138,7 @@ def cluster_of(
         if force[np.uint64(active[place])] >= floor:
             work[found] = active[place]
             found += _ONE
-    return _group(force, floor, touch, graph, work, np.int64(found))  # type: ignore[no-any-return]
+    return _group(force, floor, touch, graph, work, np.int64(found))
 
 
 @inlined

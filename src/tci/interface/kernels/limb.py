@@ -52,7 +52,7 @@ def _origin(T_TL: Array, T_TG: Array, limb: Array, k: int) -> float:
     p = T_TL[k, 3] - T_TG[k, 3]
     for axis in range(3):
         p -= T_TG[k, axis] * limb[9 + axis]
-    return p  # type: ignore[no-any-return]
+    return p
 
 
 @inlined

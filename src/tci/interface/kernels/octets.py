@@ -107,7 +107,7 @@ def _alive(octets: Octets, row: int, b: int) -> int:
     some, seen, limit = np.uint8(0), octets[row], octets[LIMIT]
     for i in range(np.uint64(b * BLOCK), np.uint64(b * BLOCK + BLOCK)):
         some |= np.uint8(seen[i] > limit[i])
-    return np.int32(some)  # type: ignore[return-value]
+    return np.int32(some)  # type: ignore[return-value] # an int to Python
 
 
 @inlined

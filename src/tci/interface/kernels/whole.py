@@ -28,14 +28,14 @@ def _before(numbers: Array, one: int, other: int) -> bool:
     for column, sign in ((FORCE, -1.0), (U, 1.0), (THETA, 1.0)):
         a, b = sign * numbers[one, column], sign * numbers[other, column]
         if a != b:
-            return a < b  # type: ignore[no-any-return]
+            return a < b
     return False
 
 
 @inlined
 def _apart(one: Array, other: Array) -> float:
     x, y, z = one[0] - other[0], one[1] - other[1], one[2] - other[2]
-    return np.sqrt(x * x + y * y + z * z)  # type: ignore[no-any-return]
+    return np.sqrt(x * x + y * y + z * z)
 
 
 @compiled(

@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,7 +107,7 @@ def _parse_line(line: str) -> tuple[float, tuple[SkinContact, ...]]:
     return float(stamp), tuple(_contact(contact) for contact in contacts)
 
 
-def _contact(fields: list) -> SkinContact:  # type: ignore[type-arg]
+def _contact(fields: list[Any]) -> SkinContact:
     (id, body, link, skin), *vectors, taxels, pressure = fields
     if len(vectors) != 5 or not all(isinstance(field, list) for field in (*vectors, taxels)):
         raise ValueError(f"a contact of {len(fields)} fields, or a number where a list belongs")
@@ -128,9 +129,9 @@ def _contact(fields: list) -> SkinContact:  # type: ignore[type-arg]
     )  # fmt: skip
 
 
-def _parse(text: str) -> list:  # type: ignore[type-arg]
+def _parse(text: str) -> list[Any]:
     """A bottle in text: words, and lists in parentheses."""
-    stack: list[list] = [[]]  # type: ignore[type-arg]
+    stack: list[list[Any]] = [[]]
     for token in _TOKEN.findall(text):
         if token == "(":
             stack.append([])

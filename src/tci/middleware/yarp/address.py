@@ -71,7 +71,7 @@ def parse(text: str) -> YarpAddress:
     if carrier in (TEXT.name, TEXT_ACK.name) if BINDINGS in found else carrier not in CARRIERS:
         raise LinkError(f"carrier={carrier} in yarp:{text}; valid: {_valid()}")
     assert found.keys() <= {field.name for field in fields(YarpAddress)}
-    return YarpAddress(server=server, **found)  # type: ignore[arg-type]
+    return YarpAddress(server=server, **found)  # type: ignore[arg-type] # each as parsed above
 
 
 def _valid() -> str:

@@ -171,7 +171,7 @@ class Three(Value):
     of: Value
 
     @property
-    def angular(self) -> bool:  # type: ignore[override]
+    def angular(self) -> bool:  # type: ignore[override] # that of its values
         """Whether the angle unit matters to it."""
         return self.of.angular
 

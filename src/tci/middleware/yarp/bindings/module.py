@@ -116,7 +116,7 @@ def to_bottle(yarp: Any, items: Sequence[Any], into: Any = None) -> Any:
 def reader(yarp: Any, read: Callable[[Any], bool]) -> Any:
     """An object that YARP calls for each message, from threads of its own; False ends the connection."""
 
-    class Reader(yarp.PortReader):  # type: ignore[misc]
+    class Reader(yarp.PortReader):  # type: ignore[misc] # SWIG's class has no types
         def read(self, connection: Any) -> bool:
             try:
                 return read(connection)

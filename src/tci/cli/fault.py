@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
 import typer
+
+from tci.cli.options import AsJson
 
 app = typer.Typer(
     help="Faults: what is expected, which test shows it, what can be rehearsed.", no_args_is_help=True
@@ -18,9 +18,7 @@ def fault() -> None:
 
 @app.command("list")
 def list_faults(
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print JSON for programs instead of a table.")
-    ] = False,
+    as_json: AsJson = False,
 ) -> None:
     """List the catalogue of faults; those with a name can be rehearsed with --fault NAME@TIME."""
     from rich import box

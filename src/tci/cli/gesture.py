@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from tci.cli.options import Arm, AsJson, Duration, OneRobot, Via
 from tci.errors import CommandError
 
 if TYPE_CHECKING:
@@ -16,16 +17,13 @@ if TYPE_CHECKING:
 
 app = typer.Typer(help="Record a gesture on one robot, play it on any other.", no_args_is_help=True)
 
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for programs instead of a table.")]
-RobotName = Annotated[str, typer.Option("--robot", "-r", help="Robot by name or description file.")]
-
 
 @app.command()
 def record(
     file: Annotated[Path, typer.Argument(help="The gesture to write (.csv).")],
-    robot: RobotName,
+    robot: OneRobot,
     via: Annotated[str, typer.Option(help="Link to it, NAME or NAME:ADDRESS; replay:FILE too.")] = "sim",
-    duration: Annotated[float | None, typer.Option(help="How long [s]; else until interrupted.")] = None,
+    duration: Duration = None,
     as_json: AsJson = False,
 ) -> None:
     """Record the posture of a robot that somebody moves. Nothing is commanded.
@@ -70,29 +68,34 @@ def record(
 def convert(
     source: Annotated[Path, typer.Argument(help="Motion capture (.bvh) or a gesture (.csv).")],
     target: Annotated[Path, typer.Argument(help="The gesture to write (.csv).")],
+    as_json: AsJson = False,
 ) -> None:
     """Turn motion capture into a gesture.
 
     Example:  tci gesture convert wave.bvh wave.csv
     """
-    from tci.cli.console import console
+    from tci.cli.console import console, print_json
     from tci.interface.gestures.files import write_csv
 
     gesture, names = load(source)
     write_csv(gesture, target, names)
-    console.print(f"{target}: {', '.join(gesture.postures)}, {gesture.duration:.1f} s", highlight=False)
+    if as_json:
+        print_json({"file": str(target), "duration_s": gesture.duration, "parts": list(gesture.postures)})
+        return
+    words = f"{target}: {', '.join(gesture.postures)}, {gesture.duration:.1f} s"
+    console.print(words, highlight=False, markup=False)
 
 
 @app.command()
 def play(
     file: Annotated[Path, typer.Argument(help="Gesture (.csv) or motion capture (.bvh).")],
-    robot: RobotName,
-    via: Annotated[str, typer.Option(help="Link to it, NAME or NAME:ADDRESS.")] = "sim",
+    robot: OneRobot,
+    via: Via = "sim",
     plain: Annotated[
         bool, typer.Option("--plain", help="Take generic angles as they are, instead of retargeting exactly.")
     ] = False,
     reflex: Annotated[bool, typer.Option("--reflex", help="Let the withdrawal reflex interrupt it.")] = False,
-    arm: Annotated[bool, typer.Option("--arm", help="Let it move; a simulated robot always may.")] = False,
+    arm: Arm = False,
     as_json: AsJson = False,
 ) -> None:
     """Play a gesture, in the time that the robot's limits allow, and tell how close it came.
@@ -165,7 +168,7 @@ def _table(fitted: Fitted, following: Following) -> object:
     from rich import box
     from rich.table import Table
 
-    table = Table("joint", title="Errors [degrees]", box=box.SIMPLE_HEAD)
+    table = Table("joint", title="Errors \\[degrees]", box=box.SIMPLE_HEAD)
     for column in ("limits take off", "following, RMS", "following, largest"):
         table.add_column(column, justify="right")
     for name in dict.fromkeys((*following.rms, *fitted.missed)):

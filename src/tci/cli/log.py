@@ -7,13 +7,13 @@ from typing import Annotated, Any
 
 import typer
 
+from tci.cli.options import AsJson, Begin, End, RecordingFile
+
 app = typer.Typer(help="Recordings: what is in them, cut, export, import.", no_args_is_help=True)
-File = Annotated[Path, typer.Argument(help="Recording (.mcap).")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for programs instead of a table.")]
 
 
 @app.command()
-def info(file: File, as_json: AsJson = False) -> None:
+def info(file: RecordingFile, as_json: AsJson = False) -> None:
     """Say what a recording holds, and whether it was closed or cut off.
 
     Example:  tci log info touch.mcap
@@ -58,16 +58,16 @@ def info(file: File, as_json: AsJson = False) -> None:
 
 @app.command()
 def cut(
-    file: File,
+    file: RecordingFile,
     out: Annotated[Path, typer.Argument(help="The recording to write.")],
-    begin: Annotated[float, typer.Option("--from", help="Begin \\[s] on its clock.")] = float("-inf"),
-    end: Annotated[float, typer.Option("--to", help="End \\[s].")] = float("inf"),
+    begin: Begin = float("-inf"),
+    end: End = float("inf"),
+    as_json: AsJson = False,
 ) -> None:
     """Write a part of a recording, or all of one that was cut off, closed and packed.
 
     Example:  tci log cut touch.mcap poke.mcap --from 0.2 --to 0.9
     """
-    from tci.cli.console import console
     from tci.errors import RecordingError
     from tci.model.catalogue import load_robot
     from tci.recording.compact import compact
@@ -89,24 +89,29 @@ def cut(
     if robot is not None and robot.digest != about.get("description_sha256"):
         robot = None
     compact(file, out, robot=robot, begin=begin, end=end, about={"cut_from": file.name})
-    console.print(f"{out}: {out.stat().st_size / 1e6:.2f} MB", highlight=False)
+    _told(out, {}, as_json=as_json)
 
 
 @app.command()
 def export(
-    file: File,
+    file: RecordingFile,
     out: Annotated[Path, typer.Argument(help="Folder to write; for npz the file.")],
     form: Annotated[str, typer.Option("--format", "-f", help="csv, npz or parquet.")] = "csv",
+    as_json: AsJson = False,
 ) -> None:
     """Write a recording as tables: joints, decisions, and the raw frames of each patch of skin.
 
     Example:  tci log export touch.mcap tables --format csv
     """
-    from tci.cli.console import console
+    from tci.cli.console import console, print_json
     from tci.recording.export import export as command
     from tci.recording.recording import Recording
 
-    for path in command(Recording(file), out, form):
+    files = command(Recording(file), out, form)
+    if as_json:
+        print_json({"files": [str(path) for path in files]})
+        return
+    for path in files:
         console.print(str(path), highlight=False, markup=False)
 
 
@@ -120,6 +125,7 @@ def import_(
     robot: Annotated[
         str | None, typer.Option(help="For an iCub's contact list or a ROS bag: the robot that it was.")
     ] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Make a recording of a log of YARP's yarpdatadumper, or of a ROS bag (extra ros2).
 
@@ -129,7 +135,6 @@ def import_(
 
     Example:  tci log import rosbag2_folder touches.mcap --robot nao
     """
-    from tci.cli.console import console
     from tci.errors import RecordingError
     from tci.model.catalogue import load_robot
     from tci.recording.ros_bag import import_ros_bag, is_bag
@@ -138,14 +143,21 @@ def import_(
     if is_bag(log):
         if robot is None:
             raise RecordingError(f"{log} is a ROS bag; say which robot it was: --robot")
-        periods = import_ros_bag(log, out, load_robot(robot))
-        console.print(f"{out}: {periods} periods, {out.stat().st_size / 1e6:.2f} MB", highlight=False)
-        return
-    if robot is not None:
+        _told(out, {"periods": import_ros_bag(log, out, load_robot(robot))}, as_json=as_json)
+    elif robot is not None:
         periods, left_out = import_skin_events(log, out, load_robot(robot))
-        size = out.stat().st_size / 1e6
-        words = f"{periods} periods, {left_out} contacts on other skin left out"
-        console.print(f"{out}: {words}, {size:.2f} MB", highlight=False)
+        _told(out, {"periods": periods, "contacts_left_out": left_out}, as_json=as_json)
+    else:
+        _told(out, {"frames": import_yarp_log(log, out, patch=patch)}, as_json=as_json)
+
+
+def _told(out: Path, counts: dict[str, int], *, as_json: bool) -> None:
+    """What was written, and what is in it."""
+    from tci.cli.console import console, print_json
+
+    size = out.stat().st_size
+    if as_json:
+        print_json({"file": str(out), "bytes": size, **counts})
         return
-    frames = import_yarp_log(log, out, patch=patch)
-    console.print(f"{out}: {frames} frames, {out.stat().st_size / 1e6:.2f} MB", highlight=False)
+    words = "".join(f"{number} {what.replace('_', ' ')}, " for what, number in counts.items())
+    console.print(f"{out}: {words}{size / 1e6:.2f} MB", highlight=False, markup=False)

@@ -7,6 +7,8 @@ from typing import Annotated
 
 import typer
 
+from tci.cli.options import AsJson, RobotName, Via
+
 app = typer.Typer(help="Look at skins: cones through them, and pictures.", no_args_is_help=True)
 
 
@@ -23,7 +25,7 @@ def fit(
         tuple[float, float, float] | None,
         typer.Option(help="Of a file: a point on that axis \\[m], in its frame. [default: 0 0 0]"),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Fit the paper's truncated cone to a skin, and say how far the taxels are from it.
 
@@ -40,12 +42,12 @@ def fit(
 
 @app.command()
 def check(
-    robot: Annotated[str, typer.Argument(help="Robot by name, or a description file.")],
+    robot: RobotName,
     file: Annotated[
         Path | None, typer.Option(help="Skin file to check, in place of the robot's own skin.")
     ] = None,
     link: Annotated[str | None, typer.Option(help="Link that the file's skin is on.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Measure how far taxels are from the surface of their link, and find the correction for a wrong frame.
 
@@ -60,16 +62,18 @@ def check(
 
 @app.command()
 def locate(
-    robot: Annotated[str, typer.Argument(help="Robot by name, or a description file.")],
+    robot: RobotName,
     patch: Annotated[str, typer.Option(help="Patch of its skin.")],
     touches: Annotated[
         Path | None,
-        typer.Option(help="Touches (.csv): x, y, z [m], nx, ny, nz in the patch's link, then the raw frame."),
+        typer.Option(
+            help="Touches (.csv): x y z \\[m] and nx ny nz in the patch's link, then the raw frame."
+        ),
     ] = None,
     count: Annotated[int, typer.Option(min=3, max=100000, help="Touches, in simulation.")] = 200,
-    wrong: Annotated[float, typer.Option(help="Error [m] of the places before, in simulation.")] = 0.010,
+    wrong: Annotated[float, typer.Option(help="Error \\[m] of the places before, in simulation.")] = 0.010,
     out: Annotated[Path | None, typer.Option(help="Write the places found to this table (.csv).")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Find where taxels are, from touches at known places: spatial self-calibration.
 
@@ -84,9 +88,9 @@ def locate(
 
 @app.command()
 def calibrate(
-    robot: Annotated[str, typer.Argument(help="Robot by name, or a description file.")],
+    robot: RobotName,
     patch: Annotated[str, typer.Option(help="Skin patch to calibrate.")],
-    via: Annotated[str, typer.Option(help="Link to it, NAME or NAME:ADDRESS.")] = "sim",
+    via: Via = "sim",
     weight: Annotated[
         list[float] | None, typer.Option(help="A known load \\[N]; repeat for several, light ones first.")
     ] = None,
@@ -121,16 +125,20 @@ def calibrate(
 def show(
     skin: Annotated[str, typer.Argument(help="Skin file, robot by name, or robot description.")],
     out: Annotated[Path, typer.Option(help="The picture to write (.png).")] = Path("skin.png"),
+    as_json: AsJson = False,
 ) -> None:
     """Draw a skin unrolled, x along the limb and theta around it, each taxel with its channel's number.
 
     Example:  tci skin show left_forearm.txt --out forearm.png
     """
-    from tci.cli.console import console
+    from tci.cli.console import console, print_json
     from tci.cli.skin_picture import draw, maps
 
     found = maps(skin)
     draw(found, out)
+    if as_json:
+        print_json({"file": str(out), "taxels": {one.title: len(one.channels) for one in found}})
+        return
     for one in found:
-        console.print(f"{one.title}: {len(one.channels)} taxels", highlight=False)
-    console.print(f"picture {out}", highlight=False)
+        console.print(f"{one.title}: {len(one.channels)} taxels", highlight=False, markup=False)
+    console.print(f"picture {out}", highlight=False, markup=False)

@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from tci.cli.console import console, print_json
+from tci.cli.options import AsJson
 from tci.errors import LinkError, MissingExtraError
 
 app = typer.Typer(help="Zenoh over networks: keys, passwords, rights, and a router.", no_args_is_help=True)
@@ -25,7 +26,7 @@ def secure(
     robot: Annotated[list[str], typer.Option(help="Name of a robot on the network; repeat for several.")],
     commander: Users = None,
     watcher: Users = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a list.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Make certificates, passwords and configuration files: who may command, or only see, which robot.
 

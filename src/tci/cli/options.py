@@ -1,0 +1,31 @@
+"""Arguments and options that several commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for programs instead of words.")]
+RobotName = Annotated[str, typer.Argument(help="Robot by name, or a description file.")]
+OneRobot = Annotated[str, typer.Option("--robot", "-r", help="Robot by name or description file.")]
+SomeRobots = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--robot",
+        "-r",
+        help="Robot by name or description file; repeat for several. "
+        "[default: the paper's two, nao and icub, where installed]",
+    ),
+]
+Via = Annotated[str, typer.Option(help="Link to it, NAME or NAME:ADDRESS.")]
+Arm = Annotated[bool, typer.Option("--arm", help="Let it move; a simulated robot always may.")]
+Duration = Annotated[float | None, typer.Option(help="How long \\[s]; else until interrupted.")]
+Faults = Annotated[
+    list[str] | None,
+    typer.Option(help="NAME@TIME or NAME@TIME:DURATION \\[s]; names: tci fault list; repeat for several."),
+]
+RecordingFile = Annotated[Path, typer.Argument(help="Recording (.mcap).")]
+Begin = Annotated[float, typer.Option("--from", help="Begin \\[s] on its clock.")]
+End = Annotated[float, typer.Option("--to", help="End \\[s].")]

@@ -78,6 +78,15 @@ def frozen(values: NDArray[Any]) -> NDArray[Any]:
     return values
 
 
+def doubles(values: NDArray[Any]) -> Array:
+    """Numbers as doubles. What is not a number stays so, also where its bits (a signalling NaN) ask for an
+    exception."""
+    if values.dtype.kind != "f" or values.dtype.itemsize == 8:
+        return values.astype(np.float64)
+    with np.errstate(invalid="ignore"):
+        return values.astype(np.float64)
+
+
 def read_only(values: Any, dtype: Any = np.float64) -> NDArray[Any]:
     """A copy of `values` that nobody can change: what crosses a layer is frozen."""
     result = np.array(values, dtype=dtype)

@@ -20,6 +20,7 @@ from middleware.player_exchange import RecordedServer, gist, read, said
 from middleware.rosbridge_exchange import narrow
 from tci.errors import FrameError, LinkError
 from tci.interface.gate.safe_command import GateState
+from tci.messages import JointReading, Reading, SkinFrame
 from tci.middleware.player import wire
 from tci.middleware.player.client import parse
 from tci.middleware.player.link import FRAMES, STATES
@@ -117,6 +118,19 @@ def play(port: int) -> list[tuple[int, Message]]:
             found.append((number, got[0]))
     assert connections >= 2
     return found
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("bits", ["7fc00000", "7fa00001"], ids=["quiet", "signalling"])
+def test_what_is_not_a_number_is_read_as_such(bits: str) -> None:
+    """Who gets it refuses it; a signalling one made NumPy warn."""
+    value = bytes.fromhex(bits)
+    assert np.isnan(wire.to_floats(wire.array(value, 1))).all()
+    robot = tci.load_robot("nao")
+    patch = robot.patches[0]
+    frame = SkinFrame(patch.name, 1.0, 0, wire.to_skin(value * patch.channels, patch.channels))
+    reading = Reading(JointReading(1.0, 0, robot.initial_position, 0.0 * robot.initial_position), (frame,))
+    assert not tci.Skin(robot).update(reading).patches[patch.name].pressure.any()
 
 
 def test_the_server_answers_as_the_genuine_client_understood_and_obeys_it() -> None:

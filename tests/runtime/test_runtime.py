@@ -5,10 +5,14 @@ from __future__ import annotations
 import pytest
 
 import tci
+from middleware.served import needs_qi
 from tci.clock import ManualClock, ticks
 from tci.errors import LinkError, UnknownNameError
 from tci.messages import GenericCommand, Mode, Perception
+from tci.middleware.simulated import SimulatedLink
 from tci.runtime.loop import Tick
+from tci.runtime.registry import open_server, server_names
+from tci.simulation.world import World
 
 
 class Nod(tci.Capability[int]):
@@ -58,6 +62,24 @@ def test_connect_lists_what_there_is() -> None:
         tci.connect(robot, "telepathy://nao")
     with pytest.raises(LinkError, match="no address"):
         tci.connect(robot, "sim:10.0.0.5")
+    with pytest.raises(UnknownNameError, match="no option of the link 'sim' named 'armed'; valid: arm"):
+        tci.connect(robot, "sim", armed=True)
+    with pytest.raises(LinkError, match="seed beside a world; valid: give them to the World"):
+        SimulatedLink(robot, world=World(robot), seed=3)
+    with pytest.raises(UnknownNameError, match="no option of the link 'replay' named 'rate'; valid: arm"):
+        tci.connect(robot, "replay:touch.mcap", rate=100.0)
     unbound = robot.model_copy(update={"bindings": ()})
     with pytest.raises(UnknownNameError, match="binding"):
         tci.connect(unbound, "sim")
+
+
+@pytest.mark.parametrize("name", tci.link_names())
+def test_every_link_and_server_refuses_an_option_that_it_lacks(name: str) -> None:
+    if name == "naoqi":
+        needs_qi()
+    robot = tci.load_robot("nao")
+    with pytest.raises(UnknownNameError, match=f"no option of the link '{name}' named 'amr'; valid: .*arm"):
+        tci.connect(robot, name, amr=True)
+    if name in server_names():
+        with tci.connect(robot, "sim") as link, pytest.raises(UnknownNameError, match="option of the server"):
+            open_server(link, name, amr=True)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
+from inspect import signature
 from typing import Any
 
 import numpy as np
 
 from tci.clock import MonotonicClock
-from tci.errors import LinkError
+from tci.errors import LinkError, UnknownNameError
 from tci.interface.gate.gate import SafeCommand
 from tci.interface.skin.events import ChangedFrames
 from tci.messages import Mode, Reading, SkinFrame
@@ -73,12 +74,18 @@ class SimulatedLink(Link):
         `paced` worlds run no faster than real time. With a `keep_alive` [s] the skin is event-driven: patches
         send when they change, and at least that often.
 
-        Raises LinkError for an address, which a simulation does not have, and for a rate that is none.
+        Raises LinkError for an address, which a simulation does not have, for a rate that is none and for
+        options beside a `world`, UnknownNameError for an option that there is not.
         """
         if address:
             raise LinkError(f"the simulation has no address; got {address!r}, valid: sim")
         if rate is not None and not 1.0 <= rate <= FASTEST:
             raise LinkError(f"rate {rate}; valid: 1 to {FASTEST:g} Hz")
+        for name in options:
+            if name not in (valid := _options()):
+                raise UnknownNameError("option of the link 'sim'", name, valid)
+        if world is not None and options:
+            raise LinkError(f"{', '.join(options)} beside a world; valid: give them to the World")
         period = None if rate is None else 1.0 / rate
         self.world = world or World(robot, period=period, **options)
         """The simulated world: poke its `finger`, look at its physics."""
@@ -117,3 +124,9 @@ class SimulatedLink(Link):
 
     def _close(self) -> None:
         pass
+
+
+def _options() -> list[str]:
+    """Names of what a simulated link takes, for itself and for its world."""
+    both = *signature(SimulatedLink).parameters.values(), *signature(World).parameters.values()
+    return [one.name for one in both if one.kind is one.KEYWORD_ONLY and one.name != "period"]

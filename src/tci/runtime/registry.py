@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+from collections.abc import Iterable
 from importlib.metadata import entry_points
 from typing import Any
 
@@ -42,8 +43,8 @@ def connect(robot: Robot, via: str = "sim", *, arm: bool | None = None, **option
 
     With "LINK + LINK" the joints come over the first link, the skin over the others. A simulated robot is
     armed from the start, a real one only by `arm=True`. `options` go to the link, or to that of the joints.
-    Raises UnknownNameError for a link that is not installed, MissingExtraError when its library is not,
-    LinkError when the robot can't be reached.
+    Raises UnknownNameError for a link that is not installed or an option that it does not have,
+    MissingExtraError when its library is not installed, LinkError when the robot can't be reached.
     """
     first, *others = via.split(JOIN)
     if arm is not None:
@@ -68,6 +69,7 @@ def _open(robot: Robot, via: str, **options: Any) -> Link:
     for half in ("joints", "skin"):
         if half in options and half not in inspect.signature(factory).parameters:
             raise LinkError(f"{via} can't leave out its {half}; valid in a joined link: naoqi, yarp")
+    _check(options, factory, f"option of the link {name!r}")
     link: Link = factory(robot, address, **options)
     return link
 
@@ -78,8 +80,21 @@ def open_server(link: Link, via: str, **options: Any) -> Server:
     Raises as `connect` does.
     """
     name, _, address = via.partition(":")
-    server: Server = _load(SERVERS, "server", name)(link, address, **options)
+    factory = _load(SERVERS, "server", name)
+    _check(options, factory, f"option of the server {name!r}")
+    server: Server = factory(link, address, **options)
     return server
+
+
+def _check(options: Iterable[str], factory: Any, what: str) -> None:
+    """Raises UnknownNameError for an option that the factory does not have."""
+    parameters = inspect.signature(factory).parameters.values()
+    if any(one.kind is one.VAR_KEYWORD for one in parameters):
+        return  # it judges them itself
+    valid = [one.name for one in parameters if one.kind is one.KEYWORD_ONLY]
+    for name in options:
+        if name not in valid:
+            raise UnknownNameError(what, name, valid)
 
 
 def _load(group: str, what: str, name: str) -> Any:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import FrameError, TciError
-from tci.frames import Array, read_only
+from tci.frames import Array, doubles, read_only
 from tci.interface.kernels.condition import (
     BEFORE,
     BEND,
@@ -235,7 +235,7 @@ class Conditioner:
         smooth = latency > 0.0 and elapsed > 0.0
         pressure = np.zeros(len(self.channels))
         self._dropped, self._saturated = condition(
-            values if values.dtype == np.uint8 else values.astype(np.float64),
+            values if values.dtype == np.uint8 else doubles(values),
             self.channels,
             self.sensor,
             self.offset,

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.frames import Array, read_only
+from tci.frames import Array, doubles, read_only
 from tci.model.description import Patch
 from tci.model.surfaces import Surface, tangents
 
@@ -50,7 +50,7 @@ class Shear:
         the sensor can't send, counts as rest.
         """
         sensor = self._sensor
-        raw = values[self._channels].astype(np.float64)
+        raw = doubles(values[self._channels])
         usable = (raw >= sensor.lowest) & (raw <= sensor.highest)  # NaN is not
         raw = np.where(usable, raw, self._rest)
         elapsed = GAP if self._stamp is None else min(max(stamp - self._stamp, 0.0), GAP)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import FrameError
-from tci.frames import Array
+from tci.frames import Array, doubles
 
 HEADER = struct.Struct(">IIIIIIdII")
 """Host, robot (port of the server), interface, index; type, subtype; time [s], sequence, bytes to follow."""
@@ -105,7 +105,7 @@ def floats(values: Sequence[float] | Array) -> bytes:
 def to_floats(body: bytes) -> Array:
     """The same, read. Raises FrameError."""
     count = _count(body, 4)
-    return np.frombuffer(body, dtype=">f4", count=count, offset=8).astype(float)
+    return doubles(np.frombuffer(body, dtype=">f4", count=count, offset=8))
 
 
 def blob(data: bytes) -> bytes:
@@ -132,7 +132,7 @@ def actuators(position: Array, velocity: Array) -> bytes:
 def to_actuators(body: bytes) -> tuple[Array, Array]:
     """Positions and speeds in it. Raises FrameError."""
     found = np.frombuffer(body, dtype=ACTUATOR, count=_count(body, ACTUATOR.itemsize, rest=4), offset=8)
-    return found["position"].astype(float), found["speed"].astype(float)
+    return doubles(found["position"]), doubles(found["speed"])
 
 
 def geometry(limits: Sequence[tuple[float, float, float, float]]) -> bytes:

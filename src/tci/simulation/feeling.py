@@ -7,7 +7,7 @@ import math
 from numba import int64
 
 from tci.frames import Array
-from tci.interface.kernels.arrays import reads, writes
+from tci.interface.kernels.arrays import reads, returns, writes
 from tci.interface.kernels.compiled import compiled, inlined
 from tci.simulation import kernel
 from tci.simulation.kernel import REACH, ROWS, SHARE, share_into, within
@@ -39,6 +39,14 @@ something; those that did in the latest frame; those around each contact, a row 
 CENTRE, RADIUS, MEMBERS = 0, 3, 4
 """Columns of what is known of `AROUND` (5), for each patch's slots and floor: all taxels nearer to a point
 [m] than a radius [widths], how many."""
+SKIN = returns(
+    reads(1), reads(2), reads(2), writes(2, int64), reads(2), reads(2), reads(2), reads(1, int64), reads(2),
+    writes(2), writes(2, int64), writes(2), writes(2), writes(1),
+)  # fmt: skip
+"""Types of what the loops know of all patches: MuJoCo's sensors, links' positions and orientations; `patches`
+and their `sizes`; positions of taxels, what else they have, their channels; nodes of responses; what taxels
+feel; lists of them; spots; room to work in; values of the channels."""
+Arrays = tuple[Array, ...]
 _SLACK = 1.0
 """How far [widths] a contact goes until the taxels around it are looked for anew (Verlet 1967). Ours."""
 
@@ -107,25 +115,13 @@ def _add(force: float, x: float, y: float, z: float, count: int, axes: int, taxe
 
 
 @inlined
-def press(
-    patch: int,
-    sensors: Array,
-    centres: Array,
-    turns: Array,
-    patches: Array,
-    sizes: Array,
-    positions: Array,
-    taxels: Array,
-    total: Array,
-    lists: Array,
-    spots: Array,
-    work: Array,
-) -> tuple[int, int]:
+def press(patch: int, skin: Arrays) -> tuple[int, int]:
     """Write which taxels of a patch feel something, `FELT`, and their forces [N].
 
     Returns how many contacts there are, a floor's only where there is no other, and how many taxels feel
     them: none where there are more contacts than slots.
     """
+    sensors, centres, turns, patches, sizes, positions, taxels, _, _, total, lists, spots, work, _ = skin
     words, size = patches[patch], sizes[patch]
     start, begin, end, body = words[SENSOR], words[BEGIN], words[END], words[BODY]
     found, floor = int(sensors[start + FOUND]), words[FLOOR]
@@ -186,35 +182,17 @@ def _counts(pressure: float, begin: int, end: int, nodes: Array, per_count: floa
 
 
 @inlined
-def feel(
-    patch: int,
-    step: int,
-    sensors: Array,
-    centres: Array,
-    turns: Array,
-    patches: Array,
-    sizes: Array,
-    positions: Array,
-    taxels: Array,
-    channels: Array,
-    nodes: Array,
-    total: Array,
-    lists: Array,
-    spots: Array,
-    work: Array,
-    values: Array,
-) -> int:
+def feel(patch: int, step: int, skin: Arrays) -> int:
     """Take a patch's next frame, at the end of a step: the values [counts] of its channels, not rounded, of
     which only those are written that feel something or did in the frame before.
 
     Without a step (-1) there is no frame: forces are left in `total`. Returns how many contacts there are.
     """
+    _, _, _, patches, sizes, _, taxels, channels, nodes, total, lists, _, _, values = skin
     words, size = patches[patch], sizes[patch]
     begin, axes = words[BEGIN], words[AXES]
     latest = lists[LATEST, begin : words[END]]
-    found, felt = press(
-        patch, sensors, centres, turns, patches, sizes, positions, taxels, total, lists, spots, work
-    )
+    found, felt = press(patch, skin)
     if step < 0:
         return found
     for j in range(words[PRESSED]):
@@ -239,34 +217,7 @@ def feel(
     return int(found)
 
 
-SKIN = (
-    reads(1), reads(2), reads(2), writes(2, int64), reads(2), reads(2), reads(2), reads(1, int64), reads(2),
-    writes(2), writes(2, int64), writes(2), writes(2), writes(1),
-)  # fmt: skip
-"""Types of what `feel` takes after patch and step."""
-
-
-@compiled(int64(int64, int64, *SKIN), calls=(kernel,))
-def feel_now(
-    patch: int,
-    step: int,
-    sensors: Array,
-    centres: Array,
-    turns: Array,
-    patches: Array,
-    sizes: Array,
-    positions: Array,
-    taxels: Array,
-    channels: Array,
-    nodes: Array,
-    total: Array,
-    lists: Array,
-    spots: Array,
-    work: Array,
-    values: Array,
-) -> int:
+@compiled(int64(int64, int64, SKIN), calls=(kernel,))
+def feel_now(patch: int, step: int, skin: Arrays) -> int:
     """`feel`, for the first frame, and for those who ask between steps."""
-    return feel(
-        patch, step, sensors, centres, turns, patches, sizes, positions, taxels, channels, nodes, total,
-        lists, spots, work, values,
-    )  # fmt: skip
+    return feel(patch, step, skin)

@@ -38,8 +38,8 @@ class Physics:
         self.motors = data.actuator_force
         """Torque [N m] of each actuator in the latest step."""
         self._warm = data.qacc_warmstart
-        self._applied, self._pushed = data.qfrc_applied, data.xfrc_applied
-        self._here = np.zeros(model.nq + 3 * model.nv + model.nu + self._pushed.size)
+        self._moved = self.qpos, self.qvel, self.ctrl, data.qfrc_applied, data.xfrc_applied
+        self._here = np.zeros(sum(one.size for one in self._moved) + model.nv)
         self.whole = np.zeros(5, dtype=np.int64)
         """Whole numbers of the loop; places as `stepping` names them."""
 
@@ -67,9 +67,9 @@ class Physics:
     def advance(self, until: int, servos: Servos, finger: Finger, taxels: Taxels) -> None:
         """Steps until there were `until` of them since the start."""
         self.steps = stepping.march(
-            self.model._address, self.data._address, self.steps, until, self.step, self.qpos, self.qvel,
-            self.ctrl, self._applied, self._pushed, self._warm, self._here, self.whole, servos.state,
-            servos.places, servos.asked, finger.state, finger.traced, *taxels.arrays,
+            self.model._address, self.data._address, self.steps, until, self.step, self._moved, self._warm,
+            self._here, self.whole, servos.state, servos.places, servos.asked, finger.state, finger.traced,
+            taxels.arrays,
         )  # fmt: skip
 
     def refresh(self) -> None:

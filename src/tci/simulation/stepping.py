@@ -14,10 +14,10 @@ from llvmlite import binding
 from numba import float64, int64, types
 
 from tci.frames import Array
-from tci.interface.kernels.arrays import reads, views, writes
+from tci.interface.kernels.arrays import reads, returns, views, writes
 from tci.interface.kernels.compiled import compiled, inlined
 from tci.simulation import feeling, kernel
-from tci.simulation.feeling import DUE, SKIN, SLOTS, feel
+from tci.simulation.feeling import DUE, SKIN, SLOTS, Arrays, feel
 
 SETPOINT, STRIDE, LAG, LEAD = range(4)
 """Rows of what moving servos (4, k) have: where they are told to be now, how far that goes in a step, how
@@ -32,6 +32,9 @@ stiffness, its path and the path's end; force, when it first touched and ceased 
 STILL, TIP, TIP_SENSOR, TRACED, AHEAD = range(5)
 """Whole numbers: whether no servo has anything to do, the finger's actuator and sensor, steps in its trace,
 the step whose first half was taken already."""
+MOVED = returns(reads(1), reads(1), writes(1), reads(1), reads(2))
+"""Types of what the joints are and what moves them: MuJoCo's `qpos`, `qvel`, `ctrl`, `qfrc_applied` and
+`xfrc_applied`."""
 JOINT, VELOCITY, MOTOR = range(3)
 """Rows of what is measured of all servos (3, n)."""
 
@@ -111,19 +114,10 @@ def _keep(values: Array, here: Array, at: int) -> int:
 
 @inlined
 def _look_ahead(
-    model: int,
-    data: int,
-    number: int,
-    qpos: Array,
-    qvel: Array,
-    ctrl: Array,
-    applied: Array,
-    pushed: Array,
-    warm: Array,
-    here: Array,
-    whole: Array,
+    model: int, data: int, number: int, moved: Arrays, warm: Array, here: Array, whole: Array
 ) -> None:
     """Make contacts and sensors belong to the present joints: all of the next step but that it moves."""
+    qpos, qvel, ctrl, applied, pushed = moved
     _step1(model, data)
     at = _keep(qpos, here, 0)
     at = _keep(qvel, here, at)
@@ -151,20 +145,10 @@ def _differs(values: Array, here: Array, at: int) -> bool:
 
 
 @inlined
-def _take_step(
-    model: int,
-    data: int,
-    number: int,
-    qpos: Array,
-    qvel: Array,
-    ctrl: Array,
-    applied: Array,
-    pushed: Array,
-    here: Array,
-    whole: Array,
-) -> None:
+def _take_step(model: int, data: int, number: int, moved: Arrays, here: Array, whole: Array) -> None:
     """`mj_step`, or what is left of it after `_look_ahead`: after that somebody may have moved joints, or
     changed what moves them."""
+    qpos, qvel, ctrl, applied, pushed = moved
     n, m = len(qpos), len(qvel)
     if whole[AHEAD] != number or _differs(qpos, here, 0) or _differs(qvel, here, n):
         _step(model, data)
@@ -181,8 +165,8 @@ def _take_step(
 
 @compiled(
     int64(
-        int64, int64, int64, int64, float64, reads(1), reads(1), writes(1), reads(1), reads(2), writes(1),
-        writes(1), writes(1, int64), writes(2), reads(2, int64), reads(2), writes(1), writes(2), *SKIN,
+        int64, int64, int64, int64, float64, MOVED, writes(1), writes(1), writes(1, int64), writes(2),
+        reads(2, int64), reads(2), writes(1), writes(2), SKIN,
     ),
     calls=(kernel, feeling),
 )  # fmt: skip
@@ -192,11 +176,7 @@ def march(
     begin: int,
     end: int,
     step: float,
-    qpos: Array,
-    qvel: Array,
-    ctrl: Array,
-    applied: Array,
-    pushed: Array,
+    moved: Arrays,
     warm: Array,
     here: Array,
     whole: Array,
@@ -205,26 +185,15 @@ def march(
     asked: Array,
     finger: Array,
     trace: Array,
-    sensors: Array,
-    centres: Array,
-    turns: Array,
-    patches: Array,
-    sizes: Array,
-    positions: Array,
-    taxels: Array,
-    channels: Array,
-    nodes: Array,
-    total: Array,
-    lists: Array,
-    spots: Array,
-    work: Array,
-    values: Array,
+    skin: Arrays,
 ) -> int:
     """Take the steps from `begin` to `end` (their numbers), each `step` [s], and frames of the skin.
 
     Returns the number of the last step: it ends early where a patch has more contacts than slots. `model` and
-    `data` are the addresses of MuJoCo's; from `sensors` on the arrays are those of `feeling`.
+    `data` are the addresses of MuJoCo's.
     """
+    qpos, _, ctrl, _, _ = moved
+    sensors, patches = skin[0], skin[3]
     due = begin
     for number in range(begin, end):
         time = number * step
@@ -232,7 +201,7 @@ def march(
             _drive(qpos, ctrl, servos, places, asked, whole)
         if finger[ACTIVE]:
             _push(time, ctrl, finger, whole)
-        _take_step(model, data, number, qpos, qvel, ctrl, applied, pushed, here, whole)
+        _take_step(model, data, number, moved, here, whole)
         if finger[ACTIVE]:
             _note(time, sensors, finger, whole, trace)
         if number + 1 < due:
@@ -241,12 +210,8 @@ def march(
         for patch in range(len(patches)):
             if number + 1 >= patches[patch, DUE]:
                 if whole[AHEAD] != number + 1:
-                    _look_ahead(model, data, number + 1, qpos, qvel, ctrl, applied, pushed, warm, here, whole)
-                found = feel(
-                    patch, number + 1, sensors, centres, turns, patches, sizes, positions, taxels, channels,
-                    nodes, total, lists, spots, work, values,
-                )  # fmt: skip
-                full |= found > SLOTS
+                    _look_ahead(model, data, number + 1, moved, warm, here, whole)
+                full |= feel(patch, number + 1, skin) > SLOTS
             due = min(due, patches[patch, DUE])
         if full:
             return number + 1

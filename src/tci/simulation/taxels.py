@@ -110,7 +110,7 @@ class Taxels:
         self._physics.refresh()
         self._words[:, at.COUNT] = -1
         for number in range(len(self._patches)):
-            at.feel_now(number, self._physics.steps, *self.arrays)
+            at.feel_now(number, self._physics.steps, self.arrays)
         self._frames = [self._frame(number) for number in range(len(self._patches))]
         self._until = -1
 
@@ -149,7 +149,7 @@ class Taxels:
         self._physics.refresh()
         number = self.worn[patch]
         begin, end = self._words[number, [at.BEGIN, at.END]]
-        found = at.feel_now(number, -1, *self.arrays)
+        found = at.feel_now(number, -1, self.arrays)
         self._check(number, found)
         vectors = self._total[:3, : end - begin].T.copy()
         self._total[:] = 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import threading
 import time
@@ -86,3 +87,17 @@ def ticks(clock: Clock, period: float, *, duration: float | None = None) -> Iter
         # A tick that came a whole period late was that of the later one: two in one period would be a burst.
         served = int((now - start) / period + 1e-9)
         count = max(served + 1, int((clock.now() - start) / period + 1e-9))
+
+
+class Every:
+    """What is done at most once in a period [s], by any clock: after a pause it is not caught up."""
+
+    def __init__(self, period: float) -> None:
+        self._period, self._next = period, -math.inf
+
+    def due(self, now: float) -> bool:
+        """Whether it is to be done now [s]; then it is taken for done."""
+        if now < self._next:
+            return False
+        self._next = max(self._next + self._period, now + 0.5 * self._period)
+        return True

@@ -23,6 +23,7 @@ from tci.middleware.link import Link
 from tci.middleware.ros.messages import BYTES, NO_LAYOUT
 from tci.middleware.ros.node import RosNode
 from tci.recording.schemas import JOINTS
+from tci.runtime.registry import connect
 
 PATCHES = {patch.name: patch.channels for patch in tci.load_robot("nao").patches}
 Start = Callable[..., "subprocess.Popen[str]"]
@@ -90,6 +91,33 @@ def go(link: Link, joint: str, angle: float) -> None:
         assert link.gate.state is not GateState.STOP
         assert time.monotonic() < end
         drive(link, arm.command({joint: angle}), seconds=0.5)
+
+
+def is_killed_and_comes_back(via: str, begin: Callable[[], subprocess.Popen[str]]) -> None:
+    """A robot that dies is held; one that comes back runs, and is told nothing before a new command."""
+    process = begin()
+    with connect(tci.load_robot("nao"), via, arm=True, wait=60.0) as link:
+        drive(link, seconds=0.3)
+        process.kill()
+        pending = [link.native("LArm").command({"LElbowRoll": -0.1})]
+        for now in link.ticks(duration=30.0):
+            joints = link.read().joints
+            safe = link.write(link.gate.step(pending, joints, now))
+            pending = []
+            if safe.state is GateState.HOLD:
+                break
+            # In the first period in which it is too old it holds, however late a busy machine runs that.
+            assert now - joints.stamp <= link.gate.stale_after <= 0.1
+        assert safe.state is GateState.HOLD
+        while np.any(safe.velocity):  # it comes to rest
+            (safe,) = drive(link, seconds=link.period)
+        process = begin()
+        end, before = time.monotonic() + 90.0, link.read().joints.sequence
+        while link.read().joints.sequence < before + 50 or link.gate.state is not GateState.RUN:
+            drive(link, seconds=0.1)
+            assert time.monotonic() < end
+        process.kill()
+    assert not list(process.stdout or ())
 
 
 @cache

@@ -15,10 +15,19 @@ import numpy as np
 import pytest
 
 import tci
-from middleware.ros_robots import Programs, Start, anywhere, complete, drive, go, nao_in_ros, roscore
+from middleware.ros_robots import (
+    Programs,
+    Start,
+    anywhere,
+    complete,
+    drive,
+    go,
+    is_killed_and_comes_back,
+    nao_in_ros,
+    roscore,
+)
 from peers import DEBIAN_PYTHON, needs_debian_module
 from tci.errors import LinkError
-from tci.interface.gate.safe_command import GateState
 from tci.middleware.query import query, read_facts
 from tci.middleware.ros.messages import TEXT
 from tci.middleware.ros1 import Ros1Node
@@ -83,29 +92,7 @@ def test_what_a_killed_process_left_in_the_master_is_no_robot(start: Start) -> N
 
 def test_28_a_robot_that_dies_is_held_and_34_nothing_is_replayed(start: Start) -> None:
     namespace = anywhere()
-    process = ros_robot(start, namespace)
-    with connect(tci.load_robot("nao"), f"ros1:{namespace}", arm=True, wait=60.0) as link:
-        drive(link, seconds=0.3)
-        process.kill()
-        pending = [link.native("LArm").command({"LElbowRoll": -0.1})]
-        for now in link.ticks(duration=30.0):
-            joints = link.read().joints
-            safe = link.write(link.gate.step(pending, joints, now))
-            pending = []
-            if safe.state is GateState.HOLD:
-                break
-            # In the first period in which it is too old it holds, however late a busy machine runs that.
-            assert now - joints.stamp <= link.gate.stale_after <= 0.1
-        assert safe.state is GateState.HOLD
-        while np.any(safe.velocity):  # it comes to rest
-            (safe,) = drive(link, seconds=link.period)
-        process = ros_robot(start, namespace)
-        end, before = time.monotonic() + 90.0, link.read().joints.sequence
-        while link.read().joints.sequence < before + 50 or link.gate.state is not GateState.RUN:
-            drive(link, seconds=0.1)
-            assert time.monotonic() < end
-        process.kill()
-    assert not list(process.stdout or ()), "it is told nothing before a new command"
+    is_killed_and_comes_back(f"ros1:{namespace}", lambda: ros_robot(start, namespace))
 
 
 def test_what_is_said_just_before_leaving_is_heard(start: Start) -> None:

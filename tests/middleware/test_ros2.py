@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 import subprocess
 import sys
 import time
@@ -16,10 +15,18 @@ import numpy as np
 import pytest
 
 import tci
-from middleware.ros_robots import Programs, Start, anywhere, complete, drive, go, nao_in_ros
+from middleware.ros_robots import (
+    Programs,
+    Start,
+    anywhere,
+    complete,
+    drive,
+    go,
+    is_killed_and_comes_back,
+    nao_in_ros,
+)
 from peers import peer_python
 from tci.errors import LinkError
-from tci.interface.gate.safe_command import GateState
 from tci.middleware.query import query, read_facts
 from tci.middleware.ros.messages import BYTES, TEXT, TRAJECTORY, VALUES
 from tci.middleware.ros.native import QUEUE
@@ -107,29 +114,7 @@ def test_plain_values_where_the_binding_says_so(start: Start, namespace: str) ->
 def test_28_a_robot_that_dies_is_held_within_100_ms_and_34_nothing_is_replayed(
     start: Start, namespace: str
 ) -> None:
-    process = ros_robot(start, namespace)
-    with connect(tci.load_robot("nao"), f"ros2:{namespace}", arm=True, wait=60.0) as link:
-        drive(link, seconds=0.3)
-        process.send_signal(signal.SIGKILL)
-        pending = [link.native("LArm").command({"LElbowRoll": -0.1})]
-        for now in link.ticks(duration=30.0):
-            joints = link.read().joints
-            safe = link.write(link.gate.step(pending, joints, now))
-            pending = []
-            if safe.state is GateState.HOLD:
-                break
-            # In the first period in which it is too old it holds, however late a busy machine runs that.
-            assert now - joints.stamp <= link.gate.stale_after <= 0.1
-        assert safe.state is GateState.HOLD
-        while np.any(safe.velocity):  # it comes to rest
-            (safe,) = drive(link, seconds=link.period)
-        process = ros_robot(start, namespace)
-        end, before = time.monotonic() + 90.0, link.read().joints.sequence
-        while link.read().joints.sequence < before + 50 or link.gate.state is not GateState.RUN:
-            drive(link, seconds=0.1)
-            assert time.monotonic() < end
-        process.kill()
-    assert not list(process.stdout or ()), "it is told nothing before a new command"
+    is_killed_and_comes_back(f"ros2:{namespace}", lambda: ros_robot(start, namespace))
 
 
 def test_35_topics_of_a_wrong_type_are_refused_by_name(start: Start, namespace: str) -> None:
@@ -175,17 +160,7 @@ def test_33_a_flood_costs_bounded_time_and_memory(start: Start, namespace: str) 
 
 def test_a_robot_that_tci_shows_is_an_ordinary_robot_to_ros(start: Start, namespace: str) -> None:
     python = peer_python("ros2")
-    start(
-        sys.executable,
-        "-m",
-        "tci.cli.main",
-        "serve",
-        "nao",
-        "--via",
-        f"ros2:{namespace}",
-        "--duration",
-        "120",
-    )
+    start(*SERVE, f"ros2:{namespace}")
     robot = tci.load_robot("nao")
     left = [servo.joint or servo.name for servo in robot.servos_of("LArm")]
     here = dict(
@@ -228,17 +203,7 @@ def test_a_robot_that_tci_shows_is_an_ordinary_robot_to_ros(start: Start, namesp
 
 
 def test_a_behaviour_elsewhere_commands_a_robot_that_tci_shows(start: Start, namespace: str) -> None:
-    start(
-        sys.executable,
-        "-m",
-        "tci.cli.main",
-        "serve",
-        "nao",
-        "--via",
-        f"ros2:{namespace}",
-        "--duration",
-        "120",
-    )
+    start(*SERVE, f"ros2:{namespace}")
     with connect(tci.load_robot("nao"), f"ros2:{namespace}", arm=True, wait=60.0) as link:
         go(link, "LElbowRoll", -1.2)
         reading = complete(link)

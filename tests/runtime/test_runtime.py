@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 import tci
 from middleware.served import needs_qi
-from tci.clock import ManualClock, ticks
+from tci.clock import Every, ManualClock, ticks
 from tci.errors import LinkError, UnknownNameError
 from tci.messages import GenericCommand, Mode, Perception
 from tci.middleware.simulated import SimulatedLink
@@ -53,6 +54,13 @@ def test_ticks_are_skipped_never_caught_up() -> None:
         if now == pytest.approx(0.2):
             clock.advance(0.35)
     assert stamps == [0.0, 0.1, 0.2, 0.55, 0.6, 0.7, 0.8, 0.9]
+
+
+def test_what_is_due_once_in_a_period_is_not_caught_up() -> None:
+    every = Every(1.0)
+    told = [now for now in np.arange(5.0, 8.0, 0.25) if every.due(now)]
+    assert told == [5.0, 5.5, 6.5, 7.5]
+    assert [now for now in np.arange(12.0, 14.0, 0.25) if every.due(now)] == [12.0, 12.5, 13.5]
 
 
 def test_connect_lists_what_there_is() -> None:

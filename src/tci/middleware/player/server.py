@@ -10,6 +10,7 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
+from tci.clock import Every
 from tci.errors import CommandError, FrameError, LinkError
 from tci.interface.gate.safe_command import SafeCommand
 from tci.messages import Perception, Reading, SkinFrame
@@ -110,8 +111,7 @@ class PlayerServer(RemoteServer):
         self._offered = [*self._devices, *((OPAQUE, index) for index in own)]
         self._controllers = Controllers(link.robot, self.number, of="a Player client")
         self._position = link.robot.initial_position
-        self._period = 1.0 / link.robot.binding("player").rate
-        self._due, self._is_due = -float("inf"), False
+        self._states, self._is_due = Every(1.0 / link.robot.binding("player").rate), False
         self._arrived: deque[bytes] = deque(maxlen=64)
         self.rejected = 0
         """Messages that were of no use."""
@@ -132,10 +132,8 @@ class PlayerServer(RemoteServer):
 
     def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
         self._position = reading.joints.position
-        now = self.link.clock.now()
-        self._is_due = now >= self._due
+        self._is_due = self._states.due(self.link.clock.now())
         if self._is_due:
-            self._due = max(self._due + self._period, now + 0.5 * self._period)
             stamp = self._epoch(reading.joints.stamp)
             for (interface, index), name in self._devices.items():
                 if interface == ACTARRAY:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from tci.clock import Every
 from tci.errors import FrameError
 from tci.interface.gate.safe_command import SafeCommand
 from tci.messages import Order, Perception, Reading, SkinFrame
@@ -49,8 +50,8 @@ class RosServer(RemoteServer):
             robot = link.robot
             names = self._names = Names(robot, middleware, namespace)
             self._position = robot.initial_position
-            self._period = 1.0 / robot.binding(middleware).rate
-            self._due, self._is_due = -np.inf, False
+            period = 1.0 / robot.binding(middleware).rate
+            self._states, self._is_due = Every(period), False
             self._joint_names = [names.joint(servo) for servo in robot.servos]
             self._state = node.advertise(names.state, BYTES)
             self._joints = node.advertise(names.joints, JOINTS)
@@ -59,7 +60,7 @@ class RosServer(RemoteServer):
             node.subscribe(names.orders, BYTES, self._hear, keep=MOST_ORDERS)
             kinematics = Kinematics(robot)
             self._skin = {
-                patch.name: PatchTopics(robot, number, node, names, kinematics)
+                patch.name: PatchTopics(robot, number, node, names, kinematics, period)
                 for number, patch in enumerate(robot.patches)
             }
             self._controllers = Controllers(robot, self.number, of="a ROS node")
@@ -81,10 +82,8 @@ class RosServer(RemoteServer):
 
     def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
         self._position = reading.joints.position
-        now = self.link.clock.now()
-        self._is_due = now >= self._due
+        self._is_due = self._states.due(self.link.clock.now())
         if self._is_due:
-            self._due = max(self._due + self._period, now + 0.5 * self._period)
             self._joints(joints_values(self._joint_names, reading.joints, self._epoch(reading.joints.stamp)))
         super().publish(reading, perception, sent)
         for reason in (*sent.refusals, *self._controllers.refusals(self.commanders.states())):
@@ -112,8 +111,7 @@ class RosServer(RemoteServer):
 
     def _show_skin(self, frame: SkinFrame) -> None:
         topics = self._skin[frame.patch]
-        if frame.stamp >= topics.due:
-            topics.due = max(topics.due + self._period, frame.stamp + 0.5 * self._period)
+        if topics.every.due(frame.stamp):
             topics.publish(frame, self._epoch(frame.stamp))
 
     def _hear(self, fields: Mapping[str, Any]) -> None:
@@ -136,12 +134,12 @@ class PatchTopics:
     """The topics of one patch."""
 
     def __init__(
-        self, robot: Robot, number: int, node: RosNode, names: Names, kinematics: Kinematics
+        self, robot: Robot, number: int, node: RosNode, names: Names, kinematics: Kinematics, period: float
     ) -> None:
         patch = robot.patches[number]
         self._robot, self._number = robot, number
-        self.due = -np.inf
-        """Stamp [s] from which on a frame is shown: no more of them than the binding's rate."""
+        self.every = Every(period)
+        """When a frame is shown: no more of them than the binding's rate."""
         self._cloud = PatchCloud(patch, build_surface(robot, patch, kinematics))
         self._points = node.advertise(names.points(patch.name), CLOUD)
         self._frames = node.advertise(names.frames(patch.name), BYTES)

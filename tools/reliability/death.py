@@ -6,12 +6,17 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import ExitStack, suppress
 
 from pool import Result, gather
 from row import Row
 
+from tci.errors import TciError
 from tci.runtime.heartbeat import Listener
+from tci.runtime.real_time import real_time
 
+PAUSE = 0.01
+"""Time [s] from one look to the next from which on the machine is what is measured."""
 PEER = """
 import sys, time
 from tci.runtime.heartbeat import INTERVAL, Sender
@@ -25,30 +30,49 @@ while True:
 def heartbeat(full: bool) -> Row:
     """SIGKILL and SIGSTOP in turn; time from the signal to the reason to hold."""
     done = gather(
-        "heartbeat", _kill, [(seed, 10 if full else 6) for seed in range(100 if full else 1)], full=full
+        "heartbeat", _kills, [(seed, 10 if full else 6) for seed in range(100 if full else 1)], full=full
     )
-    slowest = max((result["slowest"] for result in done), default=0.0)
+    slowest, paused = max((one["slowest"] for one in done), default=0.0), sum(one["paused"] for one in done)
+    words = f"hold after {slowest * 1e3:.0f} ms at most"
+    if paused:
+        words += f"; {paused} tried again: who listens got no time for {PAUSE * 1e3:.0f} ms"
     return Row(
-        "SIGKILL, SIGSTOP of a needed process", sum(result["tried"] for result in done), 1000, "times",
-        f"hold after {slowest * 1e3:.0f} ms at most", "100 ms", slowest <= 0.1,
+        "SIGKILL, SIGSTOP of a needed process", sum(one["tried"] for one in done), 1000, "times",
+        words, "100 ms", slowest <= 0.1,
     )  # fmt: skip
 
 
-def _kill(seed: int, count: int) -> Result:
+def _kills(seed: int, count: int) -> Result:
     del seed
-    slowest = 0.0
-    for index in range(count):
-        with Listener(["peer"]) as listener:
-            peer = subprocess.Popen([sys.executable, "-c", PEER, str(listener.port)])
-            try:
-                while listener.fault():
-                    time.sleep(0.001)
-                begin = time.monotonic()
-                peer.send_signal((signal.SIGKILL, signal.SIGSTOP)[index % 2])
-                while not listener.fault():
-                    time.sleep(0.001)
-                slowest = max(slowest, time.monotonic() - begin)
-            finally:
-                peer.kill()
-                peer.wait()
-    return {"tried": count, "slowest": slowest}
+    slowest, tried, paused = 0.0, 0, 0
+    with ExitStack() as stack:
+        with suppress(TciError):  # where it is permitted, other programs are not what is measured
+            stack.enter_context(real_time())
+        while tried < count:
+            time_, pause = _kill((signal.SIGKILL, signal.SIGSTOP)[tried % 2])
+            if pause > PAUSE:
+                paused += 1
+                continue
+            tried += 1
+            slowest = max(slowest, time_)
+    return {"tried": tried, "slowest": slowest, "paused": paused}
+
+
+def _kill(kind: signal.Signals) -> tuple[float, float]:
+    """Time [s] until there is a reason to hold, and the longest time from one look to the next."""
+    with Listener(["peer"]) as listener:
+        peer = subprocess.Popen([sys.executable, "-c", PEER, str(listener.port)])
+        try:
+            while listener.fault():
+                time.sleep(0.001)
+            begin = before = time.monotonic()
+            peer.send_signal(kind)
+            pause, fault = 0.0, ""
+            while not fault:
+                time.sleep(0.001)
+                fault, now = listener.fault(), time.monotonic()
+                pause, before = max(pause, now - before), now
+            return now - begin, pause
+        finally:
+            peer.kill()
+            peer.wait()

@@ -17,7 +17,7 @@ def tool(monkeypatch: pytest.MonkeyPatch) -> Any:
     """A module of tools/reliability by its name."""
     monkeypatch.syspath_prepend(str(TOOLS))
     yield lambda name: importlib.import_module(name)
-    for name in ("row", "pool"):
+    for name in ("row", "pool", "page"):
         sys.modules.pop(name, None)
 
 
@@ -58,3 +58,17 @@ def test_what_was_done_is_kept_and_not_done_again(
     monkeypatch.setenv("MINUTES", "0")
     assert len(pool.gather("row", double, jobs, full=True)) == 2, "what was kept last"
     assert pool.COMMITS["row"]
+
+
+def test_a_row_that_was_not_tried_stays_as_it_is_on_the_page(tool: Any, tmp_path: Path) -> None:
+    row, page = tool("row"), tool("page")
+    path = tmp_path / "page.md"
+    old = "| a | 9 times | fine | 0 | yes | abc |\n| b | 9 times | fine | 0 | yes | abc |\n"
+    path.write_text(f"before\n{page.BEGIN}{page.HEAD}{old}{page.END}after\n")
+    tried = row.Row("a", 10, 10, "times", "bad", "0", False, "def")
+    page.write_page(
+        [tried, row.Row("b", 0, 10, "times", "", "0", True), row.Row("c", 0, 10, "", "", "0", True)], path
+    )
+    new = "| a | 10 times | bad | 0 | no | def |\n" + old.splitlines(keepends=True)[1]
+    new += "| c | 0 of 10  | not run | 0 | open |  |\n"
+    assert path.read_text() == f"before\n{page.BEGIN}{page.HEAD}{new}{page.END}after\n"

@@ -21,7 +21,7 @@ PERIODS = 3.0
 LEAST_SILENCE = 0.25
 """And at least so long [s]: skins come over busy networks. Ours."""
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
-TURN = 0.0005
+TURN = 0.0001
 """How long [s] a thread that answers others waits for a busy loop. Ours; Python's is 5 ms."""
 STOOD = 0.3
 """A process whose next period comes later [s] stood still. Ours: busy machines take less."""

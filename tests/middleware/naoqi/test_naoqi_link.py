@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ import pytest
 
 from middleware.naoqi.still_nao import StillNao
 from middleware.served import Served
+from tci.clock import ManualClock
 from tci.errors import LinkError
 from tci.interface.body import Body
 from tci.interface.gate.gate import GateState
@@ -85,6 +87,34 @@ def test_a_vector_of_another_publisher_without_numbers_counts_when_it_changes() 
                 wait_for(lambda polls=polls: link._poller.counts["polls"] > polls + 3, link)
             assert frame(link.read(), "left_forearm").values[0] == 0.75
             assert link._poller.counts["bad"] > 0
+
+
+def test_a_frame_that_is_due_goes_before_joints_only_while_these_are_young() -> None:
+    with StillNao() as nao, connect(ROBOT, nao.via) as link:
+        poller: Any = link._poller  # type: ignore[attr-defined]
+        poller.close()
+        poller.clock, poller._until = ManualClock(100.0), 100.004
+        for due, age, first in ((0.002, 0.005, True), (0.002, 0.02, False), (0.008, 0.005, False)):
+            poller._seen = {"left_forearm": 100.0 + due - 0.01}
+            poller._before = replace(poller.latest.reading.joints, stamp=100.0 - age)
+            assert poller._skin_first() is first, (due, age)
+
+
+def test_a_frame_that_was_there_at_once_is_asked_for_earlier_the_next_time() -> None:
+    with StillNao() as nao, connect(ROBOT, nao.via) as link:
+        poller: Any = link._poller  # type: ignore[attr-defined]
+        poller._end.set()
+        poller._thread.join(PATIENCE)
+        poller.clock = ManualClock(100.0)
+        poller._ask()
+        poller.clock.advance(0.0004)
+        nao.touch("left_forearm", 1, np.full(240, 240, np.uint8))
+        poller._ask()
+        assert poller._seen["left_forearm"] == pytest.approx(100.0002)  # between the two questions
+        poller.clock.advance(0.01)
+        nao.touch("left_forearm", 2, np.full(240, 240, np.uint8))
+        poller._ask()
+        assert poller._seen["left_forearm"] == pytest.approx(100.0094)  # nobody asked shortly before
 
 
 def test_head_and_hands_are_patches_of_switches() -> None:

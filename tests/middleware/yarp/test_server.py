@@ -6,6 +6,7 @@ import queue
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +17,7 @@ from tci.errors import CommandError, LinkError
 from tci.interface.skin.places import find_place
 from tci.messages import Mode, PlatformCommand, PlatformSwitch
 from tci.middleware.simulated import SimulatedLink
-from tci.middleware.yarp import served_board
+from tci.middleware.yarp import served_board, server
 from tci.middleware.yarp.board import COMPLIANT, DIRECT, POSITION, VELOCITY, Stream, find_board
 from tci.middleware.yarp.dialect import DIALECTS, V3, V4
 from tci.middleware.yarp.incoming import Delivery
@@ -29,6 +30,8 @@ from tci.middleware.yarp.server import YarpServer
 from tci.middleware.yarp.skin_events import decode_events
 from tci.middleware.yarp.state import decode_state
 from tci.middleware.yarp.values import Vocab
+from tci.runtime.serve import serve
+from tci.trials.experiment import with_skin_rate
 
 ELBOW = 3
 
@@ -223,6 +226,30 @@ def test_state_and_skin_flow_with_their_stamps(show: Show) -> None:
     assert second.vector(show.dialect).tolist() == [240.0] * 240
     for port in ports:
         port.close()
+
+
+@pytest.mark.parametrize("rate", [100.0, 1000.0])
+def test_states_keep_apart_from_skin_and_go_out_beside_one_that_never_rests(
+    rate: float, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("YARP_CONFIG_HOME", str(tmp_path))
+    link = SimulatedLink(with_skin_rate(tci.load_robot("nao"), rate))
+    clock = SimpleNamespace(monotonic=link.clock.now, time=link.clock.now)
+    monkeypatch.setattr(server, "time", clock)
+    felt: list[float] = []
+    states: list[float] = []
+
+    def write(name: str, *rest: object) -> None:
+        if name == "/nao/LArm/state:o":
+            states.append(link.clock.now())
+
+    with YarpServer(link, "127.0.0.1:0,dialect=3") as shown:
+        shown._write = write  # type: ignore[method-assign]
+        shown._publish_skin = lambda frame, offset: felt.append(link.clock.now())  # type: ignore[method-assign]
+        serve(shown, duration=0.5)
+    assert len(states) >= 49
+    if rate == 100.0:
+        assert all(min((s - f for f in felt if f <= s), default=1.0) >= 0.003 for s in states[1:])
 
 
 def test_contacts_are_published_as_skin_events(show: Show) -> None:

@@ -17,8 +17,8 @@ from tci.middleware.diagnosis import Finding, Level
 from tci.middleware.link import Link
 from tci.middleware.naoqi import autonomy, words
 from tci.middleware.naoqi.diagnose import examine
-from tci.middleware.naoqi.poller import Poller, Services
-from tci.middleware.naoqi.session import answer, parse_address
+from tci.middleware.naoqi.poller import Poller
+from tci.middleware.naoqi.session import Services, answer, parse_address
 from tci.middleware.naoqi.stream import AHEAD, Stream
 from tci.model.description import Robot
 

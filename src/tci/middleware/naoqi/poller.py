@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 from collections import Counter, deque
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +15,7 @@ from tci.errors import FrameError, LinkError
 from tci.frames import Array, read_only
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.middleware.naoqi import words
-from tci.middleware.naoqi.session import Address, answer, open_session, service
+from tci.middleware.naoqi.session import Address, Services, answer
 from tci.model.description import Robot
 
 ANSWER = 0.05
@@ -31,6 +30,10 @@ REFUSED = object()
 """What comes instead of a value from a NAOqi that refuses to be asked for a key."""
 EARLY, LATE = 0.0005, 0.0025
 """From how long [s] before to how long after the time of a frame of the skin it is asked for. Ours."""
+STEP = 0.001
+"""By so much [s] a frame that was there at once may have come before it was asked for. Ours."""
+FIRST = 0.003
+"""A frame of the skin that is due within this time [s] is asked for before the joints. Ours."""
 SLOW = 0.05
 """Time [s] between two questions for what changes slowly: stiffness. Ours."""
 
@@ -42,25 +45,6 @@ class Sensed:
     reading: Reading
     stiffness: Array
     """Share 0..1 of each servo (n,)."""
-
-
-class Services:
-    """The services of one session."""
-
-    def __init__(self, address: Address, *, motion: bool) -> None:
-        """Raises LinkError; without `motion` there need be no ALMotion."""
-        self.session = open_session(address)
-        try:
-            self.motion: Any = service(self.session, "ALMotion") if motion else None
-            self.memory = service(self.session, "ALMemory")
-        except LinkError:
-            self.close()
-            raise
-
-    def close(self) -> None:
-        """End the session."""
-        with suppress(RuntimeError):
-            self.session.close()
 
 
 class Poller:
@@ -86,6 +70,7 @@ class Poller:
         self._period, self._until = 1.0 / binding.rate, -np.inf
         self._frames: dict[str, SkinFrame] = {}
         self._seen: dict[str, float] = {}
+        self._missed: dict[str, float] = {}
         self._due: dict[str, float] = {}
         self._stiffness = np.ones(len(robot.servos))
         self._stiffness_due = -np.inf
@@ -132,7 +117,7 @@ class Poller:
             try:
                 if self.trouble:
                     self._reconnect()
-                sensed = self._ask()
+                sensed = self.latest if self._skin_first() else self._ask()
                 while (due := self._next_frame()) is not None and not self._end.is_set():
                     self._end.wait(max(0.0, due - EARLY - self.clock.now()))
                     sensed = self._ask(sensed.reading.joints)
@@ -156,6 +141,12 @@ class Poller:
         now = self.clock.now()
         due = (seen + self._every[patch] for patch, seen in self._seen.items())
         return min((one for one in due if now - LATE < one < self._until), default=None)
+
+    def _skin_first(self) -> bool:
+        """Whether the joints of the period before will do, so that a frame that is due need not wait."""
+        due, before = self._next_frame(), self._before
+        now, longest = self.clock.now(), 2.0 * self._period
+        return due is not None and before is not None and due - now < FIRST and now - before.stamp < longest
 
     def _reconnect(self) -> None:
         self.services = Services(self.address, motion=self._joints)
@@ -226,7 +217,10 @@ class Poller:
             if frame is not None:
                 self._frames[patch] = frame
                 if len(some) <= 2 and self._every[patch] > self._period:  # published, no switches
-                    self._seen[patch] = begin
+                    missed = self._missed.get(patch, -np.inf)
+                    self._seen[patch] = max((missed + begin) / 2.0, begin - STEP)
+            else:
+                self._missed[patch] = begin
         if stiff is not None:
             self._stiffness = self._numbers(
                 answer(stiff, "ALMotion.getStiffnesses", timeout=ANSWER), "stiffness"

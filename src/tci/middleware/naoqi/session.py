@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 from urllib.parse import parse_qsl, urlsplit
@@ -114,6 +115,25 @@ def service(session: Any, name: str) -> Any:
             raise LinkError(
                 f"NAOqi has no service {name} ({first_line(error)}); is the robot still starting?"
             ) from None
+
+
+class Services:
+    """The services of one session."""
+
+    def __init__(self, address: Address, *, motion: bool) -> None:
+        """Raises LinkError; without `motion` there need be no ALMotion."""
+        self.session = open_session(address)
+        try:
+            self.motion: Any = service(self.session, "ALMotion") if motion else None
+            self.memory = service(self.session, "ALMemory")
+        except LinkError:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """End the session."""
+        with suppress(RuntimeError):
+            self.session.close()
 
 
 def answer(future: Any, what: str, *, timeout: float) -> Any:

@@ -64,7 +64,7 @@ class Stream:
         for place in np.flatnonzero(due).tolist():
             if self._free(int(servos[place])):
                 alike.setdefault(float(share[place]), []).append(place)
-        for speed_share, places in alike.items():
+        for speed_share, places in sorted(alike.items(), reverse=True):  # what moves most goes first
             chosen = servos[places].tolist()
             self._target[chosen], self._share[chosen] = target[places], speed_share
             self._sent[chosen] = now

@@ -127,8 +127,6 @@ class YarpLink(Link):
 
     def _receive(self) -> Reading:
         until = time.monotonic() + PATIENCE * self.period
-        for feed in self.skin.values():
-            feed.await_due(until, self.period)
         stamp = min((board.state()[1] for board in self.boards.values()), default=self.clock.now())
         if self._joints is None or stamp != self._joints.stamp:
             self._joints = self._joints_at(stamp)
@@ -137,6 +135,8 @@ class YarpLink(Link):
             self._away.clear()
             self._reconnected.clear()
             self.gate.drop()
+        for feed in self.skin.values():  # last: what is felt is answered at once
+            feed.await_due(until, self.period)
         return Reading(joints=self._joints, skin=tuple(self._frames()))
 
     def _joints_at(self, stamp: float) -> JointReading:

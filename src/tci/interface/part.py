@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
-from numpy.typing import NDArray
 
 from tci.errors import CommandError, FrameError
 from tci.frames import Array, read_only
@@ -53,8 +54,8 @@ def to_platform(robot: Robot, command: GenericCommand, *, position: Array | None
             f"{command.mode.value} of {part.name}: values of shape {values.shape}; "
             f"valid: ({len(part.servos)},)"
         )
-    bad = np.flatnonzero(~np.isfinite(values))
-    if bad.size:
+    if not all(map(math.isfinite, values.tolist())):
+        bad = np.flatnonzero(~np.isfinite(values))
         names = ", ".join(f"{part.servos[i].name} = {values[i]}" for i in bad)
         raise CommandError(f"{command.mode.value} of {part.name}: {names}; valid: finite numbers")
     joints = joint_map(robot, part.name)
@@ -65,37 +66,26 @@ def to_platform(robot: Robot, command: GenericCommand, *, position: Array | None
             f"{robot.name} has no joint in its {part.name}: it lacks {lacks}; valid: {', '.join(others)}"
         )
     here = robot.initial_position if position is None else position
-    slope = joints.slope(here)
     if command.mode in (Mode.POSITION, Mode.IMPEDANCE):
         values = joints.to_robot(values, here)
     elif command.mode is Mode.VELOCITY:
-        values = np.array(np.linalg.solve(slope, values[joints.ids]))
+        values = np.array(np.linalg.solve(joints.slope(here), values[joints.ids]))
     elif command.mode is Mode.TORQUE:
-        values = slope.T @ values[joints.ids]
+        values = joints.slope(here).T @ values[joints.ids]
     else:
         values = values[joints.ids]
-    return PlatformCommand(
-        command.mode, read_only(joints.servos, np.intp), read_only(values), _speeds(part, joints.ids, slope)
-    )
+    return PlatformCommand(command.mode, joints.servos, read_only(values), joints.speeds(here))
 
 
 def speed_limits(robot: Robot, part: str, position: Array) -> Array:
     """How fast (k,) [rad/s] each servo of a part may move, with all at `position` (n_servos,) [rad], so that
     no generic joint is faster than its description says."""
-    joints = joint_map(robot, part)
-    return _speeds(robot.part(part), joints.ids, joints.slope(position))
-
-
-def _speeds(part: GenericPart, ids: NDArray[np.intp], slope: Array) -> Array:
-    generic = np.array([np.inf if s.speed is None else s.speed for s in part.servos])[ids]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        each = np.where(slope == 0.0, np.inf, generic[:, None] / np.abs(slope))
-    return read_only(each.min(axis=0, initial=np.inf))
+    return joint_map(robot, part).speeds(position)
 
 
 def switch(robot: Robot, request: SwitchMode) -> PlatformSwitch:
     """The request for the part's mapped servos. Raises UnknownNameError for an unknown part."""
-    return PlatformSwitch(read_only(joint_map(robot, request.part).servos, np.intp), request.mode)
+    return PlatformSwitch(joint_map(robot, request.part).servos, request.mode)
 
 
 def home(part: GenericPart) -> tuple[GenericCommand, ...]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import CommandError
-from tci.frames import Array
+from tci.frames import Array, frozen
 from tci.model.description import GenericPart, GenericServo, Robot
 
 
@@ -42,9 +42,14 @@ class Transform(ABC):
     def slope(self, angles: Array) -> Array:
         """d generic / d servo (k, k) at servo `angles` (k,) [rad]."""
 
+    constant = False
+    """Whether the slope is the same everywhere."""
+
 
 class Linear(Transform):
     """Equation 1."""
+
+    constant = True
 
     def __init__(self, joints: list[GenericServo]) -> None:
         super().__init__(joints)
@@ -86,6 +91,8 @@ class Table(Transform):
 
 class Coupled(Transform):
     """Joints that are linear combinations of the same servos."""
+
+    constant = True
 
     def __init__(self, joints: list[GenericServo]) -> None:
         super().__init__(joints)
@@ -156,8 +163,14 @@ class JointMap:
         none = np.zeros(0, dtype=np.intp)
         self.ids: NDArray[np.intp] = np.concatenate([none, *(t.ids for t in transforms)])
         """Generic ids (k,) of the joints that the robot has."""
-        self.servos: NDArray[np.intp] = np.concatenate([none, *(t.servos for t in transforms)])
-        """The servo (k,) of each of them."""
+        self.servos: NDArray[np.intp] = frozen(np.concatenate([none, *(t.servos for t in transforms)]))
+        """The servo (k,) of each of them; read-only."""
+        self._speeds = np.array([np.inf if joint.speed is None else joint.speed for joint in part.servos])
+        self._slope: Array | None = None
+        self._limits: Array | None = None
+        if all(t.constant for t in transforms):
+            self._slope = frozen(self.slope(np.zeros(len(robot.servos))))
+            self._limits = self.speeds(np.zeros(len(robot.servos)))
 
     def to_generic(self, position: Array) -> Array:
         """Generic angles (n,) [rad] from all servos' `position` (n_servos,) [rad]."""
@@ -177,6 +190,8 @@ class JointMap:
 
         Raises CommandError where a transform has none.
         """
+        if self._slope is not None:
+            return self._slope
         result = np.zeros((len(self.ids), len(self.ids)))
         begin = 0
         for transform in self.transforms:
@@ -184,6 +199,16 @@ class JointMap:
             result[begin:end, begin:end] = transform.slope(position[transform.servos])
             begin = end
         return result
+
+    def speeds(self, position: Array) -> Array:
+        """How fast (k,) [rad/s] each of `servos` may move, with all at `position` (n_servos,) [rad], so that
+        no generic joint is faster than its description says. Raises what `slope` raises."""
+        if self._limits is not None:
+            return self._limits
+        slope = self.slope(position)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            each = np.where(slope == 0.0, np.inf, self._speeds[self.ids][:, None] / np.abs(slope))
+        return frozen(each.min(axis=0, initial=np.inf))
 
 
 class Postures:

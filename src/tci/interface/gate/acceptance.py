@@ -6,6 +6,7 @@ comparisons lets NaN pass.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 
 import numpy as np
@@ -61,9 +62,12 @@ def check_command(robot: Robot, command: PlatformCommand) -> None:
     for name, numbers in (("values", values), ("speeds", command.speed)):
         if numbers.dtype.kind not in "fiu":
             raise CommandError(f"{mode}: {name} of type {numbers.dtype}; valid: real numbers")
-    _check_each(robot, command, np.isfinite(values), f"{mode} of", values, "finite numbers")
-    fast = command.speed >= SLOWEST  # false for NaN
-    _check_each(robot, command, fast, "speed of", command.speed, f"at least {SLOWEST:g} rad/s")
+    # Few numbers: looked at one by one, which takes a tenth of the time.
+    if not all(map(math.isfinite, values.tolist())):
+        _check_each(robot, command, np.isfinite(values), f"{mode} of", values, "finite numbers")
+    if not all(speed >= SLOWEST for speed in command.speed.tolist()):  # false for NaN
+        fast = command.speed >= SLOWEST
+        _check_each(robot, command, fast, "speed of", command.speed, f"at least {SLOWEST:g} rad/s")
 
 
 def check_switch(robot: Robot, switch: PlatformSwitch) -> None:
@@ -86,11 +90,11 @@ def check_switch(robot: Robot, switch: PlatformSwitch) -> None:
 
 def _check_servos(robot: Robot, what: str, servos: NDArray[np.intp]) -> None:
     """Raises CommandError for indices that are none, or come twice."""
-    count = len(robot.servos)
-    if not np.issubdtype(servos.dtype, np.integer) or servos.min() < 0 or servos.max() >= count:
-        raise CommandError(f"{what}: servos {servos.tolist()}; valid: 0 to {count - 1}")
-    if len(set(servos.tolist())) != servos.size:
-        raise CommandError(f"{what}: servos {servos.tolist()}; valid: each only once")
+    count, indices = len(robot.servos), servos.tolist()
+    if servos.dtype.kind not in "iu" or min(indices) < 0 or max(indices) >= count:
+        raise CommandError(f"{what}: servos {indices}; valid: 0 to {count - 1}")
+    if len(set(indices)) != len(indices):
+        raise CommandError(f"{what}: servos {indices}; valid: each only once")
 
 
 def _check_each(

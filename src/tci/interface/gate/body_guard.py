@@ -31,11 +31,11 @@ class BodyGuard:
         self._before: dict[Chain, Array] = {}
         self._waiting: set[Chain] = set()
 
-    def turns(self, chains: Collection[Chain]) -> Iterator[Chain]:
-        """The chains, each when it shall take its step of a period."""
-        self._before = {chain: chain.limiter.state[0] for chain in chains}
-        self._waiting = {*chains}
-        for chain in chains:
+    def turns(self, chains: Collection[Chain], moving: Collection[Chain]) -> Iterator[Chain]:
+        """Those of the chains that are `moving`, each when it shall take its step of a period."""
+        self._before = {chain: chain.limiter.whole_state[0] for chain in chains}
+        self._waiting = {*moving}
+        for chain in moving:
             yield chain
             self._waiting.discard(chain)
         self._before.clear()

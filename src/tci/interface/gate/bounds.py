@@ -48,11 +48,17 @@ class Bounds:
         Projects onto each violated half-space in turn (Bregman 1965), last onto the limits. Where the
         other servos leave no such point, it comes as close as the limits allow.
         """
+        if not len(self.coupling):
+            point = target.astype(float)
+            # Few numbers: one by one is faster.
+            for i, (low, high) in enumerate(zip(self.lower.tolist(), self.upper.tolist(), strict=True)):
+                if free[i]:
+                    margin = min(MARGIN, (high - low) / 2)
+                    point[i] = min(max(point[i], low + margin), high - margin)
+            return point
         margin = np.minimum(MARGIN, (self.upper - self.lower) / 2)
         lower, upper = self.lower + margin, self.upper - margin
         point = np.where(free, np.clip(target, lower, upper), target)
-        if not len(self.coupling):
-            return point
         rows = np.where(free, self.coupling, 0.0)
         room = np.minimum(MARGIN, (self.coupling_upper - self.coupling_lower) / 2)
         lows, highs = self.coupling_lower + room, self.coupling_upper - room

@@ -243,4 +243,4 @@ class Gate:
             self._motion.check_stiffness(command)
         sent = np.clip(command.values, 0.0, 1.0)
         shares.update(zip(command.servos.tolist(), sent.tolist(), strict=True))
-        return self._motion.clamps(command, sent, command.mode.value)
+        return self._motion.clamps(command, sent.tolist(), command.mode.value)

@@ -65,7 +65,7 @@ class Limiter:
         self.bounds = bounds
         self._guard = guard
         self.ended = ""
-        """Why the guard ended the motion in the last step; empty when it did not."""
+        """Why the guard ended the motion in the last step that was taken; empty when it did not."""
         self.target = np.array(position)
         """Where it is going (n,) [rad]."""
         self._speed = np.array(bounds.velocity)
@@ -73,6 +73,7 @@ class Limiter:
         self._period = period
         self._stopping = False
         self._resting = True
+        self._asked = self._creeps = True
         self._otg = Ruckig(count, period)
         self._input, self._output = InputParameter(count), OutputParameter(count)
         self._stopper = Ruckig(count)
@@ -125,6 +126,11 @@ class Limiter:
         """Whether any servo is driven at a velocity."""
         return self._any_driven
 
+    @property
+    def rests(self) -> bool:
+        """Whether a step would change nothing, until something is asked for."""
+        return self._resting and not self._any_driven
+
     def take_over(self, here: Sequence[int], other: Limiter, there: Sequence[int]) -> None:
         """Continue the motion of some servos, places `there` of another limiter and places `here` of this.
 
@@ -165,6 +171,7 @@ class Limiter:
         """
         self._drive[places] = velocity
         self.target[places] = self._state[0][places]
+        self._asked = True
         if not np.array_equal(self._driven, np.isfinite(self._drive)):
             self._set_interfaces()
         self._stopping = False
@@ -175,6 +182,7 @@ class Limiter:
         if not self._stopping:
             self.target = np.array(self._escape.at_time(self._escape.duration)[0])
             self._drive[self._driven] = 0.0
+            self._asked = True
         self._stopping = True
 
     @property
@@ -208,8 +216,11 @@ class Limiter:
         """Take a step to the target; false, and no step, when a stop from there would leave the bounds."""
         here, output = self._state[0], self._output
         outside = (here < self.bounds.lower) | (here > self.bounds.upper)
-        self._input.max_velocity = (self._most * (CREEP if outside.any() else 1.0)).tolist()
-        self._input.target_position = self.target.tolist()
+        creeps = bool(outside.any())
+        if self._asked or creeps is not self._creeps:
+            self._input.max_velocity = (self._most * (CREEP if creeps else 1.0)).tolist()
+            self._input.target_position = self.target.tolist()
+            self._asked, self._creeps = False, creeps
         if self._any_driven:
             allowed = self.bounds.allowed_velocity(here, np.nan_to_num(self._drive))
             self._driving = bool(allowed.any())
@@ -304,6 +315,7 @@ class Limiter:
         this: it gives up where states are only nearly on a line, as rounding leaves them.)
         """
         self._straight = straight and not self._any_driven
+        self._asked = True
         limits = [self._speed, self.bounds.acceleration, self.bounds.jerk]
         if self._straight:
             way = np.abs(self.target - self._state[0])

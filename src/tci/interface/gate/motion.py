@@ -26,6 +26,8 @@ REST = float(np.deg2rad(3.0))
 """Measured speed [rad/s] below which a servo is at rest. Ours."""
 STILL = 1e-6
 """Commanded speed [rad/s] that is only rounding."""
+DEGREE = float(np.rad2deg(1.0))
+"""Degrees in a radian."""
 FASTEST = 1e6
 """No servo is asked for more [rad/s]: larger numbers overflow where they are divided."""
 
@@ -46,6 +48,7 @@ class Motion:
         self._measured = self._velocity = self._speed = np.zeros(len(robot.servos))
         self._speeds = Speeds(len(robot.servos))
         self._switched: set[int] = set()
+        self._known: set[int] = set()
         self._shares = np.zeros(len(robot.servos))
         margin = settings.self_collision
         body = None if robot.model is None or margin is None else SelfCollision(robot, margin=margin)
@@ -121,7 +124,9 @@ class Motion:
             return []
         check_command(self.robot, command)
         for servo in command.servos.tolist():
-            check_limits(self.robot.servos[servo])
+            if servo not in self._known:
+                check_limits(self.robot.servos[servo])
+                self._known.add(servo)
             if self.modes[servo] is not command.mode:
                 raise CommandError(
                     f"{self.robot.servos[servo].name} is in {self.modes[servo].value} mode, the command is "
@@ -138,7 +143,8 @@ class Motion:
         longest = self._settings.command_timeout
         near: list[str] = []
         chains = self._chains.values()
-        for chain in chains if self._body is None else self._body.turns(chains):
+        moving = [chain for chain in chains if not chain.limiter.rests]
+        for chain in moving if self._body is None or not moving else self._body.turns(chains, moving):
             late = [place for place in chain.driven if now - self._fed[chain.servos[place]] > longest]
             if late:
                 chain.limiter.drive_at(late, np.zeros(len(late)))
@@ -152,34 +158,37 @@ class Motion:
 
     def torques(self) -> Array:
         """Torque (k,) [N m] of each servo of `reference`; 0 for those in another mode."""
+        if not self._torque.servos.size:
+            if len(self._none) != (others := len(self.reference.servos)):
+                self._none = frozen(np.zeros(others))
+            return self._none
         others = sum(len(chain.servos) for chain in self._chains.values())
-        if self._torque.servos.size:
-            torque = self._torque.step(self._measured, self._velocity)
-            return frozen(np.concatenate([np.zeros(others), torque]))
-        if len(self._none) != others:
-            self._none = frozen(np.zeros(others))
-        return self._none
+        torque = self._torque.step(self._measured, self._velocity)
+        return frozen(np.concatenate([np.zeros(others), torque]))
 
     def _push(self, command: PlatformCommand) -> list[str]:
         """Torques for servos in torque mode."""
         sent = self._torque.ask(command.servos, command.values)
-        return self.clamps(command, sent, "N m")
+        return self.clamps(command, sent.tolist(), "N m")
 
     def _aim(self, command: PlatformCommand) -> list[str]:
         """Give servos in position or impedance mode new targets."""
         servos = command.servos.tolist()
-        wanted = dict(zip(servos, command.values.tolist(), strict=True))
-        speeds = dict(zip(servos, command.speed.tolist(), strict=True))
+        wanted = dict(
+            zip(servos, zip(command.values.tolist(), command.speed.tolist(), strict=True), strict=True)
+        )
         reached: dict[int, float] = {}
         for chain in self._chains_with(servos):
             limiter = chain.limiter
-            free = np.array([servo in wanted for servo in chain.servos])
-            target = np.array([wanted.get(s, t) for s, t in zip(chain.servos, limiter.target, strict=True)])
-            speed = np.array([speeds.get(s, v) for s, v in zip(chain.servos, limiter.speed, strict=True)])
-            nearest = limiter.bounds.nearest(target, free)
+            target, speed = limiter.target.copy(), limiter.speed.copy()
+            free = [servo in wanted for servo in chain.servos]
+            for place, servo in enumerate(chain.servos):
+                if free[place]:
+                    target[place], speed[place] = wanted[servo]
+            nearest = limiter.bounds.nearest(target, np.array(free))
             limiter.aim(nearest, speed)
             reached.update(zip(chain.servos, nearest.tolist(), strict=True))
-        return self.clamps(command, np.array([reached[servo] for servo in servos]), "degrees")
+        return self.clamps(command, [reached[servo] for servo in servos], "degrees")
 
     def _drive(self, command: PlatformCommand) -> list[str]:
         """Drive servos in velocity mode; where one can't be as fast, all slow down by the same share."""
@@ -193,7 +202,7 @@ class Motion:
         for chain in self._chains_with(servos):
             mine = [servo for servo in chain.servos if servo in wanted]
             chain.limiter.drive_at(chain.places(mine), np.array([wanted[servo] for servo in mine]))
-        return self.clamps(command, sent, "degrees/s")
+        return self.clamps(command, sent.tolist(), "degrees/s")
 
     def check_stiffness(self, command: PlatformCommand) -> None:
         """Raises CommandError where more stiffness would throw a compliant joint back to its equilibrium."""
@@ -211,14 +220,17 @@ class Motion:
                 )
         self._shares[command.servos] = np.clip(command.values, 0.0, 1.0)
 
-    def clamps(self, command: PlatformCommand, sent: Array, unit: str) -> list[str]:
+    def clamps(self, command: PlatformCommand, sent: Sequence[float], unit: str) -> list[str]:
         """Count and name the servos for which another value counts than the one asked for."""
-        clamped, factor = [], float(np.rad2deg(1.0)) if unit.startswith("degrees") else 1.0
-        for place in np.flatnonzero(np.abs(command.values - sent) > 2 * MARGIN):
-            name = self.robot.servos[command.servos[place]].name
-            self._tally.clamps[name] += 1
-            asked, allowed = float(command.values[place]) * factor, float(sent[place]) * factor
-            clamped.append(f"{name}: {asked:.2f} {unit} asked, clamped to {allowed:.2f}")
+        clamped: list[str] = []
+        for servo, asked, allowed in zip(command.servos.tolist(), command.values.tolist(), sent, strict=True):
+            if abs(asked - allowed) > 2 * MARGIN:
+                name = self.robot.servos[servo].name
+                self._tally.clamps[name] += 1
+                factor = DEGREE if unit.startswith("degrees") else 1.0
+                clamped.append(
+                    f"{name}: {asked * factor:.2f} {unit} asked, clamped to {allowed * factor:.2f}"
+                )
         return clamped
 
     def _switch(self, switch: PlatformSwitch) -> None:

@@ -1,13 +1,15 @@
-"""The loop at 1 kHz on the real clock, beside a bare loop that only sleeps, in a process of its own."""
+"""The loop at 1 kHz on the real clock, beside a bare loop (`bare_loop.py`) on a processor of its own."""
 
 from __future__ import annotations
 
 import json
 import os
+import resource
 import subprocess
 import sys
 import time
 from contextlib import ExitStack
+from pathlib import Path
 
 import numpy as np
 import psutil
@@ -27,17 +29,7 @@ from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import Histogram, LoopReport
 from tci.runtime.real_time import real_time
 
-BARE = """
-import sys
-from tci.clock import MonotonicClock, ticks
-from tci.runtime.loop_report import Histogram
-late, clock, start = Histogram(), MonotonicClock(), None
-for now in ticks(clock, 0.001, duration=float(sys.argv[1])):
-    start = now if start is None else start
-    late.add((now - start + 1e-9) % 0.001)
-import json
-print(json.dumps(late.to_json()))
-"""
+BARE = Path(__file__).parent / "bare_loop.py"
 RATE = 50.0
 TOUCH = (0.5, 2.0)
 """How long [s] a touch lasts, and from one to the next."""
@@ -106,24 +98,27 @@ class Touched(Link):
 
 
 def one_kilohertz(full: bool) -> Row:
-    """Work of a tick on its processor and on the wall clock, lateness of both loops, memory."""
+    """Work of a tick on its processor and on the wall clock, beside that of the bare loop; lateness of both,
+    page faults, memory."""
     pieces, seconds = (PIECES, 3600.0 / PIECES) if full else (1, 15.0)
     done = gather("one_kilohertz", _run, [(piece, seconds) for piece in range(pieces)], full=full, alone=True)
-    work, wall, late, bare, slope = (
+    work, wall, late, slope, faults, bare_p50, bare_work, bare_late = (
         max((result[key] for result in done), default=0.0)
-        for key in ("work", "wall", "late", "bare", "slope")
+        for key in ("work", "wall", "late", "slope", "faults", "bare_p50", "bare_work", "bare_late")
     )
+    median = float(np.median([result["p50"] for result in done] or [0.0]))
     missed, unreported = (sum(result[key] for result in done) for key in ("missed", "unreported"))
-    words = ", in real time" if done and all(result["real_time"] for result in done) else ""
+    words = f", {done[0]['how']}" if done and len({result["how"] for result in done}) == 1 else ""
     moving = min((result["moving"] for result in done), default=1.0)
     return Row(
         f"1 kHz loop, a touch every 2 s{words}",
         sum(result["seconds"] for result in done),
         3600.0,
         "s",
-        f"own work p99.9 {work:.2f} ms, on the wall clock {wall:.2f} ms; late p99.9 {late:.2f} ms, "
-        f"bare loop {bare:.2f} ms; {moving:.0%} of the time in motion; {missed} missed, "
-        f"{unreported} of them not counted; memory {slope:+.2f} MB/h",
+        f"own work p50 {median:.2f}, p99.9 {work:.2f} ms, on the wall clock {wall:.2f} ms; a bare loop's "
+        f"NumPy work p50 {bare_p50:.2f}, p99.9 {bare_work:.2f} ms; late p99.9 {late:.2f} ms, bare loop "
+        f"{bare_late:.2f} ms; {moving:.0%} of the time in motion; {missed} missed, {unreported} of them not "
+        f"counted; {faults:.2f} page faults in 1000 periods; memory {slope:+.2f} MB/h",
         "own work p99.9 <= 0.5 ms, no unreported overrun, memory < 1 MB/h",
         work <= 0.5 and not unreported and moving > 0.0 and (not full or slope < 1.0),
     )
@@ -132,31 +127,40 @@ def one_kilohertz(full: bool) -> Row:
 def _run(piece: int, seconds: float) -> Result:
     del piece
     link, report, own = Touched(), LoopReport(), Histogram()
-    process, memory, moved = psutil.Process(), [], [0]
+    process, memory, moved, faults = psutil.Process(), [], [0], []
 
     def observe(tick: Tick) -> None:
         own.add(time.thread_time() - link.busy)
         moved[0] += bool((np.abs(tick.sent.velocity) > 1e-6).any())
         if report.ticks % 1000 == 0 and report.ticks >= WARM * 1000:
             memory.append((tick.now, process.memory_info().rss))
+            usage = resource.getrusage(resource.RUSAGE_THREAD)
+            faults.append((report.ticks, usage.ru_minflt + usage.ru_majflt))
 
-    bare = subprocess.Popen([sys.executable, "-c", BARE, str(seconds)], stdout=subprocess.PIPE, text=True)
+    processors = os.sched_getaffinity(0)
+    bare = subprocess.Popen([sys.executable, BARE, str(seconds)], stdout=subprocess.PIPE, text=True)
     with ExitStack() as stack:
+        how = ""
         try:
-            stack.enter_context(real_time())
+            stack.enter_context(real_time(processor=max(processors), awake=True))
+            how = "in real time on a processor of its own that does not sleep"
         except TciError as error:
             print(error)
-        before_others = os.sched_getscheduler(0) == os.SCHED_FIFO
         run(link, tci.WithdrawalReflex(), duration=seconds, report=report, observe=observe)
     beside = json.loads(bare.communicate()[0])
     unreported = abs(report.ticks + report.missed - round(seconds * 1000))
+    (first, least), (last, most) = faults[0], faults[-1]
     return {
         "seconds": seconds,
-        "real_time": before_others,
+        "how": how,
+        "p50": own.quantile(0.5) * 1e3,
         "work": own.quantile(0.999) * 1e3,
         "wall": report.work.quantile(0.999) * 1e3,
         "late": report.lateness.quantile(0.999) * 1e3,
-        "bare": beside["p999"],
+        "bare_p50": beside["own"]["p50"],
+        "bare_work": beside["own"]["p999"],
+        "bare_late": beside["late"]["p999"],
+        "faults": 1e3 * (most - least) / max(last - first, 1),
         "slope": float(np.polyfit(*np.array(memory).T, 1)[0]) * 3600.0 / 2**20,
         "moving": moved[0] / report.ticks,
         "missed": report.missed,

@@ -131,6 +131,65 @@ def test_dropped_values_are_counted(fresh: Skin) -> None:
     assert fresh.counts["values_dropped"] == 1
 
 
+@pytest.mark.parametrize("name", ["nao", "icub"])
+def test_frames_of_bytes_are_felt_like_any_numbers(name: str) -> None:
+    """Patches of all kinds, some of them missing or late, a sender that restarts, a board that sends what it
+    can't: the fast way perceives what the other does."""
+    robot = load_robot(name)
+    quick, slow = Skin(robot), Skin(robot)
+    random = np.random.default_rng(1)
+    sequences = {patch.name: 0 for patch in robot.patches}
+    for k in range(300):
+        frames = []
+        for patch in robot.patches:
+            if random.random() < 0.1:
+                continue
+            least, most = patch.sensor.lowest, patch.sensor.highest
+            values = np.full(patch.channels, patch.sensor.rest)
+            if random.random() < 0.5:
+                values[: random.integers(1, 20)] = random.integers(least, most + 1)
+            if k == 200:
+                values[0] = 200.0  # more than a switch can send
+            jump = int(random.choice([1, 1, 1, 1, 2, -2, -90]))
+            sequences[patch.name] += jump
+            values = np.clip(values, 0.0, 255.0)
+            frames.append((patch.name, 0.02 * k + 2.0 * (jump == -90), sequences[patch.name], values))
+        both = [
+            subject.update(
+                reading(
+                    *[SkinFrame(n, t, s, v.astype(kind)) for n, t, s, v in frames],
+                    position=np.array(robot.initial_position),
+                )
+            )
+            for subject, kind in ((quick, np.uint8), (slow, np.float64))
+        ]
+        assert list(both[0].patches) == list(both[1].patches)
+        for patch_name, state in both[0].patches.items():
+            other = both[1].patches[patch_name]
+            assert (state.stamp, state.sequence) == (other.stamp, other.sequence)
+            np.testing.assert_array_equal(state.pressure, other.pressure)
+            np.testing.assert_array_equal(state.force, other.force)
+            np.testing.assert_array_equal(state.masked, other.masked)
+    assert quick.counts == slow.counts
+    assert quick.counts["frames_late"] > 0
+    assert quick.health == slow.health
+
+
+def test_two_frames_of_a_patch_at_once_are_taken_in_turn() -> None:
+    robot = load_robot("nao")
+    together, apart = Skin(robot), Skin(robot)
+    frames = [
+        SkinFrame("left_forearm", 0.02 * k, k, np.full(240, 240 - 30 * (k % 2), np.uint8)) for k in range(6)
+    ]
+    state = together.update(reading(*frames, position=np.array(robot.initial_position)))
+    for one in frames:
+        expected = apart.update(reading(one, position=np.array(robot.initial_position)))
+    np.testing.assert_array_equal(
+        state.patches["left_forearm"].pressure, expected.patches["left_forearm"].pressure
+    )
+    assert together.health == apart.health
+
+
 def test_nobody_can_change_a_state(fresh: Skin) -> None:
     state = fresh.update(reading(frame("left_arm_forearm", {7: 10})))
     felt = state.patches["left_arm_forearm"]

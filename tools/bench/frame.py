@@ -21,7 +21,8 @@ from tci.capabilities.fields import default_fields
 from tci.interface.kernels.compiled import inlined
 from tci.interface.kernels.condition import empty_memory
 from tci.interface.kernels.contacts import NUMBERS, VECTORS
-from tci.interface.kernels.octets import END, STRAIGHT, TURN, feel
+from tci.interface.kernels.octet_counts import END, STRAIGHT, TURN
+from tci.interface.kernels.octets import feel
 from tci.interface.kernels.whole import cluster_all, describe_all
 from tci.interface.skin.contacts import ContactSettings
 from tci.interface.skin.generic_limb import generic_limb_distance
@@ -42,16 +43,16 @@ PITCH = 0.012
 @inlined
 def respond(
     repeats, values, which, stamps, table, sensor, offset, memory, octets, words, blocks, state, channels,
-    gain, nodes, area, force, active, actives, felt, pressure, ends, floor, touch, graph, begins, work, found,
-    taxels, faces, box, cells, limb, poses, posture, on, numbers, vectors, indices, places, rows, segments,
-    fields, squares, closest, one, gains,
+    gain, nodes, area, force, active, pressed, actives, felt, pressure, ends, floor, touch, graph, begins,
+    work, found, taxels, faces, box, cells, limb, poses, posture, on, numbers, vectors, indices, places,
+    rows, segments, fields, squares, closest, one, gains,
 ):  # fmt: skip
     count = 0
     for again in range(repeats):
         gains[:] = 0.0
         _feel(
             values[again & 1], which, stamps, 1.0, table, sensor, offset, memory, octets, words, blocks,
-            state, channels, gain, nodes, area, force, active, actives, felt, pressure, ends,
+            state, channels, gain, nodes, area, force, active, pressed, actives, felt, pressure, ends,
         )  # fmt: skip
         count, k, _ = _cluster(force, floor, touch, active, actives, graph, begins, work, found)
         if count == 0:
@@ -111,7 +112,7 @@ class Frame:
         poses = np.array([self.poses[link] for link in flat.links])
         self._feel = (
             np.zeros(1, np.int64), np.full(1, np.nan), 1.0, *octets.tables, octets.force, octets.active,
-            octets.counts, np.zeros(n, np.int32), np.zeros(n), np.zeros(2, np.int64),
+            np.zeros(n), octets.counts, np.zeros(n, np.int32), np.zeros(n), np.zeros(2, np.int64),
         )  # fmt: skip
         self._cluster = (
             octets.force, SETTINGS.floor, SETTINGS.touch, octets.active, octets.counts, flat.graph,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 from tci.frames import Array, read_only
@@ -47,8 +47,8 @@ class Body:
         self._filled = None if keep_alive is None else FilledFrames(robot, keep_alive)
         self.skin = Skin(robot)
         self._settings = contacts or ContactSettings()
-        self._frames: tuple[tuple[str, int], ...] = ()
-        self._skin: tuple[SkinFrame, ...] | None = None
+        self._frames: tuple[SkinFrame, ...] = ()
+        self._patches = self.skin.felt
         self._contacts: Sequence[Contact] = ()
         self._tracker = Tracker()
         self._coverage = Coverage(self.skin)
@@ -70,22 +70,13 @@ class Body:
         posture = generic_posture(self.robot, reading.joints)
         if self._filled is not None:
             reading = replace(reading, skin=self._filled.fill(reading.skin, now))
-        frames = self._frames
-        if reading.skin is not self._skin:
-            frames = tuple((frame.patch, frame.sequence) for frame in reading.skin)
         ended: tuple[int, ...] = ()
-        if frames != self._frames:
-            before = self._contacts
-            state = self.skin.update(reading)
-            self._contacts = find_contacts(
-                self.skin, state, posture, settings=self._settings, tracker=self._tracker
-            )
-            if before:
-                here = set(identities(self._contacts))
-                ended = tuple(one for one in identities(before) if one not in here)
-            self._covered = self._coverage.step(state, reading.joints)
-            self._frames = frames
-            self._skin = reading.skin
+        if reading.skin != self._frames:
+            self.skin.update(reading)
+            self._frames = reading.skin
+        if self.skin.felt is not self._patches:
+            ended = self._find(posture)
+            self._covered = self._coverage.step(reading.joints)
         else:
             self.skin.learn()
         position = reading.joints.position
@@ -101,6 +92,16 @@ class Body:
             felt=None if self._covered is None else self._felt,
             support=lambda part, target: self._balance.support(self._contacts, position, part, target),
         )
+
+    def _find(self, posture: Mapping[str, Array]) -> tuple[int, ...]:
+        """Look for contacts; the identities of those that are no more."""
+        before = identities(self._contacts)
+        self._contacts = find_contacts(
+            self.skin, self.skin.state, posture, settings=self._settings, tracker=self._tracker
+        )
+        self._patches = self.skin.felt
+        now = identities(self._contacts)
+        return () if before == now else tuple([int(one) for one in before if one not in now])
 
     def _felt(self, part: str, spot: Spot, radius: float) -> float:
         """The share 0..1 of the taxels around a spot that are used; 1 where there are none."""

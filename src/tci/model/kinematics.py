@@ -28,25 +28,26 @@ class Kinematics:
             raise DescriptionError(
                 robot.source, [Fault(0, "no <model>: kinematics need a URDF or MJCF file")]
             )
-        self._model = bare_model(robot.model)
-        self._data = mujoco.MjData(self._model)
+        self.model = bare_model(robot.model)
+        """Its bodies and joints, nothing else."""
+        self._data = mujoco.MjData(self.model)
         self._qpos = self._data.qpos
         self._positions = self._data.xpos
         self._rotations = self._data.xmat.reshape(-1, 3, 3)
-        names = [self._model.body(index).name for index in range(self._model.nbody)]
+        names = [self.model.body(index).name for index in range(self.model.nbody)]
         self._bodies = {name: index for index, name in enumerate(names) if index > 0}
         self.links: tuple[str, ...] = tuple(self._bodies)
         """Names of all links, in the model's order."""
-        self._torso = self._body(robot.model.torso_link)
+        self._torso = self.body(robot.model.torso_link)
         self._R_LT = robot.model.T_LT[:3, :3]
         self._p_LT = robot.model.T_LT[:3, 3]
         self.n_servos = len(robot.servos)
         """How many servos the robot has: the length of every `position`."""
-        self._servos, self._addresses, self._columns = joints_of(robot, self._model)
+        self._servos, self._addresses, self._columns = joints_of(robot, self.model)
         self._moving, self._places = np.array(self._servos, np.intp), np.array(self._addresses, np.intp)
         self._asked: dict[tuple[str, ...], NDArray[np.intp]] = {}
-        self._jacobian = np.zeros((6, self._model.nv))
-        self._carried = np.zeros((6, self._model.nv))
+        self._jacobian = np.zeros((6, self.model.nv))
+        self._carried = np.zeros((6, self.model.nv))
 
     def poses(self, position: Array, links: Iterable[str]) -> dict[str, Array]:
         """`T_TL` (4, 4) of each of `links`, seen from the torso.
@@ -58,7 +59,7 @@ class Kinematics:
         names = tuple(links)
         bodies = self._asked.get(names)
         if bodies is None:
-            bodies = self._asked[names] = np.array([self._body(name) for name in names], np.intp)
+            bodies = self._asked[names] = np.array([self.body(name) for name in names], np.intp)
         self._move(position)
         R_WT, p_WT = self._torso_pose()
         T_TL = np.zeros((len(names), 4, 4))
@@ -81,14 +82,14 @@ class Kinematics:
         """`T_TP` (4, 4), the link's orientation at `point`, and what `jacobian` returns, in one go."""
         if np.shape(point) != (3,):
             raise CommandError(f"point of shape {np.shape(point)}; valid: (3,)")
-        body = self._body(link)
+        body = self.body(link)
         self._move(position)
-        mujoco.mj_comPos(self._model, self._data)
+        mujoco.mj_comPos(self.model, self._data)
         R_WL = self._rotations[body]
         p_WP = self._positions[body] + R_WL @ point
         # The torso itself may hang on servos (an iCub's chest): take off how it would carry the point.
-        mujoco.mj_jac(self._model, self._data, self._jacobian[:3], self._jacobian[3:], p_WP, body)
-        mujoco.mj_jac(self._model, self._data, self._carried[:3], self._carried[3:], p_WP, self._torso)
+        mujoco.mj_jac(self.model, self._data, self._jacobian[:3], self._jacobian[3:], p_WP, body)
+        mujoco.mj_jac(self.model, self._data, self._carried[:3], self._carried[3:], p_WP, self._torso)
         R_WT, p_WT = self._torso_pose()
         T_TP = np.eye(4)
         T_TP[:3, :3] = R_WT.T @ R_WL
@@ -101,14 +102,14 @@ class Kinematics:
 
     def chain(self, link: str) -> tuple[int, ...]:
         """Servos that move `link` relative to the torso, in order from the torso. UnknownNameError."""
-        up, down = self._ancestors(self._torso), self._ancestors(self._body(link))
+        up, down = self._ancestors(self._torso), self._ancestors(self.body(link))
         shared = set(up) & set(down)
         path = [body for body in up if body not in shared]
         path += [body for body in reversed(down) if body not in shared]
         servo_of = {column: servo for servo, column in zip(self._servos, self._columns, strict=True)}
         columns: list[int] = []
         for body in path:
-            first, count = int(self._model.body_dofadr[body]), int(self._model.body_dofnum[body])
+            first, count = int(self.model.body_dofadr[body]), int(self.model.body_dofnum[body])
             own = list(range(first, first + count))
             columns += own[::-1] if body in up else own
         return tuple(servo_of[column] for column in columns if column in servo_of)
@@ -118,7 +119,7 @@ class Kinematics:
         result = []
         while body > 0:
             result.append(body)
-            body = int(self._model.body_parentid[body])
+            body = int(self.model.body_parentid[body])
         return result
 
     def _move(self, position: Array) -> None:
@@ -127,14 +128,15 @@ class Kinematics:
                 f"position of shape {np.shape(position)}; the robot has {self.n_servos} servos"
             )
         self._qpos[self._places] = position[self._moving]
-        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_kinematics(self.model, self._data)
 
     def _torso_pose(self) -> tuple[Array, Array]:
         """`R_WT` (3, 3) and `p_WT` (3,) [m] of the torso in MuJoCo's world."""
         R_WL = self._rotations[self._torso]
         return R_WL @ self._R_LT, self._positions[self._torso] + R_WL @ self._p_LT
 
-    def _body(self, link: str) -> int:
+    def body(self, link: str) -> int:
+        """Index of a link in the model. Raises UnknownNameError."""
         try:
             return self._bodies[link]
         except KeyError:

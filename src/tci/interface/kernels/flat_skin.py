@@ -49,6 +49,8 @@ class FlatSkin:
     """Links that the patches and their segments are on."""
     parts: tuple[str, ...]
     """Generic parts whose segments carry skin."""
+    all_parts: frozenset[str]
+    """Those with any skin."""
     on: NDArray[np.int64]
     """Places (p, 3) among `links` and `parts`, see `whole`; 0 for a patch on no segment."""
     work: Indices
@@ -94,6 +96,7 @@ class FlatSkin:
             limb=read_only(np.array([flat.limb for flat in flats]).reshape(-1, 15)),
             links=links,
             parts=parts,
+            all_parts=frozenset(patch.part for patch in patches),
             on=read_only(on, np.int64),
             work=np.zeros(4 * count + len(patches), np.int32),
             force=np.zeros(count),

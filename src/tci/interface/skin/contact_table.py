@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import chain
 from typing import overload
 
@@ -13,7 +13,7 @@ from tci.frames import Array, read_only
 from tci.interface.kernels.contacts import F_T, N_L, N_T, NUMBERS, P_L, P_T
 from tci.interface.kernels.flat_skin import Site, segments_of
 from tci.interface.skin.generic_limb import generic_limb_point
-from tci.messages import Contact
+from tci.messages import Contact, PatchState, SkinFrame
 
 
 class ContactTable(Sequence[Contact]):
@@ -23,8 +23,7 @@ class ContactTable(Sequence[Contact]):
         self,
         sites: Sequence[Site],
         segments: NDArray[np.int64],
-        stamps: Sequence[float],
-        sequences: Sequence[int],
+        frames: Mapping[str, SkinFrame | PatchState],
         rows: NDArray[np.int64],
         numbers: Array,
         vectors: Array,
@@ -32,14 +31,15 @@ class ContactTable(Sequence[Contact]):
         places: Array,
         told: Array,
     ) -> None:
-        """See `describe_all` and `follow_all` for the arrays; they become read-only."""
+        """`frames` are those that they were found in, by patch; see `describe_all` and `follow_all` for the
+        arrays, which become read-only."""
         for array in (rows, numbers, vectors, indices, places, told):
             array.setflags(write=False)
         self.sites = sites
         """The patches (p,) of the skin."""
         self.segments = segments
         """Their places (p,) in SEGMENTS; -1 for none of these."""
-        self._stamps, self._sequences = stamps, sequences
+        self._frames = frames
         self.bounds = rows[0]
         """Where the taxels of each contact begin (c + 1,)."""
         self.patch = rows[1, :-1]
@@ -56,6 +56,8 @@ class ContactTable(Sequence[Contact]):
         """Identity, begin [s] and way [m] (c, 3)."""
         self._order: list[int] = rows[2, :-1].tolist()
         self._made: dict[int, Contact] = {}
+        self.identities: list[float] = told[:, 0].tolist()
+        """The number of each."""
 
     @staticmethod
     def of(contacts: Iterable[Contact]) -> ContactTable:
@@ -70,8 +72,7 @@ class ContactTable(Sequence[Contact]):
         table = ContactTable(
             [Site(one.patch, one.part, one.segment) for one in made],
             segments_of([one.segment for one in made]),
-            [one.stamp for one in made],
-            [one.sequence for one in made],
+            {},
             rows,
             np.array(
                 [
@@ -104,6 +105,7 @@ class ContactTable(Sequence[Contact]):
         if contact is None:
             patch = self.patch[row]
             site = self.sites[patch]
+            frame = self._frames[site.patch]
             own = slice(self.bounds[row], self.bounds[row + 1])
             force, peak, area, u, theta, _, _ = self.numbers[row].tolist()
             identity, began, moved = self.told[row].tolist()
@@ -112,8 +114,8 @@ class ContactTable(Sequence[Contact]):
                 patch=site.patch,
                 part=site.part,
                 segment=site.segment,
-                stamp=self._stamps[patch],
-                sequence=self._sequences[patch],
+                stamp=frame.stamp,
+                sequence=frame.sequence,
                 taxels=self.indices[own],
                 taxel_forces=forces,
                 force=force,
@@ -135,9 +137,8 @@ class ContactTable(Sequence[Contact]):
         return contact
 
 
-def identities(contacts: Sequence[Contact]) -> list[int]:
-    """The numbers (c,) of contacts, in no order."""
+def identities(contacts: Sequence[Contact]) -> list[float]:
+    """The numbers (c,) of contacts."""
     if isinstance(contacts, ContactTable):
-        numbers: list[int] = contacts.told[:, 0].astype(int).tolist()
-        return numbers
+        return contacts.identities
     return [one.identity for one in contacts]

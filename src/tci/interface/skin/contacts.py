@@ -17,16 +17,16 @@ from numpy.typing import NDArray
 from tci.errors import TciError, UnknownNameError
 from tci.frames import Array
 from tci.interface.kernels.contacts import F_T, NUMBERS, P_L, VECTORS, cluster
-from tci.interface.kernels.flat import adjacency
+from tci.interface.kernels.flat import Indices, adjacency
 from tci.interface.kernels.flat_skin import FlatSkin
 from tci.interface.kernels.weighted_force import mean_force
-from tci.interface.kernels.whole import cluster_all, describe_all
+from tci.interface.kernels.whole import TAXEL, cluster_all, describe_all
 from tci.interface.skin.contact_table import ContactTable
-from tci.interface.skin.felt import FeltPatches
+from tci.interface.skin.link_poses import LinkPoses
 from tci.interface.skin.lone import LoneSettings
 from tci.interface.skin.skin import Skin
 from tci.interface.skin.tracking import Tracker
-from tci.messages import Contact, SkinState
+from tci.messages import Contact, PatchState, SkinFrame, SkinState
 
 _NOWHERE = np.zeros((4, 4))
 Measure = Literal["weighted", "sum", "peak"]
@@ -66,24 +66,14 @@ def find_contacts(
     UnknownNameError when the posture lacks a part that is touched.
     """
     flat = skin.flat_skin()
-    known = state.patches.felt if isinstance(state.patches, FeltPatches) else state.patches
-    felt = [known.get(site.patch) for site in flat.sites]
     if not flat.sites:
         return ()
-    force, active, actives = skin.force_now(flat, state)
+    force, active, actives, stamps, frames, states = _felt(skin, flat, state)
     # NaN is neither above nor below anything, so it never seeds a contact and never joins one.
     count, taxels, lone = cluster_all(
-        force,
-        settings.floor,
-        settings.touch,
-        active,
-        actives,
-        flat.graph,
-        flat.begins,
-        flat.work,
+        force, settings.floor, settings.touch, active, actives, flat.graph, flat.begins, flat.work,
         flat.counts,
-    )
-    stamps = [np.nan if one is None else one.stamp for one in felt] if count else []
+    )  # fmt: skip
     waits, tracker = tracker is not None, tracker or Tracker()
     if lone and settings.lone is not None:
         count, taxels = tracker.lone.leave_out(
@@ -101,10 +91,8 @@ def find_contacts(
     if not count:
         tracker.lone.remember()
         return ()
-    touched = flat.counts.nonzero()[0].tolist()
-    for p in touched:
-        if flat.sites[p].part not in posture:
-            raise UnknownNameError("generic part in this posture", flat.sites[p].part, posture)
+    if not posture.keys() >= flat.all_parts:
+        _check(flat, posture)
     numbers, vectors = np.empty((count, NUMBERS)), np.empty((count, VECTORS, 3))
     indices, places = np.empty(taxels, np.intp), np.empty((4, taxels))
     rows = np.empty((3, count + 1), np.int64)
@@ -113,15 +101,11 @@ def find_contacts(
         flat.limb, _poses(flat, state), _postures(flat, posture), flat.on, numbers, vectors, indices, places,
         rows,
     )  # fmt: skip
-    for p in touched:
-        if (one := felt[p]) is not None and one.vector is not None:
-            _turn(p, one.vector, flat, state, rows, vectors, indices)
-    sequences = [-1 if one is None else one.sequence for one in felt]
+    if states:
+        _turn(states, flat, state, rows, vectors, indices)
     tracker.lone.remember(rows[0], rows[1, :-1], indices)
-    told = tracker.follow(rows[1, :-1], vectors[:, P_L], np.array(stamps))
-    return ContactTable(
-        flat.sites, flat.segments, stamps, sequences, rows, numbers, vectors, indices, places, told
-    )
+    told = tracker.follow(rows[1, :-1], vectors[:, P_L], stamps)
+    return ContactTable(flat.sites, flat.segments, frames, rows, numbers, vectors, indices, places, told)
 
 
 def find_clusters(
@@ -167,9 +151,38 @@ def weighted_force(contact: Contact, radius: float, *, measure: Measure = "weigh
     return force
 
 
+def _felt(
+    skin: Skin, flat: FlatSkin, state: SkinState
+) -> tuple[
+    Array, Indices, NDArray[np.int64], Array, Mapping[str, SkinFrame | PatchState], Mapping[str, PatchState]
+]:
+    """Force (n,) [N] on the skin's taxels, the active (n,) ones of each patch and how many (p,) they are, see
+    `cluster_all`; when each was measured (p,) [s], and in which frame; the states that may have vectors."""
+    if skin.is_now(flat, state):
+        octets, felt = skin.octets, skin.felt
+        return octets.force, octets.active, octets.counts, octets.stamps, felt.frames, felt.others
+    flat.force[:] = 0.0
+    stamps = np.full(len(flat.sites), np.nan)
+    for p, site in enumerate(flat.sites):
+        if (one := state.patches.get(site.patch)) is not None:
+            flat.force[flat.begins[p, TAXEL] :][: len(one.force)] = one.force
+            stamps[p] = one.stamp
+    unknown = np.full(len(flat.sites), -1, np.int64)
+    return flat.force, flat.work[:0], unknown, stamps, state.patches, state.patches
+
+
+def _check(flat: FlatSkin, posture: Mapping[str, Array]) -> None:
+    for p in flat.counts.nonzero()[0].tolist():
+        if flat.sites[p].part not in posture:
+            raise UnknownNameError("generic part in this posture", flat.sites[p].part, posture)
+
+
 def _poses(flat: FlatSkin, state: SkinState) -> Array:
     """`T_TL` (l, 4, 4) of the skin's links."""
-    return np.array([state.link_poses.get(link, _NOWHERE) for link in flat.links])
+    poses = state.link_poses
+    if isinstance(poses, LinkPoses) and poses.names == flat.links:
+        return poses.all
+    return np.array([poses.get(link, _NOWHERE) for link in flat.links])
 
 
 def _postures(flat: FlatSkin, posture: Mapping[str, Array]) -> Array:
@@ -182,16 +195,17 @@ def _postures(flat: FlatSkin, posture: Mapping[str, Array]) -> Array:
 
 
 def _turn(
-    p: int,
-    vector: Array,
+    states: Mapping[str, PatchState],
     flat: FlatSkin,
     state: SkinState,
     rows: NDArray[np.int64],
     vectors: Array,
     indices: NDArray[np.intp],
 ) -> None:
-    """Write the force of the contacts of a patch whose taxels feel its `vector` (n, 3) [N]."""
-    R_TL = state.link_poses[flat.patch_links[p]][:3, :3]
-    for row in np.flatnonzero(rows[1, :-1] == p).tolist():
-        own = indices[rows[0, row] : rows[0, row + 1]]
-        vectors[row, F_T] = R_TL @ vector[own].sum(axis=0)
+    """Write the force of the contacts of patches whose taxels feel a vector (n, 3) [N]."""
+    for row, p in enumerate(rows[1, :-1].tolist()):
+        one = states.get(flat.sites[p].patch)
+        if one is not None and one.vector is not None:
+            R_TL = state.link_poses[flat.patch_links[p]][:3, :3]
+            own = indices[rows[0, row] : rows[0, row + 1]]
+            vectors[row, F_T] = R_TL @ one.vector[own].sum(axis=0)

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from operator import is_
-
 import numpy as np
 from numpy.typing import NDArray
 
 from tci.frames import Array
-from tci.interface.skin.felt import masks_of
+from tci.interface.skin.felt import FeltPatches
 from tci.interface.skin.generic_limb import generic_limb_distance
 from tci.interface.skin.skin import Skin
-from tci.messages import Covered, JointReading, SkinState
+from tci.messages import Covered, JointReading
 
 
 class Coverage:
@@ -19,21 +17,22 @@ class Coverage:
 
     def __init__(self, skin: Skin) -> None:
         self._skin = skin
-        self._masks: tuple[NDArray[np.bool_] | None, ...] = ()
+        self._masks: tuple[NDArray[np.bool_], ...] = ()
+        self._patches = 0
         self._covered: Covered | None = None
 
-    def step(self, state: SkinState, joints: JointReading) -> Covered | None:
-        """What tells the coverage of any place in this state of the skin; None while all taxels are used."""
-        masks = masks_of(state.patches)
-        if len(masks) != len(self._masks) or not all(map(is_, masks, self._masks)):
-            self._masks = masks
-            blind = any(mask is not None and mask.any() for mask in masks)
-            self._covered = self._places(state, joints) if blind else None
+    def step(self, joints: JointReading) -> Covered | None:
+        """What tells the coverage of any place in the skin's latest state; None while all taxels are used."""
+        felt = self._skin.felt
+        if felt.masks is not self._masks or len(felt) != self._patches:
+            self._masks, self._patches = felt.masks, len(felt)
+            blind = any(mask.any() for mask in self._masks)
+            self._covered = self._places(felt, joints) if blind else None
         return self._covered
 
-    def _places(self, state: SkinState, joints: JointReading) -> Covered:
+    def _places(self, felt: FeltPatches, joints: JointReading) -> Covered:
         places: dict[tuple[str, str], list[tuple[Array, Array, NDArray[np.bool_]]]] = {}
-        for name, patch in state.patches.items():
+        for name, patch in felt.items():
             words = self._skin.robot.patch(name)
             if self._skin.robot.limb_segment(words) is None:
                 continue

@@ -7,7 +7,6 @@ feel nothing is broken, or pressed so lightly that only time tells.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -85,7 +84,7 @@ class LoneTaxels:
         force: Array,
         least: Array,
         lively: NDArray[np.bool_],
-        stamps: Sequence[float],
+        stamps: Array,
         lone: int,
         waits: bool,
         *,
@@ -103,7 +102,7 @@ class LoneTaxels:
         limits = np.array([settings.cover, settings.tip, settings.reach, settings.sure])
         fresh = np.empty((lone, WAITING))
         count, taxels, waiting = leave_out(
-            force, least, lively, flat.taxels, flat.graph, flat.begins, floor, limits, wait, np.array(stamps),
+            force, least, lively, flat.taxels, flat.graph, flat.begins, floor, limits, wait, stamps,
             *self._contacts, self._waiting, flat.work, flat.counts, fresh,
         )  # fmt: skip
         self._waiting = fresh[:waiting]

@@ -7,6 +7,7 @@ sends: other numbers, three axes, a smoothed response.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from operator import is_
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from tci.frames import Array
 from tci.interface.kernels.condition import CHANGED, FULL, HIGHEST, LOWEST, REST, ROWS, SIGN
-from tci.interface.kernels.octets import (
+from tci.interface.kernels.octet_counts import (
     BENT,
     BLOCK,
     CALM,
@@ -29,14 +30,13 @@ from tci.interface.kernels.octets import (
     SATURATED,
     STAMP,
     TAXELS,
-    feel,
-    set_limits,
     spill,
-)
+)  # fmt: skip
+from tci.interface.kernels.octets import feel, set_limits
 from tci.interface.skin.conditioning import GAP, Conditioner
+from tci.interface.skin.felt import Pressed
 from tci.interface.skin.shear import AXES
 
-_NO_BYTES = np.zeros(0, np.uint8)
 _BYTES = np.arange(256, dtype=np.float32)
 
 
@@ -79,7 +79,6 @@ class OctetSkin:
         self._octets[LOW] = 255
         self._blocks, self._state = np.zeros((4, whole), np.int32), np.zeros((len(sizes), 11))
         self._state[:, STAMP], self._state[:, CALM] = np.nan, -1.0
-        self._room = sizes
         none = np.zeros(0, np.int64)
         self._indices = np.concatenate([none, *(one.channels for one in conditioners)])
         self._gain = np.concatenate([np.zeros(0), *(one.gain for one in conditioners)])
@@ -96,53 +95,94 @@ class OctetSkin:
         """Taxels (n,) of each patch that feel something, from where the patch begins on."""
         self.counts = np.zeros(len(sizes), np.int64)
         """How many (p,) these are."""
-        self._same: list[object] = [None] * len(sizes)
-        self._seen = [0] * len(sizes)
+        self.masks = tuple([one.masked for one in conditioners])
+        """Which taxels (n,) of each patch (p,) are ignored; the same object until that changes."""
+        self._felt, self._room = np.zeros(count), (np.zeros(count, np.int32), np.zeros(count))
+        self._raw = np.zeros(sum(self.channels), np.uint8)
+        self._last: list[object] = [None] * len(sizes)
+        self._held: set[int] = set()
         self._still: set[int] = set()
         self._ended: list[int] = []
-        self._which: list[int] | None = None
-        self._kinds, self._total = np.zeros(0, np.int64), 0
+        self._which: list[int] = []
+        self._kinds, self._sizes = np.zeros(0, np.int64), list[int]()
         for p, one in enumerate(conditioners):
             if self.takes[p]:
                 one.memory = self._memory[ROWS * self.begins[p] : ROWS * self.begins[p + 1]].reshape(ROWS, -1)
                 self._load(p)
 
-    def feel(
-        self, which: list[int], values: list[NDArray[Any]], stamps: list[float]
-    ) -> tuple[NDArray[np.int32], Array, list[int], list[bool]]:
-        """Active taxels (m,) and pressure (m,) [Pa] on them in frames of the patches `which` (k > 0), where
-        each one's end (k + 1,), and which are the same as the frame before, for which nothing is given."""
+    @property
+    def stamps(self) -> Array:
+        """When each patch (p,) was measured last [s]; NaN: never."""
+        return self._state[:, STAMP].copy()
+
+    def feel(self, which: list[int], values: list[NDArray[Any]], stamps: list[float]) -> Pressed | None:
+        """What all patches feel after frames of the patches `which` (k > 0), none of them twice; None, and
+        nothing is done, where one of the frames must go the other way.
+
+        A read-only array that came twice is the same frame when it comes again, and is only counted.
+        """
         while self._ended:
             self.learn()
-        held = self._same
-        again = [v is held[p] for p, v in zip(which, values, strict=True)]
-        kinds = which
-        if True not in again:
-            raw = np.concatenate(values)
-        else:
-            kinds = [-1 - p if same else p for p, same in zip(which, again, strict=True)]
-            fresh = [v for v, same in zip(values, again, strict=True) if not same]
-            raw = np.concatenate(fresh) if fresh else _NO_BYTES
-        if which is not self._which or kinds is not which:
-            self._which, self._kinds = which if kinds is which else None, np.array(kinds, np.int64)
-            self._total = sum([self._room[p] for p in kinds if p >= 0])
-        room = self._total
-        taxels, pressure = np.empty(room, np.int32), np.empty(room)
-        ends = np.empty(len(which) + 1, np.int64)
+            if not all(self.takes[p] for p in which):
+                return None
+        if which != self._which:
+            self._which, self._kinds = which, np.array(which, np.int64)
+            self._sizes = [self.channels[p] for p in which]
+        last, kinds, fresh, sizes = self._last, self._kinds, values, self._sizes
+        same = list(map(is_, values, map(last.__getitem__, which)))
+        held = self._held
+        if held and True in same:
+            again = [s and p in held for p, s in zip(which, same, strict=True)]
+            kinds = np.array([-1 - p if a else p for p, a in zip(which, again, strict=True)], np.int64)
+            fresh = [v for v, a in zip(values, again, strict=True) if not a]
+            sizes = [size for size, a in zip(sizes, again, strict=True) if not a]
+        raw = self._joined(fresh, sizes)
+        if raw is None:
+            return None
+        taxels, pressure = self._room
+        ends = np.empty(len(self.counts) + 1, np.int64)
         due = feel(
-            raw, self._kinds, np.array(stamps), GAP, *self.tables, self.force, self.active,
+            raw, kinds, np.array(stamps), GAP, *self.tables, self.force, self.active, self._felt,
             self.counts, taxels, pressure, ends,
         )  # fmt: skip
-        still, seen = self._still, self._seen
+        if due < 0:
+            return None
         for p, v in zip(which, values, strict=True):
-            held[p] = None if v.flags.writeable or p in still or seen[p] < 2 else v
-            seen[p] += 1
+            last[p] = v
+        if held or True in same:
+            self._hold(which, values, same)
         if self._still:
-            self._revive([p for p, same in zip(which, again, strict=True) if p in self._still and not same])
+            self._revive([p for p in kinds.tolist() if p in self._still])
         if due:
             elapsed, lesson, frames, least = self._state[which][:, [ELAPSED, DUE, IN_LESSON, LEAST]].T
             self._ended = [which[k] for k in np.flatnonzero((elapsed >= lesson) & (frames >= least))]
-        return taxels, pressure, ends.tolist(), again
+        return taxels[: ends[-1]].copy(), pressure[: ends[-1]].copy(), ends
+
+    def fits(self, p: int, values: NDArray[Any]) -> bool:
+        """Whether a frame of patch `p` may come this way."""
+        if not self.takes[p] or values.dtype != np.uint8 or values.shape != (self.channels[p],):
+            return False
+        one = self.conditioners[p]
+        own = values[one.channels]
+        return bool(((own >= one.sensor[LOWEST]) & (own <= one.sensor[HIGHEST])).all())
+
+    def _joined(self, values: list[NDArray[Any]], sizes: list[int]) -> NDArray[np.uint8] | None:
+        """The bytes (n,) of frames that are nothing else, with these sizes; None for others."""
+        raw = self._raw[: sum(sizes)]
+        try:
+            if list(map(len, values)) != sizes:
+                return None
+            return np.concatenate(values, out=raw, casting="no") if values else raw
+        except (TypeError, ValueError):
+            return None
+
+    def _hold(self, which: list[int], values: list[NDArray[Any]], same: list[bool]) -> None:
+        """Note which frames need not be looked at when they come again."""
+        for p, v, s in zip(which, values, same, strict=True):
+            if s and not v.flags.writeable and p not in self._still:
+                self._held.add(p)
+            else:
+                self._held.discard(p)
 
     def catch_up(self) -> None:
         """Learn from all lessons that have ended."""
@@ -160,11 +200,15 @@ class OctetSkin:
         for one in self.conditioners:
             if one.ended:
                 one.learn()
+                self._mask()
                 return True
         return False
 
-    def put(self, p: int, force: Array) -> None:
-        """The force (n,) [N] on a patch that goes the other way."""
+    def put(self, p: int, force: Array, stamp: float) -> None:
+        """The force (n,) [N] at `stamp` [s] on a patch that goes the other way."""
+        self._state[p, STAMP] = stamp
+        if self.masks[p] is not self.conditioners[p].masked:
+            self._mask()
         begin = self.begins[p]
         active = np.flatnonzero(force)
         self.force[begin : begin + len(force)] = force
@@ -210,7 +254,8 @@ class OctetSkin:
     def _load(self, p: int) -> None:
         """Take over what the patch's conditioner has learnt."""
         one = self.conditioners[p]
-        self._same[p] = None
+        self._mask()
+        self._held.discard(p)
         self._offset[self.begins[p] : self.begins[p + 1]] = one.offset
         state = self._state[p]
         state[ELAPSED], state[DUE], state[IN_LESSON], state[BENT] = one.lesson
@@ -231,14 +276,19 @@ class OctetSkin:
             first, size = BLOCK * self._table[p, FIRST], self._table[p, TAXELS]
             changed = self._octets[CHANGES, first : first + size] > 0
             self.conditioners[p].revive(changed | (self.conditioners[p].memory[CHANGED] > 0.0))
+            self._mask()
             self.limit(p)
+
+    def _mask(self) -> None:
+        masks = tuple([one.masked for one in self.conditioners])
+        if not all(map(is_, masks, self.masks)):
+            self.masks = masks
 
 
 def _end(one: Conditioner) -> int | None:
     """The largest turned byte that is not at the end of the range; None where frames can't come this way: a
-    sensor that can't send some bytes, or all of whose bytes are its end."""
-    lowest, highest = one.sensor[LOWEST], one.sensor[HIGHEST]
-    if one.patch.sensor.axes == AXES or one.settings.latency > 0.0 or lowest > 0.0 or highest < 255.0:
+    sensor with three axes, a smoothed response, or one all of whose bytes are its end."""
+    if one.patch.sensor.axes == AXES or one.settings.latency > 0.0:
         return None
     raw = _BYTES if one.sign > 0 else _BYTES[::-1]
     signal = one.sensor[SIGN] * (raw - one.sensor[REST])

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +14,12 @@ from tci.errors import FrameError, TciError, UnknownNameError
 from tci.frames import Array, apply, invert, transform
 from tci.interface.kernels.flat import FlatPatch
 from tci.interface.kernels.flat_skin import FlatSkin
-from tci.interface.kernels.whole import TAXEL
 from tci.interface.part import generic_posture
-from tci.interface.skin.conditioning import Conditioner, ConditioningSettings, PatchHealth
-from tci.interface.skin.felt import Felt, FeltPatches
-from tci.interface.skin.octet_skin import OctetSkin
-from tci.interface.skin.shear import AXES, Shear, normal_channels
-from tci.messages import JointReading, PatchState, Reading, SkinFrame, SkinState
+from tci.interface.skin.conditioning import ConditioningSettings, PatchHealth
+from tci.interface.skin.felt import FeltPatches
+from tci.interface.skin.link_poses import SkinLinks
+from tci.interface.skin.skin_conditioner import SkinConditioner
+from tci.messages import JointReading, Reading, SkinState
 from tci.model.description import GenericPart, Robot, Segment
 from tci.model.generic_arm import limb_coordinates, segment_rotation
 from tci.model.kinematics import Kinematics
@@ -30,9 +28,6 @@ from tci.model.surfaces import Surface, build_surface
 
 FrameName = Literal["link", "limb", "torso"]
 """Where positions are seen from: the patch's link, its segment's frame S, or the torso."""
-
-RESTART = 1.0
-"""A frame with a lower sequence that is this much newer [s] means that its sender restarted. Ours."""
 
 
 class Skin:
@@ -66,41 +61,24 @@ class Skin:
             {patch.name: build_surface(robot, patch, self.kinematics) for patch in robot.patches}
         )
         """Taxels of every patch, in its link, by patch name."""
-        self._conditioners = {
-            patch.name: Conditioner(
-                patch,
-                normal_channels(patch, self.surfaces[patch.name]),
-                neighbours=self.surfaces[patch.name].neighbours,
-                settings=conditioning,
-                calibration=measured.get(patch.name),
-                phase=0.5 * index / len(robot.patches),
-            )
-            for index, patch in enumerate(robot.patches)
-        }
-        self._shears = {
-            patch.name: Shear(patch, self.surfaces[patch.name])
-            for patch in robot.patches
-            if patch.sensor.axes == AXES
-        }
-        self.octets = OctetSkin(
-            list(self._conditioners.values()), [self.surfaces[name].areas for name in self._conditioners]
+        self._conditioner = SkinConditioner(
+            robot, self.surfaces, settings=conditioning, calibrations=measured
         )
-        """The fast way for frames of bytes."""
-        self._index = {name: p for p, name in enumerate(self._conditioners)}
-        self._areas = [self.surfaces[name].areas for name in self._conditioners]
-        self._felt: dict[str, Felt] = {}
-        self._usual: list[tuple[str, np.dtype[Any], tuple[int, ...]]] = []
-        self._taken: list[bool] = []
-        self._which: list[int] = []
+        self.octets = self._conditioner.octets
+        """Of the latest frames: the force on all taxels."""
         self._flat: dict[str, FlatPatch] = {}
         self._flat_skin: FlatSkin | None = None
         self._flat_of: object = None
-        segments = [robot.limb_segment(patch) for patch in robot.patches]
-        links = [patch.link for patch in robot.patches] + [one.link for one in segments if one is not None]
-        self._links = tuple(dict.fromkeys(links))
-        self._late = 0
+        links = [(robot.limb_segment(patch) or patch).link for patch in robot.patches]
+        both = [link for patch, limb in zip(robot.patches, links, strict=True) for link in (patch.link, limb)]
+        self._links = SkinLinks(robot, self.kinematics, dict.fromkeys(both))
         self._joints: JointReading | None = None
-        self._state = SkinState(patches=MappingProxyType({}), link_poses=MappingProxyType({}))
+        self._state = SkinState(patches=self.felt, link_poses=MappingProxyType({}))
+
+    @property
+    def felt(self) -> FeltPatches:
+        """The patches of the latest state."""
+        return self._conditioner.felt
 
     @property
     def state(self) -> SkinState:
@@ -110,18 +88,12 @@ class Skin:
     @property
     def counts(self) -> dict[str, int]:
         """What was not used until now: `values_dropped` and `frames_late`."""
-        dropped = sum(conditioner.dropped for conditioner in self._conditioners.values())
-        return {"values_dropped": dropped, "frames_late": self._late}
+        return {"values_dropped": self._conditioner.dropped, "frames_late": self._conditioner.late}
 
     @property
     def health(self) -> dict[str, PatchHealth]:
         """How much of each patch can be trusted, by its name."""
-        octets, found = self.octets, {}
-        octets.catch_up()
-        for p, (name, conditioner) in enumerate(self._conditioners.items()):
-            health = conditioner.health
-            found[name] = replace(health, saturated=octets.saturated(p)) if octets.takes[p] else health
-        return found
+        return self._conditioner.health
 
     def flat(self, patch: str) -> FlatPatch:
         """A patch as the compiled loops read it. Raises KeyError for an unknown patch."""
@@ -142,9 +114,7 @@ class Skin:
 
     def rezero(self, patch: str) -> None:
         """What a patch reads now is rest. Raises UnknownNameError for an unknown patch."""
-        if patch not in self._conditioners:
-            raise UnknownNameError("skin patch", patch, self._conditioners)
-        self.octets.rezero(self._index[patch])
+        self._conditioner.rezero(patch)
 
     def update(self, reading: Reading) -> SkinState:
         """What the skin feels now. A patch that has not sent yet is absent.
@@ -152,23 +122,17 @@ class Skin:
         Of frames out of order the newest stays. When nothing is new the state is the same object.
         Raises FrameError, and keeps the state as it was, when frames or joints do not fit the robot.
         """
-        got, expected = reading.joints.position.shape, (len(self.robot.servos),)
-        if got != expected:
+        joints = reading.joints
+        if joints.position.shape != (len(self.robot.servos),):
+            got, expected = joints.position.shape, (len(self.robot.servos),)
             raise FrameError(f"joints of {self.robot.name}: position of shape {got}, expected {expected}")
-        fresh = self._fresh(reading.skin)
-        if not fresh and reading.joints is self._joints:
-            return self._state
-        patches = self._state.patches
-        if fresh:
-            self._felt = {**self._felt, **self._feel(fresh)}
-            patches = FeltPatches(self._felt)
+        fresh = self._conditioner.take(reading.skin)
         poses = self._state.link_poses
-        if reading.joints is not self._joints:
-            poses = MappingProxyType(self.kinematics.poses(reading.joints.position, self._links))
-            for pose in poses.values():
-                pose.setflags(write=False)
-        self._joints = reading.joints
-        self._state = SkinState(patches=patches, link_poses=poses)
+        if joints is not self._joints:
+            poses, self._joints = self._links.poses(joints.position), joints
+        elif not fresh:
+            return self._state
+        self._state = SkinState(self._conditioner.felt, poses)
         return self._state
 
     def learn(self) -> None:
@@ -178,97 +142,14 @@ class Skin:
         """
         self.octets.learn()
 
-    def force_now(
-        self, flat: FlatSkin, state: SkinState
-    ) -> tuple[Array, NDArray[np.int32], NDArray[np.int64]]:
-        """Force (n,) [N] on the skin's taxels in a state, the `active` (n,) ones of each patch and how many
-        (p,) they are, see `OctetSkin`; of other states than the latest -1, where nobody knows."""
-        if state is self._state and len(flat.force) == len(self.octets.force):
-            return self.octets.force, self.octets.active, self.octets.counts
-        flat.force[:] = 0.0
-        for p, site in enumerate(flat.sites):
-            felt = state.patches.get(site.patch)
-            if felt is not None:
-                flat.force[flat.begins[p, TAXEL] :][: len(felt.force)] = felt.force
-        return flat.force, self.octets.active[:0], np.full(len(flat.sites), -1, np.int64)
+    def is_now(self, flat: FlatSkin, state: SkinState) -> bool:
+        """Whether a state is the latest, and `flat` the whole skin: it is `felt` and `octets` then."""
+        return state is self._state and len(flat.force) == len(self.octets.force)
 
     def noticed(self, flat: FlatSkin) -> tuple[Array, NDArray[np.bool_]]:
         """Pressure (n,) [Pa] from which each of the skin's taxels feels something, infinite where it is not
         believed; and which (n,) are lively, so that their values never stay the same."""
-        own = [self._conditioners[site.patch] for site in flat.sites]
-        return np.concatenate([one.least for one in own]), np.concatenate([one.lively for one in own])
-
-    def _fresh(self, frames: Iterable[SkinFrame]) -> list[SkinFrame]:
-        """Those that are newer than what is known of their patch."""
-        fresh, held = [], self._felt
-        for frame in frames:
-            before = held.get(frame.patch)
-            if before is None or frame.sequence > before.sequence or frame.stamp > before.stamp + RESTART:
-                fresh.append(frame)
-            else:
-                self._late += frame.sequence < before.sequence
-        return fresh
-
-    def _feel(self, frames: list[SkinFrame]) -> dict[str, Felt]:
-        octets, felt = self.octets, dict[str, Felt]()
-        kinds = [(frame.patch, frame.values.dtype, frame.values.shape) for frame in frames]
-        quick = frames
-        if kinds != self._usual or octets.takes != self._taken:
-            quick, felt = self._tell_apart(frames)
-            if not felt:
-                self._usual, self._taken = kinds, octets.takes.copy()
-                self._which = [self._index[frame.patch] for frame in frames]
-        which = self._which if quick is frames else [self._index[frame.patch] for frame in quick]
-        if which:
-            taxels, pressure, ends, again = octets.feel(
-                which, [frame.values for frame in quick], [frame.stamp for frame in quick]
-            )
-            begin, conditioners, areas = 0, octets.conditioners, self._areas
-            for p, frame, end, same in zip(which, quick, ends[1:], again, strict=True):
-                name, masked = frame.patch, conditioners[p].masked
-                if same:
-                    felt[name] = self._felt[name].again(frame.stamp, frame.sequence, masked)
-                else:
-                    felt[name] = Felt(
-                        name, frame.stamp, frame.sequence, masked, taxels, pressure, begin, end, areas[p]
-                    )
-                begin = end
-        return felt
-
-    def _tell_apart(self, frames: list[SkinFrame]) -> tuple[list[SkinFrame], dict[str, Felt]]:
-        """Those that may come the fast way, all of them if it is so; what the others make feel."""
-        octets, felt, quick = self.octets, {}, []
-        for frame in frames:
-            p = self._index.get(frame.patch)
-            if p is None:
-                valid = ", ".join(self._conditioners) or "(none)"
-                raise FrameError(f"{self.robot.name} has no skin patch {frame.patch!r}; valid: {valid}")
-            raw = frame.values
-            if octets.takes[p] and raw.dtype == np.uint8 and raw.shape == (octets.channels[p],):
-                quick.append(frame)
-            else:
-                self._conditioners[frame.patch].check(np.asarray(raw))
-                octets.retire(p)
-                felt[frame.patch] = self._feel_other(p, frame)
-        return (quick, felt) if felt else (frames, felt)
-
-    def _feel_other(self, p: int, frame: SkinFrame) -> Felt:
-        """A frame that does not come the fast way."""
-        conditioner, held = self._conditioners[frame.patch], self._felt.get(frame.patch)
-        pressure = conditioner.pressure(frame.values, frame.stamp)
-        if held is not None and pressure is held.state.pressure:
-            force = held.state.force
-        else:
-            force = pressure * self._areas[p]
-            pressure.setflags(write=False)
-            force.setflags(write=False)
-            self.octets.put(p, force)
-        shear = self._shears.get(frame.patch)
-        state = PatchState(
-            frame.patch, frame.stamp, frame.sequence, pressure, force, masked=conditioner.masked,
-            vector=None if shear is None else shear.force(frame.values, pressure, frame.stamp),
-        )  # fmt: skip
-        return Felt.of(state)
+        return self._conditioner.noticed([site.patch for site in flat.sites])
 
     def positions(self, patch: str, joints: JointReading, *, frame: FrameName = "link") -> Array:
         """Taxel positions (taxels, 3) [m] at the present posture (eq. 3).

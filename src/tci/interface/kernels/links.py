@@ -1,0 +1,59 @@
+"""Forward kinematics of some links in one loop."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import int64, void
+from numpy.typing import NDArray
+
+from tci.frames import Array
+from tci.interface.kernels.arrays import reads, writes
+from tci.interface.kernels.compiled import compiled
+
+BEFORE, SERVO, SLIDES = range(3)
+"""Columns of `steps`, see `tci.model.steps`."""
+
+
+@compiled(void(reads(1), reads(2, int64), reads(4), reads(1, int64), int64, writes(3), writes(3)))
+def link_poses(
+    position: Array,
+    steps: NDArray[np.int64],
+    sums: Array,
+    ends: NDArray[np.int64],
+    torso: int,
+    work: Array,
+    poses: Array,
+) -> None:
+    """Write `T_TL` (l, 4, 4) of the links after the steps `ends` (l,), seen from that after step `torso`.
+
+    `position` (n_servos,) [rad]; `steps` (s, 3) and `sums` (s, 3, 3, 4) see `tci.model.steps`; `work`
+    (s, 3, 4) is room for the pose after each step, seen from the world.
+    """
+    for s in range(len(steps)):
+        before, servo = steps[s, BEFORE], steps[s, SERVO]
+        x = y = 0.0
+        if servo >= 0:
+            q = position[servo]
+            x, y = (q, 0.0) if steps[s, SLIDES] else (np.cos(q), np.sin(q))
+        for j in range(4):
+            a, b, c = (
+                sums[s, 0, 0, j] + x * sums[s, 1, 0, j] + y * sums[s, 2, 0, j],
+                sums[s, 0, 1, j] + x * sums[s, 1, 1, j] + y * sums[s, 2, 1, j],
+                sums[s, 0, 2, j] + x * sums[s, 1, 2, j] + y * sums[s, 2, 2, j],
+            )
+            if before < 0:
+                work[s, 0, j], work[s, 1, j], work[s, 2, j] = a, b, c
+                continue
+            for i in range(3):
+                T = work[before, i]
+                work[s, i, j] = T[0] * a + T[1] * b + T[2] * c + (T[3] if j == 3 else 0.0)
+    T_WT = work[torso]
+    for link in range(len(ends)):
+        T_WL, T_TL = work[ends[link]], poses[link]
+        for j in range(4):
+            a, b, c = T_WL[0, j], T_WL[1, j], T_WL[2, j]
+            if j == 3:
+                a, b, c = a - T_WT[0, 3], b - T_WT[1, 3], c - T_WT[2, 3]
+            for i in range(3):
+                T_TL[i, j] = T_WT[0, i] * a + T_WT[1, i] * b + T_WT[2, i] * c
+            T_TL[3, j] = 1.0 if j == 3 else 0.0

@@ -10,20 +10,31 @@ from tci.frames import Array
 from tci.interface.kernels.links import link_poses
 from tci.model.description import Robot
 from tci.model.kinematics import Kinematics
-from tci.model.steps import steps_to
+from tci.model.steps import Steps, steps_to
 
 
 class LinkPoses(Mapping[str, Array]):
-    """`T_TL` (4, 4) of each link by name; a view of the array that is asked for."""
+    """`T_TL` (4, 4) of each link by name, worked out when the first is asked for."""
 
-    __slots__ = ("all", "names")
+    __slots__ = ("_all", "_position", "_way", "names")
 
-    def __init__(self, names: tuple[str, ...], poses: Array) -> None:
-        """`poses` (l, 4, 4) of these links; they become read-only."""
-        poses.setflags(write=False)
+    def __init__(self, names: tuple[str, ...], way: Steps, position: Array) -> None:
+        """Of links at the ends of a `way`, at angles `position` (n_servos,) [rad] that nobody changes."""
         self.names = names
-        self.all = poses
+        self._way, self._position = way, position
+        self._all: Array | None = None
+
+    @property
+    def all(self) -> Array:
         """`T_TL` (l, 4, 4) of all links."""
+        if self._all is None:
+            way, poses = self._way, np.empty((len(self.names), 4, 4))
+            position = np.ascontiguousarray(self._position, np.float64)
+            work = np.empty((len(way.steps), 3, 4))
+            link_poses(position, way.steps, way.sums, way.ends, way.torso, work, poses)
+            poses.setflags(write=False)
+            self._all = poses
+        return self._all
 
     def __getitem__(self, link: str) -> Array:
         if link not in self.names:
@@ -39,16 +50,13 @@ class LinkPoses(Mapping[str, Array]):
 
 
 class SkinLinks:
-    """The forward kinematics of some links. It works in its own memory: one per thread."""
+    """The forward kinematics of some links."""
 
     def __init__(self, robot: Robot, kinematics: Kinematics, links: Iterable[str]) -> None:
         """Raises UnknownNameError for a link that the model lacks."""
         self.names = tuple(links)
-        way = steps_to(robot, kinematics, self.names)
-        self._way = way.steps, way.sums, way.ends, way.torso, np.zeros((len(way.steps), 3, 4))
+        self._way = steps_to(robot, kinematics, self.names)
 
     def poses(self, position: Array) -> LinkPoses:
-        """At angles `position` (n_servos,) [rad]."""
-        poses = np.empty((len(self.names), 4, 4))
-        link_poses(np.ascontiguousarray(position, np.float64), *self._way, poses)
-        return LinkPoses(self.names, poses)
+        """At angles `position` (n_servos,) [rad] that nobody changes."""
+        return LinkPoses(self.names, self._way, position)

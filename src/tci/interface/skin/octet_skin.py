@@ -34,7 +34,7 @@ from tci.interface.kernels.octet_counts import (
 )  # fmt: skip
 from tci.interface.kernels.octets import feel, set_limits
 from tci.interface.skin.conditioning import GAP, Conditioner
-from tci.interface.skin.felt import Pressed
+from tci.interface.skin.felt import NOBODY, Pressed
 from tci.interface.skin.shear import AXES
 
 _BYTES = np.arange(256, dtype=np.float32)
@@ -99,7 +99,7 @@ class OctetSkin:
         """Which taxels (n,) of each patch (p,) are ignored; the same object until that changes."""
         self._felt, self._room = np.zeros(count), (np.zeros(count, np.int32), np.zeros(count))
         self._raw = np.zeros(sum(self.channels), np.uint8)
-        self._last: list[object] = [None] * len(sizes)
+        self._last: dict[int, NDArray[Any]] = {}
         self._held: set[int] = set()
         self._still: set[int] = set()
         self._ended: list[int] = []
@@ -128,9 +128,8 @@ class OctetSkin:
         if which != self._which:
             self._which, self._kinds = which, np.array(which, np.int64)
             self._sizes = [self.channels[p] for p in which]
-        last, kinds, fresh, sizes = self._last, self._kinds, values, self._sizes
-        same = list(map(is_, values, map(last.__getitem__, which)))
-        held = self._held
+        kinds, fresh, sizes, held = self._kinds, values, self._sizes, self._held
+        same = list(map(is_, values, map(self._last.get, which)))
         if held and True in same:
             again = [s and p in held for p, s in zip(which, same, strict=True)]
             kinds = np.array([-1 - p if a else p for p, a in zip(which, again, strict=True)], np.int64)
@@ -147,8 +146,7 @@ class OctetSkin:
         )  # fmt: skip
         if due < 0:
             return None
-        for p, v in zip(which, values, strict=True):
-            last[p] = v
+        self._last.update(zip(which, values, strict=True))
         if held or True in same:
             self._hold(which, values, same)
         if self._still:
@@ -156,7 +154,10 @@ class OctetSkin:
         if due:
             elapsed, lesson, frames, least = self._state[which][:, [ELAPSED, DUE, IN_LESSON, LEAST]].T
             self._ended = [which[k] for k in np.flatnonzero((elapsed >= lesson) & (frames >= least))]
-        return taxels[: ends[-1]].copy(), pressure[: ends[-1]].copy(), ends
+        found = ends[-1]
+        if not found:
+            return NOBODY[0], NOBODY[1], ends
+        return taxels[:found].copy(), pressure[:found].copy(), ends
 
     def fits(self, p: int, values: NDArray[Any]) -> bool:
         """Whether a frame of patch `p` may come this way."""

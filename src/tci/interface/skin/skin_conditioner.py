@@ -98,18 +98,18 @@ class SkinConditioner:
 
         Raises FrameError, and nothing has changed, for a frame that fits no patch.
         """
-        fresh = self._fresh(frames)
-        if fresh:
-            self._feel(fresh)
+        names = [frame.patch for frame in frames]
+        if names and names == self._known:
+            before = [frame.sequence for frame in self.felt.frames.values()]
+            if all(map(gt, [frame.sequence for frame in frames], before)):
+                self._feel(names, frames)
+                return True
+        if fresh := self._newer(frames):
+            self._feel([frame.patch for frame in fresh], fresh)
         return bool(fresh)
 
-    def _fresh(self, frames: Sequence[SkinFrame]) -> Sequence[SkinFrame]:
-        held = self.felt.frames
-        if [frame.patch for frame in frames] == self._known:
-            before = [frame.sequence for frame in held.values()]
-            if all(map(gt, [frame.sequence for frame in frames], before)):
-                return frames
-        fresh = []
+    def _newer(self, frames: Sequence[SkinFrame]) -> list[SkinFrame]:
+        fresh, held = [], self.felt.frames
         for frame in frames:
             last = held.get(frame.patch)
             if last is None or frame.sequence > last.sequence or frame.stamp > last.stamp + RESTART:
@@ -118,14 +118,14 @@ class SkinConditioner:
                 self.late += frame.sequence < last.sequence
         return fresh
 
-    def _feel(self, frames: Sequence[SkinFrame]) -> None:
-        names, which = self._arranged
-        if [frame.patch for frame in frames] != names:
-            names = [frame.patch for frame in frames]
+    def _feel(self, names: list[str], frames: Sequence[SkinFrame]) -> None:
+        """Take frames of patches that have these names."""
+        arranged, which = self._arranged
+        if names != arranged:
             which = [self._place(name) for name in names]
             if len(set(which)) < len(which):
                 for frame in frames:
-                    self._feel([frame])
+                    self._feel([frame.patch], [frame])
                 return
             self._arranged = names, which
         octets, quick, slow = self.octets, frames, list[SkinFrame]()
@@ -138,7 +138,7 @@ class SkinConditioner:
             pressed = octets.feel(which, [frame.values for frame in quick], [frame.stamp for frame in quick])
             if pressed is None:
                 self._retire(quick)
-                self._feel(frames)
+                self._feel(names, frames)
                 return
             self._pressed = pressed
         if slow:

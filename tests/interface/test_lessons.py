@@ -45,8 +45,8 @@ def test_when_it_learns_plays_no_part(times: int) -> None:
         for _ in range(times):
             idle.learn()
     assert patient.health == idle.health
-    for name, one in patient._conditioners.items():
-        assert np.array_equal(one.baseline.offset, idle._conditioners[name].baseline.offset)
+    for name, one in patient.conditioner.patches.items():
+        assert np.array_equal(one.baseline.offset, idle.conditioner.patches[name].baseline.offset)
         assert np.ptp(one.baseline.noise) > 0.0 or name == "head"
 
 

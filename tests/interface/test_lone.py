@@ -81,7 +81,7 @@ def test_a_light_touch_of_one_taxel_comes_later_and_stays() -> None:
 
 def test_a_light_touch_of_a_taxel_that_flickers_at_rest_flickers_too() -> None:
     felt = Felt()
-    conditioner = felt.skin._conditioners[ARM]
+    conditioner = felt.skin.conditioner.patches[ARM]
     conditioner.baseline.start(np.zeros(240), 1.0)
     conditioner._round()
     assert not any(felt.see({LONE: LIGHT}) for _ in range(100)), "it is stuck"
@@ -117,7 +117,7 @@ def test_a_touch_over_a_broken_taxel_is_felt_and_leaves_nothing_behind() -> None
 
 def test_a_stuck_taxel_under_a_touch_that_has_ended_goes_on_for_a_moment_only() -> None:
     felt = Felt()
-    conditioner = felt.skin._conditioners[ARM]
+    conditioner = felt.skin.conditioner.patches[ARM]
     conditioner.baseline.start(np.zeros(240), 1.0)
     conditioner._round()
     assert felt.see({LONE: 2.0, felt.beside(LONE)[0]: 0.5})
@@ -138,7 +138,7 @@ def test_a_touch_elsewhere_is_felt_beside_a_broken_taxel() -> None:
 @pytest.mark.parametrize("force", [LIGHT, FIRM])
 def test_where_neighbours_tell_nothing_one_taxel_is_a_touch_at_once(force: float) -> None:
     felt = Felt()
-    conditioner = felt.skin._conditioners[ARM]
+    conditioner = felt.skin.conditioner.patches[ARM]
     conditioner._health.state[felt.beside(LONE)] = Health.DEAD
     conditioner.revive(np.zeros(240, bool))
     assert len(felt.see({LONE: force})) == 1, "masked neighbours"
@@ -167,7 +167,7 @@ def test_forces_that_neighbours_must_feel_follow_from_noise_and_distance() -> No
         return float(max(force for force in np.geomspace(0.2, 50.0, 200) if felt.see({LONE: force})))
 
     assert largest() == pytest.approx(1.1, abs=0.2)
-    conditioner = felt.skin._conditioners[ARM]
+    conditioner = felt.skin.conditioner.patches[ARM]
     conditioner.baseline.start(np.zeros(240), 1.0)
     conditioner._round()
     assert largest() == pytest.approx(4.8, abs=0.5)

@@ -61,10 +61,8 @@ class Skin:
             {patch.name: build_surface(robot, patch, self.kinematics) for patch in robot.patches}
         )
         """Taxels of every patch, in its link, by patch name."""
-        self._conditioner = SkinConditioner(
-            robot, self.surfaces, settings=conditioning, calibrations=measured
-        )
-        self.octets = self._conditioner.octets
+        self.conditioner = SkinConditioner(robot, self.surfaces, settings=conditioning, calibrations=measured)
+        self.octets = self.conditioner.octets
         """Of the latest frames: the force on all taxels."""
         self._flat: dict[str, FlatPatch] = {}
         self._flat_skin: FlatSkin | None = None
@@ -78,7 +76,7 @@ class Skin:
     @property
     def felt(self) -> FeltPatches:
         """The patches of the latest state."""
-        return self._conditioner.felt
+        return self.conditioner.felt
 
     @property
     def state(self) -> SkinState:
@@ -88,12 +86,12 @@ class Skin:
     @property
     def counts(self) -> dict[str, int]:
         """What was not used until now: `values_dropped` and `frames_late`."""
-        return {"values_dropped": self._conditioner.dropped, "frames_late": self._conditioner.late}
+        return {"values_dropped": self.conditioner.dropped, "frames_late": self.conditioner.late}
 
     @property
     def health(self) -> dict[str, PatchHealth]:
         """How much of each patch can be trusted, by its name."""
-        return self._conditioner.health
+        return self.conditioner.health
 
     def flat(self, patch: str) -> FlatPatch:
         """A patch as the compiled loops read it. Raises KeyError for an unknown patch."""
@@ -114,7 +112,7 @@ class Skin:
 
     def rezero(self, patch: str) -> None:
         """What a patch reads now is rest. Raises UnknownNameError for an unknown patch."""
-        self._conditioner.rezero(patch)
+        self.conditioner.rezero(patch)
 
     def update(self, reading: Reading) -> SkinState:
         """What the skin feels now. A patch that has not sent yet is absent.
@@ -126,13 +124,13 @@ class Skin:
         if joints.position.shape != (len(self.robot.servos),):
             got, expected = joints.position.shape, (len(self.robot.servos),)
             raise FrameError(f"joints of {self.robot.name}: position of shape {got}, expected {expected}")
-        fresh = self._conditioner.take(reading.skin)
+        fresh = self.conditioner.take(reading.skin)
         poses = self._state.link_poses
         if joints is not self._joints:
             poses, self._joints = self._links.poses(joints.position), joints
         elif not fresh:
             return self._state
-        self._state = SkinState(self._conditioner.felt, poses)
+        self._state = SkinState(self.conditioner.felt, poses)
         return self._state
 
     def learn(self) -> None:
@@ -149,7 +147,7 @@ class Skin:
     def noticed(self, flat: FlatSkin) -> tuple[Array, NDArray[np.bool_]]:
         """Pressure (n,) [Pa] from which each of the skin's taxels feels something, infinite where it is not
         believed; and which (n,) are lively, so that their values never stay the same."""
-        return self._conditioner.noticed([site.patch for site in flat.sites])
+        return self.conditioner.noticed([site.patch for site in flat.sites])
 
     def positions(self, patch: str, joints: JointReading, *, frame: FrameName = "link") -> Array:
         """Taxel positions (taxels, 3) [m] at the present posture (eq. 3).

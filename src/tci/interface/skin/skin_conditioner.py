@@ -37,7 +37,7 @@ class SkinConditioner:
     ) -> None:
         """`surfaces` and `calibrations` by patch. Raises TciError for a calibration of another size."""
         self._robot = robot
-        self._conditioners = {
+        self.patches = {
             patch.name: Conditioner(
                 patch,
                 normal_channels(patch, surfaces[patch.name]),
@@ -48,14 +48,15 @@ class SkinConditioner:
             )
             for index, patch in enumerate(robot.patches)
         }
+        """The conditioner of each patch by name."""
         self._shears = {
             patch.name: Shear(patch, surfaces[patch.name])
             for patch in robot.patches
             if patch.sensor.axes == AXES
         }
-        self._places = {name: p for p, name in enumerate(self._conditioners)}
-        self._areas = {name: surfaces[name].areas for name in self._conditioners}
-        self.octets = OctetSkin(list(self._conditioners.values()), list(self._areas.values()))
+        self._places = {name: p for p, name in enumerate(self.patches)}
+        self._areas = {name: surfaces[name].areas for name in self.patches}
+        self.octets = OctetSkin(list(self.patches.values()), list(self._areas.values()))
         """The fast way for frames of bytes; it knows the force on all taxels."""
         self._others: Mapping[str, PatchState] = {}
         self._pressed = NOBODY
@@ -69,14 +70,14 @@ class SkinConditioner:
     @property
     def dropped(self) -> int:
         """Values until now that were not finite, or that a sensor can't send."""
-        return sum(conditioner.dropped for conditioner in self._conditioners.values())
+        return sum(conditioner.dropped for conditioner in self.patches.values())
 
     @property
     def health(self) -> dict[str, PatchHealth]:
         """How much of each patch can be trusted, by its name."""
         octets, found = self.octets, {}
         octets.catch_up()
-        for p, (name, conditioner) in enumerate(self._conditioners.items()):
+        for p, (name, conditioner) in enumerate(self.patches.items()):
             health = conditioner.health
             found[name] = replace(health, saturated=octets.saturated(p)) if octets.takes[p] else health
         return found
@@ -90,7 +91,7 @@ class SkinConditioner:
     def noticed(self, patches: Sequence[str]) -> tuple[Array, NDArray[np.bool_]]:
         """Pressure (n,) [Pa] from which each taxel of some patches feels something, infinite where it is not
         believed; and which (n,) are lively, so that their values never stay the same."""
-        own = [self._conditioners[patch] for patch in patches]
+        own = [self.patches[patch] for patch in patches]
         return np.concatenate([one.least for one in own]), np.concatenate([one.lively for one in own])
 
     def take(self, frames: Sequence[SkinFrame]) -> bool:
@@ -158,7 +159,7 @@ class SkinConditioner:
 
     def _check(self, frames: Sequence[SkinFrame]) -> None:
         for frame in frames:
-            self._conditioners[frame.patch].check(np.asarray(frame.values))
+            self.patches[frame.patch].check(np.asarray(frame.values))
 
     def _retire(self, frames: Sequence[SkinFrame]) -> None:
         """Patches whose frames can't come the fast way go the other from now on."""
@@ -170,7 +171,7 @@ class SkinConditioner:
     def _feel_other(self, frame: SkinFrame) -> PatchState:
         """A frame that does not come the fast way."""
         name = frame.patch
-        conditioner, held = self._conditioners[name], self._others.get(name)
+        conditioner, held = self.patches[name], self._others.get(name)
         pressure = conditioner.pressure(frame.values, frame.stamp)
         if held is not None and pressure is held.pressure:
             force = held.force

@@ -17,11 +17,11 @@ import pytest
 import tci
 from tci.errors import CommandError, LinkError
 from tci.interface.gate.gate import GateState, SafeCommand
-from tci.messages import GenericCommand, Mode, Perception
+from tci.messages import GenericCommand, Mode, Perception, Reading
 from tci.middleware.simulated import SimulatedLink
 from tci.runtime.guards import LEAST_SILENCE, frozen_garbage, interruptions
 from tci.runtime.lease import lease
-from tci.runtime.loop import REST, Tick, run
+from tci.runtime.loop import PERSISTS, REST, Tick, run
 from tci.runtime.loop_report import LoopReport
 from tci.simulation.world import World
 
@@ -378,6 +378,40 @@ def test_45_a_link_that_is_only_read_is_not_written_to_at_the_end(world: World) 
         with pytest.raises(ZeroDivisionError):
             run(link, Swing(5, fail), duration=1.0, write=False)
         assert world.time < 0.05
+
+
+def test_15_skin_that_does_not_fit_is_not_seen_and_stops_the_robot_only_if_that_lasts(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    link, report, wrong = SimulatedLink(tci.load_robot("nao")), LoopReport(), [False]
+    read, steps, states = link.read, [], []
+
+    def cut() -> Reading:
+        reading = read()
+        if not wrong[0]:
+            return reading
+        return replace(reading, skin=tuple(replace(frame, values=frame.values[1:]) for frame in reading.skin))
+
+    class Watch(Swing):
+        def step(self, memory: int, perception: Perception) -> tuple[tuple[GenericCommand, ...], int]:
+            steps.append(link.world.time)
+            return super().step(memory, perception)
+
+    def observe(tick: Tick) -> None:
+        states.append(tick.sent.state)
+        wrong[0] = begin + 0.1 <= tick.now < begin + 0.1 + spoilt
+
+    monkeypatch.setattr(link, "read", cut)
+    begin, spoilt = link.world.time, 0.5 * PERSISTS
+    run(link, Watch(), duration=0.3, observe=observe, report=report)
+    assert 0.6 * spoilt / link.period < report.rejected <= spoilt / link.period + 1
+    assert len(steps) == report.ticks - report.rejected, "the capability sees none of it"
+    assert set(states) == {GateState.RUN}
+    states.clear()
+    begin, spoilt = link.world.time, 1.0
+    run(link, Watch(), duration=0.4, observe=observe, report=LoopReport())
+    assert 0.1 + PERSISTS < states.index(GateState.STOP) * link.period < 0.1 + PERSISTS + 0.03
+    assert "expected (240,)" in link.gate.step((), read().joints, link.world.time).reason
 
 
 def test_10_skin_that_stands_still_makes_the_robot_hold(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -50,7 +50,7 @@ class Silence:
         self._longest = {patch.name: max(PERIODS / patch.rate, least) for patch in robot.patches}
         self._heard: dict[str, tuple[int, float]] = {}
         self._skin: object = None
-        self._soonest = -np.inf
+        self._soonest, self._quiet = np.inf, ""
 
     def fault(self, reading: Reading, now: float) -> str:
         """Which patch has sent no new frame for too long at `now` [s]; empty when all go on."""
@@ -60,16 +60,17 @@ class Silence:
                 before = self._heard.get(frame.patch)
                 if before is None or before[0] != frame.sequence:
                     self._heard[frame.patch] = frame.sequence, now
-            self._soonest = min(
-                (heard + self._longest.get(patch, np.inf) for patch, (_, heard) in self._heard.items()),
-                default=np.inf,
+            self._soonest, self._quiet = min(
+                (
+                    (heard + self._longest.get(patch, np.inf), patch)
+                    for patch, (_, heard) in self._heard.items()
+                ),
+                default=(np.inf, ""),
             )
         if now <= self._soonest:
             return ""
-        for patch, (_, heard) in self._heard.items():
-            if now - heard > self._longest.get(patch, np.inf):
-                return f"the skin of {patch} has sent nothing for {(now - heard) * 1e3:.0f} ms"
-        return ""
+        silent = now - self._heard[self._quiet][1]
+        return f"the skin of {self._quiet} has sent nothing for {silent * 1e3:.0f} ms"
 
 
 class Standstill:

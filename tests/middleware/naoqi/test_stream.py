@@ -15,7 +15,7 @@ from tci.model.catalogue import load_robot
 
 needs_qi()
 
-from tci.middleware.naoqi.stream import AHEAD, Stream
+from tci.middleware.naoqi.stream import AHEAD, CATCH_UP, Stream
 from tci.middleware.naoqi.words import CYCLE
 
 ROBOT = load_robot("nao")
@@ -134,6 +134,22 @@ def test_a_servo_at_rest_is_left_alone_and_a_moving_one_gets_at_most_a_target_ea
 
     swing(counted)
     assert count <= safe_count[0] // 2 + 10
+
+
+def test_where_it_turns_it_is_as_fast_as_from_the_target_before() -> None:
+    """The robot is on its way there, wherever it is measured: if nobody sends again, it must rest soon."""
+    ours, gate = stream(), Gate(ROBOT, period=PERIOD, stale_after=1.0)
+    position = np.array(ROBOT.initial_position)
+    motion = Motion(float(position[INDEX]))
+    arm = NativePart("LArm", ROBOT.servos_of("LArm"))
+    for tick, way in enumerate((0.04, -0.02, -0.03)):
+        joints = JointReading(tick * CYCLE, tick, position, np.zeros(len(position)))
+        safe = gate.step([arm.command({NAME: -0.1})], joints, tick * CYCLE)
+        ahead = gate.ahead(AHEAD).copy()
+        ahead[safe.servos.tolist().index(INDEX)] = position[INDEX] + way
+        ours.send(motion, safe, ahead, position)
+    shares = [share for _, share in motion.calls]
+    assert np.array(shares) * FASTEST * CATCH_UP == pytest.approx([0.04, 0.06, 0.03])
 
 
 def test_targets_wait_while_the_robot_has_not_taken_the_one_before() -> None:

@@ -89,8 +89,6 @@ class TorqueLimiter:
         and beyond there is none. A velocity that is not finite counts as no torque wanted.
         """
         s = self._servos
-        if not s.index.size:
-            return s.torque
         q, v, wanted = position[s.index], velocity[s.index], self._wanted[s.index]
         wanted = np.where(np.isfinite(v), wanted, 0.0)
         v = np.nan_to_num(v)

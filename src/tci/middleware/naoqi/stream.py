@@ -19,8 +19,9 @@ from tci.middleware.naoqi.words import CYCLE
 AHEAD = 2.0 * CYCLE
 """How far ahead [s] of its reference a servo is sent, on the way that the gate has planned. Ours."""
 CATCH_UP = 0.05
-"""A servo gets the speed that takes it to its target in this time [s]: a little more than AHEAD, so that it
-is neither there before the next target comes, nor far behind. Ours."""
+"""A servo gets the speed that takes it to its target in this time [s], from where it was measured or from the
+target before, whatever is farther: a little more than AHEAD, so that it is neither there before the next
+target comes, nor far behind. Ours."""
 LEAST = 0.02
 """Smallest share of the top speed that is sent: with none it would never arrive. Ours."""
 EVERY = 0.01
@@ -54,7 +55,9 @@ class Stream:
         """
         servos, now = safe.servos, safe.stamp
         target = np.clip(ahead, self.lower[servos], self.upper[servos])
-        speed = np.abs(target - measured[servos]) / CATCH_UP
+        # Where it turns, the robot's own reference may still be on its way to the target before.
+        way = np.fmax(np.abs(target - measured[servos]), np.abs(target - self._target[servos]))
+        speed = way / CATCH_UP
         share = np.clip(speed / self.fastest[servos], LEAST, 1.0)
         known = np.abs(target - self._target[servos]) < SAME
         known &= share <= self._share[servos]

@@ -36,14 +36,14 @@ STEADY = 25
 """Periods of the robot for which it must move before it counts as moving."""
 PAUSE = 0.01
 """Time [s] between two of the robot's periods from which on the machine is what is measured."""
-SETTLED = 0.2
+SETTLED = 0.15
 """Time [s] for which it must rest: a reference may stand for a moment while orders are on their way."""
 LONGEST = 30.0
 """Time [s] that a process may take to say what it is waited for."""
 
 
 def dropped(full: bool) -> Any:
-    """SIGSTOP and SIGKILL in turn, of what commands over each link; until its reference rests."""
+    """SIGSTOP and SIGKILL (one in four), of what commands over each link; until its reference rests."""
     from pool import gather
     from row import Row
 
@@ -93,7 +93,7 @@ def _silences(peer: Any, name: str, seed: int, count: int) -> dict[str, Any]:
                 if not robot.moves():
                     raise LinkError(f"{name}: it never moves")
                 time.sleep(chance.uniform(0.0, 0.02))  # anywhere between two messages
-                kind = (signal.SIGSTOP, signal.SIGKILL)[(len(times) + failed) % 2]
+                kind = signal.SIGKILL if (len(times) + failed) % 4 == 1 else signal.SIGSTOP
                 begin = time.monotonic()
                 os.kill(mover, kind)
                 rest, pause = robot.rests(begin)

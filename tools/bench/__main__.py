@@ -43,6 +43,7 @@ CASES = {
     "inverse": "parts:inverse",
     "touch": "touch:touch",
     "touch_hand": "touch:touch_hand",
+    "real_time_factor": "touch:real_time_factor",
     "worlds": "touch:worlds",
     "loop": "loop:loop",
     "links": "links:links",

@@ -18,6 +18,7 @@ import tci
 from tci.interface.kernels.contacts import cluster
 from tci.interface.part import to_platform
 from tci.interface.skin.contacts import ContactSettings
+from tci.interface.skin.link_poses import SkinLinks
 from tci.messages import GenericCommand, JointReading, Mode
 from tci.model.chain import chain_to
 from tci.model.inverse import InverseKinematics
@@ -83,14 +84,17 @@ def clusters_and_scipy(robot: tci.Robot) -> tuple[Work, Work]:
     return ours, peer
 
 
-def kinematics_and_mujoco(robot: tci.Robot) -> tuple[Work, Work]:
-    """Poses of four links: ours from joint angles to torso frame, and MuJoCo's mj_kinematics alone."""
+def kinematics_and_mujoco(robot: tci.Robot, *, in_loop: bool) -> tuple[Work, Work]:
+    """Poses of four links: ours from joint angles to torso frame, as asked for or as the loop does it, and
+    MuJoCo's mj_kinematics alone."""
     kinematics, position = Kinematics(robot), robot.initial_position
     links = [patch.link for patch in robot.patches]
+    own = SkinLinks(robot, kinematics, links)
     assert robot.model is not None
     model = load_spec(robot.model).compile()
     data = mujoco.MjData(model)
-    return lambda: kinematics.poses(position, links), lambda: mujoco.mj_kinematics(model, data)
+    ours = (lambda: own.poses(position).all) if in_loop else (lambda: kinematics.poses(position, links))
+    return ours, lambda: mujoco.mj_kinematics(model, data)
 
 
 def kinematics_and_pinocchio(robot: tci.Robot) -> tuple[Work, Work]:
@@ -192,8 +196,10 @@ def gate() -> list[Measured]:
 
 def kinematics() -> list[Measured]:
     nao = tci.load_robot("nao")
+    asked, looped = (in_turn(*kinematics_and_mujoco(nao, in_loop=one)) for one in (False, True))
     return [
-        row("forward kinematics, 4 links", "mj_kinematics", in_turn(*kinematics_and_mujoco(nao))),
+        row("forward kinematics, 4 links", "mj_kinematics", asked),
+        row("forward kinematics, 4 links, in the loop", "mj_kinematics", looped),
         row("pose and Jacobian of a hand", "Pinocchio", in_turn(*kinematics_and_pinocchio(nao))),
     ]
 

@@ -93,11 +93,13 @@ def events() -> list[Measured]:
     clocked, eventful = tci.Skin(robot), tci.Skin(robot)
     filled = FilledFrames(robot, 1.0)
     count = [itertools.count(1), itertools.count(1)]
+    sent: tuple[SkinFrame, ...] = ()
 
     def ours() -> object:
+        nonlocal sent
         k = next(count[0])
-        k0 = k - k % 50  # one keep-alive in 50 frames
-        sent = tuple(SkinFrame(name, period * k0, k0, values) for name, values in raw.items())
+        if k % 50 == 1:  # one keep-alive in 50 frames: else nothing is sent
+            sent = tuple(SkinFrame(name, period * k, k, values) for name, values in raw.items())
         return eventful.update(Reading(joints, filled.fill(sent, period * k)))
 
     def peer() -> object:

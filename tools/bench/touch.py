@@ -157,8 +157,8 @@ def touch_hand() -> list[Measured]:
     return [row(name, "Gymnasium-Robotics' hand with 92", pairs, unit="x", most=1.25)]
 
 
-def worlds() -> list[Measured]:
-    """Many worlds on several cores, and one robot with reflex and gate in every step."""
+def real_time_factor() -> list[Measured]:
+    """One robot with reflex and gate in every step."""
     nao, rows = tci.load_robot("nao"), []
     for step, least in ((0.001, 15.0), (0.002, 30.0)):
         binding = nao.binding("sim").model_copy(update={"rate": 1.0 / step})
@@ -172,6 +172,11 @@ def worlds() -> list[Measured]:
                 pairs.append((SPAN / (time.thread_time() - start), 1.0))
         name = f"NAO, both arms' skins, reflex and gate each {1e3 * step:.0f} ms: real-time factor"
         rows.append(row(name, "real time", pairs, unit="x", least_ratio=least))
+    return rows
+
+
+def worlds() -> list[Measured]:
+    """Many worlds on several cores."""
     pairs = []
     for _ in range(5):
         # So long that all are at work at the same time; a process's first run also loads what it needs.
@@ -184,7 +189,5 @@ def worlds() -> list[Measured]:
             for cores in (4, 1)
         )
         pairs.append((fast, slow))
-    rows.append(
-        row("4 worlds on 4 cores: speed of each", "one after the other", pairs, unit="x", least_ratio=0.8)
-    )
-    return rows
+    name = "4 worlds on 4 cores: speed of each"
+    return [row(name, "one after the other", pairs, unit="x", least_ratio=0.8)]

@@ -66,7 +66,10 @@ def find_contacts(
     UnknownNameError when the posture lacks a part that is touched.
     """
     flat = skin.flat_skin()
-    if not flat.sites:
+    if not flat.sites or (skin.is_now(flat, state) and skin.felt.untouched):
+        if tracker is not None:
+            tracker.lone.nobody_waits()
+            tracker.lone.remember()
         return ()
     force, active, actives, stamps, frames, states = _felt(skin, flat, state)
     # NaN is neither above nor below anything, so it never seeds a contact and never joins one.

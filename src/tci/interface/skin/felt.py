@@ -40,6 +40,11 @@ class FeltPatches(Mapping[str, PatchState]):
         """Which taxels (n,) of each patch (p,) are ignored."""
         self.others = others
 
+    @property
+    def untouched(self) -> bool:
+        """Whether no taxel feels anything, as far as is known without looking at `others`."""
+        return not len(self._pressed[0]) and not self.others
+
     def __getitem__(self, patch: str) -> PatchState:
         state = self.others.get(patch) or self._made.get(patch)
         if state is None:

@@ -60,6 +60,21 @@ def test_what_was_done_is_kept_and_not_done_again(
     assert pool.COMMITS["row"]
 
 
+def half(number: int) -> dict[str, float]:
+    return {"half": 1 / number}
+
+
+def test_a_job_that_fails_takes_no_other_with_it(
+    tool: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("OUT", str(tmp_path))
+    monkeypatch.setenv("JOBS", "1")
+    with pytest.raises(ZeroDivisionError) as raised:
+        tool("pool").gather("row", half, [(0,), (1,), (2,)], full=True)
+    assert raised.value.__notes__ == ["row [0]"]
+    assert len((tmp_path / "reliability" / "row.jsonl").read_text().splitlines()) == 2
+
+
 def test_a_row_that_was_not_tried_stays_as_it_is_on_the_page(tool: Any, tmp_path: Path) -> None:
     row, page = tool("row"), tool("page")
     path = tmp_path / "page.md"

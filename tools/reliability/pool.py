@@ -31,7 +31,7 @@ def gather(
 
     At full size they are written to `OUT/reliability/NAME.jsonl` one by one, and those that are there already
     count, if the sources are the same: the full size can be reached in pieces. JOBS processes work at once;
-    `alone`: one job at a time. PART=0/2 does every second job only. MINUTES=0 does nothing and takes what was
+    `alone`: one job at a time. What a job raises is raised when the others are done. PART=0/2 does every second job only. MINUTES=0 does nothing and takes what was
     kept last, of whatever sources; `COMMITS` tells which.
     """
     kept = Path(os.environ.get("OUT", "out")) / "reliability" / f"{name}.jsonl"
@@ -42,6 +42,7 @@ def gather(
     missing = [job for job in jobs[part::parts] if json.dumps(job) not in done]
     until = time.monotonic() + 60.0 * minutes
     count = 1 if alone else int(os.environ.get("JOBS", os.cpu_count() or 1))
+    failed: list[Exception] = []
     if missing and time.monotonic() < until:
         with ProcessPoolExecutor(count) as pool:
             waiting = {pool.submit(work, *job): job for job in missing}
@@ -49,7 +50,13 @@ def gather(
                 if one.cancelled():
                     continue
                 job = json.dumps(waiting[one])
-                done[job] = one.result()
+                try:
+                    done[job] = one.result()
+                except Exception as error:  # the others go on
+                    error.add_note(f"{name} {job}")
+                    failed.append(error)
+                    print(f"{name} {job}: {type(error).__name__}: {error}", flush=True)
+                    continue
                 if full:
                     kept.parent.mkdir(parents=True, exist_ok=True)
                     with kept.open("a") as file:
@@ -58,6 +65,8 @@ def gather(
                 if time.monotonic() > until:
                     for other in waiting:
                         other.cancel()
+    if failed:
+        raise failed[0]
     return [done[job] for job in map(json.dumps, jobs) if job in done]
 
 

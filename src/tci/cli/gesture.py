@@ -40,6 +40,7 @@ def record(
     from tci.model.catalogue import load_robot
     from tci.runtime.registry import connect
 
+    _writable(file)
     words = load_robot(robot)
     times: list[float] = []
     positions = []
@@ -77,6 +78,7 @@ def convert(
     from tci.cli.console import console, print_json
     from tci.interface.gestures.files import write_csv
 
+    _writable(target)
     gesture, names = load(source)
     write_csv(gesture, target, names)
     if as_json:
@@ -134,6 +136,12 @@ def play(
         console.print(f"played in {following.duration:.1f} s{again}", highlight=False)
     if not done:
         raise SystemExit(1)
+
+
+def _writable(path: Path) -> None:
+    """Raises CommandError, before anybody moves a robot, where a gesture can't be written."""
+    if path.suffix.lower() != ".csv" or not path.parent.is_dir():
+        raise CommandError(f"{path} is no place for a gesture; valid: a .csv file in a folder that is there")
 
 
 def load(path: Path) -> tuple[Gesture, dict[str, list[str]]]:

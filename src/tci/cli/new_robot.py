@@ -39,9 +39,9 @@ def new_robot(
     name = name or _plain(urdf.stem)
     target = out or urdf.parent / "robot.xml"
     file = _in_package(urdf, package) if package else _beside(urdf, target)
+    robot = propose(urdf, name=name, package=package, mount=mount)
     if target.exists() and not force:
         raise CommandError(f"{target} exists; valid: --out with another file, or --force to replace it")
-    robot = propose(urdf, name=name, package=package, mount=mount)
     text = write_robot(robot, file=file, comment=COMMENT.format(file=urdf.name))
     target.parent.mkdir(parents=True, exist_ok=True)
     target.write_text(text, encoding="utf-8")

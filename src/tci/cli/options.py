@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+
+def _above_zero(seconds: float | None) -> float | None:
+    """A time that can pass."""
+    if seconds is None or 0.0 < seconds < math.inf:
+        return seconds
+    raise typer.BadParameter(f"{seconds} s; valid: above 0 s")
+
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for programs instead of words.")]
 RobotName = Annotated[str, typer.Argument(help="Robot by name, or a description file.")]
@@ -21,7 +30,9 @@ SomeRobots = Annotated[
 ]
 Via = Annotated[str, typer.Option(help="Link to it, NAME or NAME:ADDRESS.")]
 Arm = Annotated[bool, typer.Option("--arm", help="Let it move; a simulated robot always may.")]
-Duration = Annotated[float | None, typer.Option(help="How long \\[s]; else until interrupted.")]
+Duration = Annotated[
+    float | None, typer.Option(help="How long \\[s]; else until interrupted.", callback=_above_zero)
+]
 Faults = Annotated[
     list[str] | None,
     typer.Option(help="NAME@TIME or NAME@TIME:DURATION \\[s]; names: tci fault list; repeat for several."),

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from tci.cli.options import AsJson, RobotName
+from tci.errors import CommandError
 
 app = typer.Typer()
 
@@ -90,7 +91,7 @@ def check(
         list[str] | None,
         typer.Option(help="With --hardware: a part, a joint or a patch; repeat for several."),
     ] = None,
-    taxels: Annotated[int, typer.Option(help="With --hardware: taxels of each patch; -1: all.")] = 12,
+    taxels: Annotated[int, typer.Option(min=-1, help="With --hardware: taxels of each patch; -1: all.")] = 12,
     as_json: AsJson = False,
 ) -> None:
     """Check a robot description: every fault at once, each with its line and what would be valid.
@@ -112,6 +113,8 @@ def check(
 
         check_hardware(str(file), via=via, parts=only or [], taxels=taxels, as_json=as_json)
         return
+    if via != "sim" or only or taxels != 12:
+        raise CommandError("--via, --only and --taxels look at a robot itself; valid: with --hardware")
     from tci.cli.check import check as command
 
     command(file, simulate=simulate, as_json=as_json)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import re
+import sys
 import threading
 from collections.abc import Iterator, Sequence
+from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -48,12 +50,30 @@ POKE_DELAY = 0.3
 
 
 def load_capability(name: str) -> Capability[Any]:
-    """A capability with its default settings, by its entry point. Raises UnknownNameError."""
+    """A capability with its default settings: by its entry point, or MODULE:CLASS, from here too.
+
+    Raises UnknownNameError for a name that nobody has, CommandError for a class that is none.
+    """
     points = {point.name: point for point in entry_points(group=GROUP)}
-    if name not in points:
-        raise UnknownNameError("capability", name, sorted(points))
-    capability: Capability[Any] = points[name].load()()
+    if name in points:
+        found = points[name].load()
+    elif ":" in name:
+        found = _from_module(*name.split(":", 1))
+    else:
+        raise UnknownNameError("capability", name, [*sorted(points), "or MODULE:CLASS"])
+    if not (isinstance(found, type) and issubclass(found, Capability)):
+        raise CommandError(f"{name} is no capability; valid: a subclass of tci.Capability")
+    capability: Capability[Any] = found()
     return capability
+
+
+def _from_module(module: str, name: str) -> object:
+    """What a module has by that name; the module may be in this folder."""
+    sys.path.insert(0, "")
+    try:
+        return getattr(import_module(module), name)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise CommandError(f"{module}:{name}: {error}; valid: MODULE:CLASS, as in my_file:Shrug") from error
 
 
 def run_capability(

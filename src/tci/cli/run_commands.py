@@ -98,13 +98,13 @@ def view(
         typer.Option(help="Link, NAME or NAME:ADDRESS: one for all robots, or one for each. [default: sim]"),
     ] = None,
     capability: Annotated[
-        str, typer.Option("--run", help="Capability that runs on every robot.")
+        str, typer.Option("--run", help="Capability that runs on every robot, by name or MODULE:CLASS.")
     ] = "withdrawal",
     arm: Arm = False,
     host: Annotated[
         str, typer.Option(help="Address to listen on; off this machine a token is asked for.")
     ] = "127.0.0.1",
-    port: Annotated[int, typer.Option(help="Port; 0 takes a free one.")] = 8080,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 takes a free one.")] = 8080,
     out: Annotated[Path, typer.Option(help="Folder for recordings.")] = Path("recordings"),
     duration: Duration = None,
     headless: Annotated[bool, typer.Option("--headless", help="Do not open the browser.")] = False,
@@ -127,7 +127,9 @@ def view(
 
 @app.command()
 def run(
-    capability: Annotated[str, typer.Argument(help="Name of a capability, such as withdrawal.")],
+    capability: Annotated[
+        str, typer.Argument(help="Capability: a name such as withdrawal, or MODULE:CLASS.")
+    ],
     robot: OneRobot,
     via: Via = "sim",
     duration: Duration = None,

@@ -71,7 +71,9 @@ def locate(
         ),
     ] = None,
     count: Annotated[int, typer.Option(min=3, max=100000, help="Touches, in simulation.")] = 200,
-    wrong: Annotated[float, typer.Option(help="Error \\[m] of the places before, in simulation.")] = 0.010,
+    wrong: Annotated[
+        float, typer.Option(min=0.0, max=0.1, help="Error \\[m] of the places before, in simulation.")
+    ] = 0.010,
     out: Annotated[Path | None, typer.Option(help="Write the places found to this table (.csv).")] = None,
     as_json: AsJson = False,
 ) -> None:

@@ -53,7 +53,9 @@ def secure(
 
 
 @app.command()
-def router(file: Annotated[Path, typer.Argument(help="Configuration file of Zenoh.")]) -> None:
+def router(
+    file: Annotated[Path, typer.Argument(exists=True, dir_okay=False, help="Configuration file of Zenoh.")],
+) -> None:
     """Run a router until interrupted, as zenohd does, for machines without it."""
     _needs_zenoh()
     from tci.middleware.remote_address import RemoteAddress

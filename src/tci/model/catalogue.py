@@ -42,7 +42,7 @@ def load_robot(name_or_path: str | os.PathLike[str]) -> Robot:
     entries = _entries()
     if text in entries:
         return read_robot(_path_of(entries[text]))
-    raise UnknownNameError("robot", text, robot_names())
+    raise UnknownNameError("robot", text, [*robot_names(), "or the path of a description (.xml)"])
 
 
 def _is_path(text: str) -> bool:

@@ -40,7 +40,7 @@ class Film:
 
     def __init__(self, world: World, path: Path, *, fields: Sequence[ReceptiveField], part: str) -> None:
         """Of the upper body with `part`. Raises UnknownNameError for a format, MissingExtraError for a
-        video without the extra, CommandError for a file that exists."""
+        video without the extra, CommandError for a file that exists or a folder that does not."""
         self._format = path.suffix.removeprefix(".").lower()
         if self._format not in FORMATS:
             raise UnknownNameError("format of a film", path.suffix.removeprefix("."), FORMATS)
@@ -48,6 +48,8 @@ class Film:
             needs_video()
         if path.exists():
             raise CommandError(f"{path} exists; valid: a name that is free")
+        if not path.parent.is_dir():
+            raise CommandError(f"{path.parent} is no folder; valid: one that is there")
         self.path = path
         self._world = world
         self._part = part

@@ -66,10 +66,10 @@ def read_bytes(path: Path, *, limit: int = MAX_BYTES) -> bytes:
         handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
-        raise refuse(str(path), 0, f"can't be opened: {reason}; give the path of an .xml file") from error
+        raise refuse(str(path), 0, f"can't be opened: {reason}; valid: the path of a file") from error
     if not stat.S_ISREG(os.fstat(handle).st_mode):
         os.close(handle)
-        raise refuse(str(path), 0, "is not a regular file; give the path of an .xml file")
+        raise refuse(str(path), 0, "is not a regular file; valid: the path of a file")
     with os.fdopen(handle, "rb") as file:
         try:
             data = file.read(limit + 1)

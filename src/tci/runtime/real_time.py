@@ -6,7 +6,7 @@ import os
 import struct
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from tci.errors import TciError
@@ -69,4 +69,13 @@ def _awake() -> Iterator[None]:
         ) from error
     with file:
         file.write(struct.pack("i", 0))
+        yield
+
+
+@contextmanager
+def real_time_where_permitted() -> Iterator[None]:
+    """The same where the system permits it; elsewhere nothing changes."""
+    with ExitStack() as stack:
+        with suppress(TciError):
+            stack.enter_context(real_time())
         yield

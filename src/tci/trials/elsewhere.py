@@ -1,7 +1,8 @@
 """A poke whose reflex runs in another process, and reaches the simulated robot through a middleware.
 
 The robot, its gate and the finger are here, served as `tci serve` serves them, in real time; the reflex there
-knows nothing but what the middleware brings.
+knows nothing but what the middleware brings. Both go before other programs where the system permits it
+(`real_time`), as on a robot: what they take is told, not what else runs on the machine.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from tci.middleware.simulated import SimulatedLink
 from tci.model.catalogue import load_robot
 from tci.model.description import Robot
 from tci.runtime.loop import Tick, run
+from tci.runtime.real_time import real_time_where_permitted
 from tci.runtime.registry import connect, open_server
 from tci.runtime.serve import serve
 from tci.simulation.world import World
@@ -76,7 +78,7 @@ class Elsewhere:
         """
         link = TrialLink(world.robot, world=world, paced=True)
         asked = time.monotonic()
-        with open_server(link, self.via) as server:
+        with real_time_where_permitted(), open_server(link, self.via) as server:
             self._ask(server.reach())
 
             ready = False
@@ -190,7 +192,7 @@ def main() -> None:
                 print("ready", flush=True)
 
         try:
-            with _patiently(robot, via) as link:
+            with real_time_where_permitted(), _patiently(robot, via) as link:
                 run(link, reflex, until=lambda memory: not told.empty(), observe=tell)
         except Exception as error:
             print(f"{type(error).__name__}: {error}".replace("\n", "; "), flush=True)

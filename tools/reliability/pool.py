@@ -31,8 +31,8 @@ def gather(
 
     At full size they are written to `OUT/reliability/NAME.jsonl` one by one, and those that are there already
     count, if the sources are the same: the full size can be reached in pieces. JOBS processes work at once;
-    `alone`: one job at a time. What a job raises is raised when the others are done. PART=0/2 does every second job only. MINUTES=0 does nothing and takes what was
-    kept last, of whatever sources; `COMMITS` tells which.
+    `alone`: one job at a time. What a job raises is raised when the others are done. PART=0/2 does every 2nd
+    job only. MINUTES=0 does nothing and takes what was kept last, of whatever sources; `COMMITS` tells which.
     """
     kept = Path(os.environ.get("OUT", "out")) / "reliability" / f"{name}.jsonl"
     minutes = float(os.environ.get("MINUTES", "inf"))

@@ -76,7 +76,7 @@ class Judge:
             if not np.array_equal(position, self.steps[3, index]):
                 self._fault("moved before its time", np.inf)
             return
-        self.steps = np.roll(self.steps, -1, axis=0)
+        self.steps[:-1] = self.steps[1:].copy()
         self.steps[3, index] = position
         untold = np.ones(len(self.modes), dtype=bool)
         untold[index] = False
@@ -97,12 +97,14 @@ class Judge:
         self._note("position", index, outside - np.where(least > 0.0, least + WIGGLE, 0.0))
 
     def _rates(self, index: NDArray[np.intp]) -> None:
-        steps = self.steps[:, index]
+        steps = differences = self.steps[:, index]
+        largest = np.spacing(np.abs(steps).max(axis=0))
         for order, name in enumerate(("velocity", "acceleration", "jerk"), start=1):
+            differences = differences[1:] - differences[:-1]
             bound = self.rates[order - 1, index]
-            value = np.abs(np.diff(steps, order, axis=0)[-1]) / self.period**order
+            value = np.abs(differences[-1]) / self.period**order
             # Angles of a few rad are rounded to 4e-16; a third difference of them over period cubed is more.
-            rounding = 2.0 ** (order + 1) * np.spacing(np.abs(steps).max(axis=0)) / self.period**order
+            rounding = 2.0 ** (order + 1) * largest / self.period**order
             self._note(name, index, (value - rounding - bound) / bound)
 
     def _couplings(self, safe: SafeCommand, loose: set[int]) -> None:
@@ -125,6 +127,10 @@ class Judge:
 
     def _note(self, what: str, servos: NDArray[np.intp], excess: Array) -> None:
         if not excess.size:
+            return
+        most = float(excess.max())
+        if -np.inf < most <= 1e-6 and excess.min() > -np.inf:
+            self.peak = max(self.peak, most)
             return
         worst = int(np.argmax(excess)) if np.isfinite(excess).all() else int(np.argmax(~np.isfinite(excess)))
         value = float(excess[worst]) if np.isfinite(excess[worst]) else np.inf
@@ -225,7 +231,7 @@ class Attack:
         self.speeds[told] = safe.velocity[~loose]
         self.angles[told] = safe.position[~loose] + self.sag[told]
         free = safe.servos[loose]
-        for _ in range(4):
+        for _ in range(4 if free.size else 0):
             self.speeds[free] += safe.torque[loose] / self._inertia[free] * self.period / 4
             self.angles[free] += self.speeds[free] * self.period / 4
 

@@ -110,6 +110,30 @@ def test_skin_goes_around_the_arm() -> None:
         )
 
 
+def test_a_forearm_that_ends_nowhere_is_refused(tmp_path: Path) -> None:
+    """All its joints are at the elbow."""
+    words = ["<link name='torso'/>"]
+    for side, sign in (("left", 1), ("right", -1)):
+        above = "torso"
+        for name, axis, origin in (
+            ("pitch", "0 -1 0", f"0 {0.2 * sign} 0.3"), ("roll", f"{sign} 0 0", "0 0 0"),
+            ("yaw", f"0 0 {-sign}", "0 0 0"), ("elbow", "0 -1 0", "0 0 -0.25"),
+            ("turn", f"0 0 {-sign}", "0 0 0"),
+        ):  # fmt: skip
+            link = f"{side}_{name}_link"
+            words.append(
+                f"<link name='{link}'><inertial><mass value='1'/><inertia ixx='1' iyy='1' izz='1' ixy='0'"
+                f" ixz='0' iyz='0'/></inertial></link><joint name='{side}_{name}' type='revolute'>"
+                f"<parent link='{above}'/><child link='{link}'/><origin xyz='{origin}'/><axis xyz='{axis}'/>"
+                "<limit lower='-1.5' upper='1.5' effort='20' velocity='4'/></joint>"
+            )
+            above = link
+    path = tmp_path / "stub.urdf"
+    path.write_text(f"<robot name='stub'>{''.join(words)}</robot>")
+    with pytest.raises(DescriptionError, match="no joint after left_elbow says where the left forearm ends"):
+        propose(path, name="stub")
+
+
 def test_what_is_no_humanoid_is_refused() -> None:
     dog = model_file("example-robot-data", "a1_description/urdf/a1.urdf")
     with pytest.raises(DescriptionError, match="valid: a humanoid whose z or y is up"):

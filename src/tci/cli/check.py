@@ -49,7 +49,11 @@ def _say_proof(proof: Proof) -> None:
     console.print(f"reflexes: {answered} of {len(proof.trials)} pokes answered", highlight=False)
     for fault in proof.faults:
         console.print(f"  [red]{fault}[/]", highlight=False)
-    end = f"[red]{len(proof.faults)} faults[/]" if proof.faults else "[green]proved in simulation[/]"
+    end = (
+        f"[red]{len(proof.faults)} fault{'s' * (len(proof.faults) > 1)}[/]"
+        if proof.faults
+        else "[green]proved in simulation[/]"
+    )
     console.print(f"{proof.robot}: {end}")
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from lxml import etree
 
+from tci.errors import DescriptionError, Fault
 from tci.frames import Array, rotation_rpy, rpy_of
 from tci.messages import Mode
 from tci.model.description import (
@@ -50,6 +51,8 @@ TORQUE, STRONGEST = 40.0, 1e4
 POSTURES = np.deg2rad([[25, 25, 0, 60, 0], [25, 25, 0, 75, 0], [35, 30, 0, 60, 0], [20, 40, 0, 60, 0],
                        [40, 20, 10, 70, 0], [25, 15, -15, 50, 0], [15, 15, 0, 45, 0]])  # fmt: skip
 """Initial postures [rad], the first of which fits."""
+SHORTEST = 0.02
+"""Length [m] of a forearm, at least."""
 ROOM = 0.1
 """Distance [rad] of the initial posture from limits."""
 LINEAR = 1e-6
@@ -61,7 +64,8 @@ def propose(path: Path, *, name: str, package: str | None = None, mount: bool = 
 
     `package` is the installed Python package that brought the URDF. With `mount`, shoulders that are the
     generic one but for a small turn get eq. 1 on a mount; otherwise they are retargeted, in the torso frame.
-    Raises DescriptionError for a file that is no URDF of a humanoid with two arms.
+    Raises DescriptionError for a file that is no URDF of a humanoid with two arms, or does not say where a
+    forearm ends.
     """
     model = Model(format="urdf", path=str(path.resolve()), package=package, torso_link="?")
     body = find_limbs(model)
@@ -78,6 +82,10 @@ def propose(path: Path, *, name: str, package: str | None = None, mount: bool = 
     )  # fmt: skip
     parts, patches = [], []
     for side, limb in body.arms.items():
+        if np.linalg.norm(limb.wrist - limb.middle) < SHORTEST:
+            elbow = body.joints[limb.bend].name
+            message = f"no joint after {elbow} says where the {side} forearm ends; valid: one at the wrist"
+            raise DescriptionError(str(path), [Fault(0, message)])
         arm = _arm(draft, body, limb, _side(side), points, index, mount=mount)
         parts.append(arm)
         patches += sleeves(body, limb, arm, points)

@@ -23,6 +23,7 @@ from dropped import dropped
 from explore import loop
 from gate import non_finite
 from kills import yarp_kills
+from mutation import branches, mutation
 from page import write_page
 from pool import COMMITS, commit
 from recordings import killed, minute
@@ -38,9 +39,9 @@ ROWS: dict[str, Callable[[bool], Row]] = {
     for one in (
         limits, bodies, non_finite, heartbeat, one_kilohertz, loop, false_reflexes, descriptions, guided,
         heartbeats, wires, dropped, killed, minute, yarp_skin, yarp_kills,
+        mutation, branches,
     )
 }  # fmt: skip
-OPEN = (Row("mutation score of gate and loop", 0, 1, "", "measured apart: mutmut run", ">= 95 %", None),)
 
 
 def main() -> int:
@@ -50,8 +51,6 @@ def main() -> int:
     if unknown := [name for name in names if name not in ROWS]:
         raise SystemExit(f"no row {', '.join(unknown)}; valid: {', '.join(ROWS)}")
     rows = [replace(ROWS[name](full), commit=COMMITS.get(name, commit())) for name in names]
-    if len(rows) == len(ROWS):
-        rows += OPEN
     table = Table(title=f"Reliability, {'full' if full else 'CI'} size")
     for head in ("figure", "size", "measured", "target", "met"):
         table.add_column(head)

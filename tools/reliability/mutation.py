@@ -1,0 +1,74 @@
+"""Do the tests notice what is changed in gate and loop, and do they take each of their branches."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import tomllib
+from pathlib import Path
+
+from row import Row
+
+ROOT = Path(__file__).parents[2]
+MUTANTS = ROOT / "mutants"
+SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["mutmut"]
+MEASURED = ("src/tci/interface/gate/*", "src/tci/runtime/loop*.py", "src/tci/runtime/guards.py",
+            "src/tci/runtime/lease.py")  # fmt: skip
+
+
+def mutation(full: bool) -> Row:
+    """mutmut's changes, one at a time; it goes on where it ended. At CI size nothing is run."""
+    counts = {"total": 0}
+    if full and float(os.environ.get("MINUTES", "inf")):
+        subprocess.run([_tool("mutmut"), "run"], cwd=ROOT, check=True, env=_tools_first())
+    if full and MUTANTS.exists():
+        subprocess.run([_tool("mutmut"), "export-cicd-stats"], cwd=ROOT, check=True, capture_output=True)
+        counts = json.loads((MUTANTS / "mutmut-cicd-stats.json").read_text())
+    noticed = sum(counts.get(how, 0) for how in ("killed", "timeout", "segfault"))
+    tried = noticed + counts.get("survived", 0) + counts.get("suspicious", 0) + counts.get("no_tests", 0)
+    score = noticed / max(1, tried)
+    return Row(
+        "mutation score of gate and loop", tried, max(1, counts["total"]), "changes",
+        f"{score:.1%} noticed, {tried - noticed} not", ">= 95 %", not tried or score >= 0.95,
+    )  # fmt: skip
+
+
+def branches(full: bool) -> Row:
+    """Branches of gate and loop that their tests take; at CI size nothing is run."""
+    totals = {"num_branches": 0, "covered_branches": 0, "missing_lines": 0}
+    if full and float(os.environ.get("MINUTES", "inf")):
+        tests = [*SETTINGS["pytest_add_cli_args_test_selection"], "tests/interface/test_self_collision.py"]
+        with tempfile.TemporaryDirectory() as folder:
+            environment = {**os.environ, "COVERAGE_FILE": f"{folder}/data"}
+            coverage, report = [sys.executable, "-m", "coverage"], f"{folder}/report.json"
+            run = [
+                *coverage,
+                "run",
+                "--branch",
+                f"--include={','.join(MEASURED)}",
+                "-m",
+                "pytest",
+                "-q",
+                *tests,
+            ]
+            subprocess.run(run, cwd=ROOT, check=True, env=environment)
+            subprocess.run([*coverage, "json", "-o", report], cwd=ROOT, check=True, env=environment)
+            totals = json.loads(Path(report).read_text())["totals"]
+    count, lines = totals["num_branches"], totals["missing_lines"]
+    missed = count - totals["covered_branches"]
+    return Row(
+        "branches of gate and loop that their tests take", count, max(1, count), "branches",
+        f"{missed} missed, {lines} lines missed", "100 %", not missed and not lines,
+    )  # fmt: skip
+
+
+def _tool(name: str) -> str:
+    return str(Path(sys.executable).with_name(name))
+
+
+def _tools_first() -> dict[str, str]:
+    """mutmut starts pytest by its name."""
+    return {**os.environ, "PATH": os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])}

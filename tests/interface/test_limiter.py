@@ -62,15 +62,17 @@ def test_halts_and_new_targets_on_straight_ways_keep_the_bounds() -> None:
     assert_within_bounds(np.array(path))
 
 
-@pytest.mark.parametrize("halted", [False, True])
-def test_what_lies_ahead_is_where_the_servos_then_are(halted: bool) -> None:
+@pytest.mark.parametrize("since", [None, 0, 1])
+def test_what_lies_ahead_is_where_the_servos_then_are(since: int | None) -> None:
+    """In motion, and told to halt some steps ago."""
     random = np.random.default_rng(3)
     limiter = Limiter(BOUNDS, BOUNDS.nearest(random.uniform(BOUNDS.lower, BOUNDS.upper), FREE), PERIOD)
     aim_anywhere(limiter, random)
     for _ in range(7):
         limiter.step()
-    if halted:
+    if since is not None:
         limiter.halt()
+    for _ in range(since or 0):
         limiter.step()
     told = [limiter.ahead(count * PERIOD) for count in range(1, 60)]
     went = [limiter.step() for _ in range(1, 60)]

@@ -90,6 +90,17 @@ def test_a_standstill_is_longer_than_a_busy_machine_and_than_what_the_link_allow
     assert still.fault() == ""
 
 
+def test_a_standstill_of_exactly_what_is_allowed_is_none_and_ends_exactly() -> None:
+    clock = tci.ManualClock(0.0)
+    still = Standstill(clock, stale_after=0.5)
+    clock.advance(0.5)
+    assert still.fault() == ""
+    clock.advance(1.0)
+    assert still.fault()
+    clock.advance(1.5 + PILED_UP - clock.now())
+    assert still.fault() == ""
+
+
 def test_42_a_second_signal_interrupts_what_hangs_and_handlers_are_as_before() -> None:
     before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
     seen: list[int | None] = []

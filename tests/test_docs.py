@@ -6,6 +6,7 @@ import re
 import runpy
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import pytest
 import typer
@@ -74,3 +75,21 @@ def exists(name: str) -> bool:
             found = getattr(found, rest)
         return True
     return False
+
+
+USED = re.compile(r"(?:^|`|\$ )(tci [a-z][^`#\n]*)", re.MULTILINE)
+"""A command as it stands in a page: at the beginning of a line, after a prompt or in back quotes."""
+
+
+@pytest.mark.parametrize("page", [DOCS.parent / "README.md", *PAGES], ids=lambda page: page.stem)
+def test_commands_of_a_page_have_the_options_that_it_gives_them(page: Path) -> None:
+    text = page.read_text().replace("\\\n", " ")
+    for used in USED.findall(text):
+        command: Any = typer.main.get_command(app)
+        words = used.split()[1:]
+        while words and (inner := getattr(command, "commands", {}).get(words[0])):
+            command, words = inner, words[1:]
+        assert not hasattr(command, "commands") or not words, f"{page.name}: {used}"
+        valid = {option for one in command.params for option in one.opts}
+        given = {word.partition("=")[0] for word in words if word.startswith("-") and not word[1:2].isdigit()}
+        assert given <= valid | {"-", "--help"}, f"{page.name}: {used}"

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
 NEAR = 0.5
 """Limits that differ by no more [deg] count as the same. Ours."""
-CLOCK = 0.1
-"""Spread between the clocks [s] worth a note. Ours."""
 
 
 def probe(robot: Robot, address: str) -> tuple[Finding, ...]:

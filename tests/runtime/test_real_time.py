@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import os
-import struct
 import sys
 from contextlib import suppress
-from pathlib import Path
 
 import pytest
 
 from tci.errors import TciError
-from tci.runtime import real_time as module
-from tci.runtime.real_time import PRIORITY, WAKE_UP, real_time, real_time_where_permitted
+from tci.runtime.real_time import PRIORITY, real_time
 
 
 def now() -> tuple[int, int, set[int]]:
@@ -50,42 +47,6 @@ def test_the_processors_stay_where_none_is_named() -> None:
     assert now() == before
 
 
-def test_processors_stay_awake_while_the_kernel_is_told_so() -> None:
-    before = now()
-    if not os.access(WAKE_UP, os.W_OK):
-        with (
-            pytest.raises(TciError, match="processors can't be kept awake: /dev/cpu_dma_latency: "),
-            real_time(awake=True),
-        ):
-            raise AssertionError
-    elif permitted():
-        with real_time(awake=True), WAKE_UP.open("rb") as file:
-            assert struct.unpack("i", file.read(4)) == (0,)
-    assert now() == before
-
-
-def test_what_keeps_them_awake_is_closed_afterwards(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(module, "WAKE_UP", tmp_path / "latency")
-    monkeypatch.setattr(os, "sched_setscheduler", lambda *_: None)
-    with real_time(awake=True):
-        assert (tmp_path / "latency").read_bytes() == bytes(4)
-        assert str(tmp_path / "latency") in opened()
-    assert str(tmp_path / "latency") not in opened()
-    monkeypatch.setattr(module, "WAKE_UP", tmp_path / "no folder" / "latency")
-    before = now()
-    with (
-        pytest.raises(TciError, match="latency: No such file or directory; valid: as root, after a udev"),
-        real_time(awake=True),
-    ):
-        raise AssertionError
-    assert now() == before
-
-
-def opened() -> set[str]:
-    """Files that this process has open."""
-    return {os.path.realpath(f"/proc/self/fd/{number}") for number in os.listdir("/proc/self/fd")}
-
-
 def test_elsewhere_it_tells_where_there_is_real_time(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "platform", "darwin")
     with pytest.raises(TciError, match="real time on darwin; valid: on Linux"), real_time():
@@ -104,22 +65,6 @@ def test_where_it_is_not_permitted_it_tells_what_to_do(monkeypatch: pytest.Monke
     ):
         raise AssertionError
     assert now() == before
-
-
-def test_where_it_is_not_permitted_one_may_go_on_without() -> None:
-    before, may = now(), permitted()
-    with real_time_where_permitted():
-        assert now() == ((os.SCHED_FIFO, PRIORITY, before[2]) if may else before)
-    assert now() == before
-
-
-def test_what_fails_inside_is_told_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: object) -> None:
-        raise PermissionError
-
-    monkeypatch.setattr(os, "sched_setscheduler", refuse)
-    with pytest.raises(TciError, match="the robot is gone"), real_time_where_permitted():
-        raise TciError("the robot is gone")
 
 
 @pytest.mark.parametrize(

@@ -29,7 +29,7 @@ def main(seconds: float) -> None:
     start, numbers = None, np.zeros(64)
     with ExitStack() as stack:
         with suppress(TciError):
-            stack.enter_context(real_time(processor=min(os.sched_getaffinity(0)), awake=True))
+            stack.enter_context(real_time(processor=min(os.sched_getaffinity(0))))
         for now in ticks(MonotonicClock(), PERIOD, duration=seconds):
             start = now if start is None else start
             begin = time.thread_time()

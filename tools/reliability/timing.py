@@ -142,8 +142,8 @@ def _run(piece: int, seconds: float) -> Result:
     with ExitStack() as stack:
         how = ""
         try:
-            stack.enter_context(real_time(processor=max(processors), awake=True))
-            how = "in real time on a processor of its own that does not sleep"
+            stack.enter_context(real_time(processor=max(processors)))
+            how = "in real time on a processor of its own"
         except TciError as error:
             print(error)
         run(link, tci.WithdrawalReflex(), duration=seconds, report=report, observe=observe)

@@ -72,6 +72,8 @@ def test_connect_lists_what_there_is() -> None:
         tci.connect(robot, "sim:10.0.0.5")
     with pytest.raises(UnknownNameError, match="no option of the link 'sim' named 'armed'; valid: arm"):
         tci.connect(robot, "sim", armed=True)
+    with tci.connect(robot, "sim", skin=False) as link:
+        assert not link.read().skin
     with pytest.raises(LinkError, match="seed beside a world; valid: give them to the World"):
         SimulatedLink(robot, world=World(robot), seed=3)
     with pytest.raises(UnknownNameError, match="no option of the link 'replay' named 'rate'; valid: arm"):

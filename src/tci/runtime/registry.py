@@ -53,9 +53,9 @@ def connect(robot: Robot, via: str = "sim", *, arm: bool | None = None, **option
         return _open(robot, first, **options)
     opened: list[Link] = []
     try:
-        opened.append(_open(robot, first, skin=False, **options))
+        opened.append(_open_half(robot, first, without="skin", **options))
         for other in others:
-            opened.append(_open(robot, other, joints=False))
+            opened.append(_open_half(robot, other, without="joints"))
         return JoinedLink(opened[0], opened[1:])
     except BaseException:
         for link in opened:
@@ -63,12 +63,16 @@ def connect(robot: Robot, via: str = "sim", *, arm: bool | None = None, **option
         raise
 
 
+def _open_half(robot: Robot, via: str, *, without: str, **options: Any) -> Link:
+    """A link for the joints or the skin alone."""
+    if without not in inspect.signature(load_link(via.partition(":")[0])).parameters:
+        raise LinkError(f"{via} can't leave out its {without}; valid in a joined link: naoqi, yarp")
+    return _open(robot, via, **{without: False}, **options)
+
+
 def _open(robot: Robot, via: str, **options: Any) -> Link:
     name, _, address = via.partition(":")
     factory: Any = load_link(name)
-    for half in ("joints", "skin"):
-        if half in options and half not in inspect.signature(factory).parameters:
-            raise LinkError(f"{via} can't leave out its {half}; valid in a joined link: naoqi, yarp")
     _check(options, factory, f"option of the link {name!r}")
     link: Link = factory(robot, address, **options)
     return link

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
 from itertools import chain
 from typing import overload
 
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.frames import Array, read_only
-from tci.interface.kernels.contacts import F_T, N_L, N_T, NUMBERS, P_L, P_T
+from tci.interface.kernels.contacts import NUMBERS
 from tci.interface.kernels.flat_skin import Site, segments_of
 from tci.interface.skin.generic_limb import generic_limb_point
 from tci.messages import Contact, PatchState, SkinFrame
@@ -100,16 +101,22 @@ class ContactTable(Sequence[Contact]):
             return tuple(self._make(row) for row in self._order[index])
         return self._make(self._order[index])
 
+    @cached_property
+    def _lists(self) -> tuple[list[int], list[int], list[list[float]], list[list[float]], Array]:
+        """What all contacts are made of, out of the arrays at once; the angle (k,) [rad] of each taxel."""
+        lists = self.patch.tolist(), self.bounds.tolist(), self.numbers.tolist(), self.told.tolist()
+        return *lists, read_only(np.arctan2(self.places[2], self.places[3]))
+
     def _make(self, row: int) -> Contact:
         contact = self._made.get(row)
         if contact is None:
-            patch = self.patch[row]
-            site = self.sites[patch]
+            patches, bounds, numbers, told, taxel_theta = self._lists
+            site = self.sites[patches[row]]
             frame = self._frames[site.patch]
-            own = slice(self.bounds[row], self.bounds[row + 1])
-            force, peak, area, u, theta, _, _ = self.numbers[row].tolist()
-            identity, began, moved = self.told[row].tolist()
-            vectors, (forces, taxel_u, y, z) = self.vectors[row], self.places[:, own]
+            own = slice(bounds[row], bounds[row + 1])
+            force, peak, area, u, theta, _, _ = numbers[row]
+            identity, began, moved = told[row]
+            p_L, n_L, p_T, n_T, f_T = self.vectors[row]
             contact = self._made[row] = Contact(
                 patch=site.patch,
                 part=site.part,
@@ -117,19 +124,19 @@ class ContactTable(Sequence[Contact]):
                 stamp=frame.stamp,
                 sequence=frame.sequence,
                 taxels=self.indices[own],
-                taxel_forces=forces,
+                taxel_forces=self.places[0, own],
                 force=force,
                 peak_force=peak,
                 area=area,
-                p_L=vectors[P_L],
-                n_L=vectors[N_L],
-                p_T=vectors[P_T],
-                n_T=vectors[N_T],
-                f_T=vectors[F_T],
+                p_L=p_L,
+                n_L=n_L,
+                p_T=p_T,
+                n_T=n_T,
+                f_T=f_T,
                 u=u,
                 theta=theta,
-                taxel_u=taxel_u,
-                taxel_theta=read_only(np.arctan2(y, z)),
+                taxel_u=self.places[1, own],
+                taxel_theta=taxel_theta[own],
                 identity=int(identity),
                 began=began,
                 moved=moved,

@@ -52,31 +52,30 @@ class FilledFrames:
         """Raises TciError unless `keep_alive` [s] is above 0 and finite."""
         self._keep_alive = check_keep_alive(keep_alive)
         self._periods = {patch.name: 1.0 / patch.rate for patch in robot.patches}
-        self._held: dict[str, SkinFrame] = {}
-        self._filled: dict[str, SkinFrame] = {}
+        self._known: dict[str, tuple[SkinFrame, SkinFrame, float]] = {}  # what came, the latest, its period
 
     def fill(self, arrived: Iterable[SkinFrame], now: float) -> tuple[SkinFrame, ...]:
         """What a clocked sender's latest frames were at `now` [s], from those that `arrived` until now.
 
         A patch that sent nothing for `keep_alive` and one period more is dead: its last frame stays.
         """
-        return tuple([self._latest(frame, now) for frame in arrived])
-
-    def _latest(self, frame: SkinFrame, now: float) -> SkinFrame:
-        held = self._held.get(frame.patch)
-        period = self._periods.get(frame.patch)
-        if held is None or held.sequence != frame.sequence or held.stamp != frame.stamp:
-            self._held[frame.patch] = self._filled[frame.patch] = held = frame
-        if period is None:  # the skin says what is wrong with it
-            return frame
-        age = min(now - held.stamp, self._keep_alive)
-        left_out = int(age / period + _EARLY)
-        filled = self._filled[frame.patch]
-        if held.sequence + left_out > filled.sequence:
-            filled = self._filled[frame.patch] = SkinFrame(
-                held.patch, held.stamp + left_out * period, held.sequence + left_out, held.values
-            )
-        return filled
+        known, keep_alive, frames = self._known, self._keep_alive, []
+        for frame in arrived:
+            patch = frame.patch
+            held, filled, period = known.get(patch) or (frame, frame, self._periods.get(patch))
+            if period is None:  # the skin says what is wrong with it
+                frames.append(frame)
+                continue
+            if held is not frame and (held.sequence != frame.sequence or held.stamp != frame.stamp):
+                held = filled = frame
+            age = now - held.stamp
+            left_out = int((keep_alive if age > keep_alive else age) / period + _EARLY)
+            if held.sequence + left_out > filled.sequence:
+                stamp = held.stamp + left_out * period
+                filled = SkinFrame(patch, stamp, held.sequence + left_out, held.values)
+            known[patch] = held, filled, period
+            frames.append(filled)
+        return tuple(frames)
 
 
 def check_keep_alive(seconds: float) -> float:

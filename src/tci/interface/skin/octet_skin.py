@@ -100,10 +100,8 @@ class OctetSkin:
         self._felt, self._room = np.zeros(count), (np.zeros(count, np.int32), np.zeros(count))
         self._raw = np.zeros(sum(self.channels), np.uint8)
         self._last: dict[int, NDArray[Any]] = {}
-        self._held: set[int] = set()
-        self._still: set[int] = set()
-        self._ended: list[int] = []
-        self._which: list[int] = []
+        self._held, self._still = set[int](), set[int]()
+        self._ended, self._which = list[int](), list[int]()
         self._kinds, self._sizes = np.zeros(0, np.int64), list[int]()
         for p, one in enumerate(conditioners):
             if self.takes[p]:
@@ -130,7 +128,10 @@ class OctetSkin:
             self._sizes = [self.channels[p] for p in which]
         kinds, fresh, sizes, held = self._kinds, values, self._sizes, self._held
         same = list(map(is_, values, map(self._last.get, which)))
-        if held and True in same:
+        all_again = all(same) and held.issuperset(which)
+        if all_again:
+            kinds, fresh, sizes = -1 - kinds, [], []
+        elif held and True in same:
             again = [s and p in held for p, s in zip(which, same, strict=True)]
             kinds = np.array([-1 - p if a else p for p, a in zip(which, again, strict=True)], np.int64)
             fresh = [v for v, a in zip(values, again, strict=True) if not a]
@@ -146,8 +147,8 @@ class OctetSkin:
         )  # fmt: skip
         if due < 0:
             return None
-        self._last.update(zip(which, values, strict=True))
-        if held or True in same:
+        if not all_again:
+            self._last.update(zip(which, values, strict=True))
             self._hold(which, values, same)
         if self._still:
             self._revive([p for p in kinds.tolist() if p in self._still])
@@ -179,6 +180,8 @@ class OctetSkin:
 
     def _hold(self, which: list[int], values: list[NDArray[Any]], same: list[bool]) -> None:
         """Note which frames need not be looked at when they come again."""
+        if not self._held and True not in same:
+            return
         for p, v, s in zip(which, values, same, strict=True):
             if s and not v.flags.writeable and p not in self._still:
                 self._held.add(p)

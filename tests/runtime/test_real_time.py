@@ -9,7 +9,7 @@ from contextlib import suppress
 import pytest
 
 from tci.errors import TciError
-from tci.runtime.real_time import PRIORITY, real_time
+from tci.runtime.real_time import PRIORITY, real_time, real_time_where_permitted
 
 
 def now() -> tuple[int, int, set[int]]:
@@ -65,6 +65,22 @@ def test_where_it_is_not_permitted_it_tells_what_to_do(monkeypatch: pytest.Monke
     ):
         raise AssertionError
     assert now() == before
+
+
+def test_where_it_is_not_permitted_one_may_go_on_without() -> None:
+    before, may = now(), permitted()
+    with real_time_where_permitted():
+        assert now() == ((os.SCHED_FIFO, PRIORITY, before[2]) if may else before)
+    assert now() == before
+
+
+def test_what_fails_inside_is_told_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    with pytest.raises(TciError, match="the robot is gone"), real_time_where_permitted():
+        raise TciError("the robot is gone")
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 
 from tci.errors import TciError
 
@@ -46,3 +46,12 @@ def real_time(*, priority: int = PRIORITY, processor: int | None = None) -> Iter
     finally:
         os.sched_setaffinity(0, processors)
         os.sched_setscheduler(0, policy, before)
+
+
+@contextmanager
+def real_time_where_permitted() -> Iterator[None]:
+    """The same where the system permits it; elsewhere nothing changes."""
+    with ExitStack() as stack:
+        with suppress(TciError):
+            stack.enter_context(real_time())
+        yield

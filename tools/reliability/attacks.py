@@ -63,7 +63,7 @@ def bodies(full: bool) -> Row:
 def _jobs(full: bool, robots: Sequence[str], chunks: int, *, body: bool) -> list[Job]:
     """Robot, seed, body, cycles; at CI size one seed for each robot, and few cycles."""
     seeds = range(-(-chunks // len(robots))) if full else (1,)
-    return [(name, seed, body, CHUNK if full else 3_200) for seed in seeds for name in robots]
+    return [(name, seed, body, CHUNK if full else 1_600) for seed in seeds for name in robots]
 
 
 def _one(name: str, seed: int, body: bool, cycles: int) -> Result:

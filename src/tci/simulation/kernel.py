@@ -20,8 +20,8 @@ REACH = 6.0
 _SOFTNESS = 0.02
 """What a tilt of the weights costs. With it a contact off the skin's edge has weights too. Ours."""
 _STEPS = 30
-_TOLERANCE = 1e-7
-"""How near [widths] the taxels' mean comes to where it belongs."""
+_TOLERANCE = 1e-4
+"""How near [widths] the taxels' mean comes to where it belongs: less than a micrometre. Ours."""
 _LEAST = -60.0
 """Logarithm of weights, of a largest one of 1, that count for nothing."""
 SHARE, _TRIAL, _LOGARITHM, _ACROSS, _UP, _NUMBERS = range(6)

@@ -38,7 +38,7 @@ class Physics:
         self.motors = data.actuator_force
         """Torque [N m] of each actuator in the latest step."""
         self._warm = data.qacc_warmstart
-        self._moved = self.qpos, self.qvel, self.ctrl, data.qfrc_applied, data.xfrc_applied
+        self._moved = self.qpos, self.qvel, self.ctrl, data.qfrc_applied, data.xfrc_applied.reshape(-1)
         self._here = np.zeros(sum(one.size for one in self._moved) + model.nv)
         self.whole = np.zeros(5, dtype=np.int64)
         """Whole numbers of the loop; places as `stepping` names them."""

@@ -32,9 +32,9 @@ stiffness, its path and the path's end; force, when it first touched and ceased 
 STILL, TIP, TIP_SENSOR, TRACED, AHEAD = range(5)
 """Whole numbers: whether no servo has anything to do, the finger's actuator and sensor, steps in its trace,
 the step whose first half was taken already."""
-MOVED = returns(reads(1), reads(1), writes(1), reads(1), reads(2))
+MOVED = returns(reads(1), reads(1), writes(1), reads(1), reads(1))
 """Types of what the joints are and what moves them: MuJoCo's `qpos`, `qvel`, `ctrl`, `qfrc_applied` and
-`xfrc_applied`."""
+`xfrc_applied`, row after row."""
 JOINT, VELOCITY, MOTOR = range(3)
 """Rows of what is measured of all servos (3, n)."""
 
@@ -123,8 +123,7 @@ def _look_ahead(
     at = _keep(qvel, here, at)
     at = _keep(ctrl, here, at)
     at = _keep(applied, here, at)
-    for body in range(len(pushed)):
-        at = _keep(pushed[body], here, at)
+    at = _keep(pushed, here, at)
     _keep(warm, here, at)
     _actuate(model, data)
     _accelerate(model, data)
@@ -149,14 +148,14 @@ def _take_step(model: int, data: int, number: int, moved: Arrays, here: Array, w
     """`mj_step`, or what is left of it after `_look_ahead`: after that somebody may have moved joints, or
     changed what moves them."""
     qpos, qvel, ctrl, applied, pushed = moved
-    n, m = len(qpos), len(qvel)
+    n, m, k = len(qpos), len(qvel), len(ctrl)
     if whole[AHEAD] != number or _differs(qpos, here, 0) or _differs(qvel, here, n):
         _step(model, data)
-        return
-    changed = _differs(ctrl, here, n + m) or _differs(applied, here, n + m + len(ctrl))
-    for body in range(len(pushed)):
-        changed |= _differs(pushed[body], here, n + 2 * m + len(ctrl) + 6 * body)
-    if changed:
+    elif (
+        _differs(ctrl, here, n + m)
+        or _differs(applied, here, n + m + k)
+        or _differs(pushed, here, n + 2 * m + k)
+    ):
         _step2(model, data)
     else:
         _check(model, data)

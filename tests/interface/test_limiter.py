@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from interface.gate_checks import make_robot
 from tci.errors import CommandError
 from tci.frames import Array
 from tci.interface.gate.bounds import bounds_of
-from tci.interface.gate.limiter import Limiter
+from tci.interface.gate.limiter import TURN, Limiter
 from tci.model.catalogue import load_robot
 
 PERIOD = 0.01
@@ -160,6 +161,27 @@ def test_a_stop_that_is_too_long_to_look_at_is_not_risked_beside_a_coupling() ->
     value = path @ BOUNDS.coupling.T
     assert np.all((value >= BOUNDS.coupling_lower - 1e-9) & (value <= BOUNDS.coupling_upper + 1e-9))
     assert np.abs(path[-1] - path[0]).max() > 0.1
+
+
+@pytest.mark.parametrize("seed", [23, 39, 78, 117])
+def test_a_coupling_outside_its_bounds_turns_back_only_a_little_on_its_way_in(seed: int) -> None:
+    """In 1e7 hostile cycles two stops took it out again, by 2.7 mrad; these did by 2.2 to 4.4."""
+    bounds, _ = bounds_of(make_robot(), range(6), speed_share=0.9)
+    random = np.random.default_rng(seed)
+    start = random.uniform(-0.5, 0.5, 6)
+    start[:2] = 1.4, 0.2
+    limiter, path = Limiter(bounds, start, 0.002), [start]
+    for cycle in range(300):
+        if cycle % 23 == 0:
+            target = bounds.nearest(random.uniform(bounds.lower, bounds.upper), np.ones(6, dtype=bool))
+            limiter.aim(target, bounds.velocity)
+        if cycle % 67 == 66:
+            limiter.halt()
+        path.append(limiter.step())
+    value = np.array(path) @ bounds.coupling.T
+    outside = np.maximum(np.maximum(bounds.coupling_lower - value, value - bounds.coupling_upper), 0.0)
+    assert np.max(outside - np.minimum.accumulate(outside, axis=0)) <= TURN
+    assert outside[-1] < 0.5 * outside[0], "and it does come in"
 
 
 def test_what_rests_stays_where_it_is() -> None:

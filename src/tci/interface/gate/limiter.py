@@ -26,6 +26,9 @@ CREEP = 0.1
 """Share of the speed limit at which a servo that starts outside its limits moves inward. Ours."""
 LONGEST_STOP = 512
 """Periods of a stop beside a coupling that are looked at one by one; a longer stop is not risked there."""
+TURN = 1e-3
+"""A coupling that is outside its bounds may go outwards this far [rad] while its servos come to a stop, since
+they do not rest at the same moment. Ours."""
 LEAST_SHARE = 1e-6
 """Least share of the longest way of a straight motion that is told from none; ruckig needs limits above 0."""
 
@@ -269,12 +272,12 @@ class Limiter:
             return False
         times = np.arange(0.0, duration + self._period, self._period)
         points = np.array([self._candidate.at_time(time)[0] for time in times])
-        values, now = points @ bounds.coupling.T, bounds.coupling @ here
-        if np.any((values < np.minimum(lower, now)) | (values > np.maximum(upper, now))):
-            return False
-        inside = (values >= lower) & (values <= upper)
-        # Outside it comes nearer, no more; and what came inside does not leave again.
-        return bool(np.all(inside | ~np.logical_or.accumulate(inside)))
+        values = np.vstack([here, points]) @ bounds.coupling.T
+        outside = np.maximum(np.maximum(lower - values, values - upper), 0.0)
+        # What came inside does not leave again; outside it turns back only a little, and never beyond `here`.
+        least = np.minimum.accumulate(outside, axis=0)
+        most = np.minimum(np.where(least > 0.0, least + TURN, 0.0), outside[0])
+        return bool(np.all(outside <= most))
 
     def _plan_stop(self, state: Array, here: Array) -> tuple[bool, Array]:
         """Plan the jerk-limited stop from a `state` (3, n). Raises RuckigError when there is none.

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,10 +65,10 @@ def check_command(robot: Robot, command: PlatformCommand) -> None:
             raise CommandError(f"{mode}: {name} of type {numbers.dtype}; valid: real numbers")
     # Few numbers: looked at one by one, which takes a tenth of the time.
     if not all(map(math.isfinite, values.tolist())):
-        _check_each(robot, command, np.isfinite(values), f"{mode} of", values, "finite numbers")
+        _refuse_each(robot, command, np.isfinite(values), f"{mode} of", values, "finite numbers")
     if not all(speed >= SLOWEST for speed in command.speed.tolist()):  # false for NaN
         fast = command.speed >= SLOWEST
-        _check_each(robot, command, fast, "speed of", command.speed, f"at least {SLOWEST:g} rad/s")
+        _refuse_each(robot, command, fast, "speed of", command.speed, f"at least {SLOWEST:g} rad/s")
 
 
 def check_switch(robot: Robot, switch: PlatformSwitch) -> None:
@@ -97,18 +98,17 @@ def _check_servos(robot: Robot, what: str, servos: NDArray[np.intp]) -> None:
         raise CommandError(f"{what}: servos {indices}; valid: each only once")
 
 
-def _check_each(
+def _refuse_each(
     robot: Robot,
     command: PlatformCommand,
     good: NDArray[np.bool_],
     what: str,
     numbers: NDArray[np.generic],
     valid: str,
-) -> None:
+) -> NoReturn:
     """Raises CommandError that names each servo whose number is not `good` (k,)."""
-    if not good.all():
-        bad = [f"{robot.servos[command.servos[i]].name} is {numbers[i]}" for i in np.flatnonzero(~good)]
-        raise CommandError(f"{what} {', '.join(bad)}; valid: {valid}")
+    bad = [f"{robot.servos[command.servos[i]].name} is {numbers[i]}" for i in np.flatnonzero(~good)]
+    raise CommandError(f"{what} {', '.join(bad)}; valid: {valid}")
 
 
 def check_start(robot: Robot, servos: Collection[int], position: Array) -> None:

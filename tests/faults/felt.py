@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 import numpy as np
 
 import tci
@@ -43,7 +45,7 @@ class NoisySkin(Link):
             self.gate = Gate(
                 self.robot, period=self.period, stale_after=binding.stale_after, settings=settings
             )
-        self.lease_name = f"felt:{id(self)}"
+        self.lease_name = f"felt:{os.getpid()}:{id(self)}"
         self.angles, self.count = np.array(ROBOT.initial_position), 0
         self.noise, self.random = noise, np.random.default_rng(3)
         self.touches: list[tuple[float, float, str, np.ndarray, float]] = []

@@ -3,6 +3,7 @@ number."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -56,7 +57,7 @@ class NoisyBody(Link):
         # Keeping links apart takes most of the time and plays no part here.
         settings, stale = GateSettings(self_collision=None), self.robot.binding("sim").stale_after
         self.gate = Gate(self.robot, period=self.period, stale_after=stale, settings=settings)
-        self.lease_name = f"felt:{id(self)}"
+        self.lease_name = f"felt:{os.getpid()}:{id(self)}"
         self.angles, self.count = np.array(self.robot.initial_position), 0
         self.random, self.touches = np.random.default_rng(3), touches
         part, patch, place = PLACES[kind]

@@ -1,6 +1,6 @@
 """Put the rows of bench.json files into the table of docs/performance.md: `page.py FILE ...`.
 
-Rows that were measured take the place of those about the same; the others stay.
+Rows that were measured take the place of those with the same name and peer; the others stay.
 """
 
 from __future__ import annotations
@@ -14,9 +14,10 @@ PAGE = Path(__file__).parents[2] / "docs" / "performance.md"
 HEAD = "| what | ours | cold | peer | its | cold | unit | ratio | spread | target |"
 
 
-def about(name: str) -> str:
-    """What a row is about: its name up to the first comma or colon."""
-    return name.split(",")[0].split(":")[0].strip()
+def about(line: str) -> tuple[str, str]:
+    """What a row of the page compares: its name and the peer."""
+    cells = [cell.strip() for cell in line.split("|")]
+    return cells[1], cells[4]
 
 
 def line(row: dict[str, Any]) -> str:
@@ -39,13 +40,9 @@ def main() -> None:
     lines = PAGE.read_text().splitlines()
     start = lines.index(HEAD) + 2
     end = next(i for i in range(start, len(lines)) if not lines[i].startswith("|"))
-    table: dict[str, list[str]] = {}
-    for old in lines[start:end]:
-        table.setdefault(about(old.split("|")[1]), []).append(old)
-    for subject in dict.fromkeys(about(row["name"]) for row in rows):
-        table[subject] = [line(row) for row in rows if about(row["name"]) == subject]
-    fresh = [old for group in table.values() for old in group]
-    PAGE.write_text("\n".join([*lines[:start], *fresh, *lines[end:]]) + "\n")
+    table = {about(old): old for old in lines[start:end]}
+    table |= {about(new): new for new in map(line, rows)}
+    PAGE.write_text("\n".join([*lines[:start], *table.values(), *lines[end:]]) + "\n")
 
 
 if __name__ == "__main__":

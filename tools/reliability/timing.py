@@ -8,6 +8,7 @@ import resource
 import subprocess
 import sys
 import time
+from array import array
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -127,19 +128,24 @@ def one_kilohertz(full: bool) -> Row:
 def _run(piece: int, seconds: float) -> Result:
     del piece
     link, report, own = Touched(), LoopReport(), Histogram()
-    process, memory, moved, faults = psutil.Process(), [], [0], []
+    process, moved = psutil.Process(), [0]
+    # Not lists: their objects would count as memory.
+    served, when, memory, faults = array("q"), array("d"), array("q"), array("q")
 
     def observe(tick: Tick) -> None:
         own.add(time.thread_time() - link.busy)
         moved[0] += bool((np.abs(tick.sent.velocity) > 1e-6).any())
         if report.ticks % 1000 == 0 and report.ticks >= WARM * 1000:
-            memory.append((tick.now, process.memory_info().rss))
             usage = resource.getrusage(resource.RUSAGE_THREAD)
-            faults.append((report.ticks, usage.ru_minflt + usage.ru_majflt))
+            served.append(report.ticks)
+            when.append(tick.now)
+            memory.append(process.memory_info().rss)
+            faults.append(usage.ru_minflt + usage.ru_majflt)
 
     processors = os.sched_getaffinity(0)
     bare = subprocess.Popen([sys.executable, BARE, str(seconds)], stdout=subprocess.PIPE, text=True)
     with ExitStack() as stack:
+        stack.callback(bare.kill)
         how = ""
         try:
             stack.enter_context(real_time(processor=max(processors)))
@@ -147,9 +153,8 @@ def _run(piece: int, seconds: float) -> Result:
         except TciError as error:
             print(error)
         run(link, tci.WithdrawalReflex(), duration=seconds, report=report, observe=observe)
-    beside = json.loads(bare.communicate()[0])
+        beside = json.loads(bare.communicate()[0])
     unreported = abs(report.ticks + report.missed - round(seconds * 1000))
-    (first, least), (last, most) = faults[0], faults[-1]
     return {
         "seconds": seconds,
         "how": how,
@@ -160,8 +165,8 @@ def _run(piece: int, seconds: float) -> Result:
         "bare_p50": beside["own"]["p50"],
         "bare_work": beside["own"]["p999"],
         "bare_late": beside["late"]["p999"],
-        "faults": 1e3 * (most - least) / max(last - first, 1),
-        "slope": float(np.polyfit(*np.array(memory).T, 1)[0]) * 3600.0 / 2**20,
+        "faults": 1e3 * (faults[-1] - faults[0]) / max(served[-1] - served[0], 1),
+        "slope": float(np.polyfit(when, memory, 1)[0]) * 3600.0 / 2**20,
         "moving": moved[0] / report.ticks,
         "missed": report.missed,
         "unreported": max(0, unreported - 1),

@@ -74,9 +74,21 @@ def read(address: str) -> bytes:
 
 
 def pip(*arguments: str) -> None:
+    """Run pip. On a terminal only its latest package is shown; all that it said, when it fails."""
     command = [str(PYTHON), "-m", "pip", "--disable-pip-version-check", *arguments]
-    if subprocess.run(command, cwd=ROOT, check=False).returncode:
-        sys.exit("pip failed; the lines above say why")
+    shown = sys.stdout.isatty()
+    said: list[str] = []
+    with subprocess.Popen(
+        command, cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+    ) as process:
+        for line in process.stdout or ():
+            said.append(line)
+            if shown and line.startswith(("Collecting", "Installing")):
+                print(f"\r\033[K  {line[:70].rstrip()}", end="", flush=True)
+    if shown:
+        print("\r\033[K", end="")
+    if process.returncode:
+        sys.exit("".join([*said, "pip failed; the lines above say why"]))
 
 
 if __name__ == "__main__":

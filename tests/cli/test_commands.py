@@ -61,6 +61,8 @@ def test_help_shows_every_unit(name: str) -> None:
     ("words", "told"),
     [
         (["demo", "--fault", "stall@0.3", "--via", "zenoh"], "valid beside it: --robot, --json"),
+        (["demo", "--via", "sim"], "no server named 'sim'; valid: lcm"),
+        (["demo", "--robot", "icub", "--via", "naoqi"], "no binding of icub named 'naoqi'"),
         (["run", "withdrawal", "--robot", "nao", "--duration", "-1"], "valid: above 0 s"),
         (["run", "withdrawal", "--robot", "nao", "--duration", "nan"], "valid: above 0 s"),
         (["run", "withdrawal", "--robot", "nao", "--film", "none/shrug.gif"], "none is no folder"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from importlib.metadata import entry_points
 from typing import Any
 
@@ -36,6 +36,12 @@ def load_link(name: str) -> type[Link]:
     """
     link: type[Link] = _load(LINKS, "link", name)
     return link
+
+
+def load_server(name: str) -> Callable[..., Server]:
+    """What makes a server, by its entry point. Raises as `load_link` does."""
+    factory: Callable[..., Server] = _load(SERVERS, "server", name)
+    return factory
 
 
 def connect(robot: Robot, via: str = "sim", *, arm: bool | None = None, **options: Any) -> Link:
@@ -84,10 +90,9 @@ def open_server(link: Link, via: str, **options: Any) -> Server:
     Raises as `connect` does.
     """
     name, _, address = via.partition(":")
-    factory = _load(SERVERS, "server", name)
+    factory = load_server(name)
     _check(options, factory, f"option of the server {name!r}")
-    server: Server = factory(link, address, **options)
-    return server
+    return factory(link, address, **options)
 
 
 def _check(options: Iterable[str], factory: Any, what: str) -> None:

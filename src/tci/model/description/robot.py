@@ -110,7 +110,7 @@ class Robot(Words):
         for binding in self.bindings:
             if binding.middleware == middleware:
                 return binding
-        raise UnknownNameError("binding", middleware, [b.middleware for b in self.bindings])
+        raise UnknownNameError(f"binding of {self.name}", middleware, [b.middleware for b in self.bindings])
 
     def servos_of(self, robot_part: str) -> tuple[Servo, ...]:
         """Servos of one of the robot's own parts, by id. Raises UnknownNameError."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from ruckig import ControlInterface, InputParameter, Ruckig, Synchronization, Trajectory
 
-from tci.interface.kernels.stops import stop_stays_inside
+from tci.interface.kernels.stops import is_outside, stop_stays_inside, take_room
 
 COUNT = 5
 
@@ -61,3 +61,17 @@ def test_what_came_inside_does_not_leave_again() -> None:
     assert stop_stays_inside(start, np.array([1.006]), jerk, here, lower, upper, span)
     assert span[0, 0] > 1.0
     assert not stop_stays_inside(start, np.array([1.02]), jerk, here, lower, upper, span)
+
+
+def test_one_angle_outside_is_outside() -> None:
+    lower, upper = np.array([-1.0, 0.0]), np.array([1.0, 0.5])
+    assert not is_outside(np.array([-1.0, 0.5]), lower, upper)
+    for here in ([-1.1, 0.2], [1.1, 0.2], [0.0, -0.1], [0.0, 0.6]):
+        assert is_outside(np.array(here), lower, upper)
+
+
+def test_room_is_taken_on_the_side_where_a_servo_is_away() -> None:
+    measured, box = np.array([0.5, 0.0, -0.5, 2.0]), np.zeros((2, 4))
+    span = np.array([[0.1, 0.2, 1.0], [0.4, 0.3, 1.5]])
+    take_room(np.array([0, 2, 3]), measured, np.array([0.25, 0.25, 2.0]), span, box)
+    assert box.tolist() == [[0.1, 0.0, -0.55, 1.0], [0.65, 0.0, 0.3, 1.5]]

@@ -6,7 +6,6 @@ comparisons lets NaN pass.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection
 from typing import NoReturn
 
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from tci.errors import CommandError
 from tci.frames import Array
 from tci.interface.kernels.motion import all_finite
+from tci.interface.kernels.targets import is_acceptable
 from tci.messages import CONTROL_MODES, JointReading, Mode, PlatformCommand, PlatformSwitch
 from tci.model.description import Robot, Servo
 
@@ -25,6 +25,7 @@ OUTSIDE = float(np.deg2rad(20.0))
 """How far [rad] outside its limits a servo may be measured when it comes under command. Ours."""
 SLOWEST = 1e-6
 """Smallest speed [rad/s] that may be asked for; below it ruckig finds no way. Ours."""
+INDICES, DOUBLES = np.dtype(np.intp), np.dtype(np.float64)
 
 
 def fault_of_reading(robot: Robot, joints: JointReading, now: float, stale_after: float) -> str:
@@ -47,8 +48,23 @@ def fault_of_reading(robot: Robot, joints: JointReading, now: float, stale_after
     return ""
 
 
-def check_command(robot: Robot, command: PlatformCommand) -> None:
-    """Raises CommandError for a mode, shape or value that can't be accepted."""
+def check_command(robot: Robot, command: PlatformCommand) -> tuple[NDArray[np.intp], Array, Array]:
+    """The servos, values and speeds (k,) of a command, as arrays of its own.
+
+    Raises CommandError for a shape or value that can't be accepted.
+    """
+    servos, values, speed = command.servos, command.values, command.speed
+    usual = servos.dtype == INDICES and values.dtype == speed.dtype == DOUBLES
+    if usual and servos.ndim == 1 and values.shape == speed.shape == servos.shape:
+        numbers = servos.copy(), values.copy(), speed.copy()
+        if is_acceptable(*numbers, len(robot.servos), SLOWEST):
+            return numbers
+    _refuse_wrong(robot, command)
+    return servos.astype(np.intp), values.astype(np.float64), speed.astype(np.float64)
+
+
+def _refuse_wrong(robot: Robot, command: PlatformCommand) -> None:
+    """Raises CommandError that tells what is wrong with a command, if anything is."""
     mode, servos, values = command.mode.value, command.servos, command.values
     if servos.ndim != 1 or not servos.size or values.shape != servos.shape:
         raise CommandError(
@@ -63,11 +79,9 @@ def check_command(robot: Robot, command: PlatformCommand) -> None:
     for name, numbers in (("values", values), ("speeds", command.speed)):
         if numbers.dtype.kind not in "fiu":
             raise CommandError(f"{mode}: {name} of type {numbers.dtype}; valid: real numbers")
-    # Few numbers: looked at one by one, which takes a tenth of the time.
-    if not all(map(math.isfinite, values.tolist())):
-        _refuse_each(robot, command, np.isfinite(values), f"{mode} of", values, "finite numbers")
-    if not all(speed >= SLOWEST for speed in command.speed.tolist()):  # false for NaN
-        fast = command.speed >= SLOWEST
+    if not (finite := np.isfinite(values)).all():
+        _refuse_each(robot, command, finite, f"{mode} of", values, "finite numbers")
+    if not (fast := command.speed >= SLOWEST).all():  # false for NaN
         _refuse_each(robot, command, fast, "speed of", command.speed, f"at least {SLOWEST:g} rad/s")
 
 

@@ -11,6 +11,7 @@ from tci.frames import Array
 from tci.interface.gate.chain import Chain
 from tci.interface.gate.limiter import Stop
 from tci.interface.gate.self_collision import SelfCollision
+from tci.interface.kernels.stops import take_room
 
 LOOKS = 16
 """Points of a stop, its ends among them, at which the robot's body is looked at. Ours: others lie between."""
@@ -45,19 +46,25 @@ class BodyGuard:
 
         Servos of no chain are where they are `measured` (n_servos,) [rad].
         """
+        box = np.array([measured, measured])
+        take_room(index, measured, stop.here, stop.span, box)
+        for other in others:
+            here = other.limiter.whole_state[0]
+            take_room(other.index, measured, self._before.get(other, here), other.limiter.span, box)
+        if self._body.keeps_margin(box):
+            return ""
+        return self._fault_of_path(index, stop, others, measured)
+
+    def _fault_of_path(
+        self, index: NDArray[np.intp], stop: Stop, others: Sequence[Chain], measured: Array
+    ) -> str:
+        """The same, from point to point of the stops."""
         told, away = np.array(measured), np.zeros(len(measured))
         told[index] = stop.here
         away[index] = measured[index] - stop.here
-        box = np.array([told, told])
-        box[:, index] = stop.span
         for other in others:
-            here = told[other.index] = other.limiter.state[0]
+            here = told[other.index] = other.limiter.whole_state[0]
             away[other.index] = measured[other.index] - self._before.get(other, here)
-            box[:, other.index] = other.limiter.span
-        box[0] += np.minimum(away, 0.0)
-        box[1] += np.maximum(away, 0.0)
-        if self._body.keeps_margin(box):
-            return ""
         duration = stop.way.duration
         longest = max((other.limiter.remaining for other in others), default=0.0)
         times = duration * SHARES

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.frames import Array
+from tci.interface.kernels.targets import clamp
 from tci.model.description import Robot
 
 MARGIN = 1e-6
@@ -50,11 +51,7 @@ class Bounds:
         """
         if not len(self.coupling):
             point = target.astype(float)
-            # Few numbers: one by one is faster.
-            for i, (low, high) in enumerate(zip(self.lower.tolist(), self.upper.tolist(), strict=True)):
-                if free[i]:
-                    margin = min(MARGIN, (high - low) / 2)
-                    point[i] = min(max(point[i], low + margin), high - margin)
+            clamp(self.lower, self.upper, free, MARGIN, point)
             return point
         margin = np.minimum(MARGIN, (self.upper - self.lower) / 2)
         lower, upper = self.lower + margin, self.upper - margin

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from tci.frames import Array
 from tci.interface.gate.bounds import Bounds, bounds_of
 from tci.interface.gate.limiter import Guard, Limiter
+from tci.interface.kernels.targets import put_in_place
 from tci.model.description import Robot
 
 
@@ -19,7 +20,7 @@ class Chain:
     """The servos of one group that are under command, and what moves them."""
 
     servos: list[int]
-    """Indices (n,) into `Robot.servos`."""
+    """Indices (n,) into `Robot.servos`, which rise."""
     index: NDArray[np.intp]
     """The same, to pick them from an array."""
     limiter: Limiter
@@ -36,6 +37,16 @@ class Chain:
         if not self.limiter.drives:
             return []
         return np.flatnonzero(np.abs(drive) > 0.0).tolist()  # false for NaN
+
+    def aim(self, servos: NDArray[np.intp], values: Array, speeds: Array) -> Array:
+        """Give those of `servos` (k,) that are its own new targets `values` (k,) [rad], or what is next to
+        them inside the bounds, at most at `speeds` (k,) [rad/s]; returns the targets (n,) of all."""
+        limiter, asked = self.limiter, np.empty(len(self.servos), np.bool_)
+        target, speed = limiter.target.copy(), limiter.speed.copy()
+        put_in_place(self.index, servos, values, speeds, target, speed, asked)
+        nearest = limiter.bounds.nearest(target, asked)
+        limiter.aim(nearest, speed)
+        return nearest
 
     def look_outside(self, measured: Array) -> None:
         """A coupled servo that is not commanded with these counts where it is `measured` (n_servos,) now."""

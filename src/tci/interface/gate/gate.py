@@ -157,13 +157,15 @@ class Gate:
         refusals = list(refused)
         clamped: list[str] = []
         taken: list[PlatformOrder] = []
-        shares: dict[Mode, dict[int, float]] = {mode: {} for mode in SHARES} if commands else {}
+        stiffness: dict[int, float] = {}
+        damping: dict[int, float] = {}
         for command in commands:
             try:
                 if reason:
                     raise CommandError(f"{self.state.value}: {reason}")
                 if isinstance(command, PlatformCommand) and command.mode in SHARES:
-                    clamped += self._set_share(command, shares[command.mode])
+                    shares = stiffness if command.mode is Mode.STIFFNESS else damping
+                    clamped += self._set_share(command, shares)
                 else:
                     clamped += self._motion.accept(command, now)
                 taken.append(command)
@@ -182,8 +184,8 @@ class Gate:
             position=told.position,
             velocity=told.velocity,
             torque=self._motion.torques(),
-            stiffness=MappingProxyType(shares[Mode.STIFFNESS]) if commands else _NONE,
-            damping=MappingProxyType(shares[Mode.DAMPING]) if commands else _NONE,
+            stiffness=MappingProxyType(stiffness) if stiffness else _NONE,
+            damping=MappingProxyType(damping) if damping else _NONE,
             clamped=tuple(clamped),
             refusals=tuple(refusals),
             reason=reason,

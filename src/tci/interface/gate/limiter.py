@@ -20,7 +20,8 @@ from ruckig import (
 from tci.errors import CommandError
 from tci.frames import Array
 from tci.interface.gate.bounds import MARGIN, Bounds
-from tci.interface.kernels.stops import stop_stays_inside
+from tci.interface.kernels.stops import is_outside, stop_stays_inside
+from tci.interface.kernels.targets import straight_limits
 
 CREEP = 0.1
 """Share of the speed limit at which a servo that starts outside its limits moves inward. Ours."""
@@ -77,6 +78,7 @@ class Limiter:
         self._stopping = False
         self._resting = True
         self._asked = self._creeps = True
+        self._straight = False
         self._otg = Ruckig(count, period)
         self._input, self._output = InputParameter(count), OutputParameter(count)
         self._stopper = Ruckig(count)
@@ -218,8 +220,7 @@ class Limiter:
     def _advance(self) -> bool:
         """Take a step to the target; false, and no step, when a stop from there would leave the bounds."""
         here, output = self._state[0], self._output
-        outside = (here < self.bounds.lower) | (here > self.bounds.upper)
-        creeps = bool(outside.any())
+        creeps = is_outside(here, self.bounds.lower, self.bounds.upper)
         if self._asked or creeps is not self._creeps:
             self._input.max_velocity = (self._most * (CREEP if creeps else 1.0)).tolist()
             self._input.target_position = self.target.tolist()
@@ -227,11 +228,12 @@ class Limiter:
         if self._any_driven:
             allowed = self.bounds.allowed_velocity(here, np.nan_to_num(self._drive))
             self._driving = bool(allowed.any())
+            outside = (here < self.bounds.lower) | (here > self.bounds.upper)
             self._input.target_velocity = (np.where(outside, CREEP, 1.0) * allowed).tolist()
         try:
             result = self._otg.update(self._input, output)
-            state = np.array([output.new_position, output.new_velocity, output.new_acceleration])
-            inside, span = self._plan_stop(state, here)
+            numbers = output.new_position, output.new_velocity, output.new_acceleration
+            inside, span = self._plan_stop(state := np.array(numbers), here)
         except RuckigError:  # rare states have no synchronised way, mostly where a speed limit falls
             return False
         if not inside or not self._keeps_couplings(here, *span):
@@ -317,14 +319,17 @@ class Limiter:
         They do where all limits are in the ratio of the ways. (ruckig's phase synchronisation is not for
         this: it gives up where states are only nearly on a line, as rounding leaves them.)
         """
-        self._straight = straight and not self._any_driven
+        was, self._straight = self._straight, straight and not self._any_driven
         self._asked = True
-        limits = [self._speed, self.bounds.acceleration, self.bounds.jerk]
+        speed, acceleration, jerk = self._speed, self.bounds.acceleration, self.bounds.jerk
+        self._most, self._jerk = speed, jerk
         if self._straight:
-            way = np.abs(self.target - self._state[0])
-            share = np.maximum(way / max(float(way.max()), MARGIN), LEAST_SHARE)
-            limits = [share * np.min(limit / share) for limit in limits]
-        self._most, acceleration, self._jerk = limits
+            limits = np.empty((3, len(speed)))
+            here = self._state[0]
+            straight_limits(here, self.target, speed, acceleration, jerk, MARGIN, LEAST_SHARE, limits)
+            self._most, acceleration, self._jerk = limits
+        elif not was:  # ruckig knows these limits
+            return
         for parameter in (self._input, self._stop):
             parameter.max_acceleration, parameter.max_jerk = acceleration.tolist(), self._jerk.tolist()
 

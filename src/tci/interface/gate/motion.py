@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from operator import is_
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tci.errors import CommandError
 from tci.frames import Array, frozen
@@ -19,6 +20,7 @@ from tci.interface.gate.settings import GateSettings, Tally
 from tci.interface.gate.speeds import Speeds
 from tci.interface.gate.torque import TorqueLimiter
 from tci.interface.gate.watch import Reference
+from tci.interface.kernels.targets import pick_out
 from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch
 from tci.model.description import Robot
 
@@ -28,6 +30,8 @@ STILL = 1e-6
 """Commanded speed [rad/s] that is only rounding."""
 DEGREE = float(np.rad2deg(1.0))
 """Degrees in a radian."""
+TARGETS = (Mode.POSITION, Mode.IMPEDANCE)
+"""Modes whose commands are angles."""
 FASTEST = 1e6
 """No servo is asked for more [rad/s]: larger numbers overflow where they are divided."""
 
@@ -75,11 +79,15 @@ class Motion:
             servos = frozen(np.concatenate([*(chain.index for chain in chains), loose]))
             modes = tuple(self.modes[servo] for servo in servos.tolist())
         self._states, self._shown_of = states, None if loose.size else chains
+        if loose.size or not states:
+            states = [*states, np.zeros((3, loose.size))]
+            states[-1][0] = self._measured[loose]
+        told = frozen(np.concatenate(states, axis=1))
         self._shown = Reference(
             servos=servos,
             modes=modes,
-            position=frozen(np.concatenate([*(state[0] for state in states), self._measured[loose]])),
-            velocity=frozen(np.concatenate([*(state[1] for state in states), np.zeros(loose.size)])),
+            position=told[0],
+            velocity=told[1],
         )
         return self._shown
 
@@ -122,19 +130,22 @@ class Motion:
         if isinstance(command, PlatformSwitch):
             self._switch(command)
             return []
-        check_command(self.robot, command)
-        for servo in command.servos.tolist():
+        servos, values, speeds = check_command(self.robot, command)
+        mode = command.mode
+        for servo in servos.tolist():
             if servo not in self._known:
                 check_limits(self.robot.servos[servo])
                 self._known.add(servo)
-            if self.modes[servo] is not command.mode:
+            if self.modes[servo] is not mode:
                 raise CommandError(
                     f"{self.robot.servos[servo].name} is in {self.modes[servo].value} mode, the command is "
-                    f"a {command.mode.value}; valid: switch the mode first"
+                    f"a {mode.value}; valid: switch the mode first"
                 )
-        take = {Mode.TORQUE: self._push, Mode.VELOCITY: self._drive}.get(command.mode, self._aim)
-        clamped = take(command)
-        self._fed[command.servos] = now
+        if mode in TARGETS:
+            clamped = self._aim(command, servos, values, speeds)
+        else:
+            clamped = self._push(command) if mode is Mode.TORQUE else self._drive(command)
+        self._fed[servos] = now
         return clamped
 
     def step(self, now: float) -> list[str]:
@@ -171,24 +182,14 @@ class Motion:
         sent = self._torque.ask(command.servos, command.values)
         return self.clamps(command, sent.tolist(), "N m")
 
-    def _aim(self, command: PlatformCommand) -> list[str]:
+    def _aim(
+        self, command: PlatformCommand, servos: NDArray[np.intp], values: Array, speeds: Array
+    ) -> list[str]:
         """Give servos in position or impedance mode new targets."""
-        servos = command.servos.tolist()
-        wanted = dict(
-            zip(servos, zip(command.values.tolist(), command.speed.tolist(), strict=True), strict=True)
-        )
-        reached: dict[int, float] = {}
-        for chain in self._chains_with(servos):
-            limiter = chain.limiter
-            target, speed = limiter.target.copy(), limiter.speed.copy()
-            free = [servo in wanted for servo in chain.servos]
-            for place, servo in enumerate(chain.servos):
-                if free[place]:
-                    target[place], speed[place] = wanted[servo]
-            nearest = limiter.bounds.nearest(target, np.array(free))
-            limiter.aim(nearest, speed)
-            reached.update(zip(chain.servos, nearest.tolist(), strict=True))
-        return self.clamps(command, [reached[servo] for servo in servos], "degrees")
+        sent = np.empty(len(servos))
+        for chain in self._chains_with(servos.tolist()):
+            pick_out(chain.index, servos, chain.aim(servos, values, speeds), sent)
+        return self.clamps(command, sent.tolist(), "degrees")
 
     def _drive(self, command: PlatformCommand) -> list[str]:
         """Drive servos in velocity mode; where one can't be as fast, all slow down by the same share."""
@@ -278,14 +279,16 @@ class Motion:
 
     def _chains_with(self, servos: Sequence[int]) -> list[Chain]:
         """The chains that move `servos`, which join them where they are. Raises CommandError."""
+        wanted: dict[int, set[int]] = {}
+        for servo in servos:
+            wanted.setdefault(self._groups[servo], set()).add(servo)
         chains = {}
-        for group in dict.fromkeys(self._groups[servo] for servo in servos):
-            mine = {servo for servo in servos if self._groups[servo] == group}
+        for group, mine in wanted.items():
             old = self._chains.get(group)
-            whole = old is not None and mine <= set(old.servos)
-            chains[group] = (
-                old if old and whole else self._chain(group, mine | set(old.servos if old else ()))
-            )
+            if old is not None and mine.issubset(old.servos):
+                chains[group] = old
+            else:
+                chains[group] = self._chain(group, mine.union(old.servos if old else ()))
         self._chains.update(chains)
         return list(chains.values())
 

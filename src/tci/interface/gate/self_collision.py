@@ -120,5 +120,5 @@ class SelfCollision:
 
     def _of_joints(self, angles: Array) -> Array:
         """Angles (..., j) [rad] of the model's joints, given those of the servos (..., n_servos)."""
-        found: Array = np.take(angles, self._solids.servos, axis=-1) - self._solids.zero
+        found: Array = angles.take(self._solids.servos, -1) - self._solids.zero
         return found

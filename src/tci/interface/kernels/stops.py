@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import boolean
+from numba import boolean, int64, void
+from numpy.typing import NDArray
 
 from tci.frames import Array
-from tci.interface.kernels.arrays import reads, writes
+from tci.interface.kernels.arrays import reads, views, writes
 from tci.interface.kernels.compiled import compiled
 
 
@@ -41,3 +42,26 @@ def stop_stays_inside(
         if not (np.isfinite(q + v + a) and np.isfinite(turn) and np.isfinite(end[i])):
             inside = False  # min and max of numbers that are none depend on their order
     return inside
+
+
+@compiled(boolean(views(1), views(1), views(1)))
+def is_outside(here: Array, lower: Array, upper: Array) -> bool:
+    """Whether any angle of `here` (n,) is outside `lower`, `upper` (n,)."""
+    outside = False
+    for i in range(len(here)):
+        outside = outside or here[i] < lower[i] or here[i] > upper[i]
+    return outside
+
+
+@compiled(void(views(1, int64), views(1), views(1), reads(2), writes(2)))
+def take_room(index: NDArray[np.intp], measured: Array, told: Array, span: Array, box: Array) -> None:
+    """Write into `box` (2, n_servos) the least and the largest angles that servos `index` (n,) pass through.
+
+    They are told to stay in `span` (2, n), and may be moved from it by what they are away now: `measured`
+    (n_servos,) from `told` (n,). All in [rad].
+    """
+    for i in range(len(index)):
+        servo = index[i]
+        away = measured[servo] - told[i]
+        box[0, servo] = span[0, i] + min(away, 0.0)
+        box[1, servo] = span[1, i] + max(away, 0.0)

@@ -7,6 +7,7 @@ to 1, but no other field answers and nothing is added twice.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -19,7 +20,7 @@ from tci.capabilities.answer import field_table, find_answers
 from tci.capabilities.capability import Capability
 from tci.capabilities.fields import ReceptiveField, default_fields
 from tci.errors import CommandError, TciError
-from tci.frames import Array, read_only
+from tci.frames import Array, frozen, read_only
 from tci.interface.skin.contact_table import ContactTable
 from tci.messages import Command, Contact, GenericCommand, Mode, Perception, SwitchMode
 from tci.model.generic_arm import JOINTS
@@ -60,7 +61,7 @@ class Withdrawal:
     @property
     def target(self) -> Array:
         """Where the arm goes (5,) [rad]: one gain for all joints keeps the direction of Theta_i."""
-        return read_only(self.origin + self.gain * np.array(self.field.motion))
+        return frozen(self.origin + self.gain * np.array(self.field.motion))
 
 
 WithdrawalMemory = Mapping[str, Withdrawal]
@@ -206,13 +207,13 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         motion = self.fields[answers[0][0]].motion
         if posture.shape != (len(motion),):
             raise CommandError(f"{part} has {posture.size} joints; a base motion has {len(motion)}")
-        if not np.isfinite(posture).all():
+        if not all(map(math.isfinite, posture.tolist())):
             return None
         # Names settle a draw, so that the order of contacts plays no part.
         nearest, gain = max(answers, key=lambda answer: (answer[1], self.fields[answer[0]].name))
         return Withdrawal(
             field=self.fields[nearest],
-            origin=read_only(posture),
+            origin=frozen(posture.copy()),
             gain=gain,
             started=now,
             touched=now,

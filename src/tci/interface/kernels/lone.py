@@ -7,7 +7,7 @@ from numba import boolean, float64, int32, int64
 from numpy.typing import NDArray
 
 from tci.frames import Array
-from tci.interface.kernels.arrays import reads, returns, writes
+from tci.interface.kernels.arrays import reads, returns, views, writes
 from tci.interface.kernels.compiled import compiled, inlined
 from tci.interface.kernels.flat import Indices
 from tci.interface.kernels.whole import GRAPH, TAXEL
@@ -102,7 +102,7 @@ def _wait_on(place: int, stamp: float, force: float, waiting: Array, now: Array)
 @compiled(
     returns(int64, int64, int64)(
         reads(1), reads(1), reads(1, boolean), reads(2), reads(1, int32), reads(2, int64), float64, reads(1),
-        reads(1), reads(1), reads(1, int64), reads(1, int64), reads(1, int64), reads(2), writes(1, int32),
+        reads(1), views(1), reads(1, int64), reads(1, int64), reads(1, int64), reads(2), writes(1, int32),
         writes(1, int64), writes(2),
     )
 )  # fmt: skip

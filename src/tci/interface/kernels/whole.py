@@ -19,9 +19,6 @@ PATCH, IDENTITY, BEGAN, SEEN, ORIGIN, PLACE, TRACK = 0, 1, 2, 3, 4, 7, 10
 """Columns of a track, and their number: the patch, the contact's number, when it began and was seen last [s],
 where it began and is (3,) [m]."""
 
-_FIRST = np.zeros(1, np.int64)
-"""The order of one pair."""
-
 
 @inlined
 def _before(numbers: Array, one: int, other: int) -> bool:
@@ -138,11 +135,41 @@ def describe_all(
         begin += bounds[count]
 
 
+@inlined
+def _is_among(number: float, told: Array, begin: int, end: int) -> bool:
+    among = False
+    for c in range(begin, end):
+        among |= told[c, 0] == number
+    return among
+
+
+@inlined
+def _nearest_free(
+    now: int,
+    tracks: Array,
+    known: int,
+    p: int,
+    centres: Array,
+    reach: float,
+    told: Array,
+    begin: int,
+    end: int,
+) -> tuple[int, float]:
+    """Of the tracks of patch `p` that none of its contacts from `begin` to `end` is, the one that is nearest
+    to the contact `now`, and its distance [m]; -1 for none within `reach` [m]."""
+    nearest, least = -1, np.inf
+    for i in range(known):
+        if int(tracks[i, PATCH]) == p:
+            far = _apart(centres[now], tracks[i, PLACE : PLACE + 3])
+            if far <= reach and far < least and not _is_among(tracks[i, IDENTITY], told, begin, end):
+                nearest, least = i, far
+    return nearest, least
+
+
 @compiled(
     returns(int64, int64)(
-        reads(2), views(2), views(1, int64), reads(1), float64, float64, int64, writes(2), writes(2)
-    ),
-    allocates=True,
+        reads(2), views(2), views(1, int64), views(1), float64, float64, int64, writes(2), writes(2)
+    )
 )
 def follow_all(
     old: Array,
@@ -162,42 +189,44 @@ def follow_all(
     where they are the nearest pairs, within `reach` [m]; the rest are new, numbered from `fresh` on. Written
     are `tracks` (t + c, TRACK) and what is `told` (c, 3) of each: number, begin [s], distance [m] from there.
     """
-    used, contacts, t = 0, len(patches), len(old)
-    felt = np.zeros(len(stamps), np.bool_)
-    felt[patches] = True
-    for i in range(t):  # of patches without contacts, tracks wait for their next one
+    used, contacts = 0, len(patches)
+    for i in range(len(old)):  # of patches without contacts, tracks wait for their next one
         p = int(old[i, PATCH])
-        if not felt[p] or stamps[p] - old[i, SEEN] <= linger:
-            tracks[used] = old[i]
+        felt = False
+        for c in range(contacts):
+            felt |= patches[c] == p
+        if not felt or stamps[p] - old[i, SEEN] <= linger:
+            for column in range(TRACK):
+                tracks[used, column] = old[i, column]
             used += 1
-    taken = np.zeros(used, np.bool_)
     begin, known = 0, used
-    apart, pair = np.empty(contacts * known), np.empty((contacts * known, 2), np.int64)
     while begin < contacts:
         p = patches[begin]
         end = begin
-        count = 0
         while end < contacts and patches[end] == p:
             told[end, 0] = 0.0
-            for i in range(known):
-                if int(tracks[i, PATCH]) == p:
-                    far = _apart(centres[end], tracks[i, PLACE : PLACE + 3])
-                    if far <= reach:
-                        apart[count] = far
-                        pair[count, 0], pair[count, 1] = end, i
-                        count += 1
             end += 1
-        order = np.argsort(apart[:count], kind="mergesort") if count > 1 else _FIRST[:count]
-        for k in order:
-            now, i = pair[k, 0], pair[k, 1]
-            if told[now, 0] == 0.0 and not taken[i]:
-                taken[i] = True
-                tracks[i, SEEN] = stamps[p]
-                told[now, 0] = tracks[i, IDENTITY]
-                told[now, 1] = tracks[i, BEGAN]
-                told[now, 2] = _apart(centres[now], tracks[i, ORIGIN : ORIGIN + 3])
-                for axis in range(3):
-                    tracks[i, PLACE + axis] = centres[now, axis]
+        for c in range(begin, end):  # the track that it may be, and how far that is
+            told[c, 1], told[c, 2] = _nearest_free(c, tracks, known, p, centres, reach, told, begin, end)
+        while True:
+            now, least = -1, np.inf
+            for c in range(begin, end):
+                if told[c, 0] == 0.0 and told[c, 2] < least:
+                    now, least = c, told[c, 2]
+            if now < 0:
+                break
+            i = int(told[now, 1])
+            if _is_among(tracks[i, IDENTITY], told, begin, end):  # a nearer contact is that one
+                told[now, 1], told[now, 2] = _nearest_free(
+                    now, tracks, known, p, centres, reach, told, begin, end
+                )
+                continue
+            tracks[i, SEEN] = stamps[p]
+            told[now, 0] = tracks[i, IDENTITY]
+            told[now, 1] = tracks[i, BEGAN]
+            told[now, 2] = _apart(centres[now], tracks[i, ORIGIN : ORIGIN + 3])
+            for axis in range(3):
+                tracks[i, PLACE + axis] = centres[now, axis]
         for now in range(begin, end):
             if told[now, 0] == 0.0:
                 tracks[used, PATCH], tracks[used, IDENTITY] = p, fresh

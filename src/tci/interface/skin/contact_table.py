@@ -146,6 +146,8 @@ class ContactTable(Sequence[Contact]):
 
 def identities(contacts: Sequence[Contact]) -> list[float]:
     """The numbers (c,) of contacts."""
+    if not contacts:
+        return []
     if isinstance(contacts, ContactTable):
         return contacts.identities
     return [one.identity for one in contacts]

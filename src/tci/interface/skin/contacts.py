@@ -28,7 +28,7 @@ from tci.interface.skin.skin import Skin
 from tci.interface.skin.tracking import Tracker
 from tci.messages import Contact, PatchState, SkinFrame, SkinState
 
-_NOWHERE = np.zeros((4, 4))
+_NOWHERE, _STRAIGHT = np.zeros((4, 4)), np.zeros(4)
 Measure = Literal["weighted", "sum", "peak"]
 """One force for a contact: F-bar of eq. 7, the force of all its taxels, or that of the strongest."""
 
@@ -94,20 +94,20 @@ def find_contacts(
     if not count:
         tracker.lone.remember()
         return ()
-    if not posture.keys() >= flat.all_parts:
-        _check(flat, posture)
+    angles = _postures(flat, posture)
     numbers, vectors = np.empty((count, NUMBERS)), np.empty((count, VECTORS, 3))
     indices, places = np.empty(taxels, np.intp), np.empty((4, taxels))
     rows = np.empty((3, count + 1), np.int64)
     describe_all(
         force, flat.work, flat.begins, flat.counts, flat.taxels, flat.faces, flat.box, flat.cells,
-        flat.limb, _poses(flat, state), _postures(flat, posture), flat.on, numbers, vectors, indices, places,
+        flat.limb, _poses(flat, state), angles, flat.on, numbers, vectors, indices, places,
         rows,
     )  # fmt: skip
     if states:
         _turn(states, flat, state, rows, vectors, indices)
-    tracker.lone.remember(rows[0], rows[1, :-1], indices)
-    told = tracker.follow(rows[1, :-1], vectors[:, P_L], stamps)
+    patches = rows[1, :-1]
+    tracker.lone.remember(rows[0], patches, indices)
+    told = tracker.follow(patches, vectors[:, P_L], stamps)
     return ContactTable(flat.sites, flat.segments, frames, rows, numbers, vectors, indices, places, told)
 
 
@@ -174,12 +174,6 @@ def _felt(
     return flat.force, flat.work[:0], unknown, stamps, state.patches, state.patches
 
 
-def _check(flat: FlatSkin, posture: Mapping[str, Array]) -> None:
-    for p in flat.counts.nonzero()[0].tolist():
-        if flat.sites[p].part not in posture:
-            raise UnknownNameError("generic part in this posture", flat.sites[p].part, posture)
-
-
 def _poses(flat: FlatSkin, state: SkinState) -> Array:
     """`T_TL` (l, 4, 4) of the skin's links."""
     poses = state.link_poses
@@ -189,12 +183,14 @@ def _poses(flat: FlatSkin, state: SkinState) -> Array:
 
 
 def _postures(flat: FlatSkin, posture: Mapping[str, Array]) -> Array:
-    """Generic angles (l, 4) [rad] of the limbs, as `limb_pose` needs them."""
-    result = np.zeros((max(len(flat.parts), 1), 4))
-    for row, part in enumerate(flat.parts):
-        if part in posture:
-            result[row] = posture[part][:4]
-    return result
+    """Generic angles (l, 4) [rad] of the limbs, as `limb_pose` needs them; zeros where they are not known,
+    which must be so of no part that is touched."""
+    if not posture.keys() >= flat.all_parts:
+        for p in flat.counts.nonzero()[0].tolist():
+            if flat.sites[p].part not in posture:
+                raise UnknownNameError("generic part in this posture", flat.sites[p].part, posture)
+    known = [posture[part][:4] if part in posture else _STRAIGHT for part in flat.parts]
+    return np.array(known or [_STRAIGHT])
 
 
 def _turn(

@@ -84,6 +84,8 @@ class OctetSkin:
         self._gain = np.concatenate([np.zeros(0), *(one.gain for one in conditioners)])
         self._nodes = np.ascontiguousarray(np.concatenate([np.zeros((2, 0)), *nodes], axis=1))
         self._area = np.concatenate([np.zeros(0), *areas])
+        for table in (self._table, self._sensor, self._indices, self._gain, self._nodes, self._area):
+            table.setflags(write=False)
         self.tables = (
             self._table, self._sensor, self._offset, self._memory, self._octets, self._words, self._blocks,
             self._state, self._indices, self._gain, self._nodes, self._area,
@@ -99,7 +101,10 @@ class OctetSkin:
         """Which taxels (n,) of each patch (p,) are ignored; the same object until that changes."""
         self._felt, self._room = np.zeros(count), (np.zeros(count, np.int32), np.zeros(count))
         self._raw = np.zeros(sum(self.channels), np.uint8)
-        self._last: dict[int, NDArray[Any]] = {}
+        self._ends = np.zeros(len(sizes) + 1, np.int64)
+        self._nobody: Pressed = NOBODY[0], NOBODY[1], self._ends.copy()
+        self._last: list[NDArray[Any] | None] = []
+        self._before: dict[int, NDArray[Any] | None] = {}
         self._held, self._still = set[int](), set[int]()
         self._ended, self._which = list[int](), list[int]()
         self._kinds, self._sizes = np.zeros(0, np.int64), list[int]()
@@ -110,8 +115,8 @@ class OctetSkin:
 
     @property
     def stamps(self) -> Array:
-        """When each patch (p,) was measured last [s]; NaN: never."""
-        return self._state[:, STAMP].copy()
+        """When each patch (p,) was measured last [s], as it is now; NaN: never."""
+        return self._state[:, STAMP]
 
     def feel(self, which: list[int], values: list[NDArray[Any]], stamps: list[float]) -> Pressed | None:
         """What all patches feel after frames of the patches `which` (k > 0), none of them twice; None, and
@@ -124,10 +129,12 @@ class OctetSkin:
             if not all(self.takes[p] for p in which):
                 return None
         if which != self._which:
+            self._before.update(zip(self._which, self._last, strict=True))
+            self._last = [self._before.get(p) for p in which]
             self._which, self._kinds = which, np.array(which, np.int64)
             self._sizes = [self.channels[p] for p in which]
         kinds, fresh, sizes, held = self._kinds, values, self._sizes, self._held
-        same = list(map(is_, values, map(self._last.get, which)))
+        same = list(map(is_, values, self._last))
         all_again = all(same) and held.issuperset(which)
         if all_again:
             kinds, fresh, sizes = -1 - kinds, [], []
@@ -140,25 +147,24 @@ class OctetSkin:
         if raw is None:
             return None
         taxels, pressure = self._room
-        ends = np.empty(len(self.counts) + 1, np.int64)
         due = feel(
-            raw, kinds, np.array(stamps), GAP, *self.tables, self.force, self.active, self._felt,
-            self.counts, taxels, pressure, ends,
+            raw, kinds, np.fromiter(stamps, np.float64), GAP, *self.tables, self.force, self.active,
+            self._felt, self.counts, taxels, pressure, self._ends,
         )  # fmt: skip
         if due < 0:
             return None
         if not all_again:
-            self._last.update(zip(which, values, strict=True))
+            self._last = [*values]
             self._hold(which, values, same)
         if self._still:
             self._revive([p for p in kinds.tolist() if p in self._still])
         if due:
             elapsed, lesson, frames, least = self._state[which][:, [ELAPSED, DUE, IN_LESSON, LEAST]].T
             self._ended = [which[k] for k in np.flatnonzero((elapsed >= lesson) & (frames >= least))]
-        found = ends[-1]
+        found = self._ends[-1]
         if not found:
-            return NOBODY[0], NOBODY[1], ends
-        return taxels[:found].copy(), pressure[:found].copy(), ends
+            return self._nobody
+        return taxels[:found].copy(), pressure[:found].copy(), self._ends.copy()
 
     def fits(self, p: int, values: NDArray[Any]) -> bool:
         """Whether a frame of patch `p` may come this way."""

@@ -129,7 +129,8 @@ class SkinConditioner:
                     self._feel([frame.patch], [frame])
                 return
             self._arranged = names, which
-        octets, quick, slow = self.octets, frames, list[SkinFrame]()
+        octets, quick = self.octets, frames
+        slow: list[SkinFrame] = []
         if False in octets.takes:
             slow = [frame for frame, p in zip(frames, which, strict=True) if not octets.takes[p]]
             quick = [frame for frame, p in zip(frames, which, strict=True) if octets.takes[p]]

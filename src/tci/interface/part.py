@@ -47,19 +47,19 @@ def to_platform(robot: Robot, command: GenericCommand, *, position: Array | None
     finite, a velocity where a transform has no slope, or a part of which the robot has no joint at all;
     UnknownNameError for an unknown part.
     """
-    part = robot.part(command.part)
+    joints = joint_map(robot, command.part)
     values = np.asarray(command.values, dtype=np.float64)
-    if values.shape != (len(part.servos),):
+    if values.shape != joints.fixed.shape:
         raise CommandError(
-            f"{command.mode.value} of {part.name}: values of shape {values.shape}; "
-            f"valid: ({len(part.servos)},)"
+            f"{command.mode.value} of {command.part}: values of shape {values.shape}; "
+            f"valid: {joints.fixed.shape}"
         )
     if not all(map(math.isfinite, values.tolist())):
-        bad = np.flatnonzero(~np.isfinite(values))
+        part, bad = robot.part(command.part), np.flatnonzero(~np.isfinite(values))
         names = ", ".join(f"{part.servos[i].name} = {values[i]}" for i in bad)
         raise CommandError(f"{command.mode.value} of {part.name}: {names}; valid: finite numbers")
-    joints = joint_map(robot, part.name)
     if not joints.servos.size:
+        part = robot.part(command.part)
         lacks = ", ".join(joint.name for joint in part.servos)
         others = [other.name for other in robot.parts if any(j.servo is not None for j in other.servos)]
         raise CommandError(

@@ -182,8 +182,8 @@ class JointMap:
     def to_robot(self, generic: Array, position: Array) -> Array:
         """Angles (k,) [rad] of `servos` for generic angles (n,) [rad]; of several, those next to where the
         servos are: `position` (n_servos,) [rad]."""
-        parts = [t.robot(generic[t.ids], position[t.servos]) for t in self.transforms]
-        return np.concatenate([np.zeros(0), *parts])
+        parts = [t.robot(generic.take(t.ids), position.take(t.servos)) for t in self.transforms]
+        return parts[0] if len(parts) == 1 else np.concatenate([np.zeros(0), *parts])
 
     def slope(self, position: Array) -> Array:
         """d generic / d servo (k, k), rows in the order of `ids`, at `position` (n_servos,) [rad].

@@ -8,7 +8,7 @@ import pytest
 from numba import njit
 
 from tci.frames import Array
-from tci.interface.kernels.apart import at_least, stand
+from tci.interface.kernels.apart import at_least, stand, to_joints
 from tci.interface.kernels.solids import Solids
 from tci.model.catalogue import load_robot, robot_names
 from tci.model.clearance import Clearance
@@ -95,3 +95,9 @@ def test_no_joint_changes_a_distance_by_more_than_its_lever(side: Side) -> None:
         side.stand(there)
         after = [side.measure(pair)[0] for pair in pairs]
         assert np.all(np.abs(np.subtract(after, before)) <= most[pairs] + 1e-5)
+
+
+def test_joints_are_counted_from_their_zeros_in_the_models_order() -> None:
+    ends = np.zeros((2, 2))
+    to_joints(np.array([2, 0]), np.array([0.5, -1.0]), np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]), ends)
+    assert ends.tolist() == [[2.5, 2.0], [5.5, 5.0]]

@@ -236,7 +236,7 @@ class Limiter:
             inside, span = self._plan_stop(state := np.array(numbers), here)
         except RuckigError:  # rare states have no synchronised way, mostly where a speed limit falls
             return False
-        if not inside or not self._keeps_couplings(here, *span):
+        if not inside or (len(self.bounds.coupling) and not self._keeps_couplings(here, *span)):
             return False
         if fault := self._guard(Stop(here, span, self._candidate)):
             self.ended = fault
@@ -262,8 +262,6 @@ class Limiter:
     def _keeps_couplings(self, here: Array, lowest: Array, highest: Array) -> bool:
         """Whether the planned stop, between `lowest` and `highest` (n,) [rad], keeps the couplings."""
         bounds = self.bounds
-        if not len(bounds.coupling):
-            return True
         lower, upper = bounds.coupling_lower, bounds.coupling_upper
         # The box around the stop is quick to check, and enough while no coupling is near.
         pull, push = np.maximum(bounds.coupling, 0.0), np.minimum(bounds.coupling, 0.0)

@@ -20,6 +20,7 @@ from tci.interface.gate.settings import GateSettings, Tally
 from tci.interface.gate.speeds import Speeds
 from tci.interface.gate.torque import TorqueLimiter
 from tci.interface.gate.watch import Reference
+from tci.interface.kernels.motion import largest_change
 from tci.interface.kernels.targets import pick_out
 from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch
 from tci.model.description import Robot
@@ -189,6 +190,8 @@ class Motion:
         sent = np.empty(len(servos))
         for chain in self._chains_with(servos.tolist()):
             pick_out(chain.index, servos, chain.aim(servos, values, speeds), sent)
+        if largest_change(values, sent) <= 2 * MARGIN:
+            return []
         return self.clamps(command, sent.tolist(), "degrees")
 
     def _drive(self, command: PlatformCommand) -> list[str]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from tci.errors import TciError
 from tci.frames import Array
-from tci.interface.kernels.apart import come_near, follow, stand
+from tci.interface.kernels.apart import come_near, follow, stand, to_joints
 from tci.interface.kernels.flat import Indices
 from tci.interface.kernels.solids import Solids
 from tci.model.clearance import Clearance
@@ -58,13 +58,16 @@ class SelfCollision:
         )  # fmt: skip
         self._strides = self._clearance.levers[s.servos]
         self._segment = np.zeros(6)
+        self._box = np.zeros((2, joints))
+        self._ends = self._box[0], self._box[1]
         self._patience = 0
         start = self._of_joints(robot.initial_position)
         self._measure(start, np.arange(pairs, dtype=np.int32), self._axis)
 
     def keeps_margin(self, box: Array) -> bool:
         """Whether every posture between the angles of `box` (2, n_servos) [rad] surely keeps the margin."""
-        low, high = self._of_joints(box)
+        low, high = self._ends
+        to_joints(self._solids.servos, self._solids.zero, box, self._box)
         count = come_near(self._arrays, self._known, low, high, self.margin)
         if count and self._patience <= 0:
             self._measure((low + high) / 2.0, self._left[:count].copy(), self._axis)

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 from numba import float64, int32, int64, void
+from numpy.typing import NDArray
 
 from tci.frames import Array
-from tci.interface.kernels.arrays import reads, returns, writes
+from tci.interface.kernels.arrays import reads, returns, views, writes
 from tci.interface.kernels.compiled import compiled, inlined
 from tci.interface.kernels.flat import Indices
 
@@ -102,6 +103,15 @@ def at_least(shapes: Array, points: Array, frames: Array, pairs: Indices, axis: 
         shadow -= _shadow(shapes, points, frames, other, -x, -y, -z)
         found = max(found, shadow)
     return found
+
+
+@compiled(void(views(1, int64), reads(1), reads(2), writes(2)))
+def to_joints(servos: NDArray[np.intp], zero: Array, box: Array, ends: Array) -> None:
+    """Write the `ends` (2, j) [rad] between which the model's joints are while servos are between those of
+    `box` (2, n_servos) [rad]; `servos` (j,) move the joints, and are at `zero` (j,) where they are at 0."""
+    for j in range(len(servos)):
+        for k in range(2):
+            ends[k, j] = box[k, servos[j]] - zero[j]
 
 
 @compiled(int64(SOLIDS, KNOWN, reads(1), reads(1), float64))

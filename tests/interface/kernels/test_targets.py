@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tci.interface.kernels.targets import clamp, is_acceptable, pick_out, put_in_place, straight_limits
+from tci.interface.kernels.targets import is_acceptable, pick_out, put_in_place, straight_limits
 
 SERVOS, VALUES, SPEEDS = np.array([3, 0, 5]), np.array([0.1, -0.2, 0.3]), np.array([1.0, 2.0, np.inf])
 
@@ -34,20 +34,22 @@ def test_one_wrong_number_at_any_place_is_seen(place: int) -> None:
 def test_values_go_to_their_servos_places_and_come_back_from_there() -> None:
     index = np.array([0, 2, 3, 4])
     target, speed, asked = np.full(4, 9.0), np.full(4, 8.0), np.ones(4, bool)
-    put_in_place(index, SERVOS, VALUES, SPEEDS, target, speed, asked)
-    assert target.tolist() == [-0.2, 9.0, 0.1, 9.0]
-    assert speed.tolist() == [2.0, 8.0, 1.0, 8.0]
+    lower, upper, fastest = np.full(4, -0.2), np.full(4, 0.2), np.array([1.5, 0.1, 1.0, 0.1])
+    put_in_place(index, SERVOS, VALUES, SPEEDS, lower, upper, fastest, 0.05, target, speed, asked)
+    assert target.tolist() == pytest.approx([-0.15, 9.0, 0.1, 9.0])
+    assert speed.tolist() == [1.5, 8.0, 1.0, 8.0]
     assert asked.tolist() == [True, False, True, False]
     found = np.full(3, 7.0)
     pick_out(index, SERVOS, target, found)
-    assert found.tolist() == [0.1, -0.2, 7.0]
+    assert found.tolist() == pytest.approx([0.1, -0.15, 7.0])
 
 
-def test_only_free_servos_are_clamped_and_between_near_limits_they_are_in_the_middle() -> None:
-    lower, upper = np.array([-1.0, -1.0, -1.0, 0.0]), np.array([1.0, 1.0, 1.0, 0.1])
-    point = np.array([2.0, -2.0, -2.0, 7.0])
-    clamp(lower, upper, np.array([True, False, True, True]), 0.25, point)
-    assert point.tolist() == [0.75, -2.0, -0.75, 0.05]
+def test_between_limits_that_are_near_a_value_goes_to_the_middle() -> None:
+    one, target, asked = np.zeros(1, np.intp), np.zeros(1), np.ones(1, bool)
+    put_in_place(
+        one, one, np.array([7.0]), one + 1.0, one + 0.0, one + 0.1, one + 1.0, 0.25, target, target + 0, asked
+    )
+    assert target.tolist() == [0.05]
 
 
 def test_limits_in_the_ratio_of_the_ways_are_as_large_as_they_may_be() -> None:

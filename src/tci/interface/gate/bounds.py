@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.frames import Array
-from tci.interface.kernels.targets import clamp
 from tci.model.description import Robot
 
 MARGIN = 1e-6
@@ -49,10 +48,6 @@ class Bounds:
         Projects onto each violated half-space in turn (Bregman 1965), last onto the limits. Where the
         other servos leave no such point, it comes as close as the limits allow.
         """
-        if not len(self.coupling):
-            point = target.astype(float)
-            clamp(self.lower, self.upper, free, MARGIN, point)
-            return point
         margin = np.minimum(MARGIN, (self.upper - self.lower) / 2)
         lower, upper = self.lower + margin, self.upper - margin
         point = np.where(free, np.clip(target, lower, upper), target)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.frames import Array
-from tci.interface.gate.bounds import Bounds, bounds_of
+from tci.interface.gate.bounds import MARGIN, Bounds, bounds_of
 from tci.interface.gate.limiter import Guard, Limiter
 from tci.interface.kernels.targets import put_in_place
 from tci.model.description import Robot
@@ -41,12 +41,16 @@ class Chain:
     def aim(self, servos: NDArray[np.intp], values: Array, speeds: Array) -> Array:
         """Give those of `servos` (k,) that are its own new targets `values` (k,) [rad], or what is next to
         them inside the bounds, at most at `speeds` (k,) [rad/s]; returns the targets (n,) of all."""
-        limiter, asked = self.limiter, np.empty(len(self.servos), np.bool_)
+        limiter, bounds, asked = self.limiter, self.limiter.bounds, np.empty(len(self.servos), np.bool_)
         target, speed = limiter.target.copy(), limiter.speed.copy()
-        put_in_place(self.index, servos, values, speeds, target, speed, asked)
-        nearest = limiter.bounds.nearest(target, asked)
-        limiter.aim(nearest, speed)
-        return nearest
+        put_in_place(
+            self.index, servos, values, speeds, bounds.lower, bounds.upper, bounds.velocity, MARGIN,
+            target, speed, asked,
+        )  # fmt: skip
+        if len(bounds.coupling):
+            target = bounds.nearest(target, asked)
+        limiter.aim(target, speed)
+        return target
 
     def look_outside(self, measured: Array) -> None:
         """A coupled servo that is not commanded with these counts where it is `measured` (n_servos,) now."""

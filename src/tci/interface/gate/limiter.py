@@ -159,12 +159,12 @@ class Limiter:
         self._resting = False
 
     def aim(self, target: Array, speed: Array) -> None:
-        """Go to `target` (n,) [rad], which must be inside the bounds, at most at `speed` (n,) [rad/s].
+        """Go to `target` (n,) [rad] at most at `speed` (n,) [rad/s]; both must be inside the bounds.
 
         Servos that are driven at a velocity go on so.
         """
         self.target = np.array(target)
-        self._speed = np.minimum(speed, self.bounds.velocity)
+        self._speed = np.array(speed)
         self._set_straight(self._straight and not self._state[1].any())
         self._stopping = False
         self._resting = False

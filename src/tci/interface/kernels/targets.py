@@ -26,20 +26,29 @@ def is_acceptable(servos: NDArray[np.intp], values: Array, speeds: Array, count:
 
 @compiled(
     void(
-        reads(1, int64), reads(1, int64), reads(1), reads(1), writes(1), writes(1), writes(1, boolean)
+        reads(1, int64), reads(1, int64), reads(1), reads(1), views(1), views(1), views(1), float64,
+        writes(1), writes(1), writes(1, boolean),
     )
 )  # fmt: skip
 def put_in_place(
     index: NDArray[np.intp], servos: NDArray[np.intp], values: Array, speeds: Array,
+    lower: Array, upper: Array, fastest: Array, margin: float,
     target: Array, speed: Array, asked: NDArray[np.bool_],
 ) -> None:  # fmt: skip
     """Write `values` and `speeds` (k,) of `servos` into the places (n,) that they have in `index` (n,), and
-    which of those are `asked` (n,). Servos that are not there are left out."""
+    which of those are `asked` (n,). Servos that are not there are left out.
+
+    Values are clamped to `lower`, `upper` (n,) and a `margin` away from them, or half of the way between
+    them; speeds are at most the `fastest` (n,).
+    """
     for i in range(len(index)):
         asked[i] = False
+        room = min(margin, (upper[i] - lower[i]) / 2)
         for k in range(len(servos)):
             if servos[k] == index[i]:
-                target[i], speed[i], asked[i] = values[k], speeds[k], True
+                target[i] = min(max(values[k], lower[i] + room), upper[i] - room)
+                speed[i] = min(speeds[k], fastest[i])
+                asked[i] = True
 
 
 @compiled(void(reads(1, int64), reads(1, int64), reads(1), writes(1)))
@@ -49,16 +58,6 @@ def pick_out(index: NDArray[np.intp], servos: NDArray[np.intp], values: Array, f
         for k in range(len(servos)):
             if servos[k] == index[i]:
                 found[k] = values[i]
-
-
-@compiled(void(views(1), views(1), views(1, boolean), float64, writes(1)))
-def clamp(lower: Array, upper: Array, free: NDArray[np.bool_], most: float, point: Array) -> None:
-    """Move those of `point` (n,) that are `free` (n,) between `lower` and `upper`, and a margin away from
-    them: `most`, or where they are near to each other the middle."""
-    for i in range(len(point)):
-        if free[i]:
-            margin = min(most, (upper[i] - lower[i]) / 2)
-            point[i] = min(max(point[i], lower[i] + margin), upper[i] - margin)
 
 
 @compiled(void(views(1), views(1), views(1), views(1), views(1), float64, float64, writes(2)))

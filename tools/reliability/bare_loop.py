@@ -1,7 +1,7 @@
 """A bare loop at 1 kHz in a process of its own: what the machine does to any loop.
 
 It sleeps, and then does the same piece of plain NumPy work in every period, about as long as most of ours.
-`bare_loop.py SECONDS` prints, in milliseconds, how late it was and how long its work took.
+`bare_loop.py SECONDS` prints how late it was and how long its work took, as counts of a `Histogram`.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def main(seconds: float) -> None:
                 numbers = numbers + 1.0
             own.add(time.thread_time() - begin)
             late.add((now - start + 1e-9) % PERIOD)
-    print(json.dumps({"late": late.to_json(), "own": own.to_json()}))
+    print(json.dumps({"late": late.counts.tolist(), "own": own.counts.tolist()}))
 
 
 if __name__ == "__main__":

@@ -38,6 +38,8 @@ PIECES = 3
 """Runs that the hour is made of."""
 WARM = 5.0
 """Time [s] after which memory counts: compiled code is loaded then."""
+TIMES = ("own", "wall", "late", "bare_own", "bare_late")
+"""What is counted in histograms."""
 
 
 class Touched(Link):
@@ -103,11 +105,14 @@ def one_kilohertz(full: bool) -> Row:
     page faults, memory."""
     pieces, seconds = (PIECES, 3600.0 / PIECES) if full else (1, 15.0)
     done = gather("one_kilohertz", _run, [(piece, seconds) for piece in range(pieces)], full=full, alone=True)
-    work, wall, late, slope, faults, bare_p50, bare_work, bare_late = (
-        max((result[key] for result in done), default=0.0)
-        for key in ("work", "wall", "late", "slope", "faults", "bare_p50", "bare_work", "bare_late")
-    )
-    median = float(np.median([result["p50"] for result in done] or [0.0]))
+    times = {name: Histogram() for name in TIMES}
+    for name, whole in times.items():
+        whole.largest = np.inf
+        for result in done:
+            whole.counts += np.array(result[name])
+    median, bare_median = (times[name].quantile(0.5) * 1e3 for name in ("own", "bare_own"))
+    work, wall, late, bare_work, bare_late = (times[name].quantile(0.999) * 1e3 for name in TIMES)
+    slope, faults = (max((result[key] for result in done), default=0.0) for key in ("slope", "faults"))
     missed, unreported = (sum(result[key] for result in done) for key in ("missed", "unreported"))
     words = f", {done[0]['how']}" if done and len({result["how"] for result in done}) == 1 else ""
     moving = min((result["moving"] for result in done), default=1.0)
@@ -117,7 +122,7 @@ def one_kilohertz(full: bool) -> Row:
         3600.0,
         "s",
         f"own work p50 {median:.2f}, p99.9 {work:.2f} ms, on the wall clock {wall:.2f} ms; a bare loop's "
-        f"NumPy work p50 {bare_p50:.2f}, p99.9 {bare_work:.2f} ms; late p99.9 {late:.2f} ms, bare loop "
+        f"NumPy work p50 {bare_median:.2f}, p99.9 {bare_work:.2f} ms; late p99.9 {late:.2f} ms, bare loop "
         f"{bare_late:.2f} ms; {moving:.0%} of the time in motion; {missed} missed, {unreported} of them not "
         f"counted; {faults:.2f} page faults in 1000 periods; memory {slope:+.2f} MB/h",
         "own work p99.9 <= 0.5 ms, no unreported overrun, memory < 1 MB/h",
@@ -158,13 +163,11 @@ def _run(piece: int, seconds: float) -> Result:
     return {
         "seconds": seconds,
         "how": how,
-        "p50": own.quantile(0.5) * 1e3,
-        "work": own.quantile(0.999) * 1e3,
-        "wall": report.work.quantile(0.999) * 1e3,
-        "late": report.lateness.quantile(0.999) * 1e3,
-        "bare_p50": beside["own"]["p50"],
-        "bare_work": beside["own"]["p999"],
-        "bare_late": beside["late"]["p999"],
+        "own": own.counts.tolist(),
+        "wall": report.work.counts.tolist(),
+        "late": report.lateness.counts.tolist(),
+        "bare_own": beside["own"],
+        "bare_late": beside["late"],
         "faults": 1e3 * (faults[-1] - faults[0]) / max(served[-1] - served[0], 1),
         "slope": float(np.polyfit(when, memory, 1)[0]) * 3600.0 / 2**20,
         "moving": moved[0] / report.ticks,

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 FINEST = 1e-6
 """Upper edge [s] of the first bin."""
-PER_DOUBLING = 4
+PER_DOUBLING = 16
 """Bins in which times double."""
-BINS = 128
+BINS = 512
 
 
 class Histogram:
-    """Times in bins that grow by a fifth, so that a microsecond and an hour have room."""
+    """Times in bins that grow by 4 %, so that a microsecond and an hour have room."""
 
     def __init__(self) -> None:
         self.counts: NDArray[np.int64] = np.zeros(BINS, dtype=np.int64)

@@ -9,6 +9,10 @@ import time
 from collections.abc import Iterator
 from typing import Protocol
 
+ROUNDING = 1e-6
+"""Share of a period by which a time counts as the next one: the time of a clock that has run for days is
+rounded to 1e-11 s, and no period must be served twice."""
+
 
 class Clock(Protocol):
     """A monotonic clock [s]. Its zero has no meaning."""
@@ -73,20 +77,22 @@ class ManualClock:
         self._now += seconds
 
 
-def ticks(clock: Clock, period: float, *, duration: float | None = None) -> Iterator[float]:
-    """Yield the time now [s] every `period` [s], for `duration` [s] or for ever.
+def ticks(
+    clock: Clock, period: float, *, duration: float | None = None, start: float | None = None
+) -> Iterator[float]:
+    """Yield the time now [s] every `period` [s], from `start` [s] or now on, for `duration` [s] or for ever.
 
     A tick that comes too late is skipped, never caught up in a burst.
     """
-    start = clock.now()
+    start = clock.now() if start is None else start
     count = 0
     while duration is None or count * period < duration - 1e-9:
         clock.sleep_until(start + count * period)
         now = clock.now()
         yield now
         # A tick that came a whole period late was that of the later one: two in one period would be a burst.
-        served = int((now - start) / period + 1e-9)
-        count = max(served + 1, int((clock.now() - start) / period + 1e-9))
+        served = int((now - start) / period + ROUNDING)
+        count = max(served + 1, int((clock.now() - start) / period + ROUNDING))
 
 
 class Every:

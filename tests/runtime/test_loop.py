@@ -18,6 +18,7 @@ import tci
 from tci.errors import CommandError, LinkError
 from tci.interface.gate.gate import GateState, SafeCommand
 from tci.messages import GenericCommand, Mode, Perception, Reading
+from tci.middleware.link import Link
 from tci.middleware.simulated import SimulatedLink
 from tci.runtime.guards import LEAST_SILENCE, frozen_garbage, interruptions
 from tci.runtime.lease import lease
@@ -428,12 +429,48 @@ def test_10_skin_that_stands_still_makes_the_robot_hold(monkeypatch: pytest.Monk
     assert {state for now, state in states if now > LEAST_SILENCE + 0.01} == {GateState.HOLD}
 
 
+def test_41_every_period_counts_once_wherever_in_it_the_loop_wakes() -> None:
+    class Shaky(tci.ManualClock):
+        """Time passes with every look, and it wakes late, by up to two periods."""
+
+        def now(self) -> float:
+            self.advance(2e-5)
+            return super().now()
+
+        def sleep_until(self, stamp: float) -> None:
+            almost = random.random() < 0.1
+            super().sleep_until(stamp + link.period * (0.999 if almost else 2.0 * random.random() ** 4))
+
+    class Standing(Link):
+        """A robot that stays where it is."""
+
+        count = 0
+
+        def _receive(self) -> Reading:
+            self.count += 1
+            here = np.array(self.robot.initial_position)
+            return Reading(tci.JointReading(self.clock.now(), self.count, here, 0.0 * here), ())
+
+        def _send(self, safe: SafeCommand) -> None:
+            return
+
+        def _close(self) -> None:
+            return
+
+    random, report = np.random.default_rng(1), LoopReport()
+    link = Standing(tci.load_robot("nao"), middleware="sim", clock=Shaky(70_000.0), armed=True)
+    run(link, Swing(), duration=2000 * link.period, report=report)
+    assert report.missed > 100
+    assert report.ticks + report.missed == 2000
+
+
 def test_a_first_period_that_begins_late_is_none_that_was_missed(
     link: SimulatedLink, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ticks, report = link.ticks, LoopReport()
 
-    def late(*, duration: float | None = None) -> Iterator[float]:
+    def late(*, duration: float | None = None, start: float) -> Iterator[float]:
+        del start
         link.world.advance(0.1)
         yield from ticks(duration=duration)
 

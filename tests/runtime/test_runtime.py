@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -54,6 +56,13 @@ def test_ticks_are_skipped_never_caught_up() -> None:
         if now == pytest.approx(0.2):
             clock.advance(0.35)
     assert stamps == [0.0, 0.1, 0.2, 0.55, 0.6, 0.7, 0.8, 0.9]
+
+
+def test_a_clock_that_has_run_for_days_serves_each_period_once() -> None:
+    for start in np.random.default_rng(0).integers(10**12, 10**15, 50) * 1e-9:
+        clock = ManualClock(float(start))  # wakes at the very time, which is rounded
+        served = [now - start for now in itertools.islice(ticks(clock, 0.001), 300)]
+        assert served == pytest.approx(np.arange(300) * 0.001)
 
 
 def test_what_is_due_once_in_a_period_is_not_caught_up() -> None:

@@ -92,8 +92,8 @@ class FaultyLink(Link):
         """Faults that go on now."""
         return tuple(plan for plan, _ in self._active)
 
-    def ticks(self, *, duration: float | None = None) -> Iterator[float]:
-        return self.inner.ticks(duration=duration)
+    def ticks(self, *, duration: float | None = None, start: float | None = None) -> Iterator[float]:
+        return self.inner.ticks(duration=duration, start=start)
 
     def _receive(self) -> Reading:
         reading = self.inner.read()

@@ -32,8 +32,8 @@ class JoinedLink(Link):
         self.about = joints.about
         self._open = True
 
-    def ticks(self, *, duration: float | None = None) -> Iterator[float]:
-        return self.joints.ticks(duration=duration)
+    def ticks(self, *, duration: float | None = None, start: float | None = None) -> Iterator[float]:
+        return self.joints.ticks(duration=duration, start=start)
 
     def diagnose(self) -> tuple[Finding, ...]:
         return tuple(finding for link in (self.joints, *self.skins) for finding in link.diagnose())

@@ -83,9 +83,9 @@ class Link(ABC):
         """
         return ()
 
-    def ticks(self, *, duration: float | None = None) -> Iterator[float]:
-        """The time now [s], once per `period`, for `duration` [s] or for ever."""
-        return ticks(self.clock, self.period, duration=duration)
+    def ticks(self, *, duration: float | None = None, start: float | None = None) -> Iterator[float]:
+        """The time now [s], once per `period`, from `start` [s] or now on, for `duration` [s] or for ever."""
+        return ticks(self.clock, self.period, duration=duration, start=start)
 
     def read(self) -> Reading:
         """The latest joints and skin frames. Raises LinkError when the link is closed."""

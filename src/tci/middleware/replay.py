@@ -86,9 +86,12 @@ class ReplayLink(Link):
         """Whose versions are others than then, in words: `numpy 2.4.6, here 2.5.0`. Their bits may differ."""
         self._ticks = self.recording.ticks()
         self._tick: RecordedTick | None = None
+        if (first := next(self.recording.ticks(), None)) is not None:
+            self._clock.time = first.now
 
-    def ticks(self, *, duration: float | None = None) -> Iterator[float]:
-        """The times [s] of then, as fast as they are asked for, to the end of the file."""
+    def ticks(self, *, duration: float | None = None, start: float | None = None) -> Iterator[float]:
+        """The times [s] of then, as fast as they are asked for, to the end of the file; `start` is theirs."""
+        del start
         begun: float | None = None
         for tick in self._ticks:
             self._tick, self._clock.time = tick, tick.now

@@ -16,6 +16,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from tci.capabilities.capability import Capability
+from tci.clock import ROUNDING
 from tci.errors import CommandError, FrameError
 from tci.interface.body import Body
 from tci.interface.gate.gate import SafeCommand
@@ -84,9 +85,9 @@ def run(
     loop.sensed = sensed
     with lease(link.lease_name), interruptions() as interruption, frozen_garbage():
         try:
-            periods = link.ticks(duration=duration)
-            loop.begin(link.clock.now())  # they begin with the next line
-            for now in periods:
+            start = link.clock.now()
+            loop.begin(start)
+            for now in link.ticks(duration=duration, start=start):
                 loop.tick(now)
                 interruption.raise_it()
                 if until is not None and until(loop.memory):
@@ -174,8 +175,7 @@ class _Loop(Generic[Memory]):
         """Count what was missed of `duration` [s] after the last period that was served."""
         if duration is None or self._before is None:
             return
-        served = int((self._before - self._start) / self.link.period + 1e-6) + 1
-        missed = math.ceil(duration / self.link.period - 1e-6) - served
+        missed = math.ceil(duration / self.link.period - ROUNDING) - self._period_of(self._before) - 1
         if missed > 0:
             self.report.overruns += 1
             self.report.missed += missed
@@ -198,16 +198,19 @@ class _Loop(Generic[Memory]):
         period = self.link.period
         if self._before is None:
             self._before = now
-            if not 0.0 <= now - self._start < period:
-                self._start = now
-        missed = int((now - self._start) / period + 1e-6) - int((self._before - self._start) / period + 1e-6)
+            self._start += self._period_of(now) * period  # nothing was missed before the first
+        missed = self._period_of(now) - self._period_of(self._before)
         self._before = now
-        self.report.lateness.add(max(0.0, (now - self._start + period * 1e-6) % period))
+        self.report.lateness.add(max(0.0, (now - self._start + period * ROUNDING) % period))
         if missed <= 1:
             return ""
         self.report.overruns += 1
         self.report.missed += missed - 1
         return f"the loop missed {missed - 1} periods" if missed > MISSED else ""
+
+    def _period_of(self, now: float) -> int:
+        """Which period, counted from 0, a time [s] is in."""
+        return int((now - self._start) / self.link.period + ROUNDING)
 
     def _perceive(self, reading: Reading, now: float) -> Perception | None:
         """What the capability sees; None for a reading that does not fit. The robot stops if that lasts."""

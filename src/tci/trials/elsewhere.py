@@ -41,8 +41,8 @@ class TrialLink(SimulatedLink):
     until = float("inf")
     """When [s]."""
 
-    def ticks(self, *, duration: float | None = None) -> Iterator[float]:
-        for now in super().ticks(duration=duration):
+    def ticks(self, *, duration: float | None = None, start: float | None = None) -> Iterator[float]:
+        for now in super().ticks(duration=duration, start=start):
             if now >= self.until - 1e-9:
                 return
             yield now

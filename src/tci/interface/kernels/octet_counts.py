@@ -40,10 +40,10 @@ SUM, BENDS = range(2)
 STILL, SETTLED, LIVE, ENDS = range(4)
 """Rows of `blocks`: frames that only were counted, whether the last two frames are alike, whether something
 is felt, taxels at the end of their range."""
-BEGIN, TAXELS, FIRST, COUNT, TURN, END, STRAIGHT, NODE, NODES, CHANNELS = range(10)
+BEGIN, TAXELS, FIRST, COUNT, TURN, END, STRAIGHT, NODE, NODES, SOURCE = range(10)
 """Columns of `table`: a patch's first taxel and their number, first block and their number, what turns bytes
 (0 or 255), the largest byte that is not at the end of the range, whether channels are taxels, place and
-number of its response's nodes, and number of channels in its frame."""
+number of its response's nodes, and where its channels begin in all frames."""
 STAMP, ELAPSED, FRAMES, IN_LESSON, BENT, SINCE, REPEATS, SATURATED, DUE, LEAST, CALM = range(11)
 """Columns of `state`: time of the latest frame [s] (NaN: none) and since the lesson began, frames seen, up to
 2, and in this lesson, second differences in it, frames since the last spill, frames that came again, taxels

@@ -18,7 +18,6 @@ from tci.interface.kernels.octet_counts import (
     BEGIN,
     BENT,
     BLOCK,
-    CHANNELS,
     COUNT,
     DUE,
     ELAPSED,
@@ -36,6 +35,7 @@ from tci.interface.kernels.octet_counts import (
     NOW,
     REPEATS,
     SINCE,
+    SOURCE,
     STAMP,
     STRAIGHT,
     TABLES,
@@ -56,18 +56,17 @@ _PIECE = 16
 @inlined
 def _all_can_be(raw: Octets, which: Numbers, table: Numbers, sensor: Single, channels: Numbers) -> bool:
     """Whether no byte of the frames is one that its sensor can't send."""
-    source = 0
     for k in range(len(which)):
         p = which[k]
         if p < 0:
             continue
+        source = table[p, SOURCE]
         lowest, highest = sensor[p, LOWEST], sensor[p, HIGHEST]
         if lowest > 0.0 or highest < 255.0:
             for i in range(table[p, BEGIN], table[p, BEGIN] + table[p, TAXELS]):
                 value = np.float32(raw[source + channels[i]])
                 if value < lowest or value > highest:
                     return False
-        source += table[p, CHANNELS]
     return True
 
 
@@ -145,17 +144,17 @@ def feel(
     """New frames of some patches: what is felt, and where; for how many of them a lesson is due; -1, and
     nothing is done, where one has a byte that its sensor can't send.
 
-    `raw` (channels of all these frames,); `which` (k,) patch each is of, or -1 - p where it is the same as
-    the one before, which has no place in `raw`; `stamps` (k,) [s], NaN for none; `gap` [s] the longest time
-    that counts as passed between two frames. Tables and memory of all patches, see above: `sensor` (p, 5),
-    `offset` (n,), `memory` (ROWS n,); `channels`, `gain`, `area` (n,). Written are the `force` (n,) [N] on
-    each taxel, the `active` taxels (n,) of each patch, the pressure `felt` (n,) [Pa] by each of them and
-    their `counts` (p,); and, one patch after the other, `taxels` and `pressure` (n,) of these, and where each
-    patch's `ends` (p + 1,).
+    `raw` (channels of all patches,) with these frames in their places; `which` (k,) patch each is of, or -1 -
+    p where it is the same as the one before, which is not looked at; `stamps` (k,) [s], NaN for none; `gap`
+    [s] the longest time that counts as passed between two frames. Tables and memory of all patches, see
+    above: `sensor` (p, 5), `offset` (n,), `memory` (ROWS n,); `channels`, `gain`, `area` (n,). Written are
+    the `force` (n,) [N] on each taxel, the `active` taxels (n,) of each patch, the pressure `felt` (n,) [Pa]
+    by each of them and their `counts` (p,); and, one patch after the other, `taxels` and `pressure` (n,) of
+    these, and where each patch's `ends` (p + 1,).
     """
     if not _all_can_be(raw, which, table, sensor, channels):
         return -1
-    source = due = 0
+    due = 0
     for k in range(len(which)):
         again = which[k] < 0
         p = -1 - which[k] if again else which[k]
@@ -175,14 +174,13 @@ def feel(
             if state[p, REPEATS] or state[p, SINCE] >= LONGEST:
                 add_up(p, table, sensor, offset, memory, octets, words, blocks, state)
             now = octets[NOW]
-            start = BLOCK * first
+            start, source = BLOCK * first, table[p, SOURCE]
             if table[p, STRAIGHT]:
                 for i in range(np.uint64(count)):
                     now[np.uint64(start) + i] = raw[np.uint64(source) + i] ^ turn
             else:
                 for i in range(np.uint64(count)):
                     now[np.uint64(start) + i] = raw[source + channels[np.uint64(begin) + i]] ^ turn
-            source += table[p, CHANNELS]
             update(p, table, octets, words, blocks, state)
             for j in range(begin, begin + counts[p]):
                 force[begin + active[j]] = 0.0

@@ -28,7 +28,7 @@ from tci.interface.skin.skin import Skin
 from tci.interface.skin.tracking import Tracker
 from tci.messages import Contact, PatchState, SkinFrame, SkinState
 
-_NOWHERE, _STRAIGHT = np.zeros((4, 4)), np.zeros(4)
+_NOWHERE = np.zeros((4, 4))
 Measure = Literal["weighted", "sum", "peak"]
 """One force for a contact: F-bar of eq. 7, the force of all its taxels, or that of the strongest."""
 
@@ -189,8 +189,11 @@ def _postures(flat: FlatSkin, posture: Mapping[str, Array]) -> Array:
         for p in flat.counts.nonzero()[0].tolist():
             if flat.sites[p].part not in posture:
                 raise UnknownNameError("generic part in this posture", flat.sites[p].part, posture)
-    known = [posture[part][:4] if part in posture else _STRAIGHT for part in flat.parts]
-    return np.array(known or [_STRAIGHT])
+    result = np.zeros((max(len(flat.parts), 1), 4))
+    for row, part in enumerate(flat.parts):
+        if part in posture:
+            result[row] = posture[part][:4]
+    return result
 
 
 def _turn(

@@ -6,7 +6,8 @@ sends: other numbers, three axes, a smoothed response.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from operator import is_
 from typing import Any
 
@@ -56,6 +57,10 @@ class OctetSkin:
         self.takes = [end is not None for end in ends]
         """Whether frames (p,) of bytes may come this way."""
         self.channels = [one.patch.channels for one in conditioners]
+        sources = np.cumsum([0, *self.channels]).tolist()
+        self._raw = np.zeros(sources[-1], np.uint8)
+        # To types, arrays are buffers from Python 3.12 on.
+        self._slots: list[Any] = [self._raw[begin:end].data for begin, end in pairwise(sources)]
         nodes = [one.nodes for one in conditioners]
         node = np.cumsum([0, *(one.shape[1] for one in nodes)])
         self._table = np.array(
@@ -63,7 +68,7 @@ class OctetSkin:
                 (
                     self.begins[p], sizes[p], first[p], blocks[p], 255 if one.sign < 0 else 0, ends[p] or 0,
                     np.array_equal(one.channels, np.arange(sizes[p])), node[p], nodes[p].shape[1],
-                    self.channels[p],
+                    sources[p],
                 )
                 for p, one in enumerate(conditioners)
             ],
@@ -100,14 +105,13 @@ class OctetSkin:
         self.masks = tuple([one.masked for one in conditioners])
         """Which taxels (n,) of each patch (p,) are ignored; the same object until that changes."""
         self._felt, self._room = np.zeros(count), (np.zeros(count, np.int32), np.zeros(count))
-        self._raw = np.zeros(sum(self.channels), np.uint8)
         self._ends = np.zeros(len(sizes) + 1, np.int64)
         self._nobody: Pressed = NOBODY[0], NOBODY[1], self._ends.copy()
         self._last: list[NDArray[Any] | None] = []
         self._before: dict[int, NDArray[Any] | None] = {}
         self._held, self._still = set[int](), set[int]()
         self._ended, self._which = list[int](), list[int]()
-        self._kinds, self._sizes = np.zeros(0, np.int64), list[int]()
+        self._kinds = np.zeros(0, np.int64)
         for p, one in enumerate(conditioners):
             if self.takes[p]:
                 one.memory = self._memory[ROWS * self.begins[p] : ROWS * self.begins[p + 1]].reshape(ROWS, -1)
@@ -132,23 +136,24 @@ class OctetSkin:
             self._before.update(zip(self._which, self._last, strict=True))
             self._last = [self._before.get(p) for p in which]
             self._which, self._kinds = which, np.array(which, np.int64)
-            self._sizes = [self.channels[p] for p in which]
-        kinds, fresh, sizes, held = self._kinds, values, self._sizes, self._held
+        kinds, held = self._kinds, self._held
+        fresh: Iterable[tuple[int, NDArray[Any]]] = zip(which, values, strict=True)
         same = list(map(is_, values, self._last))
         all_again = all(same) and held.issuperset(which)
         if all_again:
-            kinds, fresh, sizes = -1 - kinds, [], []
+            kinds, fresh = -1 - kinds, ()
         elif held and True in same:
             again = [s and p in held for p, s in zip(which, same, strict=True)]
             kinds = np.array([-1 - p if a else p for p, a in zip(which, again, strict=True)], np.int64)
-            fresh = [v for v, a in zip(values, again, strict=True) if not a]
-            sizes = [size for size, a in zip(sizes, again, strict=True) if not a]
-        raw = self._joined(fresh, sizes)
-        if raw is None:
+            fresh = [(p, v) for p, v, a in zip(which, values, again, strict=True) if not a]
+        try:
+            for p, octets in fresh:
+                self._slots[p][:] = octets
+        except (TypeError, ValueError):  # other numbers, or not as many
             return None
         taxels, pressure = self._room
         due = feel(
-            raw, kinds, np.fromiter(stamps, np.float64), GAP, *self.tables, self.force, self.active,
+            self._raw, kinds, np.fromiter(stamps, np.float64), GAP, *self.tables, self.force, self.active,
             self._felt, self.counts, taxels, pressure, self._ends,
         )  # fmt: skip
         if due < 0:
@@ -173,16 +178,6 @@ class OctetSkin:
         one = self.conditioners[p]
         own = values[one.channels]
         return bool(((own >= one.sensor[LOWEST]) & (own <= one.sensor[HIGHEST])).all())
-
-    def _joined(self, values: list[NDArray[Any]], sizes: list[int]) -> NDArray[np.uint8] | None:
-        """The bytes (n,) of frames that are nothing else, with these sizes; None for others."""
-        raw = self._raw[: sum(sizes)]
-        try:
-            if list(map(len, values)) != sizes:
-                return None
-            return np.concatenate(values, out=raw, casting="no") if values else raw
-        except (TypeError, ValueError):
-            return None
 
     def _hold(self, which: list[int], values: list[NDArray[Any]], same: list[bool]) -> None:
         """Note which frames need not be looked at when they come again."""

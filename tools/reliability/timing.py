@@ -31,6 +31,8 @@ from tci.runtime.loop_report import Histogram, LoopReport
 from tci.runtime.real_time import real_time
 
 BARE = Path(__file__).parent / "bare_loop.py"
+PERIOD = 1e-3
+"""Of the loop [s]."""
 RATE = 50.0
 TOUCH = (0.5, 2.0)
 """How long [s] a touch lasts, and from one to the next."""
@@ -47,11 +49,11 @@ class Touched(Link):
 
     def __init__(self) -> None:
         robot = tci.load_robot("nao")
-        binding = robot.binding("sim").model_copy(update={"rate": 1000.0})
+        binding = robot.binding("sim").model_copy(update={"rate": 1.0 / PERIOD})
         super().__init__(
             robot.model_copy(update={"bindings": (binding,)}),
             middleware="sim",
-            clock=MonotonicClock(),
+            clock=MonotonicClock(tail=PERIOD),  # the processor is the loop's own
             armed=True,
         )
         self.angles, self.count, self.busy = np.array(robot.initial_position), 0, 0.0

@@ -9,7 +9,8 @@ from interface.gate_checks import make_robot
 from tci.errors import CommandError
 from tci.frames import Array
 from tci.interface.gate.bounds import bounds_of
-from tci.interface.gate.limiter import TURN, Limiter
+from tci.interface.gate.limiter import Limiter
+from tci.interface.gate.stopper import TURN
 from tci.model.catalogue import load_robot
 
 PERIOD = 0.01

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from tci.frames import Array
 from tci.interface.gate.chain import Chain
-from tci.interface.gate.limiter import Stop
 from tci.interface.gate.self_collision import SelfCollision
+from tci.interface.gate.stopper import Stop
 from tci.interface.kernels.stops import take_room
 
 LOOKS = 16

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from ruckig import (
@@ -14,35 +13,19 @@ from ruckig import (
     Ruckig,
     RuckigError,
     Synchronization,
-    Trajectory,
 )
 
 from tci.errors import CommandError
 from tci.frames import Array
 from tci.interface.gate.bounds import MARGIN, Bounds
-from tci.interface.kernels.stops import is_outside, stop_stays_inside
+from tci.interface.gate.stopper import Stop, Stopper
+from tci.interface.kernels.stops import is_outside
 from tci.interface.kernels.targets import straight_limits
 
 CREEP = 0.1
 """Share of the speed limit at which a servo that starts outside its limits moves inward. Ours."""
-LONGEST_STOP = 512
-"""Periods of a stop beside a coupling that are looked at one by one; a longer stop is not risked there."""
-TURN = 1e-3
-"""A coupling that is outside its bounds may go outwards this far [rad] while its servos come to a stop, since
-they do not rest at the same moment. Ours."""
 LEAST_SHARE = 1e-6
 """Least share of the longest way of a straight motion that is told from none; ruckig needs limits above 0."""
-
-
-class Stop(NamedTuple):
-    """A planned stop, and the step to where it begins."""
-
-    here: Array
-    """Angles (n,) [rad] before that step."""
-    span: Array
-    """Least and largest angles (2, n) [rad] of the stop."""
-    way: Trajectory
-    """The stop."""
 
 
 Guard = Callable[[Stop], str]
@@ -74,30 +57,16 @@ class Limiter:
         """Where it is going (n,) [rad]."""
         self._speed = np.array(bounds.velocity)
         self._drive = np.full(count, np.nan)
-        self._period = period
         self._stopping = False
         self._resting = True
         self._asked = self._creeps = True
         self._straight = False
         self._otg = Ruckig(count, period)
         self._input, self._output = InputParameter(count), OutputParameter(count)
-        self._stopper = Ruckig(count)
-        self._stop = InputParameter(count)
-        # Velocity control to zero is the jerk-limited stop; each servo stops as soon as it can.
-        self._stop.control_interface = ControlInterface.Velocity
-        self._stop.synchronization = Synchronization.No
-        for parameter in (self._input, self._stop):
-            parameter.current_position = list(position)
-            parameter.target_velocity = [0.0] * count
-            parameter.max_velocity = list(bounds.velocity)
-            parameter.max_acceleration = list(bounds.acceleration)
-            parameter.max_jerk = list(bounds.jerk)
-        self._escape, self._candidate = Trajectory(count), Trajectory(count)
-        self._span = np.array([position, position])
-        self._most = self._jerk = np.zeros(count)
+        self._input.current_position = list(position)
+        self._input.max_acceleration, self._input.max_jerk = list(bounds.acceleration), list(bounds.jerk)
+        self._stopper = Stopper(bounds, position, period)
         self._state = np.array([position, np.zeros(count), np.zeros(count)])
-        self._since = 0.0
-        self._stopper.calculate(self._stop, self._escape)
         self._set_interfaces()
 
     @property
@@ -114,7 +83,7 @@ class Limiter:
     @property
     def span(self) -> Array:
         """Least and largest angles (2, n) [rad] of the stop from there."""
-        return self._span
+        return self._stopper.span
 
     @property
     def speed(self) -> Array:
@@ -146,12 +115,12 @@ class Limiter:
         state[:, places] = np.array(other.state)[:, others]
         self._set_state(state)
         try:
-            span = self._plan_stop(state, self._state[0])[1]
+            stop = self._stopper.plan(state, self._state[0], self.bounds)[1]
         except RuckigError as error:
             raise CommandError("these servos can't join the motion now; valid: ask again later") from error
-        if fault := self._guard(Stop(self._state[0], span, self._candidate)):
+        if fault := self._guard(stop):
             raise CommandError(f"these servos can't join the motion now: {fault}")
-        self._accept_stop(span)
+        self._stopper.keep(stop)
         self.target[places] = other.target[others]
         self._speed[places] = other.speed[others]
         self._drive[places] = other.drive[others]
@@ -185,7 +154,7 @@ class Limiter:
     def halt(self) -> None:
         """Stop as fast as the bounds allow and stay there: targets and velocities are forgotten at once."""
         if not self._stopping:
-            self.target = np.array(self._escape.at_time(self._escape.duration)[0])
+            self.target = self._stopper.end
             self._drive[self._driven] = 0.0
             self._asked = True
         self._stopping = True
@@ -193,19 +162,20 @@ class Limiter:
     @property
     def remaining(self) -> float:
         """Time [s] that the stop from there takes."""
-        return 0.0 if self._resting else max(self._escape.duration - self._since, 0.0)
+        return 0.0 if self._resting else self._stopper.remaining
 
     def stop_at(self, times: Array) -> Array:
         """Where the servos would be (k, n) [rad] at `times` (k,) [s] from now if they stopped now."""
         if self._resting:
             return np.tile(self._state[0], (len(times), 1))
-        return np.array([self._escape.at_time(time)[0] for time in (self._since + times).tolist()])
+        return self._stopper.ahead(times)
 
     def ahead(self, time: float) -> Array:
         """Where the servos will be (n,) [rad] in `time` [s] if nothing else is asked for."""
         position: Array = self._state[0]
-        if self._stopping or self._since > 0.0:
-            return np.array(self._escape.at_time(self._since + time)[0])
+        if self._stopping or self._stopper.begun:
+            ahead: Array = self._stopper.ahead(np.array([time]))[0]
+            return ahead
         plan = self._output
         return position if self._resting else np.array(plan.trajectory.at_time(plan.time + time)[0])
 
@@ -233,70 +203,30 @@ class Limiter:
         try:
             result = self._otg.update(self._input, output)
             numbers = output.new_position, output.new_velocity, output.new_acceleration
-            inside, span = self._plan_stop(state := np.array(numbers), here)
+            inside, stop = self._stopper.plan(state := np.array(numbers), here, self.bounds)
         except RuckigError:  # rare states have no synchronised way, mostly where a speed limit falls
             return False
-        if not inside or (len(self.bounds.coupling) and not self._keeps_couplings(here, *span)):
+        if not inside:
             return False
-        if fault := self._guard(Stop(here, span, self._candidate)):
+        if len(self.bounds.coupling) and not self._stopper.keeps_couplings(stop, self.bounds):
+            return False
+        if fault := self._guard(stop):
             self.ended = fault
             self.halt()
             return False
         output.pass_to_input(self._input)
         self._state = state
-        self._accept_stop(span)
+        self._stopper.keep(stop)
         self._resting = result == Result.Finished and not self._driving
         return True
 
     def _brake(self) -> None:
         """Take a step of the stop that was checked when the present state was handed out."""
-        self._since += self._period
-        state = np.array(self._escape.at_time(self._since))
-        if self._since >= self._escape.duration:
-            state[1:] = 0.0
-            self._resting = self._stopping
+        state, rests = self._stopper.step()
         self._set_state(state)
-        if self._since >= self._escape.duration:
+        if rests:
+            self._resting = self._stopping
             self._set_straight(True)
-
-    def _keeps_couplings(self, here: Array, lowest: Array, highest: Array) -> bool:
-        """Whether the planned stop, between `lowest` and `highest` (n,) [rad], keeps the couplings."""
-        bounds = self.bounds
-        lower, upper = bounds.coupling_lower, bounds.coupling_upper
-        # The box around the stop is quick to check, and enough while no coupling is near.
-        pull, push = np.maximum(bounds.coupling, 0.0), np.minimum(bounds.coupling, 0.0)
-        if np.all((pull @ lowest + push @ highest >= lower) & (pull @ highest + push @ lowest <= upper)):
-            return True
-        duration = self._candidate.duration
-        if duration > LONGEST_STOP * self._period:
-            return False
-        times = np.arange(0.0, duration + self._period, self._period)
-        points = np.array([self._candidate.at_time(time)[0] for time in times])
-        values = np.vstack([here, points]) @ bounds.coupling.T
-        outside = np.maximum(np.maximum(lower - values, values - upper), 0.0)
-        # What came inside does not leave again; outside it turns back only a little, and never beyond `here`.
-        least = np.minimum.accumulate(outside, axis=0)
-        most = np.minimum(np.where(least > 0.0, least + TURN, 0.0), outside[0])
-        return bool(np.all(outside <= most))
-
-    def _plan_stop(self, state: Array, here: Array) -> tuple[bool, Array]:
-        """Plan the jerk-limited stop from a `state` (3, n). Raises RuckigError when there is none.
-
-        Returns whether it stays inside the bounds, or outside no farther than `here` (n,), and its span.
-        """
-        stop = self._stop
-        stop.current_position, stop.current_velocity, stop.current_acceleration = state.tolist()
-        self._stopper.calculate(stop, self._candidate)
-        end, span = np.array(self._candidate.at_time(self._candidate.duration)[0]), np.empty((2, len(here)))
-        bounds = self.bounds
-        inside = stop_stays_inside(state, end, self._jerk, here, bounds.lower, bounds.upper, span)
-        return inside, span
-
-    def _accept_stop(self, span: Array) -> None:
-        """The planned stop, which stays in `span`, is the one to take from the present state."""
-        self._escape, self._candidate = self._candidate, self._escape
-        self._span = span
-        self._since = 0.0
 
     def _set_interfaces(self) -> None:
         """Tell ruckig which servos go to a target, all in the same time, and which keep a velocity."""
@@ -319,17 +249,16 @@ class Limiter:
         """
         was, self._straight = self._straight, straight and not self._any_driven
         self._asked = True
-        speed, acceleration, jerk = self._speed, self.bounds.acceleration, self.bounds.jerk
-        self._most, self._jerk = speed, jerk
+        self._most, acceleration, jerk = self._speed, self.bounds.acceleration, self.bounds.jerk
         if self._straight:
-            limits = np.empty((3, len(speed)))
+            limits = np.empty((3, len(jerk)))
             here = self._state[0]
-            straight_limits(here, self.target, speed, acceleration, jerk, MARGIN, LEAST_SHARE, limits)
-            self._most, acceleration, self._jerk = limits
+            straight_limits(here, self.target, self._most, acceleration, jerk, MARGIN, LEAST_SHARE, limits)
+            self._most, acceleration, jerk = limits
         elif not was:  # ruckig knows these limits
             return
-        for parameter in (self._input, self._stop):
-            parameter.max_acceleration, parameter.max_jerk = acceleration.tolist(), self._jerk.tolist()
+        self._input.max_acceleration, self._input.max_jerk = acceleration.tolist(), jerk.tolist()
+        self._stopper.set_limits(acceleration, jerk)
 
     def _set_state(self, state: Array) -> None:
         """What is handed out (3, n): positions, velocities, accelerations."""

@@ -14,10 +14,11 @@ from tci.interface.gate.acceptance import check_command, check_limits, check_sta
 from tci.interface.gate.body_guard import BodyGuard
 from tci.interface.gate.bounds import MARGIN
 from tci.interface.gate.chain import Chain, groups_of, make_chain
-from tci.interface.gate.limiter import Guard, Stop
+from tci.interface.gate.limiter import Guard
 from tci.interface.gate.self_collision import SelfCollision
 from tci.interface.gate.settings import GateSettings, Tally
 from tci.interface.gate.speeds import Speeds
+from tci.interface.gate.stopper import Stop
 from tci.interface.gate.torque import TorqueLimiter
 from tci.interface.gate.watch import Reference
 from tci.interface.kernels.motion import largest_change

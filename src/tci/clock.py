@@ -15,7 +15,7 @@ rounded to 1e-11 s, and no period must be served twice."""
 
 
 TAIL = 150e-6
-"""Time [s] before a wake-up in which a thread keeps its turn: another would not give it back in time. Ours."""
+"""Time [s] before a wake-up in which a thread keeps its turn, as another might keep it too long. Ours."""
 
 
 class Clock(Protocol):

@@ -40,7 +40,7 @@ class MonotonicClock:
 
     def __init__(self, *, tail: float = TAIL) -> None:
         self.tail = tail
-        """How long [s] it is busy before it returns. A whole period or more: it does not sleep."""
+        """How long [s] it is busy before it returns."""
         self._fine: set[int] = set()
 
     def now(self) -> float:

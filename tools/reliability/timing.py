@@ -53,7 +53,7 @@ class Touched(Link):
         super().__init__(
             robot.model_copy(update={"bindings": (binding,)}),
             middleware="sim",
-            clock=MonotonicClock(tail=PERIOD),  # the processor is the loop's own
+            clock=MonotonicClock(tail=0.9 * PERIOD),  # the processor is the loop's own
             armed=True,
         )
         self.angles, self.count, self.busy = np.array(robot.initial_position), 0, 0.0

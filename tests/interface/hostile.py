@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tci.errors import CommandError
 from tci.frames import Array, read_only
+from tci.interface.gate.acceptance import SLOWEST
 from tci.interface.gate.gate import Gate, GateSettings, GateState, SafeCommand
 from tci.messages import CONTROL_MODES, JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch
 from tci.model.description import Robot
@@ -283,7 +284,7 @@ class Attack:
         if random.random() < 0.9:
             servos = np.array([s for s in servos if self.gate.modes[s] is mode] or servos)
         values = self._values(mode, servos)
-        speed = np.full(len(servos), random.choice([0.05, 0.5, np.inf]))
+        speed = np.full(len(servos), random.choice([SLOWEST, 0.05, 0.5, np.inf]))
         bad = random.random() < 0.03
         if bad:
             servos, values, speed = self._spoil(servos, values, speed)
@@ -324,7 +325,7 @@ class Attack:
             case 0 | 1:
                 values[place] = random.choice([np.nan, np.inf, -np.inf])
             case 2:
-                speed[place] = random.choice([np.nan, -1.0, 0.0, -np.inf])
+                speed[place] = random.choice([np.nan, -1.0, 0.0, 0.9 * SLOWEST, -np.inf])
             case 3:
                 values = values[:-1]
             case 4:

@@ -8,7 +8,7 @@ import pytest
 from interface.gate_checks import PERIOD, Driven, position_command, reading
 from tci.errors import CommandError
 from tci.frames import Array
-from tci.interface.gate.body_guard import BodyGuard
+from tci.interface.gate.body_guard import LOOKS, BodyGuard
 from tci.interface.gate.gate import Gate
 from tci.interface.gate.self_collision import MARGIN, SelfCollision
 from tci.model.catalogue import load_robot
@@ -80,6 +80,16 @@ def test_a_way_ends_when_the_last_part_is_at_rest() -> None:
     # The right arm looked last, when the left one had taken its step; both then stop as they said.
     assert watched.ways[-1][-1, [left, right]] == pytest.approx(driven.angles[[left, right]], abs=1e-9)
     assert abs(watched.ways[-1][-1, left] - watched.ways[-1][1, left]) > 0.01
+    # While the left arm goes on, it is looked at as often again, and nowhere twice.
+    assert len(watched.ways[-1]) == 2 * LOOKS
+    assert np.all(np.diff(watched.ways[-1][1:, left]) < 0.0)
+
+
+def test_a_part_that_moves_alone_is_looked_at_until_it_rests() -> None:
+    driven, watched = Driven(NAO, NAO.initial_position), Watched()
+    driven.gate._motion._body = BodyGuard(watched, period=PERIOD)
+    driven.step(position_command([INDEX["LShoulderPitch"]], [0.0]))
+    assert {len(way) for way in watched.ways} == {1 + LOOKS}
 
 
 def test_all_parts_are_seen_at_the_same_time() -> None:
@@ -91,7 +101,9 @@ def test_all_parts_are_seen_at_the_same_time() -> None:
         assert last[1, servo] == pytest.approx(angle, abs=1e-12)
     # The left arm goes first, and the right one had its step still before it.
     right = INDEX["RElbowRoll"]
-    assert first[0, right] != first[1, right]
+    assert (told.position[told.servos.tolist().index(right)] - first[0, right]) * (
+        first[1, right] - first[0, right]
+    ) > 0
 
 
 def test_the_measured_way_counts_beside_the_told_one() -> None:

@@ -101,3 +101,35 @@ def test_only_the_servos_of_a_coupling_that_is_near_slow_down() -> None:
     speed = two.allowed_velocity(np.array([0.1, 0.1, 0.15]), velocity)
     assert stop(speed[1] + speed[2], 30.0, 800.0) == pytest.approx(0.05 - MARGIN, rel=1e-9)
     assert speed[0] == 0.3
+
+
+def test_the_nearest_point_to_a_target_beyond_a_coupling_lies_on_its_edge() -> None:
+    everyone = np.full(3, True)
+    for target, edge in (([1.0, 0.3, 0.2], 0.9 - MARGIN), ([-1.0, 0.3, 0.2], -0.6 + MARGIN)):
+        point = TIED.nearest(np.array(target), everyone)
+        assert 2.0 * point[0] - point[1] == pytest.approx(edge, abs=1e-12)
+        moved = point - target
+        assert moved[0] == pytest.approx(-2.0 * moved[1], abs=1e-12), "at a right angle"
+        assert moved[2] == 0.0
+
+
+@pytest.mark.parametrize(("beyond", "stays"), [(0.4, True), (0.6, False), (1.9, False)])
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_a_target_within_half_the_margin_of_a_coupling_counts_as_inside(
+    way: float, beyond: float, stays: bool
+) -> None:
+    edge = 0.9 - MARGIN if way > 0 else -0.6 + MARGIN
+    target = np.array([(edge + way * beyond * MARGIN) / 2.0, 0.0, 0.0])
+    point = TIED.nearest(target, np.full(3, True))
+    assert np.array_equal(point, target) == stays
+    assert stays or 2.0 * point[0] - point[1] == pytest.approx(edge, abs=1e-12)
+
+
+def test_narrow_limits_and_couplings_leave_their_middle() -> None:
+    width, everyone = 1e-6, np.full(3, True)
+    narrow = replace(TIED, lower=np.full(3, 0.1), upper=np.full(3, 0.1 + width))
+    assert narrow.nearest(np.ones(3), everyone) == pytest.approx(0.1 + width / 2, abs=1e-12)
+    tight = replace(TIED, coupling_lower=np.array([0.4]), coupling_upper=np.array([0.4 + width]))
+    for target in (np.ones(3), -np.ones(3)):
+        point = tight.nearest(target, everyone)
+        assert 2.0 * point[0] - point[1] == pytest.approx(0.4 + width / 2, abs=1e-12)

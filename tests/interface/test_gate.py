@@ -19,6 +19,7 @@ from interface.gate_checks import (
     reading,
 )
 from tci.errors import CommandError, LinkError, TciError
+from tci.interface.gate.acceptance import SLOWEST
 from tci.interface.gate.gate import Gate, GateSettings, GateState, SafeCommand
 from tci.messages import Mode, PlatformCommand
 from tci.model.description import Limits
@@ -111,7 +112,7 @@ def test_speed_of_the_description_holds_beside_the_limit() -> None:
         (position_command([17], [0.1]), "0 to 5"),
         (position_command([-1], [0.1]), "0 to 5"),
         (position_command([], []), "at least one"),
-        (position_command([2], [0.1], speed=0.0), "speed of joint2 is 0.0; valid: at least 1e-06 rad/s"),
+        (position_command([2], [0.1], speed=0.0), "speed of joint2 is 0.0; valid: at least 0.001 rad/s"),
         (position_command([2], [0.1], speed=1e-300), "speed of joint2"),
         (position_command([2], [0.1], speed=np.nan), "speed of joint2 is nan"),
         (PlatformCommand(Mode.POSITION, np.arange(3), np.zeros(2), np.ones(3)), "as many values"),
@@ -127,6 +128,39 @@ def test_a_bad_command_is_refused_whole_with_a_message(command: PlatformCommand,
     assert driven.gate.counts.refusals == 1
     driven.settle()
     np.testing.assert_allclose(driven.angles, [0, 0, 0, 0.5, 0, 0], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("servos", "values", "speeds", "told"),
+    [
+        ([0, 1, 2], [0.0, 0.0], [1.0, 1.0, 1.0],
+         "position: (3,) servos and (2,) values; valid: as many values as servos, at least one"),
+        ([0, 1, 2], [0.0, 0.0, 0.0], [1.0], "position: (1,) speeds; valid: one for each of 3 servos"),
+        ([4, 6], [0.0, 0.0], [1.0, 1.0], "position: servos [4, 6]; valid: 0 to 5"),
+        ([2, 2], [0.0, 0.0], [1.0, 1.0], "position: servos [2, 2]; valid: each only once"),
+        ([2], [1j], [1.0], "position: values of type complex128; valid: real numbers"),
+        ([2], [0.1], [True], "position: speeds of type bool; valid: real numbers"),
+        ([2, 3, 4], [np.nan, 0.0, np.inf], [1.0, 1.0, 1.0],
+         "position of joint2 is nan, joint4 is inf; valid: finite numbers"),
+        ([2, 3, 4], [0.0, 0.0, 0.0], [0.0, np.nan, 1.0],
+         "speed of joint2 is 0.0, joint3 is nan; valid: at least 0.001 rad/s"),
+    ],
+)  # fmt: skip
+def test_a_refusal_names_what_is_wrong_and_what_would_be_valid(
+    servos: list[int], values: list[float], speeds: list[float], told: str
+) -> None:
+    command = PlatformCommand(Mode.POSITION, np.array(servos), np.array(values), np.array(speeds))
+    assert Driven(make_robot(), ZERO).step(command).refusals == (told,)
+
+
+def test_numbers_of_other_types_are_taken_for_what_they_are() -> None:
+    driven = Driven(make_robot(), ZERO)
+    servos = np.array([2, 3], np.int32)
+    slow = PlatformCommand(Mode.POSITION, servos, np.array([1, 0]), np.full(2, SLOWEST))
+    fast = PlatformCommand(Mode.POSITION, servos, np.array([1, 0]), np.full(2, 1.0, np.float32))
+    assert driven.step(slow).refusals == driven.step(fast).refusals == ()
+    driven.settle()
+    np.testing.assert_allclose(driven.angles[2:4], [1.0, 0.0], atol=1e-6)
 
 
 @pytest.mark.parametrize("missing", ["lower", "upper", "velocity", "acceleration", "jerk"])

@@ -185,6 +185,15 @@ def test_a_coupling_outside_its_bounds_turns_back_only_a_little_on_its_way_in(se
     assert outside[-1] < 0.5 * outside[0], "and it does come in"
 
 
+def test_a_way_that_takes_longer_than_can_be_planned_is_not_begun() -> None:
+    here = BOUNDS.nearest((BOUNDS.lower + BOUNDS.upper) / 2, FREE)
+    limiter = Limiter(BOUNDS, here, PERIOD)
+    limiter.aim(BOUNDS.nearest(BOUNDS.upper, FREE), np.full(len(here), 1e-5))
+    assert limiter.step() == pytest.approx(here, abs=1e-12)
+    limiter.aim(limiter.target, BOUNDS.velocity)
+    assert np.abs(np.diff([limiter.step() for _ in range(9)], axis=0)).max() > 1e-4
+
+
 def test_what_rests_stays_where_it_is() -> None:
     start = BOUNDS.nearest(np.full(len(ARM), 0.1), FREE)
     limiter = Limiter(BOUNDS, start, PERIOD)

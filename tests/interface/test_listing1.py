@@ -57,7 +57,7 @@ def test_no_limit_is_read_past_the_end() -> None:
 
 def test_speed_of_zero() -> None:
     safe = Driven(make_robot(), [0.0] * 6).step(position_command([2, 5], [0.1, 0.1], speed=0.0))
-    assert "speed of joint2 is 0.0, joint5 is 0.0; valid: at least 1e-06 rad/s" in safe.refusals[0]
+    assert "speed of joint2 is 0.0, joint5 is 0.0; valid: at least 0.001 rad/s" in safe.refusals[0]
     assert safe.servos.size == 0
 
 

@@ -56,7 +56,7 @@ def bodies(full: bool) -> Row:
         "cycles",
         f"{near} motions ended; {len(faults)} outside; deepest overlap {deepest * 1e3:.2f} mm",
         "0 outside, 0 overlaps",
-        not faults and deepest <= 0.0 and (near > 0 or not done),
+        not faults and deepest <= 0.0 and (near > 0 or not full),
     )
 
 

@@ -23,8 +23,9 @@ NEEDED = ("lower", "upper", "velocity", "acceleration", "jerk")
 """Limits without which no servo is moved."""
 OUTSIDE = float(np.deg2rad(20.0))
 """How far [rad] outside its limits a servo may be measured when it comes under command. Ours."""
-SLOWEST = 1e-6
-"""Smallest speed [rad/s] that may be asked for; below it ruckig finds no way. Ours."""
+SLOWEST = 1e-3
+"""Smallest speed [rad/s] that may be asked for. Ours: a slower way across a joint's range takes longer than
+the two hours that ruckig plans."""
 INDICES, DOUBLES = np.dtype(np.intp), np.dtype(np.float64)
 
 

@@ -204,7 +204,9 @@ class Limiter:
             result = self._otg.update(self._input, output)
             numbers = output.new_position, output.new_velocity, output.new_acceleration
             inside, stop = self._stopper.plan(state := np.array(numbers), here, self.bounds)
-        except RuckigError:  # rare states have no synchronised way, mostly where a speed limit falls
+        except (RuckigError, ValueError):
+            # Rare states have no synchronised way, mostly where a speed limit falls. That a way takes longer
+            # than ruckig plans is a result that its Python part does not know.
             return False
         if not inside:
             return False

@@ -18,6 +18,9 @@ SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["mutmut"
 MEASURED = ("src/tci/interface/gate/*", "src/tci/runtime/loop*.py", "src/tci/runtime/guards.py",
             "src/tci/runtime/lease.py")  # fmt: skip
 
+NOTICED = ("killed", "timeout", "segfault", "check_was_interrupted_by_user")
+"""How tests notice a change. The last: it let a KeyboardInterrupt out, which ends pytest."""
+
 
 def mutation(full: bool) -> Row:
     """mutmut's changes, one at a time; it goes on where it ended. At CI size nothing is run."""
@@ -27,7 +30,7 @@ def mutation(full: bool) -> Row:
     if full and MUTANTS.exists():
         subprocess.run([_tool("mutmut"), "export-cicd-stats"], cwd=ROOT, check=True, capture_output=True)
         counts = json.loads((MUTANTS / "mutmut-cicd-stats.json").read_text())
-    noticed = sum(counts.get(how, 0) for how in ("killed", "timeout", "segfault"))
+    noticed = sum(counts.get(how, 0) for how in NOTICED)
     tried = noticed + counts.get("survived", 0) + counts.get("suspicious", 0) + counts.get("no_tests", 0)
     score = noticed / max(1, tried)
     return Row(

@@ -86,7 +86,8 @@ class Controls:
             else:
                 self._session.reset()
 
-    def _moved(self, part: str, event: viser.GuiEvent[Any]) -> None:
+    async def _moved(self, part: str, event: viser.GuiEvent[Any]) -> None:
+        """A person moved a slider. `async`: at once, before the viewer might move it back."""
         view = self._session.view
         if event.client is None or view is None:
             return  # the viewer itself has set it

@@ -39,8 +39,9 @@ class Playback:
             for player in self._players:
                 player.pause() if playing else player.play()
 
+        # `async`: at once. In a thread of its own the viewer might move the slider back before it is heard.
         @self.slider.on_update
-        def _(event: viser.GuiEvent[Any]) -> None:
+        async def _(event: viser.GuiEvent[Any]) -> None:
             if event.client is None:
                 return  # the viewer itself has moved it
             self._touched = time.monotonic()

@@ -86,8 +86,7 @@ class Controls:
             else:
                 self._session.reset()
 
-    async def _moved(self, part: str, event: viser.GuiEvent[Any]) -> None:
-        """A person moved a slider. `async`: at once, before the viewer might move it back."""
+    def _moved(self, part: str, event: viser.GuiEvent[Any]) -> None:
         view = self._session.view
         if event.client is None or view is None:
             return  # the viewer itself has set it

@@ -12,8 +12,6 @@ from typing import Protocol
 ROUNDING = 1e-6
 """Share of a period by which a time counts as the next one: the time of a clock that has run for days is
 rounded to 1e-11 s, and no period must be served twice."""
-
-
 TAIL = 150e-6
 """Time [s] before a wake-up in which a thread keeps its turn, as another might keep it too long. Ours."""
 

@@ -97,7 +97,7 @@ class NameServer:
         if name not in self._contacts and len(self._contacts) >= MOST_NAMES:
             raise WireError(f"more than {MOST_NAMES} names")
         if name == "...":
-            name = f"/tmp/port/{self._next}"
+            name = f"/tmp/port/{self._next}"  # YARP's own name for a port that asks for none; no path
         port = int(words[2]) if re.fullmatch(r"-?\d{1,5}", words[2]) else 0
         carrier = words[0] if words[0] != "..." else "tcp"
         host = words[1] if words[1] != "..." else peer

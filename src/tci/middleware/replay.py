@@ -90,7 +90,7 @@ class ReplayLink(Link):
             self._clock.time = first.now
 
     def ticks(self, *, duration: float | None = None, start: float | None = None) -> Iterator[float]:
-        """The times [s] of then, as fast as they are asked for, to the end of the file; `start` plays no part."""
+        """The times [s] of then, as fast as they are asked for, to the end of the file, whatever `start`."""
         del start
         begun: float | None = None
         for tick in self._ticks:

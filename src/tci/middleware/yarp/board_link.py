@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -30,7 +30,7 @@ from tci.middleware.yarp.state import BoardState, decode_state
 from tci.middleware.yarp.values import Vocab
 from tci.model.description import Servo
 
-MOVING = {
+MOVING: Mapping[int, Mode] = {
     POSITION: Mode.POSITION, DIRECT: Mode.POSITION, Vocab("mix"): Mode.POSITION,
     VELOCITY: Mode.VELOCITY, Vocab("veld"): Mode.VELOCITY, TORQUE: Mode.TORQUE,
 }  # fmt: skip
@@ -122,8 +122,7 @@ class BoardLink:
         """Control mode and whether it is on, of each servo."""
         found: list[tuple[Mode | None, bool]] = []
         for axis in self.axis:
-            word = Vocab(state.modes[axis]) if state.modes is not None else POSITION
-            mode = MOVING.get(word)
+            mode = MOVING.get(state.modes[axis] if state.modes is not None else POSITION)
             if (
                 mode is Mode.POSITION
                 and state.interactions is not None
@@ -153,22 +152,13 @@ class BoardLink:
         wanted = {servo: safe.modes[place] for place, servo in chosen}
         changes = {s: m for s, m in wanted.items() if self._must_switch(s, m, *reported[s])}
         asked = self._switch(changes, mine)
-        while True:
-            for stream, values in (
-                (Stream.POSITION, np.rad2deg(ahead)),
-                (Stream.VELOCITY, np.rad2deg(safe.velocity)),
-                (Stream.TORQUE, safe.torque),
-            ):
-                places = [
-                    place for place, servo in chosen if STREAMS[wanted[servo]] is stream
-                    and self._obeys(servo, wanted[servo], reported[servo][0])
-                ]  # fmt: skip
-                if places:
-                    axes = [mine[int(safe.servos[place])] for place in places]
-                    self._stream(stream, axes, values[places])
-            if not asked or not self._settle(SWITCHING):
-                return
-            asked = False
+        obeying = [
+            (place, servo) for place, servo in chosen if self._obeys(servo, wanted[servo], reported[servo][0])
+        ]
+        self._stream_all(safe, ahead, obeying, mine)
+        if asked and self._settle(SWITCHING):
+            # What came before the board had the new modes moved nothing.
+            self._stream_all(safe, ahead, obeying, mine)
 
     def halt(self) -> None:
         """The board's own stop, in position mode: its joints stay where they are. Raises LinkError."""
@@ -256,6 +246,20 @@ class BoardLink:
                 if servo in values:
                     now[place] = full[place] * values[servo]
             self.board.set_impedance(mine[servo], *now)
+
+    def _stream_all(
+        self, safe: SafeCommand, ahead: Array, chosen: Sequence[tuple[int, int]], mine: dict[int, int]
+    ) -> None:
+        """Send the set-points of the `chosen` places and servos of a command, each by its mode."""
+        for stream, values in (
+            (Stream.POSITION, np.rad2deg(ahead)),
+            (Stream.VELOCITY, np.rad2deg(safe.velocity)),
+            (Stream.TORQUE, safe.torque),
+        ):
+            those = [(place, servo) for place, servo in chosen if STREAMS[safe.modes[place]] is stream]
+            if those:
+                places, servos = zip(*those, strict=True)
+                self._stream(stream, [mine[servo] for servo in servos], values[list(places)])
 
     def _stream(self, stream: Stream, joints: Sequence[int], values: Array) -> None:
         if self._output is None:

@@ -32,7 +32,7 @@ def answer_v3(board: ServedBoard, items: Words) -> list[Any]:
         if words[:1] != ["get"]:
             return [Vocab("nak")] if words == ["help"] else [FAIL]
         found = _get(board, words[1], words[2:])
-    except (TciError, ValueError, TypeError, IndexError, KeyError):
+    except (TciError, ArithmeticError, LookupError, TypeError, ValueError):
         return [FAIL]
     board.counter += 1
     return [*found, Vocab("tsta"), board.counter - 1, board.stamp, OK]
@@ -75,15 +75,11 @@ def _set_words(
 ) -> None:
     match kinds[rest[0]]:
         case 1:
-            act([rest[1]], [_vocab(rest[2])])
+            act([rest[1]], [rest[2]])
         case 2:
-            act(rest[2], [_vocab(word) for word in rest[3]])
+            act(rest[2], rest[3])
         case _:
-            act(None, [_vocab(word) for word in rest[1]])
-
-
-def _vocab(item: Any) -> Vocab:
-    return Vocab(item)
+            act(None, rest[1])
 
 
 def _get(board: ServedBoard, word: str, rest: Words) -> list[Any]:

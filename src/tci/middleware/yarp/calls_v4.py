@@ -35,7 +35,7 @@ def answer_v4(board: ServedBoard, items: Sequence[Any]) -> list[Any] | bytes:
         board.book.begin()
         found = CALLS[method](board, *items[1:])
         board.book.settle()
-    except (TciError, ValueError, TypeError, IndexError, KeyError):
+    except (TciError, ArithmeticError, LookupError, TypeError, ValueError):
         return Loose([METHOD_FAILED])
     return Loose([OK]) if found is None else [Loose([OK]), *found]
 

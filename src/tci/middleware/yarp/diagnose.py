@@ -85,11 +85,10 @@ def examine(link: YarpLink) -> tuple[Finding, ...]:
         part: board.feed for part, board in link.boards.items() if board.feed is not None
     }
     for name, feed in {**feeds, **link.skin}.items():
-        level = Level.WARNING if feed.wrong or feed.lost else Level.OK
+        said = feed.last_error or feed.port.last_error
+        level = Level.WARNING if feed.wrong or feed.lost or said else Level.OK
         what = f"{feed.lost} messages lost, {feed.wrong} wrong"
-        advice = feed.last_error or (
-            "a faster carrier or network: yarp:...,carrier=fast_tcp" if feed.lost else ""
-        )
+        advice = said or ("a faster carrier or network: yarp:...,carrier=fast_tcp" if feed.lost else "")
         figures: dict[str, float | str] = {"lost": feed.lost, "wrong": feed.wrong}
         if feed.clock.difference is not None:
             figures["clock_offset_s"] = feed.clock.difference

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import struct
 import time
@@ -77,11 +78,14 @@ class Incoming:
         """How it sends."""
         self.count = 0
         """Messages so far."""
+        self.latest = time.monotonic()
+        """When the last of them came [s]."""
         self._socket, self._host = sock, host
         self._source = SocketSource(sock)
         self._dialect, self._deliver = dialect, deliver
         self._datagrams: socket.socket | None = None
         self._slice = 0.0
+        self._closed = False
 
     def greet(self, key: bytes | None, names: Callable[[str], None]) -> None:
         """Let the other end say who it is, and answer; `names` may object. Raises WireError."""
@@ -109,26 +113,29 @@ class Incoming:
 
     def run(self) -> None:
         """Deliver what comes until the end. Raises WireError for what can't be read."""
+        if self._datagrams is not None:
+            self._socket.close()  # as YARP does, at both ends
+            self._run_datagrams(self._datagrams)
+            return
         # The system's own time-out: Python's would cost a call more for each message.
         self._socket.settimeout(None)
         seconds = struct.pack("@ll", int(PATIENCE), int(PATIENCE % 1 * 1e6))
         for option in (socket.SO_RCVTIMEO, socket.SO_SNDTIMEO):
             self._socket.setsockopt(socket.SOL_SOCKET, option, seconds)
-        if self._datagrams is not None:
-            self._run_datagrams(self._datagrams)
-        elif self.carrier.code is None:
+        if self.carrier.code is None:
             self._run_text()
         else:
             self._run_binary()
 
     def close(self) -> None:
         """End the connection."""
+        self._closed = True
         for sock in (self._socket, self._datagrams):
             if sock is not None:
-                try:
+                with contextlib.suppress(
+                    OSError
+                ):  # it ends the waiting all the same, without a connection too
                     sock.shutdown(socket.SHUT_RDWR)
-                except OSError:
-                    sock.close()
 
     def _run_binary(self) -> None:
         acknowledge = message.number(0) if self.carrier.acknowledged else b""
@@ -178,14 +185,13 @@ class Incoming:
         return int(sock.getsockname()[1])
 
     def _run_datagrams(self, sock: socket.socket) -> None:
+        """Until a goodbye: silence says nothing, of a sender that is dead or has nothing to say."""
         with sock:
-            while True:
+            while not self._closed:
                 data, peer = sock.recvfrom(UDP_LARGEST)
-                if not data:
-                    return
-                if peer[0] != self._host:
+                if len(data) < 8 or peer[0] != self._host:  # empty, of nobody: it was closed
                     continue
-                if len(data) < 8 or struct.unpack_from("<I", data)[0] != zlib.crc32(data[8:]):
+                if struct.unpack_from("<I", data)[0] != zlib.crc32(data[8:]):
                     continue
                 if self.count % BURST == 0:
                     self._wait_slice()
@@ -216,4 +222,5 @@ class Incoming:
 
     def _handle(self, command: Command, body: bytes | str) -> Answer:
         self.count += 1
-        return self._deliver(Delivery(command, self.sender, time.monotonic(), body))
+        self.latest = time.monotonic()
+        return self._deliver(Delivery(command, self.sender, self.latest, body))

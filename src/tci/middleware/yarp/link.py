@@ -18,6 +18,7 @@ from tci.frames import read_only
 from tci.interface.gate.gate import SafeCommand
 from tci.messages import JointReading, Mode, Reading, SkinFrame
 from tci.middleware.diagnosis import Finding
+from tci.middleware.hosts import numeric
 from tci.middleware.link import Link
 from tci.middleware.yarp import address as addresses
 from tci.middleware.yarp.address import patch_port
@@ -64,7 +65,8 @@ class YarpLink(Link):
         super().__init__(robot, middleware="yarp", clock=clock, armed=arm)
         self.network: Network = options.network()
         self.prefix = options.robot or robot.name
-        self.lease_name = "yarp:{}:{}/{}".format(*self.network.address, self.prefix)
+        host, port = self.network.address
+        self.lease_name = f"yarp:{numeric(host)}:{port}/{self.prefix}"
         own = f"/tci/{os.getpid()}/{next(_numbers)}"
         self.boards: dict[str, BoardLink] = {}
         self.skin: dict[str, Feed[NDArray[np.float64]]] = {}

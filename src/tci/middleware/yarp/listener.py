@@ -7,7 +7,7 @@ import socket
 import threading
 from collections.abc import Callable
 
-from tci.errors import LinkError, WireError
+from tci.errors import LinkError, TciError
 
 MOST_CONNECTIONS = 64
 """Connections that one port holds at a time. Ours."""
@@ -17,10 +17,19 @@ class Listener:
     """Accepts connections and gives each to `serve(socket, host)`, in a thread of its own."""
 
     def __init__(
-        self, host: str, port: int, serve: Callable[[socket.socket, str], None], *, name: str
+        self,
+        host: str,
+        port: int,
+        serve: Callable[[socket.socket, str], None],
+        *,
+        name: str,
+        make_room: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Raises LinkError when the port is taken."""
-        self._serve = serve
+        """`make_room` may end one connection for the next one, and says whether it did.
+
+        Raises LinkError when the port is taken.
+        """
+        self._name, self._serve, self._make_room = name, serve, make_room
         self._lock = threading.Lock()
         self._open: set[socket.socket] = set()
         self.dropped = 0
@@ -61,27 +70,36 @@ class Listener:
                 continue
             with self._lock:
                 full = len(self._open) >= MOST_CONNECTIONS
-                if not full:
-                    self._open.add(sock)
-            if full:
+            if full and not self._make_room():
                 self.dropped += 1
                 self.last_error = f"more than {MOST_CONNECTIONS} connections"
                 sock.close()
                 continue
-            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            thread = threading.Thread(target=self._run, args=(sock, str(address[0])), daemon=True)
-            thread.start()
+            with self._lock:
+                if self._closed:  # and does not know of this one
+                    sock.close()
+                    return
+                self._open.add(sock)
+            threading.Thread(
+                target=self._run, args=(sock, str(address[0])), name=f"yarp serve {self._name}", daemon=True
+            ).start()
 
     def _run(self, sock: socket.socket, host: str) -> None:
         try:
+            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self._serve(sock, host)
         except (EOFError, TimeoutError, ConnectionError):
             pass
-        except (WireError, LinkError, OSError) as error:
+        except Exception as error:  # beyond this thread it would end the process
             if not self._closed:
                 self.dropped += 1
-                self.last_error = str(error)
+                self.last_error = told(error)
         finally:
             with self._lock:
                 self._open.discard(sock)
             sock.close()
+
+
+def told(error: Exception) -> str:
+    """What is said of it: the kind too, of what nobody foresaw."""
+    return str(error) if isinstance(error, TciError | OSError) else f"{type(error).__name__}: {error}"

@@ -25,7 +25,7 @@ GROUP = ("224.2.1.1", 10000)
 """Where name servers listen for those who look for one."""
 PATIENCE = 2.0
 """How long [s] a peer may take to answer. Ours."""
-RECORD = re.compile(r"registration name (\S+) ip (\S+) port (\d+|none) type (\S+)")
+RECORD = re.compile(r"registration name (\S+) ip (\S+) port ([0-9]{1,5}|none) type (\S+)")
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ class Contact:
 def parse_contact(line: str) -> Contact | None:
     """The contact in a name server's line; None where there is none."""
     found = RECORD.match(line)
-    if found is None or found[3] == "none" or not 0 < int(found[3][:6]) < 65536:
+    if found is None or found[3] == "none" or not 0 < int(found[3]) < 65536:
         return None
     return Contact(found[1], found[2], int(found[3]), found[4])
 
@@ -141,18 +141,21 @@ class Names:
         """Key of the authentication; None where it is off."""
 
     def ask(self, *words: str) -> list[str]:
-        """Lines of the answer to a request. Raises LinkError when nobody answers."""
+        """Lines of the answer to a request. Raises LinkError when nobody answers, and for what is no line."""
         host, port = self.address
+        line = f"NAME_SERVER {' '.join(words)}"
+        if not line.isprintable():
+            raise LinkError(f"{line[:80]!r} is no question to a name server; valid: one line of text")
         lines: list[str] = []
         try:
             with socket.create_connection(self.address, timeout=PATIENCE) as sock:
                 source = SocketSource(sock)
                 if self.key is not None:
                     auth.connect(sock, source, self.key)
-                sock.sendall(f"NAME_SERVER {' '.join(words)}\n".encode())
+                sock.sendall(f"{line}\n".encode())
                 try:
-                    while (line := source.line()) != END:
-                        lines.append(line)
+                    while (said := source.line()) != END:
+                        lines.append(said)
                         if words[0] == "announce" or len(lines) > 100_000:
                             break
                 except EOFError:

@@ -16,7 +16,7 @@ from tci.errors import LinkError, WireError
 from tci.frames import Array
 from tci.middleware.yarp import auth, message
 from tci.middleware.yarp.bottle import encode_bottle, encode_vector
-from tci.middleware.yarp.carrier import TEXT_ACK, UDP, Carrier
+from tci.middleware.yarp.carrier import TEXT, TEXT_ACK, UDP, Carrier
 from tci.middleware.yarp.dialect import Dialect
 from tci.middleware.yarp.message import Stamp
 from tci.middleware.yarp.names import PATIENCE, Contact
@@ -27,6 +27,8 @@ MOST_UNANSWERED = 16
 """Messages that may lack their acknowledgement before new ones are dropped. Ours."""
 STUCK = 1.0
 """How long [s] the rest of a message may wait for a reader that does not read. Ours."""
+GOODBYE = 0.5
+"""How long [s] a goodbye beside the datagrams may take. Ours."""
 DATAGRAM = 65_499
 
 
@@ -51,7 +53,7 @@ def dial(
             return sock, source, 0
         sock.sendall(message.header(carrier.code, sender))
         return sock, source, message.read_number(source)
-    except (OSError, EOFError, WireError) as error:
+    except (OSError, EOFError, WireError, ValueError) as error:  # ValueError: no name of a host
         if sock is not None:
             sock.close()
         raise LinkError(
@@ -91,6 +93,7 @@ class Outgoing:
     def __init__(self, contact: Contact, sender: str, carrier: Carrier, key: bytes | None = None) -> None:
         """Raises LinkError as `dial`."""
         self.contact, self.carrier = contact, carrier
+        self._sender, self._key = sender, key
         self.dropped = 0
         """Messages that the reader was too slow for."""
         self._socket, _, port = dial(contact, sender, carrier, key)
@@ -138,13 +141,26 @@ class Outgoing:
 
     def close(self) -> None:
         """Say goodbye and let go."""
-        with contextlib.suppress(OSError):
-            if not self._rest and self.carrier is not UDP:
+        with contextlib.suppress(OSError, EOFError, LinkError, WireError):
+            if self.carrier is UDP:
+                self._part()
+            elif not self._rest:
                 text = self.carrier.code is None
                 self._socket.send(
                     b"q\r\n" if text else message.pack_message([message.pack_command(message.QUIT)])
                 )
+        self.drop()
+
+    def drop(self) -> None:
+        """Let go of a reader that is gone, or knows already. It never waits."""
         self._socket.close()
+
+    def _part(self) -> None:
+        """As YARP does over udp: by a connection of text, to whose order the reader answers."""
+        sock, source, _ = dial(self.contact, "admin", TEXT, self._key, patience=GOODBYE)
+        with sock:
+            sock.sendall(f"~{self._sender}\r\nq\r\n".encode())
+            source.line()
 
     def _is_free(self) -> bool:
         if self._rest:

@@ -9,13 +9,13 @@ import threading
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from tci.errors import LinkError, UnknownNameError, WireError
+from tci.errors import LinkError, UnknownNameError
 from tci.frames import Array
 from tci.middleware.yarp import message, outgoing
-from tci.middleware.yarp.carrier import FAST_TCP, TCP, find_carrier
+from tci.middleware.yarp.carrier import FAST_TCP, TCP, UDP, find_carrier
 from tci.middleware.yarp.dialect import Dialect
 from tci.middleware.yarp.incoming import Answer, Delivery, Incoming
-from tci.middleware.yarp.listener import Listener
+from tci.middleware.yarp.listener import MOST_CONNECTIONS, Listener, told
 from tci.middleware.yarp.message import Stamp
 from tci.middleware.yarp.names import Contact, Names
 from tci.middleware.yarp.outgoing import Outgoing
@@ -51,9 +51,10 @@ class Port:
         self._receive = receive
         self._lock = threading.Lock()
         self._inputs: dict[str, Incoming] = {}
+        self._datagrams: set[Incoming] = set()
         self._outputs: dict[str, Outgoing] = {}
         host = host if host is not None else own_host(names.address)
-        self._listener = Listener(host, 0, self._serve, name=f"the port {name}")
+        self._listener = Listener(host, 0, self._serve, name=f"the port {name}", make_room=self._make_room)
         self.contact = Contact(name, *self._listener.address)
         """Where it is."""
         try:
@@ -94,7 +95,10 @@ class Port:
                 output.offer(value, self.dialect, stamp)
             except LinkError as error:
                 self.last_error = str(error)
-                self._remove(name)
+                with self._lock:
+                    if self._outputs.get(name) is output:
+                        del self._outputs[name]
+                output.drop()
 
     def connect(self, target: str, carrier: str = FAST_TCP.name) -> None:
         """Send to a port from now on. Raises LinkError, UnknownNameError."""
@@ -102,7 +106,7 @@ class Port:
         with self._lock:
             old, self._outputs[target] = self._outputs.get(target), found
         if old is not None:
-            old.close()
+            old.drop()  # the reader has ended it, as the second of a name
 
     def listen_to(self, source: str, carrier: str = FAST_TCP.name) -> None:
         """Have a port send to this one. Raises LinkError when it refuses, UnknownNameError."""
@@ -118,7 +122,8 @@ class Port:
             self.names.unregister(self.name)
         self._listener.close()
         with self._lock:
-            connections: list[Incoming | Outgoing] = [*self._inputs.values(), *self._outputs.values()]
+            connections: set[Incoming | Outgoing] = {*self._inputs.values(), *self._outputs.values()}
+            connections |= self._datagrams
             self._inputs, self._outputs = {}, {}
         for connection in connections:
             connection.close()
@@ -126,16 +131,35 @@ class Port:
     def _serve(self, sock: socket.socket, host: str) -> None:
         incoming = Incoming(sock, host, dialect=self.dialect, deliver=self._deliver)
         incoming.greet(self.names.key, lambda name: self._add(name, incoming))
+        with self._lock:
+            if incoming.carrier is UDP:
+                self._datagrams.add(incoming)
         try:
             incoming.run()
-        except WireError as error:
+        except (EOFError, OSError):
+            raise
+        except Exception as error:
             self.wrong += 1
-            self.last_error = f"{incoming.sender}: {error}"
+            self.last_error = f"{incoming.sender}: {told(error)}"
             raise
         finally:
             with self._lock:
+                self._datagrams.discard(incoming)
                 if self._inputs.get(incoming.sender) is incoming:
                     del self._inputs[incoming.sender]
+
+    def _make_room(self) -> bool:
+        """Let the sender over udp go that was silent the longest: nothing tells that one is dead."""
+        with self._lock:
+            silent = min(self._datagrams, key=lambda incoming: incoming.latest, default=None)
+            self._datagrams.discard(silent)
+        if silent is None:
+            return False
+        self.last_error = (
+            f"more than {MOST_CONNECTIONS} connections: {silent.sender}, silent over udp, had to go"
+        )
+        silent.close()
+        return True
 
     def _add(self, name: str, incoming: Incoming) -> None:
         """As YARP does: a second connection of the same sender ends the first."""

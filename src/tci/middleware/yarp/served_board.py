@@ -6,13 +6,14 @@ Both dialects lead here. Degrees on this side of it, radians on the other.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
+from typing import Any
 
 import numpy as np
 
-from tci.errors import CommandError
+from tci.errors import CommandError, WireError
 from tci.frames import Array
 from tci.messages import JointReading, Mode, Order, PlatformCommand, PlatformSwitch
 from tci.middleware.yarp.board import COMPLIANT, DIRECT, IDLE, POSITION, STIFF, TORQUE, VELOCITY, Stream
@@ -101,11 +102,13 @@ class ServedBoard:
         return wanted if wanted in (POSITION, DIRECT) else POSITION
 
     def joints(self, numbers: Sequence[int] | None) -> list[int]:
-        """Joints by number, all for None."""
-        chosen = list(range(self.count)) if numbers is None else [int(number) for number in numbers]
-        if not chosen or len(set(chosen)) != len(chosen) or not all(0 <= n < self.count for n in chosen):
+        """Joints by number, all for None. Whatever came over the wire may be given."""
+        if numbers is None:
+            return list(range(self.count))
+        chosen = [int(n) for n in _listed(numbers) if isinstance(n, int) and 0 <= n < self.count]
+        if not chosen or not len(numbers) == len(chosen) == len(set(chosen)):
             raise CommandError(
-                f"joints {chosen[:20]} of {self.part}; valid: 0 to {self.count - 1}, each once"
+                f"joints {str(numbers)[:60]} of {self.part}; valid: 0 to {self.count - 1}, each once"
             )
         return chosen
 
@@ -150,17 +153,13 @@ class ServedBoard:
     def set_modes(self, joints: Sequence[int] | None, words: Sequence[int]) -> None:
         """Switch to control modes (k,), as vocabularies."""
         chosen = self.joints(joints)
-        if len(words) != len(chosen):
-            raise CommandError(f"{len(words)} modes for {len(chosen)} joints")
-        for number, word in zip(chosen, words, strict=True):
-            if Vocab(word) not in MODES:
-                valid = ", ".join(str(known) for known in MODES)
-                raise CommandError(f"control mode {Vocab(word)} of {self.part}; valid here: {valid}")
-            self._can(number, self._mode(number, MODES[Vocab(word)]))
-        wanted = [self._mode(n, MODES[Vocab(word)]) for n, word in zip(chosen, words, strict=True)]
+        asked = self._vocabularies(words, len(chosen), MODES)
+        wanted = [self._mode(number, MODES[word]) for number, word in zip(chosen, asked, strict=True)]
+        for number, mode in zip(chosen, wanted, strict=True):
+            self._can(number, mode)
         before = {number: self._words[number] for number in chosen}
-        for number, word in zip(chosen, words, strict=True):
-            self._words[number] = Vocab(word)
+        for number, word in zip(chosen, asked, strict=True):
+            self._words[number] = word
             self._targets[number] = np.nan
         self._switch(chosen, wanted, before)
         early, self._early = self._early, None
@@ -171,15 +170,12 @@ class ServedBoard:
     def set_interactions(self, joints: Sequence[int] | None, words: Sequence[int]) -> None:
         """Make joints stiff or compliant."""
         chosen = self.joints(joints)
-        if len(words) != len(chosen) or any(word not in (STIFF, COMPLIANT) for word in words):
-            raise CommandError(
-                f"interaction modes {list(words)[:20]}; valid: [stif] or [comp], one per joint"
-            )
-        for number, word in zip(chosen, words, strict=True):
+        asked = self._vocabularies(words, len(chosen), (STIFF, COMPLIANT))
+        for number, word in zip(chosen, asked, strict=True):
             if word == COMPLIANT:
                 self._can(number, Mode.IMPEDANCE)
         resting = [n for n in chosen if self._words[n] in (POSITION, DIRECT)]
-        soft = {number: word == COMPLIANT for number, word in zip(chosen, words, strict=True)}
+        soft = {number: word == COMPLIANT for number, word in zip(chosen, asked, strict=True)}
         if resting:
             self._switch(resting, [Mode.IMPEDANCE if soft[n] else Mode.POSITION for n in resting])
         for number in chosen:
@@ -193,7 +189,7 @@ class ServedBoard:
     def set_impedance(self, joint: int, stiffness: float, damping: float) -> None:
         """Set them, as shares of what the servo has."""
         number = self.joints([joint])[0]
-        shares = np.array([stiffness / FULL_STIFFNESS, damping / FULL_DAMPING])
+        shares = _finite([stiffness, damping], 2) / (FULL_STIFFNESS, FULL_DAMPING)
         if not np.all((shares >= 0.0) & (shares <= 1.0)):
             raise CommandError(
                 f"impedance {stiffness} {damping}; valid: 0 to {FULL_STIFFNESS} N m/deg, 0 to {FULL_DAMPING}"
@@ -236,12 +232,17 @@ class ServedBoard:
 
     def _checked(self, joints: Sequence[int] | None, numbers: Sequence[float]) -> tuple[list[int], Array]:
         chosen = self.joints(joints)
-        values = np.array([float(number) for number in numbers])
-        if len(values) != len(chosen) or not np.all(np.isfinite(values)):
-            raise CommandError(
-                f"{len(values)} numbers for {len(chosen)} joints; valid: finite, one per joint"
-            )
-        return chosen, values
+        return chosen, _finite(numbers, len(chosen))
+
+    def _vocabularies(self, words: Sequence[Any], count: int, valid: Collection[Vocab]) -> list[Vocab]:
+        with suppress(WireError):
+            found = [Vocab(word) for word in _listed(words)]
+            if len(found) == count and all(word in valid for word in found):
+                return found
+        raise CommandError(
+            f"modes {str(words)[:60]} for {count} joints of {self.part}; valid, one per joint: "
+            + ", ".join(str(word) for word in valid)
+        )
 
     def _need(self, joints: Sequence[int], words: Sequence[Vocab]) -> None:
         for number in joints:
@@ -281,3 +282,15 @@ class ServedBoard:
         if not self.armed:
             raise CommandError(f"{self.part} is read-only: serve it with --arm")
         self.book.put(order, undo)
+
+
+def _listed(items: object) -> Sequence[Any]:
+    """A list as it is, nothing for what is none."""
+    return items if isinstance(items, list | tuple) else ()
+
+
+def _finite(numbers: Sequence[Any], count: int) -> Array:
+    values = [float(number) for number in _listed(numbers) if isinstance(number, int | float)]
+    if not len(values) == len(_listed(numbers)) == count or not np.all(np.isfinite(values)):
+        raise CommandError(f"{str(numbers)[:60]} in the place of numbers; valid: {count}, finite")
+    return np.array(values)

@@ -84,7 +84,7 @@ def decode_state(items: Sequence[Any], dialect: Dialect) -> BoardState:
         position=np.array(found["position"]),
         velocity=np.array(found["velocity"]) if "velocity" in found else None,
         torque=np.array(found["torque"]) if "torque" in found else None,
-        modes=tuple(found["modes"]) if "modes" in found else None,
+        modes=tuple(Vocab(word) for word in found["modes"]) if "modes" in found else None,
         interactions=tuple(found["interactions"]) if "interactions" in found else None,
     )
 

@@ -16,8 +16,8 @@ class Vocab(int):
     """Up to four letters packed into an int32: `Vocab("set")`. Equal to the number that it is."""
 
     def __new__(cls, word: str | int) -> Vocab:
-        """Raises WireError for a word that doesn't fit."""
-        return super().__new__(cls, _pack(word, 4) if isinstance(word, str) else word)
+        """Raises WireError for what doesn't fit."""
+        return super().__new__(cls, _pack(word, 4))
 
     @property
     def word(self) -> str:
@@ -32,7 +32,7 @@ class Vocab64(int):
     """Up to eight letters packed into an int64 (4.x only)."""
 
     def __new__(cls, word: str | int) -> Vocab64:
-        return super().__new__(cls, _pack(word, 8) if isinstance(word, str) else word)
+        return super().__new__(cls, _pack(word, 8))
 
     @property
     def word(self) -> str:
@@ -67,10 +67,13 @@ class Loose(list[Any]):
 Value = int | float | str | bytes | Sequence[Any]
 """One item of a Bottle; lists nest."""
 
-TRUE, FALSE = Vocab(ord("1")), Vocab(0)
 
-
-def _pack(word: str, size: int) -> int:
+def _pack(word: str | int, size: int) -> int:
+    if not isinstance(word, str):
+        half = 1 << 8 * size - 1
+        if not isinstance(word, int) or not -half <= word < half:
+            raise WireError(f"vocabulary {str(word)[:40]}; valid: 1 to {size} letters, or their integer")
+        return word
     letters = word.encode("latin-1", errors="replace")
     if not 0 < len(letters) <= size:
         raise WireError(f"vocabulary {word!r}; valid: 1 to {size} letters")
@@ -79,3 +82,6 @@ def _pack(word: str, size: int) -> int:
 
 def _letters(number: int, size: int) -> str:
     return int(number).to_bytes(size, "little", signed=True).rstrip(b"\0").decode("latin-1")
+
+
+TRUE, FALSE = Vocab(ord("1")), Vocab(0)

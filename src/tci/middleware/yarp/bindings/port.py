@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from tci.errors import LinkError, WireError
+from tci.errors import LinkError
 from tci.frames import Array
 from tci.middleware.yarp.bindings.module import (
     RESTED,
@@ -25,6 +25,7 @@ from tci.middleware.yarp.bottle import encode_bottle
 from tci.middleware.yarp.carrier import FAST_TCP
 from tci.middleware.yarp.dialect import Dialect
 from tci.middleware.yarp.incoming import Answer, Delivery
+from tci.middleware.yarp.listener import told
 from tci.middleware.yarp.message import CALL, DATA, Command, Stamp
 from tci.middleware.yarp.source import LONGEST
 
@@ -107,8 +108,8 @@ class BindingsPort:
         command = Command(DATA if writer is None else CALL, self._envelope())
         try:
             answer = self._receive(Delivery(command, sender, arrived, body))
-        except WireError as error:
-            self.last_error = f"{sender}: {error}"
+        except Exception as error:  # it must not pass through C++
+            self.last_error = f"{sender}: {told(error)}"
             return False
         if writer is not None and answer is not None:
             self._answer(writer, answer)

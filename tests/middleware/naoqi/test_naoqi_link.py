@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from middleware.naoqi.living_nao import cut
 from middleware.naoqi.still_nao import StillNao
 from middleware.served import Served
 from tci.clock import ManualClock
@@ -181,24 +182,6 @@ def test_a_robot_without_hands_has_no_frames_of_them() -> None:
             assert any("HandLeftBackTouched" in found.what for found in link.diagnose())
 
 
-def test_a_robot_that_moves_by_itself_is_not_armed_unless_that_is_switched_off_and_on_again() -> None:
-    with StillNao() as nao:
-        life, motion = nao.services["ALAutonomousLife"], nao.services["ALMotion"]
-        life.setState("solitary")
-        motion.setBreathEnabled("LArm", True)
-        with connect(ROBOT, nao.via) as link:
-            found = {finding.what for finding in link.diagnose() if finding.subject == "autonomy"}
-            assert any("autonomous life (solitary)" in what for what in found)
-        with pytest.raises(LinkError, match=r"autonomous life \(solitary\), Breath of LArm.*life=off"):
-            connect(ROBOT, nao.via, arm=True)
-        assert life.getState() == "solitary"
-        with connect(ROBOT, f"{nao.via}?life=off", arm=True):
-            assert life.getState() == "disabled"
-            assert not motion.getBreathEnabled("LArm")
-        assert life.getState() == "solitary"
-        assert motion.getBreathEnabled("LArm")
-
-
 def test_a_robot_without_the_descriptions_joints_is_named() -> None:
     servos = tuple(servo for servo in ROBOT.servos if "Wrist" not in servo.name and "Hand" not in servo.name)
     servos = tuple(servo.model_copy(update={"index": i}) for i, servo in enumerate(servos))
@@ -348,6 +331,53 @@ def test_36_a_port_that_is_taken_is_one_clear_error() -> None:
 
 
 def test_two_links_of_one_process_share_no_robot_twice() -> None:
-    with StillNao() as nao, connect(ROBOT, nao.via) as one, connect(ROBOT, nao.via) as two:
-        assert one.lease_name == two.lease_name
+    with StillNao() as nao, connect(ROBOT, nao.via) as one:
+        by_name = nao.via.replace("127.0.0.1", "localhost")
+        assert by_name != nao.via
+        with connect(ROBOT, by_name) as two:
+            assert one.lease_name == two.lease_name
         assert str(os.getpid()) not in one.lease_name
+
+
+@pytest.mark.parametrize("strict", [True, False], ids=["refuses unknown keys", "answers nothing"])
+def test_skin_that_is_published_again_after_a_restart_is_read_as_before(strict: bool) -> None:
+    with StillNao() as nao:
+        memory = nao.services["ALMemory"]
+        key = "TCI/Skin/left_forearm"
+        own = {name: memory._live.pop(name) for name in list(memory._live) if name.startswith(key)}
+        lenient = memory._value
+
+        def value(name: str) -> Any:
+            if strict and not lenient(name)[0]:
+                raise KeyError(name)
+            return lenient(name)
+
+        memory._value = value
+        memory._live |= own
+        with connect(ROBOT, nao.via) as link:
+            for name in own:  # a NAOqi that restarts has nothing that others put there
+                del memory._live[name]
+            cut(nao.port)
+            wait_for(lambda: link._poller.generation == 1, link)
+            memory._live |= own
+            nao.touch("left_forearm", 7, np.full(240, 7, np.uint8))
+            wait_for(lambda: frame(link.read(), "left_forearm").sequence == 7)
+            wait_for(lambda: link._poller._asks["left_forearm"] == [f"{key}/Packed"], link)
+            assert link._poller.counts["reconnections"] == 1
+
+
+def test_skin_that_is_published_in_another_way_after_a_restart_is_not_looked_for_for_ever() -> None:
+    with StillNao() as nao:
+        memory = nao.services["ALMemory"]
+        del memory._live["TCI/Skin/left_forearm/Packed"]
+        with connect(ROBOT, nao.via) as link:
+            poller: Any = link._poller  # type: ignore[attr-defined]
+            del memory._live["TCI/Skin/left_forearm/Sequence"]
+            cut(nao.port)
+            wait_for(lambda: poller.generation == 1, link)
+            assert poller._asks != poller._known
+            for number in range(2):
+                nao.touch("left_forearm", number, np.full(240, 50 + number, np.uint8))
+                wait_for(lambda n=number: frame(link.read(), "left_forearm").values[0] == 50 + n)
+            wait_for(lambda: poller._asks == poller._known, link)
+            assert poller._asks["left_forearm"] == ["TCI/Skin/left_forearm"]

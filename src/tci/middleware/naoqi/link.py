@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import warnings
 from contextlib import suppress
 from dataclasses import replace
 
@@ -14,11 +15,12 @@ from tci.frames import read_only
 from tci.interface.gate.gate import SafeCommand
 from tci.messages import Reading
 from tci.middleware.diagnosis import Finding, Level
+from tci.middleware.hosts import numeric
 from tci.middleware.link import Link
 from tci.middleware.naoqi import autonomy, words
 from tci.middleware.naoqi.diagnose import examine
 from tci.middleware.naoqi.poller import Poller
-from tci.middleware.naoqi.session import Services, answer, parse_address
+from tci.middleware.naoqi.session import Services, answer, parse_address, service
 from tci.middleware.naoqi.stream import AHEAD, Stream
 from tci.model.description import Robot
 
@@ -26,6 +28,8 @@ PATIENCE = 0.9
 """Share of a period that a reading may be waited for; else the one before counts. Ours."""
 SWITCH_ON = 0.3
 """Time [s] that a servo has to report the stiffness that it was sent. Ours."""
+LAST = 10.0
+"""Longest time [s] that closing waits for a new connection's switching off, before it switches on. Ours."""
 
 
 class NaoqiLink(Link):
@@ -39,26 +43,32 @@ class NaoqiLink(Link):
         Without `joints` or `skin` only the other one is read; without joints nothing can be moved.
 
         An armed link refuses a robot that moves by itself (autonomous life, breathing, ...); with `?life=off`
-        behind the address it switches that off until it is closed.
+        behind the address it switches that off until it is closed. Each new connection is looked at like
+        the first: what moves it then is switched off too, or stops the gate.
 
         Raises LinkError when the robot can't be reached, is another one, or moves by itself.
         """
         self.where = parse_address(address)
         clock = MonotonicClock()
         super().__init__(robot, middleware=words.MIDDLEWARE, clock=clock, armed=arm)
-        self.lease_name = f"naoqi:{self.where.host}:{self.where.port}"
-        self._poller = Poller(robot, self.where, clock, joints=joints, skin=skin)
-        self._switched: list[autonomy.Mover] = []
+        self._switched: dict[object, autonomy.Mover] = {}
+        self._may_move: list[str] = []
+        self._lookout: autonomy.Lookout | None = None
+        self._restless = ""
+        self._generation = 0
+        self._poller = Poller(
+            robot, self.where, clock, joints=joints, skin=skin, greet=self._greet, glance=self._glance
+        )
+        self.lease_name = f"naoqi:{numeric(self.where.host)}:{self.where.port}"
         try:
             self._stream = self._open_stream() if joints else None
             if arm:
                 if not joints:
                     raise LinkError("a link without joints can't be armed")
-                self._quieten()
+                self._quieten(self._poller.services)
         except BaseException:
             self._poller.close()
             raise
-        self._generation = self._poller.generation
         self._on = np.full(len(robot.servos), -np.inf)
 
     @classmethod
@@ -92,13 +102,15 @@ class NaoqiLink(Link):
                         motion.killTasksUsingResources(self._poller.names, _async=True)
                 self._stream.forget()
             self.gate.drop()
+        if self._restless:
+            self.gate.stop(self._restless)
         reading = sensed.reading
         switching = reading.joints.stamp - self._on < SWITCH_ON
         powered = read_only((sensed.stiffness > 0.0) | switching, np.bool_)
         return replace(reading, joints=replace(reading.joints, powered=powered))
 
     def _send(self, safe: SafeCommand) -> None:
-        if self._poller.trouble:
+        if self._poller.trouble or self._poller.generation != self._generation:
             return  # it is not there: joint data grows old, the gate holds, and nothing is sent later
         motion = self._poller.services.motion
         try:
@@ -122,7 +134,9 @@ class NaoqiLink(Link):
         self._stream.forget()
 
     def _close(self) -> None:
-        autonomy.switch_on(self._switched)
+        if self.where.life == "off":
+            self._poller.end(LAST)
+            self._restore()
         self._poller.close()
 
     def _open_stream(self) -> Stream:
@@ -140,15 +154,55 @@ class NaoqiLink(Link):
         lower, upper, fastest = np.array([table[name][:3] for name in names], dtype=float).T
         return Stream(names, lower, upper, fastest)
 
-    def _quieten(self) -> None:
+    def _greet(self, services: Services) -> None:
+        """Look at a robot that is back, in the poller's thread: the gate holds until this is done."""
+        if not self.armed:
+            return
+        for name in self._may_move:
+            service(services.session, name)  # NAOqi may still be starting it
+        try:
+            self._quieten(services)
+            self._restless = ""
+        except LinkError as error:
+            if not services.session.isConnected():
+                raise
+            self._restless = f"after a new connection {error}"
+
+    def _glance(self) -> None:
+        """Whether somebody switches autonomous life on, in the poller's thread."""
+        if self._lookout is not None and (state := self._lookout.look(self.clock.now())):
+            words = f"autonomous life has been switched on ({state})"
+            self._restless = f"{words}; valid: end that and connect again"
+
+    def _quieten(self, services: Services) -> None:
+        """Raises LinkError for a robot that moves by itself, unless that can and shall be switched off."""
         chains = list(dict.fromkeys(servo.robot_part for servo in self.robot.servos))
-        services = self._poller.services
+        self._may_move = self._may_move or autonomy.present(services.session)
         found = autonomy.movers(services.session, services.motion, chains)
         if found and self.where.life == "refuse":
             names = ", ".join(mover.name for mover in found)
             raise LinkError(
-                f"the robot moves by itself: {names}; valid: end that, or connect to "
-                f"naoqi://{self.where.host}?life=off, which switches it off until the link is closed"
+                f"the robot moves by itself: {names}; valid: end that and connect again, or connect with "
+                "?life=off behind the address, which switches it off until the link is closed"
             )
-        autonomy.switch_off(found)
-        self._switched = found
+        autonomy.switch_off(services.session, found)
+        for mover in found:
+            self._switched.setdefault(mover.switch, mover)  # as it was before the first time
+        was_off = all(mover.service != autonomy.LIFE for mover in found)
+        self._lookout = autonomy.Lookout(services.session, was_off=was_off)
+
+    def _restore(self) -> None:
+        """Switch on what was switched off, in another session if this one is gone; warn of what stays off."""
+        found, services = list(self._switched.values()), self._poller.services
+        left: list[str] = []
+        try:
+            if found and not services.session.isConnected():
+                services = self._poller.services = Services(self.where, motion=True)
+            left = autonomy.switch_on(services.session, found)
+        except LinkError as error:
+            left = [f"{', '.join(mover.name for mover in found)} ({error})"]
+        if left:
+            warnings.warn(
+                f"still off on {self.robot.name}: {'; '.join(left)}; it was on before: switch it on by hand, "
+                "or restart the robot", RuntimeWarning, stacklevel=4,
+            )  # fmt: skip

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import Counter, deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,8 +27,6 @@ AGAIN = 0.3
 """Time [s] between two attempts to connect again. Ours."""
 IDLE = 0.1
 """Longest time [s] between two questions when nobody reads. Ours."""
-REFUSED = object()
-"""What comes instead of a value from a NAOqi that refuses to be asked for a key."""
 EARLY, LATE = 0.0005, 0.0025
 """From how long [s] before to how long after the time of a frame of the skin it is asked for. Ours."""
 STEP = 0.001
@@ -50,9 +49,15 @@ class Sensed:
 class Poller:
     """One robot, asked whenever somebody wants to read, and now and then when nobody does."""
 
-    def __init__(self, robot: Robot, address: Address, clock: Clock, *, joints: bool, skin: bool) -> None:
-        """Connect, and ask once. Raises LinkError."""
+    def __init__(
+        self, robot: Robot, address: Address, clock: Clock, *, joints: bool, skin: bool,
+        greet: Callable[[Services], None], glance: Callable[[], None],
+    ) -> None:  # fmt: skip
+        """Connect, and ask once. `greet` is called in the thread with each later connection, before the robot
+        counts as back; when it raises LinkError, another one is made. `glance` is called there after each
+        answer, for what nobody waits for. Raises LinkError."""
         self.robot, self.address, self.clock = robot, address, clock
+        self._greet, self._glance = greet, glance
         binding = robot.binding(words.MIDDLEWARE)
         self.names = [binding.address(servo.name, servo.name) for servo in robot.servos]
         """The robot's own names of its joints, in the description's order."""
@@ -76,13 +81,13 @@ class Poller:
         self._stiffness_due = -np.inf
         self._before: JointReading | None = None
         self.services = Services(address, motion=joints)
-        self._asks: dict[str, list[str]] = {}
         try:
-            self._find_keys()
+            self._asks = words.find_keys(self.keys, self._try)
             self.latest = self._ask()
         except BaseException:
             self.services.close()
             raise
+        self._known, self._look, self._back = dict(self._asks), -np.inf, np.inf
         self.generation = 0
         """Counts up with each new connection, and each time that the robot was away for long."""
         self._wanted, self._fresh = threading.Event(), threading.Event()
@@ -99,11 +104,15 @@ class Poller:
         self._fresh.wait(patience + (LATE if self._next_frame() is not None else 0.0))
         return self.latest
 
-    def close(self) -> None:
-        """End the thread and the session."""
+    def end(self, patience: float) -> None:
+        """End the thread, waiting up to `patience` [s] for a connection that it is just making."""
         self._end.set()
         self._wanted.set()
-        self._thread.join(timeout=2.0)
+        self._thread.join(timeout=patience)
+
+    def close(self) -> None:
+        """End the thread and the session."""
+        self.end(2.0)
         self.services.close()
 
     def _run(self) -> None:
@@ -115,17 +124,20 @@ class Poller:
             if self._end.is_set():
                 return
             try:
-                if self.trouble:
+                if again := bool(self.trouble):
                     self._reconnect()
                 sensed = self.latest if self._skin_first() else self._ask()
                 while (due := self._next_frame()) is not None and not self._end.is_set():
                     self._end.wait(max(0.0, due - EARLY - self.clock.now()))
                     sensed = self._ask(sensed.reading.joints)
-                if missed and self.clock.now() - answered > stale:
-                    self.generation += 1  # it was away long enough for the gate to hold
+                if again or (missed and self.clock.now() - answered > stale):
+                    self.generation += 1  # another session, or away long enough for the gate to hold
                 self.latest = sensed
+                self.trouble = ""  # last: who sees that it is back, sees the new generation too
                 answered, missed = self.clock.now(), False
                 self._fresh.set()
+                self._glance()
+                self._look_again()
             except LinkError as error:
                 self.counts["failures"] += 1
                 missed = True
@@ -150,40 +162,28 @@ class Poller:
 
     def _reconnect(self) -> None:
         self.services = Services(self.address, motion=self._joints)
-        self._find_keys()
-        self._before, self._stiffness_due = None, -np.inf
-        self.trouble = ""
+        self._asks = words.find_keys(self.keys, self._try)
+        self._before, self._stiffness_due, self._back = None, -np.inf, self.clock.now()
+        self._greet(self.services)
         self.counts["reconnections"] += 1
 
-    def _find_keys(self) -> None:
-        """What to ask for each patch: text, else a vector and its number, else the vector; or its switches.
-
-        Each key is tried alone: some NAOqi refuse a whole list for one that does not exist.
-        """
-        self._asks = {}
-        for patch, keys in self.keys.items():
-            if len(keys) == 1 and isinstance(self._try(words.packed_key(keys[0])), str):
-                self._asks[patch] = [words.packed_key(keys[0])]
-                continue
-            there = [key for key in keys if self._try(key) is not REFUSED]
-            if len(keys) == 1 and there and isinstance(self._try(words.sequence_key(keys[0])), int):
-                there.append(words.sequence_key(keys[0]))
-            if len(there) >= len(keys):
-                self._asks[patch] = there
+    def _look_again(self) -> None:
+        """Look for skin that was there at first: who publishes it may be back later than NAOqi."""
+        lost = {p: self.keys[p] for p, keys in self._known.items() if self._asks.get(p) != keys}
+        if lost and self.clock.now() >= self._look:
+            self._look = self.clock.now() + GONE
+            here = {p for p in lost if p in self._frames and self._frames[p].stamp > self._back}
+            self._asks |= words.find_keys(lost, self._try)
+            self._known |= {p: self._asks[p] for p in here}  # published again, if in another way
 
     def _try(self, key: str) -> Any:
-        """A value; None where there is none, REFUSED from a NAOqi that does not even take the question."""
+        """A value; None where there is none, `words.REFUSED` from a NAOqi that takes no such question."""
         try:
-            return self._memory([key], timeout=1.0)[0]
+            return self._values(self.services.memory.getListData([key], _async=True), [key], 1.0)[0]
         except LinkError:
             if not self.services.session.isConnected():
                 raise
-            return REFUSED
-
-    def _memory(self, keys: list[str], *, timeout: float = ANSWER) -> list[Any]:
-        if not keys:
-            return []
-        return self._values(self.services.memory.getListData(keys, _async=True), keys, timeout)
+            return words.REFUSED
 
     @staticmethod
     def _values(future: Any, keys: list[str], timeout: float) -> list[Any]:
@@ -245,14 +245,13 @@ class Poller:
         return joints
 
     def _numbers(self, values: Any, what: str) -> Array:
+        count = len(self.robot.servos)
         try:
             numbers = np.array(values, dtype=float)
         except (TypeError, ValueError):
             numbers = np.zeros(0)
-        if numbers.shape != (len(self.robot.servos),):
-            raise LinkError(
-                f"ALMotion sends {str(values)[:60]!r} as {what} of {len(self.robot.servos)} joints"
-            )
+        if numbers.shape != (count,):
+            raise LinkError(f"ALMotion sends {str(values)[:60]!r} as {what} of {count} joints")
         return numbers
 
     def _frame(self, patch: str, stamp: float, found: list[Any]) -> SkinFrame | None:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import base64
 import binascii
 import re
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,8 @@ TYPES: dict[str, np.dtype[Any]] = {"u1": np.dtype("u1"), "i4": np.dtype("<i4"), 
 """Types of packed values."""
 LONGEST = 1_000_000
 """Longest packed frame [characters] that is looked at."""
+REFUSED = object()
+"""What comes instead of a value from a NAOqi that refuses to be asked for a key."""
 _PACKED = re.compile(r"([0-9]{1,18}) (u1|i4|f4) ([A-Za-z0-9+/]*={0,2})")
 
 
@@ -45,6 +48,25 @@ def packed_key(key: str) -> str:
 def sequence_key(key: str) -> str:
     """Where the number of the frame is, which counts up by one; it may be missing."""
     return f"{key}/Sequence"
+
+
+def find_keys(keys: Mapping[str, tuple[str, ...]], attempt: Callable[[str], Any]) -> dict[str, list[str]]:
+    """What to ask for each patch: text, else a vector and its number, else the vector; or its switches.
+
+    `attempt` asks for one key alone, since some NAOqi refuse a whole list for one that does not exist. It
+    returns the value, None or REFUSED.
+    """
+    asks = {}
+    for patch, names in keys.items():
+        if len(names) == 1 and isinstance(attempt(packed_key(names[0])), str):
+            asks[patch] = [packed_key(names[0])]
+            continue
+        there = [key for key in names if attempt(key) is not REFUSED]
+        if len(names) == 1 and there and isinstance(attempt(sequence_key(names[0])), int):
+            there.append(sequence_key(names[0]))
+        if len(there) >= len(names):
+            asks[patch] = there
+    return asks
 
 
 def angle_key(servo: str, side: str) -> str:

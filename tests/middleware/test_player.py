@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import random
+import select
 import socket
 import struct
 import threading
@@ -24,7 +26,7 @@ from tci.messages import JointReading, Reading, SkinFrame
 from tci.middleware.player import wire
 from tci.middleware.player.client import parse
 from tci.middleware.player.link import FRAMES, STATES
-from tci.middleware.player.server import PlayerServer
+from tci.middleware.player.server import MOST_OWED, PlayerServer
 from tci.middleware.player.wire import ACTARRAY, OPAQUE, Kind, Message, Stream
 from tci.middleware.simulated import SimulatedLink
 from tci.runtime.serve import serve
@@ -94,7 +96,7 @@ def test_31_35_what_does_not_fit_is_counted_or_ends_the_connection(server: Recor
 
 
 def wait(do: Callable[[], object], done: Callable[[], bool]) -> None:
-    end = time.monotonic() + 10.0
+    end = time.monotonic() + 30.0
     while not done():
         assert time.monotonic() < end
         do()
@@ -172,6 +174,55 @@ def test_36_a_taken_port_and_others_are_told() -> None:
     for address in ("a b", "host:99999", "host/x"):
         with pytest.raises(LinkError, match="valid: player:HOST:PORT"):
             parse(address)
+
+
+@pytest.mark.parametrize(
+    ("request_", "times"),
+    [
+        (Message(OPAQUE, STATES, Kind.REQUEST, wire.FACTS, 0.0, b""), 1000),
+        (Message(wire.PLAYER, 0, Kind.REQUEST, wire.DEVLIST, 0.0, b""), 12_000),
+        (Message(wire.PLAYER, 0, Kind.REQUEST, 99, 0.0, b""), 40_000),
+    ],
+    ids=["facts", "devices", "nonsense"],
+)
+def test_33_a_client_that_asks_and_does_not_read_is_let_go_and_little_waits_for_it(
+    request_: Message, times: int
+) -> None:
+    robot = tci.load_robot("nao")
+    with (
+        SimulatedLink(robot) as link,
+        PlayerServer(link, "127.0.0.1:0") as server,
+        socket.create_connection(("127.0.0.1", server.port), timeout=30.0) as quiet,
+        socket.socket() as greedy,
+    ):
+        wait(server.fault, lambda: len(server._clients) == 1)
+        greedy.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 12)
+        greedy.settimeout(30.0)
+        greedy.connect(("127.0.0.1", server.port))
+        wait(server.fault, lambda: len(server._clients) == 2)
+        client = server._clients[1]
+        client.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 12)
+        most = 0
+
+        def look() -> None:
+            nonlocal most
+            server.fault()
+            most = max(most, len(client.out))
+
+        flood = threading.Thread(target=ask, args=(greedy, request_.to_bytes() * times), daemon=True)
+        flood.start()
+        wait(look, lambda: client not in server._clients)
+        flood.join()
+        assert most < 2 * MOST_OWED
+        assert "does not read" in server.last_error
+        assert len(server._clients) == 1
+        quiet.sendall(request_.to_bytes())
+        wait(server.fault, lambda: bool(select.select([quiet], [], [], 0.0)[0]))
+
+
+def ask(connection: socket.socket, data: bytes) -> None:
+    with contextlib.suppress(ConnectionError):
+        connection.sendall(data)
 
 
 def test_geometry_and_lists_have_the_lengths_of_players_own_structs() -> None:

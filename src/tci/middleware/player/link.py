@@ -14,8 +14,9 @@ import numpy as np
 from tci.errors import FrameError, LinkError
 from tci.interface.gate.gate import Gate
 from tci.interface.gate.safe_command import SafeCommand
-from tci.messages import JointReading, Mode, Reading, SkinFrame
+from tci.messages import JointReading, Reading, SkinFrame
 from tci.middleware.diagnosis import Finding, Level
+from tci.middleware.hosts import numeric
 from tci.middleware.player.client import Client, parse
 from tci.middleware.player.wire import (
     ACTARRAY,
@@ -34,6 +35,7 @@ from tci.middleware.remote import Orders, State
 from tci.middleware.remote_cdr import orders_bytes, to_skin, to_state
 from tci.middleware.remote_link import RemoteLink
 from tci.middleware.source_clock import SourceClock
+from tci.middleware.whole_parts import WholeParts
 from tci.model.description import Robot
 
 STATES, FRAMES = 99, 100
@@ -71,14 +73,14 @@ class PlayerLink(RemoteLink):
         count = len(robot.servos)
         self._position, self._velocity = np.full(count, np.nan), np.zeros(count)
         self._stamps = np.full(count, -np.inf)
-        self._held: dict[int, float] = {}
+        self._parts = WholeParts(robot)
         self._sequence_in = 0
         try:
             offered = self._client.devices()
             self.is_native = (OPAQUE, STATES) not in offered
             if self.is_native:
                 self.gate = Gate(robot, period=self.period, stale_after=self.gate.stale_after)  # the only one
-                self.lease_name = f"player:{self.place}:{robot.name}"
+                self.lease_name = f"player:{numeric(host)}:{port}:{robot.name}"
                 self._open_devices(offered)
                 self._wait_for_joints(wait)
             else:
@@ -110,22 +112,13 @@ class PlayerLink(RemoteLink):
         if not self.is_native:
             super()._send(safe)
             return
-        wanted: dict[int, float] = {}
-        for servo, mode, position in zip(safe.servos.tolist(), safe.modes, safe.position, strict=True):
-            if mode is not Mode.POSITION:
-                name = self.robot.servos[servo].name
-                raise LinkError(f"{name} is in {mode.value} mode; valid here: position")
-            wanted[servo] = float(position)
-        parts = {self.robot.servos[servo].robot_part for servo in wanted}
+        whole = self._parts.complete(safe, self._position)
         for (interface, index), name in self._devices.items():
-            if interface != ACTARRAY or name not in parts:
-                continue
-            servos = self.robot.servos_of(name)
-            for servo in servos:  # an actarray takes all its joints: others stay where they were at first
-                held = self._held.get(servo.index, float(self._position[servo.index]))
-                self._held[servo.index] = wanted.get(servo.index, held)
-            body = floats([self._held[servo.index] for servo in servos])
-            self._client.command(ACTARRAY, index, POSITIONS, body)
+            if interface == ACTARRAY and name in whole:
+                self._client.command(ACTARRAY, index, POSITIONS, floats(whole[name]))
+
+    def _halt(self) -> None:
+        self._parts.forget()
 
     def _close(self) -> None:
         super()._close()

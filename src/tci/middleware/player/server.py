@@ -60,9 +60,9 @@ MOST_CLIENTS = 16
 BACKLOG = 128
 """Connections that are looked at in one period; beyond MOST_CLIENTS they are closed at once. Ours."""
 MOST_WAITING = 1 << 16
-"""Bytes that may wait for a slow client before it gets no more data; at 16 times that it is let go. Ours."""
-
-
+"""Bytes that may wait for a slow client before it gets no more data. Ours."""
+MOST_OWED = 1 << 20
+"""Bytes that may wait for it before it is let go, since what it asks for is not left out. Ours."""
 DRIVER = b"tci\0"
 """Name that devices tell of their driver."""
 
@@ -80,16 +80,16 @@ class _Client:
     """Whether it waits for the end of a batch of data, as clients in pull mode do."""
 
     def send(self, message: Message) -> None:
-        """Queue a message; data is left out for a client that does not keep up."""
+        """Queue a message, unless it is data for a slow client. Raises FrameError when too much waits."""
         if message.kind == Kind.DATA and len(self.out) > MOST_WAITING:
             return
+        if len(self.out) > MOST_OWED:
+            raise FrameError(f"a client of Player was let go: it does not read, {len(self.out)} bytes wait")
         self.sequence += 1
         self.out += message.to_bytes(self.sequence)
 
     def flush(self) -> None:
-        """Send what can be sent now. Raises OSError for a client that is gone or hopelessly slow."""
-        if len(self.out) > 16 * MOST_WAITING:
-            raise OSError("too slow")
+        """Send what can be sent now. Raises OSError for a client that is gone."""
         while self.out:
             try:
                 sent = self.socket.send(self.out)
@@ -115,6 +115,8 @@ class PlayerServer(RemoteServer):
         self._arrived: deque[bytes] = deque(maxlen=64)
         self.rejected = 0
         """Messages that were of no use."""
+        self.last_error = ""
+        """Why a client was let go, the last time that this was its own doing."""
         self._facts = blob(query(link.robot).model_dump_json().encode())
         self._clients: list[_Client] = []
         try:
@@ -143,13 +145,11 @@ class PlayerServer(RemoteServer):
         super().publish(reading, perception, sent)
         self.rejected += len(self._controllers.refusals(self.commanders.states()))
         for client in list(self._clients):
-            if client.asked and self._is_due:
-                client.asked = False
-                client.send(Message(PLAYER, 0, Kind.SYNCH, 1, time.time(), b"", robot=self.port))
-            try:
+            with self._dropping(client):
+                if client.asked and self._is_due:
+                    client.asked = False
+                    client.send(Message(PLAYER, 0, Kind.SYNCH, 1, time.time(), b"", robot=self.port))
                 client.flush()
-            except OSError:
-                self._drop(client)
 
     def close(self) -> None:
         self._listener.close()
@@ -161,11 +161,9 @@ class PlayerServer(RemoteServer):
             for _ in range(BACKLOG):
                 self._welcome(self._listener.accept()[0])
         for client in list(self._clients):
-            try:
+            with self._dropping(client):
                 self._hear(client)
                 client.flush()
-            except (OSError, FrameError, struct.error):
-                self._drop(client)
         yield from self._controllers.messages(self._position, self.link.clock.now())
         while self._arrived:
             try:
@@ -198,6 +196,17 @@ class PlayerServer(RemoteServer):
         client = _Client(connection)
         client.out += b"Player v.3.1.1 (TCI)".ljust(GREETING, b"\0")
         self._clients.append(client)
+
+    @contextlib.contextmanager
+    def _dropping(self, client: _Client) -> Iterator[None]:
+        """Let a client go that is gone, or asks for what can't be."""
+        try:
+            yield
+        except OSError:
+            self._drop(client)
+        except (FrameError, struct.error) as error:
+            self.last_error = str(error)
+            self._drop(client)
 
     def _drop(self, client: _Client) -> None:
         client.socket.close()

@@ -103,6 +103,11 @@ class RosLink(RemoteLink):
         ):  # it stops, whether it tells or not; then it is left alone
             self._native.send(safe)
 
+    def _halt(self) -> None:
+        super()._halt()
+        if self._native:
+            self._native.forget()
+
     def _close(self) -> None:
         super()._close()
         self._node.close()

@@ -11,12 +11,13 @@ import numpy as np
 from tci.errors import LinkError
 from tci.frames import Array
 from tci.interface.gate.safe_command import SafeCommand
-from tci.messages import Mode, Reading
+from tci.messages import Reading
 from tci.middleware.ros.arrivals import JointArrivals, SkinArrivals, raw_of_cloud
 from tci.middleware.ros.messages import NO_LAYOUT, TRAJECTORY, VALUES
 from tci.middleware.ros.names import Names
 from tci.middleware.ros.node import Hear, Publish, RosNode
-from tci.model.description import Robot, Servo
+from tci.middleware.whole_parts import WholeParts
+from tci.model.description import Robot
 from tci.recording.schemas import CLOUD, JOINTS, SKIN, to_frame
 
 QUEUE = 16
@@ -36,7 +37,7 @@ class NativeRobot:
         self._nanoseconds = round(period * 1e9)
         self.joints = JointArrivals(robot, names.indices)
         self.skin = {patch.name: SkinArrivals(robot, patch.name) for patch in robot.patches}
-        self._held: dict[int, float] = {}
+        self._parts = WholeParts(robot)
         self._out: dict[str, Publish] = {}
         node.subscribe(names.joints, JOINTS, self._timed(self.joints.hear), keep=QUEUE)
         for patch in self.skin:
@@ -63,33 +64,19 @@ class NativeRobot:
 
     def forget(self) -> None:
         """Hold no joint any more that nobody commands: the robot was away, and may stand elsewhere."""
-        self._held.clear()
+        self._parts.forget()
 
     def send(self, safe: SafeCommand) -> None:
         """Command each part that has a servo under command. Raises LinkError for a mode but position."""
-        wanted: dict[int, float] = {}
-        for servo, mode, position in zip(safe.servos.tolist(), safe.modes, safe.position, strict=True):
-            if mode is not Mode.POSITION:
-                name = self.robot.servos[servo].name
-                raise LinkError(
-                    f"{name} is in {mode.value} mode; a robot that speaks ROS itself takes: position"
-                )
-            wanted[servo] = float(position)
-        here = self.reading().joints.position
-        for part in {self.robot.servos[servo].robot_part: None for servo in wanted}:
-            servos = self.robot.servos_of(part)
-            # A controller wants all its joints: those that nobody commands stay where they were at first.
-            for servo in servos:
-                held = self._held.get(servo.index, float(here[servo.index]))
-                self._held[servo.index] = wanted.get(servo.index, held)
-            self._out[part](self._message(part, servos))
+        for part, position in self._parts.complete(safe, self.reading().joints.position).items():
+            self._out[part](self._message(part, np.array(position)))
 
-    def _message(self, part: str, servos: tuple[Servo, ...]) -> tuple[Any, ...]:
-        position: Array = np.array([self._held[servo.index] for servo in servos])
+    def _message(self, part: str, position: Array) -> tuple[Any, ...]:
         if self._plain(part):
             return NO_LAYOUT, position
         duration = self._nanoseconds // 10**9, self._nanoseconds % 10**9
-        return 0, 0, "", [self._names.joint(servo) for servo in servos], [(position, (), (), (), duration)]
+        names = [self._names.joint(servo) for servo in self.robot.servos_of(part)]
+        return 0, 0, "", names, [(position, (), (), (), duration)]
 
     def _plain(self, part: str) -> bool:
         return self._names.command(part).endswith("/commands")

@@ -15,6 +15,8 @@ from tci.interface.gate.gate import Gate, GateSettings, GateState, SafeCommand
 from tci.messages import CONTROL_MODES, JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch
 from tci.model.description import Robot
 
+AHEAD = 0.02
+"""Time [s] that robots are told ahead."""
 REST_IN = 3.0
 """Time [s] after which a robot that holds or has stopped must stand still."""
 BUSY, CYCLE = 700, 1500
@@ -91,11 +93,25 @@ class Judge:
         self._couplings(safe, set(safe.servos[loose].tolist()))
         self._rest(safe)
 
+    def see_ahead(self, safe: SafeCommand, ahead: Array, time: float) -> None:
+        """Where the servos will be in `time` [s], as links tell robots that must know their way before."""
+        asked = np.array([mode in (Mode.POSITION, Mode.IMPEDANCE) for mode in safe.modes], dtype=bool)
+        index, now, ahead = safe.servos[asked], safe.position[asked], ahead[asked]
+        outside = self._outside(index, ahead)
+        # One that came under command in a period that is not due has not counted yet.
+        least = np.fmin(self._outside(index, now), self.outside[index])
+        self._note("position ahead", index, outside - np.where(least > 0.0, least + WIGGLE, 0.0))
+        self._note("way ahead", index, np.abs(ahead - now) - self.rates[0, index] * time)
+
     def _position(self, index: NDArray[np.intp]) -> None:
-        now = self.steps[3, index]
-        outside = np.maximum(np.maximum(now - self.upper[index], self.lower[index] - now), 0.0)
+        outside = self._outside(index, self.steps[3, index])
         least = self.outside[index] = np.fmin(outside, self.outside[index])
         self._note("position", index, outside - np.where(least > 0.0, least + WIGGLE, 0.0))
+
+    def _outside(self, index: NDArray[np.intp], position: Array) -> Array:
+        """How far (k,) [rad] servos at `position` (k,) [rad] are outside their limits."""
+        beyond = np.maximum(position - self.upper[index], self.lower[index] - position)
+        return np.maximum(beyond, 0.0)
 
     def _rates(self, index: NDArray[np.intp]) -> None:
         steps = differences = self.steps[:, index]
@@ -201,26 +217,34 @@ class Attack:
             orders.append(order)
             malformed += bad
         self._mischief()
-        before = self.angles.copy()
-        safe = gate.step(orders, self._reading(), self.now)
-        gate.check_out(safe)
-        self.judge.see(safe, before)
+        safe = self._pass(orders, malformed, self.now)
         self.counts.steps += 1
-        self.counts.modes |= {*safe.modes}
-        self.counts.commands += len(orders)
-        self.counts.malformed += malformed
-        self.counts.passed += max(0, malformed - len(safe.refusals))
-        self.counts.states[safe.state.value] = self.counts.states.get(safe.state.value, 0) + 1
-        self._obey(safe)
         if random.random() < 0.002:
             when = random.choice([self.now, self.now, np.nan, np.inf, -np.inf, self.now - 1.0])
-            again = gate.step([], self._reading(), when)
             # Time that goes back is a stop, which begins at once.
-            self.judge.see(again, self.angles.copy(), moved=bool(-np.inf < when < self.now))
-            self._obey(again)
+            order, bad = self._order()
+            self._pass([order], int(bad), when, moved=bool(-np.inf < when < self.now))
         self.now += self.period
         if random.random() < 0.001:
             self.now += self.period * random.integers(1, 40)
+        return safe
+
+    def _pass(
+        self, orders: Sequence[PlatformOrder], malformed: int, when: float, *, moved: bool = True
+    ) -> SafeCommand:
+        """Orders, some of them malformed, through the gate, before the judge and to the robot."""
+        before = self.angles.copy()
+        safe = self.gate.step(orders, self._reading(), when)
+        self.gate.check_out(safe)
+        self.judge.see(safe, before, moved=moved)
+        self.judge.see_ahead(safe, self.gate.ahead(AHEAD), AHEAD)
+        counts = self.counts
+        counts.modes |= {*safe.modes}
+        counts.commands += len(orders)
+        counts.malformed += malformed
+        counts.passed += max(0, malformed - len(safe.refusals))
+        counts.states[safe.state.value] = counts.states.get(safe.state.value, 0) + 1
+        self._obey(safe)
         return safe
 
     def _obey(self, safe: SafeCommand) -> None:

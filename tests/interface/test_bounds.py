@@ -133,3 +133,12 @@ def test_narrow_limits_and_couplings_leave_their_middle() -> None:
     for target in (np.ones(3), -np.ones(3)):
         point = tight.nearest(target, everyone)
         assert 2.0 * point[0] - point[1] == pytest.approx(0.4 + width / 2, abs=1e-12)
+
+
+def test_where_the_others_leave_no_point_it_is_as_close_as_the_limits_allow() -> None:
+    """Only the first servo may move, and the second one, whom nobody asked, is too far."""
+    first = np.array([True, False, False])
+    short = replace(TIED, lower=np.array([-0.2, -9.0, -9.0]), upper=np.array([0.2, 9.0, 9.0]))
+    for far, limit in ((-4.0, -0.2 + MARGIN), (4.0, 0.2 - MARGIN)):
+        target = np.array([0.0, far, 0.3])
+        assert short.nearest(target, first) == pytest.approx([limit, far, 0.3], abs=1e-12)

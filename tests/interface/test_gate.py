@@ -74,6 +74,19 @@ def test_a_coupled_servo_that_nobody_commands_counts_where_it_is() -> None:
     driven.assert_within_limits()
 
 
+def test_a_servo_joins_beside_a_coupled_one_that_nobody_commands() -> None:
+    """That one counts where it is from the start: it counted as 0, and who could join was refused."""
+    driven = Driven(make_robot(), [0.5, 1.0, 0, 0, 0, 0])
+    driven.step(position_command([0], [1.7]))
+    for _ in range(60):
+        driven.step()
+    assert driven.angles[0] > 0.55
+    assert not driven.step(position_command([3], [-0.9])).refusals
+    driven.settle()
+    assert driven.angles[[0, 3]] == pytest.approx([1.7, -0.9], abs=1e-6)
+    driven.assert_within_limits()
+
+
 def test_joints_join_a_motion_without_a_jump() -> None:
     driven = Driven(make_robot(), ZERO)
     driven.step(position_command([2], [1.5]))

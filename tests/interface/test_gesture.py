@@ -40,6 +40,8 @@ def test_csv_comes_back(tmp_path: Path) -> None:
     write_csv(gesture, tmp_path / "g.csv", names)
     back, told = read_csv(tmp_path / "g.csv")
     assert told == names
+    with pytest.raises(FileExistsError):
+        write_csv(gesture, tmp_path / "g.csv", names)
     np.testing.assert_allclose(back.times, TIMES, atol=1e-6)
     np.testing.assert_allclose(back.postures["left_arm"], waving(), atol=1e-6)
 

@@ -126,6 +126,43 @@ def test_servos_that_are_driven_go_on_so_where_they_are_taken_over() -> None:
     assert other.state[1][[0, 2]] == pytest.approx([0.1, -0.05])
 
 
+@pytest.mark.parametrize("seed", [2, 3, 11, 25])
+def test_motions_that_are_taken_over_keep_the_couplings(seed: int) -> None:
+    """On a straight way servos stop together; one by one they may leave a coupling: that is asked first."""
+    random = np.random.default_rng(seed)
+    limiter = Limiter(BOUNDS, BOUNDS.nearest(random.uniform(BOUNDS.lower, BOUNDS.upper), FREE), PERIOD)
+    places, path, refused = list(range(len(ARM))), [], []
+    for cycle in range(1500):
+        if cycle % 80 == 0:
+            aim_anywhere(limiter, random)
+        if limiter._straight and np.abs(limiter.state[1]).max() > 0.05 and random.random() < 0.3:
+            other = Limiter(BOUNDS, limiter.state[0], PERIOD)
+            try:
+                other.take_over(places, limiter, places)
+                limiter = other
+            except CommandError as error:
+                refused.append(str(error))
+        path.append(limiter.step())
+    assert_within_bounds(np.array(path))
+    assert {*refused} == {
+        "these servos can't join the motion now: they would leave their limits if they stopped; "
+        "valid: ask again later"
+    }
+
+
+def test_before_the_first_step_what_lies_ahead_is_the_stop() -> None:
+    """At rest where it starts; taken over in motion, where it would stop. It was 0 for every servo."""
+    start = BOUNDS.nearest(np.full(len(ARM), 0.3), FREE)
+    fresh = Limiter(BOUNDS, start, PERIOD)
+    fresh.aim(BOUNDS.nearest(start + 0.2, FREE), BOUNDS.velocity)
+    assert fresh.ahead(0.03) == pytest.approx(start)
+    limiter, _ = moving()
+    other = Limiter(BOUNDS, limiter.state[0], PERIOD)
+    places = list(range(len(ARM)))
+    other.take_over(places, limiter, places)
+    assert other.ahead(0.03) == pytest.approx(limiter.stop_at(np.array([0.03]))[0], abs=1e-4)
+
+
 def test_what_can_not_stop_can_not_be_taken_over() -> None:
     limiter, _ = moving()
     limiter._state[1, 1] = np.nan

@@ -100,6 +100,21 @@ def test_the_generic_speed_holds_through_a_table(tmp_path: Path) -> None:
         assert np.rad2deg(speeds[2]) == pytest.approx(expected)
 
 
+def test_the_generic_speed_holds_however_many_servos_turn_a_coupled_joint(tmp_path: Path) -> None:
+    term = '<coupled_term destination_servo_id="0"'
+    robot = load(tmp_path, MIXED.replace(term, f"<speed>10</speed> {term}"))
+    joints = joint_map(robot, "torso")
+    for mode in (Mode.POSITION, Mode.VELOCITY):
+        command = to_platform(robot, GenericCommand("torso", mode, np.zeros(4)))
+        speeds = dict(zip(command.servos.tolist(), command.speed.tolist(), strict=True))
+        assert np.rad2deg([speeds[0], speeds[1]]).tolist() == pytest.approx([10.0, 10.0])
+        for signs in np.array([[1, 1, 1, 1], [-1, 1, 1, 1]]):
+            generic = joints.slope(np.zeros(4)) @ (
+                np.where(np.isinf(command.speed), 0.0, command.speed) * signs
+            )
+            assert np.rad2deg(np.abs(generic[np.isin(joints.ids, [0, 2])])).max() <= 10.0 + 1e-9
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [

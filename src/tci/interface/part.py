@@ -44,8 +44,8 @@ def to_platform(robot: Robot, command: GenericCommand, *, position: Array | None
 
     `position` (n_servos,) [rad] is where the servos are, by default their initial posture; linear
     transforms don't look at it. Raises CommandError for a wrong number of values, one that is not
-    finite, a velocity where a transform has no slope, or a part of which the robot has no joint at all;
-    UnknownNameError for an unknown part.
+    finite, a velocity or torque where a transform has no slope, or a part of which the robot has no joint
+    at all; UnknownNameError for an unknown part.
     """
     joints = joint_map(robot, command.part)
     values = np.asarray(command.values, dtype=np.float64)
@@ -66,20 +66,23 @@ def to_platform(robot: Robot, command: GenericCommand, *, position: Array | None
             f"{robot.name} has no joint in its {part.name}: it lacks {lacks}; valid: {', '.join(others)}"
         )
     here = robot.initial_position if position is None else position
+    speeds = joints.unlimited
     if command.mode in (Mode.POSITION, Mode.IMPEDANCE):
-        values = joints.to_robot(values, here)
+        values, speeds = joints.to_robot(values, here), joints.speeds(here)
     elif command.mode is Mode.VELOCITY:
         values = np.array(np.linalg.solve(joints.slope(here), values[joints.ids]))
+        speeds = joints.driven_speeds(here)
     elif command.mode is Mode.TORQUE:
-        values = joints.slope(here).T @ values[joints.ids]
+        values, speeds = joints.slope(here).T @ values[joints.ids], joints.driven_speeds(here)
     else:
         values = values[joints.ids]
-    return PlatformCommand(command.mode, joints.servos, read_only(values), joints.speeds(here))
+    return PlatformCommand(command.mode, joints.servos, read_only(values), speeds)
 
 
 def speed_limits(robot: Robot, part: str, position: Array) -> Array:
-    """How fast (k,) [rad/s] each servo of a part may move, with all at `position` (n_servos,) [rad], so that
-    no generic joint is faster than its description says."""
+    """How fast (k,) [rad/s] each servo of a part may move to a target, with all at `position` (n_servos,)
+    [rad], so that no generic joint is faster than its description says; servos of a retargeted shoulder
+    have that speed themselves."""
     return joint_map(robot, part).speeds(position)
 
 

@@ -42,6 +42,11 @@ class Transform(ABC):
     def slope(self, angles: Array) -> Array:
         """d generic / d servo (k, k) at servo `angles` (k,) [rad]."""
 
+    def speeds(self, angles: Array, most: Array) -> Array:
+        """How fast (k,) [rad/s] each servo may move to a target, with all at `angles` (k,) [rad], when the
+        description gives the joints the speeds `most` (k,) [rad/s]."""
+        return _speeds(self.slope(angles), most)
+
     constant = False
     """Whether the slope is the same everywhere."""
 
@@ -142,6 +147,11 @@ class Retarget(Transform):
             raise CommandError(f"{self._name}: at 90 degrees of abduction no generic velocity is defined")
         return np.array(np.linalg.solve(axes, self._shoulder.spin(angles)))
 
+    def speeds(self, angles: Array, most: Array) -> Array:
+        """The described speed itself: each servo turns the arm about one axis, wherever it is. What the
+        generic angles do meanwhile says nothing: next to 90 degrees of abduction they leap."""
+        return most
+
 
 class JointMap:
     """All joints of one generic part."""
@@ -165,6 +175,8 @@ class JointMap:
         """Generic ids (k,) of the joints that the robot has."""
         self.servos: NDArray[np.intp] = frozen(np.concatenate([none, *(t.servos for t in transforms)]))
         """The servo (k,) of each of them; read-only."""
+        self.unlimited: Array = frozen(np.full(len(self.ids), np.inf))
+        """No speed (k,) [rad/s] asked for; read-only."""
         self._speeds = np.array([np.inf if joint.speed is None else joint.speed for joint in part.servos])
         self._slope: Array | None = None
         self._limits: Array | None = None
@@ -201,14 +213,20 @@ class JointMap:
         return result
 
     def speeds(self, position: Array) -> Array:
-        """How fast (k,) [rad/s] each of `servos` may move, with all at `position` (n_servos,) [rad], so that
-        no generic joint is faster than its description says. Raises what `slope` raises."""
+        """How fast (k,) [rad/s] each of `servos` may move to a target, with all at `position` (n_servos,)
+        [rad], so that no generic joint is faster than its description says. Servos of a retargeted shoulder
+        have that speed themselves, so there is an answer everywhere."""
         if self._limits is not None:
             return self._limits
-        slope = self.slope(position)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            each = np.where(slope == 0.0, np.inf, self._speeds[self.ids][:, None] / np.abs(slope))
-        return frozen(each.min(axis=0, initial=np.inf))
+        parts = [t.speeds(position.take(t.servos), self._speeds.take(t.ids)) for t in self.transforms]
+        return frozen(np.concatenate([np.zeros(0), *parts]))
+
+    def driven_speeds(self, position: Array) -> Array:
+        """The same (k,) [rad/s] for servos that are driven at a velocity: those of a retargeted shoulder too
+        are slow enough for its generic joints. Raises what `slope` raises."""
+        if self._limits is not None:
+            return self._limits
+        return frozen(_speeds(self.slope(position), self._speeds[self.ids]))
 
 
 class Postures:
@@ -267,6 +285,15 @@ def postures(robot: Robot) -> Postures:
     if found is None:
         found = robot.kept["joint_map", ""] = Postures(robot)
     return found
+
+
+def _speeds(slope: Array, most: Array) -> Array:
+    """Speeds (k,) [rad/s] of servos at which no joint is faster than `most` (k,) [rad/s], however many of
+    them turn it at once: sum_j |slope_ij| speed_j <= most_i. `slope` (k, k) is d generic / d servo."""
+    size = np.abs(slope)
+    each = np.where(size > 0.0, (most / size.sum(axis=1))[:, None], np.inf)
+    result: Array = each.min(axis=0, initial=np.inf)
+    return result
 
 
 def _piece(values: Array, nodes: Array) -> NDArray[np.intp]:

@@ -86,12 +86,12 @@ def make_chain(
     union = sorted(servos)
     bounds, outside = bounds_of(robot, union, speed_share=speed_share)
     limiter = Limiter(bounds, measured[union], period, guard=guard)
+    chain = Chain(union, np.array(union, dtype=np.intp), limiter, bounds, outside)
+    chain.look_outside(measured)
     if old is not None:
         moving = [servo for servo in union if servo in old.servos and servo not in fresh]
         if moving:
-            limiter.take_over([union.index(servo) for servo in moving], old.limiter, old.places(moving))
-    chain = Chain(union, np.array(union, dtype=np.intp), limiter, bounds, outside)
-    chain.look_outside(measured)
+            limiter.take_over(chain.places(moving), old.limiter, old.places(moving))
     return chain
 
 

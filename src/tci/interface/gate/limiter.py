@@ -59,6 +59,7 @@ class Limiter:
         self._drive = np.full(count, np.nan)
         self._stopping = False
         self._resting = True
+        self._led = False  # by ruckig, so that its plan is that of these servos
         self._asked = self._creeps = True
         self._straight = False
         self._otg = Ruckig(count, period)
@@ -115,9 +116,14 @@ class Limiter:
         state[:, places] = np.array(other.state)[:, others]
         self._set_state(state)
         try:
-            stop = self._stopper.plan(state, self._state[0], self.bounds)[1]
+            inside, stop = self._stopper.plan(state, self._state[0], self.bounds)
         except RuckigError as error:
             raise CommandError("these servos can't join the motion now; valid: ask again later") from error
+        if not inside or not self._stopper.keeps_couplings(stop, self.bounds):
+            raise CommandError(
+                "these servos can't join the motion now: they would leave their limits if they stopped; "
+                "valid: ask again later"
+            )
         if fault := self._guard(stop):
             raise CommandError(f"these servos can't join the motion now: {fault}")
         self._stopper.keep(stop)
@@ -173,7 +179,7 @@ class Limiter:
     def ahead(self, time: float) -> Array:
         """Where the servos will be (n,) [rad] in `time` [s] if nothing else is asked for."""
         position: Array = self._state[0]
-        if self._stopping or self._stopper.begun:
+        if self._stopping or self._stopper.begun or not self._led:
             ahead: Array = self._stopper.ahead(np.array([time]))[0]
             return ahead
         plan = self._output
@@ -220,6 +226,7 @@ class Limiter:
         self._state = state
         self._stopper.keep(stop)
         self._resting = result == Result.Finished and not self._driving
+        self._led = True
         return True
 
     def _brake(self) -> None:

@@ -21,11 +21,11 @@ UNIT = "_deg"
 def write_csv(gesture: Gesture, path: Path, names: dict[str, list[str]]) -> None:
     """One row per instant: time [s], then the angles [degrees] in columns `part.joint_deg`.
 
-    `names` are those of the joints, by part.
+    `names` are those of the joints, by part. Raises FileExistsError, and what else opening a file does.
     """
     columns = [f"{part}.{joint}{UNIT}" for part in gesture.postures for joint in names[part]]
     angles = np.rad2deg(np.hstack(list(gesture.postures.values())))
-    with path.open("w", newline="", encoding="utf-8") as file:
+    with path.open("x", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow([TIME, *columns])
         for time, row in zip(gesture.times, angles, strict=True):

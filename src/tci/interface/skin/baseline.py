@@ -44,7 +44,8 @@ class BaselineSettings:
     """Share of the sound taxels that must be quiet before their median counts as drift."""
 
     step: float = 30.0
-    """How long [s] nearly all taxels must read pressure to be called a step of the sensor, and rest."""
+    """How long [s] nearly all taxels must read pressure to be called a step of the sensor, and rest; but of a
+    sole, which may carry weight for ever."""
     step_share: float = 0.9
     """How many of the sound taxels are nearly all."""
 

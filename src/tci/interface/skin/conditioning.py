@@ -30,7 +30,7 @@ from tci.interface.kernels.condition import (
 )
 from tci.interface.skin.baseline import Baseline, BaselineSettings, Lesson
 from tci.interface.skin.taxel_health import Health, HealthSettings, TaxelHealth
-from tci.model.description import Patch
+from tci.model.description import SOLE, Patch
 from tci.model.skin.calibration import PatchCalibration
 
 GAP = 1.0
@@ -293,7 +293,12 @@ class Conditioner:
         self._step(raised & (lesson.mean < SATURATED * self.sensor[-1]), lesson.elapsed)
 
     def _step(self, raised: NDArray[np.bool_], elapsed: float) -> None:
-        """What nearly all taxels read for long, and none at the end of its range, is no touch but rest."""
+        """What nearly all taxels read for long, and none at the end of its range, is no touch but rest.
+
+        But of a sole, which weight presses all over for as long as the robot stands.
+        """
+        if self.patch.segment == SOLE:
+            return
         settings, sound = self.settings.baseline, self._health.sound
         all_sound = max(int(np.count_nonzero(sound)), 1)
         nearly_all = int(np.count_nonzero(raised & sound)) >= settings.step_share * all_sound

@@ -45,7 +45,8 @@ class GenericServo(Words):
     damping: float = 0.0
     """Share 0..1 of full damping that `home` sets."""
     speed: float | None = None
-    """Speed [rad/s, generic] at which the part moves unless the gate's limit is lower."""
+    """Speed [rad/s, generic] at which the part moves unless the gate's limit is lower; on a retargeted
+    shoulder that of the servo itself."""
     initial: float = 0.0
     """Initial generic angle [rad]."""
 

@@ -13,6 +13,7 @@ from tci.model.description import GenericPart, GenericServo, Segment, Servo
 from tci.model.generic_arm import JOINTS, SEGMENTS
 from tci.model.xml.document import Faults
 from tci.model.xml.grammar import KINDS, MAX_MOUNT
+from tci.model.xml.initial import check_initial
 from tci.model.xml.node import Node, listed
 from tci.model.xml.servos import Servos, once_only
 from tci.model.xml.transforms import check_coupled, check_retarget, read_table, read_terms
@@ -26,16 +27,6 @@ def read_parts(root: Node, servos: Servos, faults: Faults) -> tuple[GenericPart,
     """The generic parts of a file."""
     nodes = once_only(root.all("generic_robot_part"), "name", "generic_robot_part with", faults)
     return tuple(_part(node, servos, faults) for node in nodes)
-
-
-def initial_angles(parts: tuple[GenericPart, ...]) -> dict[int, float]:
-    """Initial angle [rad] of every mapped servo by its index (inverse of eq. 1)."""
-    return {
-        servo.servo: (servo.initial - servo.offset) / servo.scale
-        for part in parts
-        for servo in part.servos
-        if servo.servo is not None
-    }
 
 
 def kind_of(name: str) -> str:
@@ -71,6 +62,7 @@ def _part(node: Node, servos: Servos, faults: Faults) -> GenericPart:
     _check_targets(name, generic, nodes, servos, faults)
     check_coupled(node, generic, faults)
     check_retarget(node, kind, generic, faults)
+    check_initial(generic, nodes, positions, servos, faults)
     mount = node.first("mount")
     angles = (0.0, 0.0, 0.0) if mount is None else tuple(mount.get(a, 0.0) for a in ("roll", "pitch", "yaw"))
     if mount is not None and mount.ok:
@@ -176,7 +168,7 @@ def _generic_servo(
     if fixed is not None and target is not None and not lacking:
         faults.add(fixed.line, f"generic servo {id} has a servo: fixed_position is for one with none")
     kind = node.value("transform_type", "linear")
-    result = GenericServo(
+    return GenericServo(
         id=id,
         transform=kind,
         table=read_table(node, kind, faults),
@@ -194,27 +186,6 @@ def _generic_servo(
         else 0.0
         if position is None
         else position.get("pos", 0.0),
-    )
-    if servo is not None and kind == "linear" and node.ok and (position is None or position.ok):
-        _check_initial(node if position is None else position, result, servo, position is None, faults)
-    return result
-
-
-def _check_initial(node: Node, generic: GenericServo, servo: Servo, default: bool, faults: Faults) -> None:
-    lower, upper = servo.limits.lower, servo.limits.upper
-    if lower is None or upper is None:
-        return
-    angle = (generic.initial - generic.offset) / generic.scale
-    if lower - _SLACK <= angle <= upper + _SLACK:
-        return
-    what = "no initial position, and the default" if default else "initial position"
-    unit = node.unit
-    ends = sorted(generic.scale * limit + generic.offset for limit in (lower, upper))
-    faults.add(
-        node.line,
-        f"{what} {in_unit(generic.initial, unit)} of generic servo {generic.id} puts servo {servo.id} "
-        f"{servo.name!r} at {in_unit(angle, unit)} (eq. 1), outside its {in_unit(lower, unit)} to "
-        f"{in_unit(upper, unit)}; valid generic angles: {in_unit(ends[0], unit)} to {in_unit(ends[1], unit)}",
     )
 
 

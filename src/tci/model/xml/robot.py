@@ -10,9 +10,10 @@ from tci.errors import MissingExtraError
 from tci.model.description import Address, Binding, Robot
 from tci.model.xml.document import Faults, parse, read_bytes, refuse, shown
 from tci.model.xml.grammar import GENERIC_ROBOT, ROOT
+from tci.model.xml.initial import check_retargeted, initial_angles
 from tci.model.xml.model import read_model
 from tci.model.xml.node import Node, nearest, read_node
-from tci.model.xml.parts import initial_angles, read_parts
+from tci.model.xml.parts import read_parts
 from tci.model.xml.servos import Servos, once_only, read_couplings, read_servos
 from tci.model.xml.skin import read_skin
 
@@ -21,8 +22,8 @@ def read_robot(path: str | os.PathLike[str]) -> Robot:
     """The robot that the description at `path` tells of, in SI units and radians.
 
     Raises DescriptionError with every fault of the file, each with its line and what would be
-    valid; MissingExtraError when the file is right but its kinematic model comes from a package
-    that is not installed.
+    valid, or when a retargeted shoulder does not fit the kinematic model; MissingExtraError when the
+    file is right but that model comes from a package that is not installed.
     """
     file = Path(path)
     data = read_bytes(file)
@@ -53,11 +54,14 @@ def read_robot(path: str | os.PathLike[str]) -> Robot:
                 f"the package {missing!r} is not installed; install it with: pip install {missing}",
             )
         raise MissingExtraError(f"the kinematic model of {name}", extra)
-    return Robot(
+    robot = Robot(
         name=name, title=root.get("title", ""), source=str(file.absolute()),
         digest=hashlib.sha256(data).hexdigest(), model=model, servos=tuple(servos.all),
         couplings=couplings, parts=parts, patches=patches, bindings=bindings,
     )  # fmt: skip
+    check_retargeted(root, robot, faults)
+    faults.check()
+    return robot
 
 
 def schema_path() -> Path:

@@ -98,7 +98,8 @@ def read_servos(root: Node, faults: Faults) -> Servos:
 def read_couplings(
     root: Node, servos: Servos, initial: Mapping[int, float], faults: Faults
 ) -> tuple[Coupling, ...]:
-    """The couplings of a file. `initial` is the initial angle [rad] of each mapped servo by index."""
+    """The couplings of a file. `initial` is the initial angle [rad] of servos by index,
+    where it is known."""
     couplings = []
     for node in once_only(root.all("coupling"), "name", "coupling with", faults):
         name = node.get("name", "?")
@@ -203,11 +204,19 @@ def _check_coupling(
                 f"it asks for {bounds}",
             )
             return
-    if all(index in initial for index, _ in terms):
-        total = sum(coefficient * initial[index] for index, coefficient in terms)
-        if not coupling.lower - 1e-9 <= total <= coupling.upper + 1e-9:
-            faults.add(
-                node.line,
-                f"the initial positions break coupling {coupling.name!r}: their sum is "
-                f"{in_unit(total, node.unit)}, valid: {bounds}",
-            )
+    if all(index in initial for index in coupling.servos):
+        check_initial_sum(node, coupling, initial, 1e-9, faults)
+
+
+def check_initial_sum(
+    node: Node, coupling: Coupling, initial: Mapping[int, float], slack: float, faults: Faults
+) -> None:
+    """A coupling holds in the `initial` posture [rad], by servo, but for `slack` [rad]."""
+    total = sum(c * initial[index] for index, c in zip(coupling.servos, coupling.coefficients, strict=True))
+    if not coupling.lower - slack <= total <= coupling.upper + slack:
+        faults.add(
+            node.line,
+            f"the initial positions break coupling {coupling.name!r}: their sum is "
+            f"{in_unit(total, node.unit)}, valid: {in_unit(coupling.lower, node.unit)} to "
+            f"{in_unit(coupling.upper, node.unit)}",
+        )

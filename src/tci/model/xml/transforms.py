@@ -79,20 +79,30 @@ def check_coupled(node: Node, generic: Sequence[GenericServo], faults: Faults) -
     """A part's coupled joints are made of their own servos, and can be told apart."""
     coupled = [joint for joint in generic if joint.transform == "coupled" and joint.servo is not None]
     own = [joint.servo for joint in coupled]
+    for joint in coupled:
+        if any(term.servo not in own for term in joint.terms):
+            faults.add(
+                node.line,
+                f"generic servo {joint.id} is coupled with a servo that is no coupled joint's "
+                "destination_servo_id in this part",
+            )
+            return
+    if coupled and not separable(coupled):
+        ids = listed(str(joint.id) for joint in coupled)
+        faults.add(node.line, f"the coupled generic servos {ids} can't be told apart: singular matrix")
+
+
+def separable(coupled: Sequence[GenericServo]) -> bool:
+    """Whether a part's coupled joints, at least one, are made of their own servos only and their matrix can
+    be inverted."""
+    own = [joint.servo for joint in coupled]
+    if any(term.servo not in own for joint in coupled for term in joint.terms):
+        return False
     matrix = np.zeros((len(own), len(own)))
     for row, joint in enumerate(coupled):
         for term in joint.terms:
-            if term.servo not in own:
-                faults.add(
-                    node.line,
-                    f"generic servo {joint.id} is coupled with a servo that is no coupled joint's "
-                    "destination_servo_id in this part",
-                )
-                return
             matrix[row, own.index(term.servo)] = term.factor
-    if coupled and not np.linalg.cond(matrix) <= WORST:
-        ids = listed(str(joint.id) for joint in coupled)
-        faults.add(node.line, f"the coupled generic servos {ids} can't be told apart: singular matrix")
+    return bool(np.linalg.cond(matrix) <= WORST)
 
 
 def check_retarget(node: Node, kind: str, generic: Sequence[GenericServo], faults: Faults) -> None:

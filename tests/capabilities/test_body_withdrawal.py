@@ -79,6 +79,60 @@ def test_one_touch_is_answered_once() -> None:
     assert step(reflex, see(press("head", 1.0), stamp=1.0), memory)[0]
 
 
+@pytest.mark.parametrize(("refractory", "period"), [(0.5, 0.6), (0.005, 0.01)])
+def test_a_lasting_touch_is_answered_once_however_rarely_it_is_seen(refractory: float, period: float) -> None:
+    reflex = BodyWithdrawal(refractory=refractory)
+    memory, moments = reflex.init(), []
+    for tick in range(20):
+        posture = POSTURE | {"head": np.full(3, 0.1 * tick)}
+        seen = replace(see(press("head", 5.0), stamp=period * tick), posture=posture)
+        commands, memory = step(reflex, seen, memory)
+        moments += [tick for _ in commands]
+    assert moments == [0]
+    assert memory["head"].touched == period * 19
+    np.testing.assert_allclose(memory["head"].target, FACE.motion)  # from where it was at first
+
+
+def test_a_withdrawal_in_the_place_of_one_that_is_over_is_sent() -> None:
+    reflex = BodyWithdrawal()
+    _, memory = step(reflex, see(press("head", 5.0), stamp=0.0))
+    nothing, memory = step(reflex, see(stamp=0.3), memory)
+    assert not nothing
+    elsewhere = replace(see(press("head", 5.0), stamp=0.6), posture=POSTURE | {"head": np.full(3, 0.1)})
+    again, memory = step(reflex, elsewhere, memory)
+    np.testing.assert_allclose(again[0].values, 0.1 + np.array(FACE.motion), atol=1e-12)
+    assert memory["head"].started == 0.6
+
+
+def test_a_touch_that_a_leg_has_answered_is_not_answered_again_after_a_refusal() -> None:
+    reflex = BodyWithdrawal(stance="supported")
+    shank, sole = press("left_leg", 5.0, segment="shank"), press("right_leg", 20.0, segment="foot")
+    memory, moments = reflex.init(), []
+    for tick in range(100):
+        stands = 10 <= tick < 60
+        contacts = (shank, sole) if stands else (shank,)
+        seen = replace(
+            see(*contacts, stamp=0.02 * tick, at=SHIN.spot),
+            posture=POSTURE | {"left_leg": np.full(6, 0.01 * tick)},
+        )
+        commands, memory = step(reflex, seen, memory)
+        moments += [tick for _ in commands]
+        assert ("left_leg" in memory.refused) == stands
+    assert moments == [0]
+
+
+def test_a_leg_that_may_move_again_goes_as_far_as_the_touch_asks_for() -> None:
+    reflex = BodyWithdrawal(stance="supported")
+    light, hard = (press("left_leg", force, segment="shank") for force in (0.5, 5.0))
+    sole = press("right_leg", 20.0, segment="foot")
+    first, memory = step(reflex, see(light, stamp=0.0, at=SHIN.spot))
+    refused, memory = step(reflex, see(hard, sole, stamp=0.1, at=SHIN.spot), memory)
+    assert not refused
+    assert memory["left_leg"].gain == pytest.approx(first[0].values.sum() / np.sum(SHIN.motion))
+    freed, _ = step(reflex, see(hard, stamp=0.2, at=SHIN.spot), memory)
+    np.testing.assert_allclose(freed[0].values, SHIN.motion, atol=1e-12)
+
+
 def test_a_standing_robot_keeps_its_legs_and_says_why() -> None:
     shin = see(press("left_leg", 5.0, segment="shank"), at=SHIN.spot)
     commands, memory = step(BodyWithdrawal(), shin)

@@ -14,7 +14,7 @@ from tci.errors import TciError
 from tci.frames import read_only
 from tci.interface.skin.places import find_place
 from tci.interface.skin.skin import Skin
-from tci.messages import Command, GenericCommand, Mode, Perception, SwitchMode
+from tci.messages import CartesianCommand, Command, GenericCommand, Mode, Perception, SwitchMode
 from tci.middleware.simulated import SimulatedLink
 from tci.model.catalogue import load_robot
 from tci.runtime.loop import run
@@ -88,6 +88,35 @@ def test_in_velocity_and_torque_mode_it_sends_zero(mode: Mode) -> None:
     sent = play(ContactStop(Raise(mode)), see(), see(TOUCH, stamp=0.1), see(TOUCH, stamp=0.11))
     assert [c.values.tolist() for c in sent[1] if isinstance(c, GenericCommand)] == [[0.0] * 5]
     assert sent[2] == ()
+
+
+@dataclass(frozen=True)
+class Reach(Capability[bool]):
+    """Sends a hand to a place, once or always."""
+
+    always: bool
+
+    def init(self) -> bool:
+        return False
+
+    def step(self, memory: bool, perception: Perception) -> tuple[tuple[Command, ...], bool]:
+        place = CartesianCommand("left_arm", read_only([0.5, 0.0, -0.5]))
+        return ((place,) if self.always or not memory else ()), True
+
+
+@pytest.mark.parametrize("always", [True, False])
+def test_a_hand_on_its_way_stops_and_goes_on(always: bool) -> None:
+    moments = (see(), see(TOUCH, stamp=0.1), see(TOUCH, stamp=0.2), see(stamp=0.25), see(stamp=0.31))
+    first, stop, *still, on = play(ContactStop(Reach(always), quiet=0.1), *moments)
+    assert [type(command) for command in first] == [CartesianCommand]
+    (held,) = stop
+    assert isinstance(held, GenericCommand)
+    assert held.mode is Mode.POSITION
+    assert held.values.tolist() == POSTURE.tolist()
+    assert still == [(), ()]
+    (again,) = on
+    assert isinstance(again, CartesianCommand)
+    assert again.target.tolist() == [0.5, 0.0, -0.5]
 
 
 def peak_force(name: str, *, stops: bool) -> float:

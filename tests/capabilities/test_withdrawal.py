@@ -274,6 +274,27 @@ def test_9_a_new_touch_is_answered_after_the_refractory_period_from_where_the_ar
     np.testing.assert_array_equal(seen[1][1], later["left_arm"] + np.array(OTHER.motion))
 
 
+@pytest.mark.parametrize(("refractory", "period"), [(0.5, 0.6), (0.005, 0.01)])
+def test_9_a_lasting_touch_is_answered_once_however_rarely_it_is_seen(
+    refractory: float, period: float
+) -> None:
+    reflex = WithdrawalReflex(fields=(FIELD,), refractory=refractory)
+    frames = [
+        see(poke(FIELD, 5.0, sequence=tick), stamp=period * tick, posture={"left_arm": POSTURE + 0.1 * tick})
+        for tick in range(20)
+    ]
+    assert len(play(reflex, *frames)) == 1
+    gone = see(stamp=period * 20)
+    new = see(poke(FIELD, 5.0, sequence=21), stamp=period * 21)
+    assert len(play(reflex, *frames, gone, new)) == 2
+
+
+def test_9_a_touch_after_the_refractory_period_of_quiet_is_new_though_no_step_came_in_between() -> None:
+    touched = see(poke(FIELD, 5.0), stamp=0.0)
+    assert len(play(TWO, touched, see(stamp=0.1), see(poke(FIELD, 5.0), stamp=0.49))) == 1
+    assert len(play(TWO, touched, see(stamp=0.1), see(poke(FIELD, 5.0), stamp=0.5))) == 2
+
+
 @given(st.lists(st.tuples(forces, st.sampled_from([FIELD, OTHER])), min_size=1, max_size=12))
 def test_9_the_gain_may_grow_with_the_touch_but_never_beyond_the_base_motion(
     course: list[tuple[float, ReceptiveField]],

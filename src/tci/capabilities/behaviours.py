@@ -151,6 +151,10 @@ class BehaviourTree(Capability[Behaviour]):
                     orders.append(order)
         return tuple(orders), memory
 
+    def notes(self, memory: Behaviour) -> tuple[str, ...]:
+        """What all leaves note."""
+        return tuple(note for leaf in _leaves(memory) for note in leaf.capability.notes(leaf.memory))
+
     def fault(self, perception: Perception) -> str:
         """The first fault of a leaf."""
         reasons = (leaf.capability.fault(perception) for leaf in _leaves(self.tree()))

@@ -40,8 +40,12 @@ class BodyMotion:
     """Generic posture (n,) [rad] when it started."""
     gain: float
     """Largest gain so far."""
+    started: float
+    """When it started [s]."""
     touched: float
     """When a touch of this part last answered [s]."""
+    quiet: bool = False
+    """Whether a step without an answer has come since."""
 
     @property
     def target(self) -> Array:
@@ -114,13 +118,15 @@ class BodyWithdrawal(Capability[BodyMemory]):
             if answers and answers[0][0].kind == "leg" and after is not None:
                 if reason := self._carries(part, after.target, heavy, perception):
                     refused[part] = reason
-                    after = self._next(before, [], posture, perception.stamp)
+                    # The touch that a leg has answered goes on, though it may not move further.
+                    same = before is not None and before.started == after.started
+                    after = replace(after, gain=before.gain) if same and before is not None else None
                 else:
                     refused.pop(part, None)
             if after is None:
                 continue
             motions[part] = after
-            if before is None or (after.gain, after.field) != (before.gain, before.field):
+            if before is None or (after.started, after.gain) != (before.started, before.gain):
                 commands.append(GenericCommand(part, Mode.POSITION, after.target))
         return tuple(commands), BodyMemory(motions, refused)
 
@@ -200,17 +206,17 @@ class BodyWithdrawal(Capability[BodyMemory]):
         self, before: BodyMotion | None, answers: list[tuple[BodyField, float]], posture: Array, now: float
     ) -> BodyMotion | None:
         """The part's withdrawal after this instant: the same rules as an arm's."""
-        if before is not None and now - before.touched >= self.refractory:
+        if before is not None and (before.quiet or not answers) and now - before.touched >= self.refractory:
             before = None
         if not answers:
-            return before
+            return before if before is None or before.quiet else replace(before, quiet=True)
         if before is not None:
             gains = [gain for found, gain in answers if found == before.field]
-            return replace(before, gain=max([before.gain, *gains]), touched=now)
+            return replace(before, gain=max([before.gain, *gains]), touched=now, quiet=False)
         if not np.isfinite(posture).all():
             return None
         found, gain = max(answers, key=lambda answer: (answer[1], answer[0].name))
-        return BodyMotion(found, read_only(posture), gain, now)
+        return BodyMotion(found, read_only(posture), gain, now, now)
 
 
 def _is_of(candidate: BodyField, part: str, posture: Array, segment: str) -> bool:

@@ -10,7 +10,17 @@ import numpy as np
 
 from tci.capabilities.capability import Capability, Memory
 from tci.errors import CommandError, TciError
-from tci.messages import CONTROL_MODES, GenericCommand, Mode, Order, Perception, PlatformCommand
+from tci.messages import (
+    CONTROL_MODES,
+    CartesianCommand,
+    GenericCommand,
+    Mode,
+    Order,
+    Perception,
+    PlatformCommand,
+)
+
+Motion = GenericCommand | CartesianCommand
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -19,7 +29,7 @@ class StopMemory(Generic[Memory]):
 
     inner: Memory
     """The other behaviour's memory."""
-    wanted: Mapping[str, GenericCommand]
+    wanted: Mapping[str, Motion]
     """The last motion that it wanted of each part, by name."""
     touched: Mapping[str, float]
     """When each part that stands still was touched last [s], by name."""
@@ -71,7 +81,9 @@ class ContactStop(Capability[StopMemory[Memory]], Generic[Memory]):
         for command in inner:
             if isinstance(command, PlatformCommand):
                 raise CommandError("the contact stop moves generic parts only; valid: commands to those")
-            if isinstance(command, GenericCommand) and command.mode in CONTROL_MODES:
+            if isinstance(command, CartesianCommand) or (
+                isinstance(command, GenericCommand) and command.mode in CONTROL_MODES
+            ):
                 wanted[command.part] = command
                 fresh.add(command.part)
                 if command.part in touched:
@@ -84,9 +96,19 @@ class ContactStop(Capability[StopMemory[Memory]], Generic[Memory]):
                 commands.append(command)
         return tuple(commands), StopMemory(memory_after, wanted, touched)
 
+    def notes(self, memory: StopMemory[Memory]) -> tuple[str, ...]:
+        """The behaviour's."""
+        return self.behaviour.notes(memory.inner)
 
-def _hold(command: GenericCommand, perception: Perception) -> GenericCommand:
+    def fault(self, perception: Perception) -> str:
+        """The behaviour's."""
+        return self.behaviour.fault(perception)
+
+
+def _hold(command: Motion, perception: Perception) -> GenericCommand:
     """Instead of a motion: stay where the part is; no velocity, no torque."""
+    if isinstance(command, CartesianCommand):
+        return GenericCommand(command.part, Mode.POSITION, perception.posture[command.part])
     if command.mode in (Mode.POSITION, Mode.IMPEDANCE):
         return GenericCommand(command.part, command.mode, perception.posture[command.part])
     return GenericCommand(command.part, command.mode, np.zeros(command.values.size))

@@ -113,6 +113,14 @@ class PlayGesture(Capability[GestureMemory]):
         memory = replace(memory, time=time, phase=Phase.DONE if done else Phase.PLAY)
         return orders + self._lead(time, 0.0 if done else pace), memory
 
+    def notes(self, memory: GestureMemory) -> tuple[str, ...]:
+        """The reflex's."""
+        return () if self.reflex is None else self.reflex.notes(memory.reflex)
+
+    def fault(self, perception: Perception) -> str:
+        """The reflex's: a gesture needs no skin."""
+        return "" if self.reflex is None else self.reflex.fault(perception)
+
     def _lead(self, time: float, pace: float) -> tuple[Order, ...]:
         """To where the robot should be, and ahead by the share `pace` of what a stop takes."""
         here, ahead = self.gesture.at(time), self.fitted.targets.at(time)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
 from typing import Literal
@@ -57,6 +57,8 @@ class Withdrawal:
     """When it started [s]."""
     touched: float
     """When a touch of this arm last answered [s]."""
+    quiet: bool = False
+    """Whether a step without an answer has come since."""
 
     @property
     def target(self) -> Array:
@@ -196,10 +198,11 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         now: float,
     ) -> Withdrawal | None:
         """The arm's withdrawal after this instant."""
-        if before is not None and now - before.touched >= self.refractory:
+        # What answers in every step is one touch, however far apart the steps are.
+        if before is not None and (before.quiet or not answers) and now - before.touched >= self.refractory:
             before = None
         if not answers:
-            return before
+            return before if before is None or before.quiet else replace(before, quiet=True)
         if before is not None:
             gains = [gain for index, gain in answers if self._is_same(index, before.field)]
             gain = max([before.gain, *gains])

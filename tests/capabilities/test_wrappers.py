@@ -1,0 +1,67 @@
+"""What runs another capability tells its faults and notes, so that a blind reflex stops the robot."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from capabilities.touches import see
+from tci.capabilities.behaviours import BehaviourTree, Reflex
+from tci.capabilities.body_withdrawal import BodyMemory, BodyWithdrawal
+from tci.capabilities.capability import Capability
+from tci.capabilities.contact_stop import ContactStop
+from tci.capabilities.gesture import PlayGesture
+from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.interface.gestures.gesture import Gesture, fit
+from tci.messages import Order, Perception
+from tci.model.catalogue import load_robot
+from tci.viewer.steered import Steered
+
+T = np.linspace(0.0, 1.0, 21)
+STILL = Gesture(T, {"left_arm": np.deg2rad(np.array([25.0, 25, 0, 60, 0]) + np.zeros((21, 1)))})
+
+
+class Refusing(BodyWithdrawal):
+    """A reflex that has refused something from the beginning."""
+
+    def init(self) -> BodyMemory:
+        return BodyMemory({}, {"left_leg": "it carries"})
+
+    def step(self, memory: BodyMemory, perception: Perception) -> tuple[tuple[Order, ...], BodyMemory]:
+        return (), memory
+
+
+def wrapped(reflex: Capability[Any]) -> dict[str, Capability[Any]]:
+    return {
+        "contact stop": ContactStop(reflex),
+        "gesture": PlayGesture(fit(load_robot("icub"), STILL), reflex),
+        "tree": BehaviourTree(lambda: Reflex("away", reflex)),
+        "steered": Steered(reflex),
+        "one in another": ContactStop(Steered(reflex)),
+    }
+
+
+@pytest.mark.parametrize("name", wrapped(WithdrawalReflex()))
+def test_a_blind_field_is_a_fault_of_what_runs_the_reflex(name: str) -> None:
+    reflex = WithdrawalReflex()
+    capability = wrapped(reflex)[name]
+    blind = replace(see(), covered=lambda *_: 0.0)
+    assert "is blind: 0%" in reflex.fault(blind)
+    assert capability.fault(blind) == reflex.fault(blind)
+    assert capability.fault(see()) == ""
+
+
+@pytest.mark.parametrize("name", wrapped(Refusing()))
+def test_notes_are_those_of_the_reflex(name: str) -> None:
+    capability = wrapped(Refusing())[name]
+    _, memory = capability.step(capability.init(), see())
+    assert capability.notes(memory) == ("left_leg was touched and stays: it carries",)
+
+
+def test_a_gesture_without_a_reflex_needs_no_skin() -> None:
+    play = PlayGesture(fit(load_robot("icub"), STILL))
+    assert play.fault(replace(see(), covered=lambda *_: 0.0)) == ""
+    assert play.notes(play.init()) == ()

@@ -14,12 +14,14 @@ import psutil
 import pytest
 
 from middleware.links import BINDINGS, PEERS, Peer
+from tci.capabilities.capability import Capability
 from tci.errors import CommandError, LinkError, UnknownNameError
 from tci.interface.gate.gate import Gate
 from tci.interface.gate.safe_command import GateState, SafeCommand
 from tci.interface.part import home, to_platform
-from tci.messages import PlatformOrder
+from tci.messages import Perception, PlatformOrder
 from tci.middleware.link import Link
+from tci.runtime.loop import run
 
 PATIENCE = 20
 """Times that a robot is sent where it should go; a busy machine may stop it on the way."""
@@ -190,6 +192,39 @@ def elbow(link: Link) -> float:
 
 def bend(link: Link, angle: float) -> PlatformOrder:
     return link.native("LArm").command({"LElbowRoll": angle}, speed=0.3)
+
+
+class Once(Capability[bool]):
+    """Sends one order, once."""
+
+    def __init__(self, order: PlatformOrder) -> None:
+        self.order = order
+
+    def init(self) -> bool:
+        return False
+
+    def step(self, memory: bool, perception: Perception) -> tuple[tuple[PlatformOrder, ...], bool]:
+        return () if memory else (self.order,), True
+
+
+def test_a_run_after_one_that_ended_in_motion_is_obeyed(open_link: Callable[..., Link]) -> None:
+    """What was held at its end holds no longer, here and in the process that owns the robot."""
+    link, refused = open_link(), []
+    for attempt in range(PATIENCE):
+        sign = 1.0 if elbow(link) < -0.8 else -1.0
+        run(link, Once(bend(link, elbow(link) + 0.5 * sign)), duration=0.4)
+        before = elbow(link)
+        refused.clear()
+        run(
+            link,
+            Once(bend(link, before - 0.3 * sign)),
+            duration=2.0,
+            observe=lambda tick: refused.extend(tick.sent.refusals),
+        )
+        if not refused and abs(elbow(link) - (before - 0.3 * sign)) < 0.05:
+            return
+        assert attempt < PATIENCE / 4, refused
+        link.gate.reset()
 
 
 def test_32_a_reader_that_was_away_gets_the_latest_and_no_backlog(open_link: Callable[..., Link]) -> None:

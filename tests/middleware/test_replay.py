@@ -49,6 +49,17 @@ def test_a_skin_that_sends_changes_only_decides_the_same(tmp_path: Path) -> None
         assert all((a == b).all() for a, b in zip(*pressures, strict=True))
 
 
+def test_a_replay_that_ends_in_motion_is_not_brought_to_rest(tmp_path: Path) -> None:
+    """Nothing moves: stops would be compared with what was decided then, and use up what is left to read."""
+    ticks = record_poke(tmp_path / "a.mcap")
+    moving = next(i for i, tick in enumerate(ticks) if tick.sent.velocity.any()) + 20
+    assert ticks[moving].sent.velocity.any()
+    with ReplayLink(load_robot("nao"), str(tmp_path / "a.mcap")) as link:
+        run(link, WithdrawalReflex(), duration=ticks[moving].now - ticks[0].now)
+        assert (link.compared, link.different) == (moving, [])
+        assert link.gate.counts.holds == 0
+
+
 def test_a_replay_has_the_period_of_then(tmp_path: Path) -> None:
     ticks = record_poke(tmp_path / "a.mcap", rate=100.0)
     assert any(tick.commands for tick in ticks)

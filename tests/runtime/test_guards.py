@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import signal
 import sys
@@ -155,13 +156,29 @@ def test_42_outside_the_main_thread_signals_are_left_alone() -> None:
     assert handlers == [before]
 
 
-def test_26_a_folder_of_somebody_else_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+def test_26_a_folder_that_others_may_write_to_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(words: str) -> None:
+        with pytest.raises(LinkError, match=f"{words}; valid: .*TCI_LEASES"), lease("mine"):
+            pytest.fail("the lease was given")
+
+    folder, link, file = tmp_path / "leases", tmp_path / "link", tmp_path / "file"
+    monkeypatch.setenv("TCI_LEASES", str(folder))
     with lease("mine"):
-        pass
+        assert [one.suffix for one in folder.iterdir()] == [".lease"]
+    folder.chmod(0o770)
+    refused("others may write to")
+    folder.chmod(0o700)
+    link.symlink_to(folder)
+    monkeypatch.setenv("TCI_LEASES", str(link))
+    refused("is no folder")
+    file.touch()
+    monkeypatch.setenv("TCI_LEASES", str(file))
+    refused("File exists")
+    monkeypatch.setenv("TCI_LEASES", str(folder))
     monkeypatch.setattr(os, "getuid", lambda: 4_000_000)
-    with pytest.raises(LinkError, match=r"belongs to somebody else.*XDG_RUNTIME_DIR"), lease("mine"):
-        pytest.fail("the lease was given")
+    refused("belongs to somebody else")
 
 
 @pytest.mark.parametrize("usual", [0.02, 0.8 * TURN])
@@ -175,3 +192,18 @@ def test_threads_get_their_turn_and_it_is_as_before_afterwards(usual: float) -> 
         assert sys.getswitchinterval() == pytest.approx(usual, abs=5e-6)
     finally:
         sys.setswitchinterval(before)
+
+
+def test_26_no_lease_is_cleared_away_while_it_is_held(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """systemd-tmpfiles removes what is old, but nothing below a folder that it can't lock for itself."""
+    monkeypatch.setenv("TCI_LEASES", str(tmp_path))
+    tmp_path.chmod(0o700)
+    handle = os.open(tmp_path, os.O_RDONLY)
+    try:
+        with lease("mine"), lease("yours"), pytest.raises(BlockingIOError):
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    finally:
+        os.close(handle)

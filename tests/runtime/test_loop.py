@@ -17,7 +17,7 @@ import pytest
 import tci
 from tci.errors import CommandError, LinkError
 from tci.interface.gate.gate import GateState, SafeCommand
-from tci.messages import GenericCommand, Mode, Perception, Reading
+from tci.messages import GenericCommand, Mode, Perception, Reading, SwitchMode
 from tci.middleware.link import Link
 from tci.middleware.simulated import SimulatedLink
 from tci.runtime.guards import LEAST_SILENCE, frozen_garbage, interruptions
@@ -43,6 +43,13 @@ class Swing(tci.Capability[int]):
         target[0] += 0.4
         commands = () if memory else (GenericCommand("head", Mode.POSITION, target),)
         return commands, memory + 1
+
+
+class Still(Swing):
+    """Asks for nothing."""
+
+    def step(self, memory: int, perception: Perception) -> tuple[tuple[GenericCommand, ...], int]:
+        return (), memory + 1
 
 
 @pytest.fixture(scope="module")
@@ -161,6 +168,90 @@ def test_42_a_signal_brings_the_robot_to_rest(
     link.world.advance(link.world.time + 0.05)
     assert speed(link) < 0.02
     assert signal.getsignal(number) is before
+
+
+def test_42_more_signals_do_not_interrupt_the_stop(
+    link: SimulatedLink, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Whoever presses Ctrl-C twice, or a wrapper that forwards it: what was written last was full speed."""
+    read, write, sent = link.read, link.write, []
+
+    def interrupt() -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+
+    def impatient() -> Reading:
+        if len(sent) > 41:
+            interrupt()
+        return read()
+
+    def watched(safe: SafeCommand) -> SafeCommand:
+        sent.append(safe)
+        return write(safe)
+
+    monkeypatch.setattr(link, "read", impatient)
+    monkeypatch.setattr(link, "write", watched)
+    with pytest.raises(KeyboardInterrupt):
+        run(link, Swing(40, interrupt), duration=1.0)
+    assert np.abs(sent[41].velocity).max() > 0.3
+    assert len(sent) > 50
+    assert not sent[-1].velocity.any()
+
+
+class Spin(Swing):
+    """Drives the head at a velocity, in every step."""
+
+    def begin(self, perception: Perception) -> tuple[SwitchMode, ...]:
+        return (SwitchMode("head", Mode.VELOCITY),)
+
+    def step(self, memory: int, perception: Perception) -> tuple[tuple[GenericCommand, ...], int]:
+        velocity = np.zeros(perception.posture["head"].size)
+        velocity[0] = 0.4
+        return (GenericCommand("head", Mode.VELOCITY, velocity),), memory + 1
+
+
+@pytest.mark.parametrize("capability", [Swing(), Spin()], ids=["position", "velocity"])
+@pytest.mark.parametrize("until", [None, lambda memory: memory == 50], ids=["duration", "until"])
+def test_a_run_that_is_over_leaves_no_joint_in_motion(
+    link: SimulatedLink,
+    monkeypatch: pytest.MonkeyPatch,
+    capability: Swing,
+    until: Callable[[int], bool] | None,
+) -> None:
+    """Nobody would end it: a velocity that YARP was sent goes on for ever."""
+    write, sent = link.write, []
+
+    def watched(safe: SafeCommand) -> SafeCommand:
+        sent.append(safe)
+        return write(safe)
+
+    monkeypatch.setattr(link, "write", watched)
+    report = LoopReport()
+    run(link, capability, duration=0.1, until=until, report=report)
+    assert (report.ticks, report.ended) == (50, "done")
+    assert np.abs(sent[49].velocity).max() > 0.2
+    assert not sent[-1].velocity.any()
+    assert [(safe.state, safe.reason) for safe in sent[-2:]] == [
+        (GateState.HOLD, "the run has ended"),
+        (GateState.RUN, ""),
+    ]
+    assert len(sent) < 50 + 0.5 * REST / link.period
+    assert link.gate.state is GateState.RUN, "whoever goes on is not refused"
+    count = len(sent)
+    run(link, Still(), duration=0.1)
+    assert sent[count].state is GateState.RUN
+    assert len(sent) == count + 50, "what rests is not brought to rest"
+
+
+def test_a_run_that_writes_nothing_does_not_begin_when_it_fails(
+    link: SimulatedLink, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its references moved, and the robot did not: it would jump."""
+    sent: list[SafeCommand] = []
+    monkeypatch.setattr(link, "write", sent.append)
+    with pytest.raises(ZeroDivisionError):
+        run(link, Swing(40, fail), duration=1.0, write=False)
+    run(link, Swing(), duration=0.1, write=False)
+    assert not sent
 
 
 def test_26_a_second_commander_is_refused_and_the_first_goes_on(link: SimulatedLink) -> None:
@@ -469,7 +560,7 @@ def test_a_first_period_that_begins_late_is_none_that_was_missed(
 ) -> None:
     ticks, report = link.ticks, LoopReport()
 
-    def late(*, duration: float | None = None, start: float) -> Iterator[float]:
+    def late(*, duration: float | None = None, start: float | None = None) -> Iterator[float]:
         del start
         link.world.advance(0.1)
         yield from ticks(duration=duration)

@@ -64,7 +64,7 @@ def test_generic_orders_and_those_in_the_robots_joints_reach_it(link: SimulatedL
     joints = link.read().joints
     assert link.native("LArm").positions(joints)["LElbowRoll"] == pytest.approx(-1.2, abs=0.01)
     assert tci.generic_posture(link.robot, joints)["head"][0] == pytest.approx(0.3, abs=0.01)
-    assert (done.orders, sum(done.refusals.values())) == (2, 0)
+    assert (done.orders, sum(done.refusals.counts.values())) == (2, 0)
 
 
 def test_what_does_not_fit_is_refused_with_a_reason_and_serving_goes_on(link: SimulatedLink) -> None:
@@ -77,7 +77,7 @@ def test_what_does_not_fit_is_refused_with_a_reason_and_serving_goes_on(link: Si
     for (_, reason), word in zip(desk.refused, ("read", "7", "tail"), strict=True):
         assert word in reason
     assert "LElbowRoll" in desk.shown[2].refusals[0]
-    assert (done.orders, sum(done.refusals.values())) == (4, 4)
+    assert (done.orders, sum(done.refusals.counts.values())) == (4, 4)
     assert len(desk.shown) == round(0.5 / link.period)
 
 
@@ -145,4 +145,4 @@ def test_55_an_unarmed_robot_is_shown_and_refuses_every_order() -> None:
         np.testing.assert_allclose(unarmed.read().joints.position, before, atol=1e-3)
     assert len(desk.shown) == round(0.5 / unarmed.period)
     assert "read-only" in desk.refused[0][1]
-    assert (done.orders, sum(done.refusals.values())) == (1, 1)
+    assert (done.orders, sum(done.refusals.counts.values())) == (1, 1)

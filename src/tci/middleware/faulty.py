@@ -73,7 +73,7 @@ class FaultyLink(Link):
         self._frames: dict[str, SkinFrame] = {}
         self.robot, self.clock, self.armed = inner.robot, inner.clock, inner.armed
         self.period, self.gate, self.lease_name = inner.period, inner.gate, inner.lease_name
-        self.keep_alive, self.about = inner.keep_alive, inner.about
+        self.keep_alive, self.about, self.recorded = inner.keep_alive, inner.about, inner.recorded
         self.begun: list[FaultPlan] = []
         """Faults that have happened until now, in their order."""
         self._waiting = sorted(plans, key=lambda plan: plan.at)

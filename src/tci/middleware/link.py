@@ -53,6 +53,8 @@ class Link(ABC):
         send every frame."""
         self.about: Mapping[str, str] = {}
         """What a recording says of this link, so that its run can be done again: seed and step of physics."""
+        self.recorded = False
+        """Whether this replays a recording: nothing moves by what is written, and what is read is gone."""
         self._open = True
 
     @abstractmethod

@@ -75,6 +75,7 @@ class ReplayLink(Link):
             armed=arm,
             period=self.recording.period or None,
         )
+        self.recorded = True
         self.keep_alive = self.recording.keep_alive
         self.about = {key: about[key] for key in ("seed", "step_s") if key in about}
         self.lease_name = f"replay:{robot.name}:{os.getpid()}:{id(self)}"

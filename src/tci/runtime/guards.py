@@ -108,6 +108,8 @@ class Interruption:
         """What a thread raised, once one did."""
         self.thread = ""
         """Name of that thread."""
+        self.rests = False
+        """Whether the robot is being brought to rest: no signal interrupts that."""
 
     def raise_it(self) -> None:
         """Raise what came: KeyboardInterrupt, SystemExit (128 + signal), or the thread's own exception."""
@@ -124,12 +126,12 @@ def interruptions() -> Iterator[Interruption]:
     """Catch signals (in the main thread) and exceptions of any thread inside the block.
 
     The first signal is noted for the loop, which brings the robot to rest; a second one interrupts at
-    once, for a capability that hangs.
+    once, for a capability that hangs, unless the robot is on its way to rest already.
     """
     found = Interruption()
 
     def on_signal(number: int, frame: FrameType | None) -> None:
-        if found.signal is not None:
+        if found.signal is not None and not found.rests:
             raise KeyboardInterrupt
         found.signal = number
 

@@ -1,7 +1,7 @@
 """The loop: read, perceive, decide, gate, write; once per period of the link.
 
-It skips periods that it missed and counts them; after three the robot holds. Whatever goes wrong, in
-the capability, an observer or a thread, the robot is brought to rest first and the error is raised then.
+It skips periods that it missed and counts them; after three the robot holds. However it ends, the robot is
+brought to rest; what goes wrong, in the capability, an observer or a thread, is raised then.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from tci.capabilities.capability import Capability
 from tci.clock import ROUNDING
 from tci.errors import CommandError, FrameError
 from tci.interface.body import Body
-from tci.interface.gate.gate import SafeCommand
+from tci.interface.gate.gate import GateState, SafeCommand
 from tci.messages import JointReading, Order, Perception, PlatformOrder, Reading, SkinState
 from tci.middleware.link import Link
 from tci.runtime.guards import Silence, frozen_garbage, interruptions
@@ -31,7 +31,7 @@ MISSED = 3
 PERSISTS = 0.1
 """How long [s] skin frames may not fit the robot before it stops. Ours."""
 REST = 0.5
-"""Longest time [s] that the loop waits for the robot to come to rest when it ends in an error. Ours."""
+"""Longest time [s] that the loop waits for the robot to come to rest when it ends. Ours."""
 STILL = 1e-6
 """Speed [rad/s] of a reference that counts as rest."""
 
@@ -76,7 +76,8 @@ def run(
     `write` nothing is sent, and the link need not be armed.
     The run ends early when `until` says so of the capability's memory.
 
-    SIGINT and SIGTERM bring the robot to rest and raise KeyboardInterrupt or SystemExit. Raises
+    However it ends, the robot is brought to rest, for at most `REST`; motions that were not over are cut
+    short. SIGINT and SIGTERM do so and raise KeyboardInterrupt or SystemExit. Raises
     CommandError, before anything moves, when the robot refuses what the capability begins with;
     LinkError when somebody else commands the robot; and what link, capability, observer and threads
     raise, after the gate has stopped and the robot is at rest.
@@ -94,11 +95,14 @@ def run(
                     break
             else:
                 loop.end(duration)
+            loop.finish()
+            interruption.raise_it()
             loop.report.ended = "done"
         except BaseException as error:
+            interruption.rests = True
             where = f" in thread {interruption.thread}" if error is interruption.failure else ""
             loop.report.ended = f"{type(error).__name__}{where}: {error}".removesuffix(": ")
-            loop.rest(loop.report.ended, error)
+            loop.stop(loop.report.ended, error)
             raise
     return loop.memory
 
@@ -131,6 +135,7 @@ class _Loop(Generic[Memory]):
         self._misfit: float | None = None
         self._perception: Perception | None = None
         self._joints: JointReading | None = None
+        self._sent: SafeCommand | None = None
 
     def begin(self, now: float) -> None:
         """The first period is due `now` [s]; its own tick may already be late."""
@@ -160,7 +165,7 @@ class _Loop(Generic[Memory]):
             if fault := self.capability.fault(seen):
                 gate.stop(fault)
         orders, refused = self._in_own_joints(commands, reading.joints)
-        sent = gate.step(orders, reading.joints, now, refused=refused)
+        sent = self._sent = gate.step(orders, reading.joints, now, refused=refused)
         if self.write:
             self.link.write(sent)
         if opening and sent.refusals:
@@ -225,18 +230,48 @@ class _Loop(Generic[Memory]):
         self._misfit = None
         return self._perception
 
-    def rest(self, reason: str, cause: BaseException) -> None:
-        """Stop the gate and write until the references stand still. What fails is noted on `cause`."""
-        link = self.link
-        link.gate.stop(reason)
-        if not link.armed or self._joints is None:
-            return
+    def finish(self) -> None:
+        """Bring to rest what still moves, which nobody would renew or end, and let the hold clear again."""
+        if self._sent is not None and _moves(self._sent):
+            gate = self.link.gate
+            self._rest(lambda: gate.hold("the run has ended"))
+            self._write_until(lambda sent: sent.state is not GateState.HOLD)
+
+    def stop(self, reason: str, cause: BaseException) -> None:
+        """Stop the gate and bring the robot to rest. What fails is noted on `cause`."""
+        self.link.gate.stop(reason)
         try:
-            for now in link.ticks(duration=REST):
-                with suppress(Exception):  # the last reading will do: references need none to stop
-                    self._joints = link.read().joints
-                sent = link.write(link.gate.step((), self._joints, now))
-                if np.all(np.abs(sent.velocity) < STILL):
-                    return
+            self._rest()
         except Exception as error:
             cause.add_note(f"and the robot could not be brought to rest: {error}")
+
+    def _rest(self, halt: Callable[[], None] | None = None) -> None:
+        """`halt` in each period until the references stand still, and long enough to be heard elsewhere."""
+        count = 0
+
+        def rests(sent: SafeCommand) -> bool:
+            nonlocal count
+            count += 1
+            return count > MISSED and not _moves(sent)
+
+        self._write_until(rests, halt)
+
+    def _write_until(
+        self, done: Callable[[SafeCommand], bool], halt: Callable[[], None] | None = None
+    ) -> None:
+        """Write once per period what the gate makes of no commands, for `REST` at most."""
+        link = self.link
+        if not self.write or not link.armed or link.recorded or self._joints is None:
+            return
+        for now in link.ticks(duration=REST):
+            with suppress(Exception):  # the last reading will do: references need none to stop
+                self._joints = link.read().joints
+            if halt is not None:
+                halt()
+            if done(link.write(link.gate.step((), self._joints, now))):
+                return
+
+
+def _moves(sent: SafeCommand) -> bool:
+    """Whether a command moves or pushes a joint."""
+    return bool(np.any(np.abs(sent.velocity) >= STILL) or np.any(sent.torque))

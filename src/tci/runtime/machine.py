@@ -15,7 +15,7 @@ from tci.clock import MonotonicClock, ticks
 from tci.errors import TciError
 from tci.middleware.diagnosis import Finding, Level
 from tci.model.catalogue import load_robot, robot_names
-from tci.runtime.lease import lease
+from tci.runtime.lease import FOLDER, lease
 from tci.runtime.registry import LINKS
 
 PERIOD = 0.002
@@ -74,7 +74,7 @@ def _lease() -> Iterator[Finding]:
             Level.FAULT,
             "lease",
             f"nobody could command a robot: {error}",
-            "set XDG_RUNTIME_DIR to a folder of your own",
+            f"set {FOLDER} to a folder of your own, in every program that commands the robot",
         )
 
 

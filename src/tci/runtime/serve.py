@@ -5,7 +5,6 @@ Gate, lease and watchdog are those of this process, whatever the others send.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
@@ -18,6 +17,7 @@ from tci.middleware.server import Server
 from tci.runtime.guards import Standstill, attentive
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport
+from tci.runtime.reasons import Reasons
 
 
 @dataclass(slots=True)
@@ -26,7 +26,7 @@ class Served:
 
     orders: int = 0
     """Orders that arrived."""
-    refusals: Counter[str] = field(default_factory=Counter)
+    refusals: Reasons = field(default_factory=Reasons)
     """Orders that did not pass, by reason."""
 
 
@@ -99,9 +99,10 @@ class _Orders(Capability[None]):
         if self._standstill is None:  # the first period compiles and reads files
             self._standstill = Standstill(self.clock, stale_after=self.server.link.gate.stale_after)
         self._tick = tick
-        self.served.refusals.update(tick.sent.refusals)
+        for reason in tick.sent.refusals:
+            self.served.refusals.add(reason)
         self.server.publish(tick.reading, tick.perception, tick.sent)
 
     def _refuse(self, order: Order, reason: str) -> None:
-        self.served.refusals[reason] += 1
+        self.served.refusals.add(reason)
         self.server.refuse(order, reason)

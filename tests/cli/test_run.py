@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 
+import numpy as np
 import pytest
 
-from cli.test_cli import tci
+import tci
+from cli.test_cli import tci as told_by
 from tci.cli.run import run_capability
 from tci.interface.body import Body
 from tci.messages import Spot
@@ -23,7 +25,7 @@ def kinds(told: dict[str, list[dict[str, str]]]) -> list[str]:
 
 
 def test_a_poke_is_answered() -> None:
-    told = json.loads(tci(*POKED, "--json"))
+    told = json.loads(told_by(*POKED, "--json"))
     assert told["worst"] == told["state"] == "run"
     assert kinds(told) == ["touch", "command"]
     assert told["faults"] == []
@@ -32,7 +34,7 @@ def test_a_poke_is_answered() -> None:
 
 
 def test_a_stall_stops_the_robot_and_the_status_says_so() -> None:
-    told = json.loads(tci(*POKED, "--fault", "stall@0.32", "--json", status=1))
+    told = json.loads(told_by(*POKED, "--fault", "stall@0.32", "--json", status=1))
     assert told["worst"] == told["state"] == "stop"
     assert kinds(told)[-3:] == ["FAULT", "STOP", "at rest"]
     fault, stop = told["events"][-3:-1]
@@ -47,7 +49,7 @@ def test_a_stall_stops_the_robot_and_the_status_says_so() -> None:
 
 
 def test_a_person_sees_what_happened_and_why_the_robot_holds() -> None:
-    text = tci(*POKED, "--fault", "dropped-frames@0.3:0.2")
+    text = told_by(*POKED, "--fault", "dropped-frames@0.3:0.2")
     assert "dropped-frames (fault 10: dropped frames)" in text
     held = text.index("HOLD")
     assert "ms old" in text[held:]
@@ -56,8 +58,27 @@ def test_a_person_sees_what_happened_and_why_the_robot_holds() -> None:
     assert "HOLD 50 ms after dropped-frames" in " ".join(text[text.index("outcome") :].split())
 
 
+class Nod(tci.Capability[None]):
+    """Orders its head in every period."""
+
+    def init(self) -> None:
+        return None
+
+    def step(self, memory: None, perception: tci.Perception) -> tuple[tuple[tci.Order, ...], None]:
+        return (tci.GenericCommand("head", tci.Mode.POSITION, np.array([0.1, 0.0, 0.0])),), None
+
+
+def test_what_is_refused_while_the_robot_is_away_is_told_once(capsys: pytest.CaptureFixture[str]) -> None:
+    run_capability("cli.test_run:Nod", "nao", duration=0.7, faults=["dropped-frames@0.1:0.5"], as_json=True)
+    told = json.loads(capsys.readouterr().out)
+    assert told["gate"]["refusals"] > 100
+    refused = [event["words"] for event in told["events"] if event["kind"] == "refused"]
+    assert len(refused) == 1
+    assert "ms old" in refused[0]
+
+
 def test_a_rehearsal_lasts_until_the_fault_can_show() -> None:
-    told = json.loads(tci("demo", "--robot", "nao", "--fault", "dead-patch@5", "--json", status=1))
+    told = json.loads(told_by("demo", "--robot", "nao", "--fault", "dead-patch@5", "--json", status=1))
     (outcome,) = told["faults"]
     assert outcome["answer"] == "STOP"
     assert 59.0 < outcome["after_s"] < 62.0
@@ -67,7 +88,7 @@ def test_a_rehearsal_lasts_until_the_fault_can_show() -> None:
 
 def test_faults_can_be_combined_and_a_killed_thread_ends_it() -> None:
     told = json.loads(
-        tci(*POKED, "--fault", "nan-taxel@0.1", "--fault", "thread-fails@0.4", "--json", status=1)
+        told_by(*POKED, "--fault", "nan-taxel@0.1", "--fault", "thread-fails@0.4", "--json", status=1)
     )
     assert kinds(told).count("FAULT") == 2
     assert "a thread failed on purpose; the robot was brought to rest" in told["events"][-1]["words"]
@@ -84,17 +105,17 @@ def test_faults_can_be_combined_and_a_killed_thread_ends_it() -> None:
     ],
 )
 def test_what_is_not_there_is_one_message_with_what_is(arguments: tuple[str, ...], words: str) -> None:
-    text = tci(*arguments, status=1)
+    text = told_by(*arguments, status=1)
     assert words in text
     assert "Traceback" not in text
 
 
 def test_the_list_of_faults() -> None:
-    rows = json.loads(tci("fault", "list", "--json"))
+    rows = json.loads(told_by("fault", "list", "--json"))
     assert [row["number"] for row in rows] == list(FAULTS)
     assert {name for row in rows for name in row["injectors"]} == set(INJECTORS)
     assert all(row["test"] for row in rows if row["state"] == "tested")
-    text = tci("fault", "list")
+    text = told_by("fault", "list")
     assert all(name in text for name in ("stall", "dead patch", "tested"))
     assert "tci run withdrawal --robot nao --poke --fault stall@0.5" in text
 

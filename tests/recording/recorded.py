@@ -11,6 +11,7 @@ from tci.cli.run import poke_forearm
 from tci.messages import JointReading, Mode, Reading, SkinFrame
 from tci.middleware.simulated import SimulatedLink
 from tci.model.catalogue import load_robot
+from tci.model.description import Robot
 from tci.recording.recorder import Recorder
 from tci.runtime.loop import Tick, run
 
@@ -37,6 +38,25 @@ def record_poke(
 
         run(link, WithdrawalReflex(), duration=duration, observe=see)
     return ticks
+
+
+LIKE_LISTING_2 = """<generic_robot angle_unit="deg">
+  <generic_robot_part name="one">
+    <generic_servo id="0"><destination_servo_id>0</destination_servo_id></generic_servo>
+  </generic_robot_part>
+  <generic_robot_part name="two">
+    <generic_servo id="0"><destination_servo_id>0</destination_servo_id></generic_servo>
+    <generic_servo id="1"><destination_servo_id>1</destination_servo_id></generic_servo>
+  </generic_robot_part>
+</generic_robot>
+"""
+
+
+def two_parts(folder: Path) -> Robot:
+    """A robot as in Listing 2, without a model: its parts' servos are called servo0, servo0 and servo1."""
+    path = folder / "two.xml"
+    path.write_text(LIKE_LISTING_2)
+    return load_robot(str(path))
 
 
 def made_up(count: int, *, taxels: int = 768, servos: int = 12) -> list[tuple[float, Reading]]:

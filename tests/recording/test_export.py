@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from pyarrow import parquet
 
-from recording.recorded import record_poke
+from recording.recorded import record_poke, two_parts
 from tci.errors import RecordingError, UnknownNameError
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.model.catalogue import load_robot
 from tci.recording.export import export
-from tci.recording.names import inside
+from tci.recording.names import distinct, inside
 from tci.recording.recorder import Recorder
 from tci.recording.recording import Recording
 
@@ -34,6 +34,35 @@ def test_tables_hold_what_was_recorded_in_every_format(tmp_path: Path) -> None:
     assert parquet.read_table(tmp_path / "parquet" / "joints.parquet")[column].to_pylist() == angles
     with pytest.raises(UnknownNameError, match="csv"):
         export(recording, tmp_path / "x", "xls")
+
+
+@pytest.mark.parametrize("form", ["csv", "npz", "parquet"])
+def test_servos_of_equal_names_have_a_column_each(form: str, tmp_path: Path) -> None:
+    with Recorder(tmp_path / "a.mcap", two_parts(tmp_path)) as recorder:
+        recorder.tick(0.0, Reading(JointReading(0.0, 0, np.array([1.0, 2.0, 3.0]), np.zeros(3)), ()))
+    (path,) = export(Recording(tmp_path / "a.mcap"), tmp_path / "out", form)
+    found: dict[str, float]
+    if form == "npz":
+        with np.load(path) as columns:
+            found = {name.removeprefix("joints."): float(columns[name][0]) for name in columns}
+    elif form == "parquet":
+        found = parquet.read_table(path).to_pylist()[0]
+    else:
+        with path.open() as file:
+            found = {name: float(value) for name, value in next(csv.DictReader(file)).items()}
+    angles = {name: value for name, value in found.items() if name.endswith("_rad")}
+    assert angles == {"one.servo0_rad": 1.0, "two.servo0_rad": 2.0, "servo1_rad": 3.0}
+
+
+def test_equal_names_in_the_file_of_a_stranger_have_a_column_each(tmp_path: Path) -> None:
+    with Recorder(tmp_path / "a.mcap", None) as recorder:
+        recorder._names = ["x", "x", "3"]
+        recorder.tick(0.0, Reading(JointReading(0.0, 0, np.arange(4.0), np.zeros(4)), ()))
+    (path,) = export(Recording(tmp_path / "a.mcap"), tmp_path / "out", "csv")
+    with path.open() as file:
+        row = next(csv.DictReader(file))
+    assert [float(value) for name, value in row.items() if name.endswith("_rad")] == [0.0, 1.0, 2.0, 3.0]
+    assert distinct(["a", "b"]) == ["a", "b"]
 
 
 @pytest.mark.parametrize("patch", ["../../etc/passwd", "/etc/passwd", "a/b", "a\\b", "c:x", "x\0", "a" * 200])

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from model.test_xml import GOOD
-from recording.recorded import equal_readings, made_up, record_poke
+from recording.recorded import equal_readings, made_up, record_poke, two_parts
+from small_robot import build
 from tci.errors import RecordingError
 from tci.interface.gate.gate import Gate
 from tci.messages import JointReading, Mode, PlatformCommand
@@ -99,6 +100,33 @@ def test_39_a_full_disk_ends_the_recording_not_the_caller(
         assert all(
             equal_readings(tick.reading, reading) for tick, (_, reading) in zip(found, readings, strict=False)
         )
+
+
+def test_the_recording_of_a_robot_without_a_model_is_packed(tmp_path: Path) -> None:
+    readings = made_up(300, servos=3)
+    with Recorder(tmp_path / "a.mcap", two_parts(tmp_path)) as recorder:
+        for now, reading in readings:
+            recorder.tick(now, reading)
+        size = recorder.path.stat().st_size
+    assert not recorder.failed
+    recording = Recording(tmp_path / "a.mcap")
+    assert len(list(recording.ticks())) == 300
+    assert recording.complete
+    assert recorder.path.stat().st_size < size / 2
+
+
+def test_a_model_that_can_not_be_used_leaves_the_recording_whole(tmp_path: Path) -> None:
+    robot = build(tmp_path)
+    assert robot.model is not None
+    with Recorder(tmp_path / "a.mcap", robot) as recorder:
+        for now, reading in made_up(3, servos=10):
+            recorder.tick(now, reading)
+        Path(robot.model.path).write_text("<mujoco/>")
+    assert recorder.failed.startswith("whole, but not packed: ")
+    recording = Recording(tmp_path / "a.mcap")
+    assert len(list(recording.ticks())) == 3
+    assert recording.complete
+    assert not list(tmp_path.glob("*.part"))
 
 
 WRITER = """

@@ -14,11 +14,11 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from cli.test_cli import tci
-from recording.recorded import record_poke
+from recording.recorded import record_poke, two_parts
 from tci.errors import RecordingError
 from tci.model.catalogue import load_robot
 from tci.recording.recording import Recording
-from tci.recording.ros_bag import import_ros_bag
+from tci.recording.ros_bag import _joints, import_ros_bag
 from tci.recording.schemas import SKIN
 from tci.runtime.loop import Tick
 
@@ -115,3 +115,17 @@ def test_what_does_not_fit_is_told(ticks: list[Tick], tmp_path: Path) -> None:
         import_ros_bag(tmp_path / "broken.bag", tmp_path / "b.mcap", load_robot("nao"))
     with pytest.raises(RecordingError, match=r"none.bag is no ROS bag"):
         import_ros_bag(tmp_path / "none.bag", tmp_path / "c.mcap", load_robot("nao"))
+
+
+def test_servos_of_equal_names_are_told_apart_by_their_part(tmp_path: Path) -> None:
+    robot = two_parts(tmp_path)
+    make: Any = get_typestore(Stores.ROS2_HUMBLE).types
+    head = make["std_msgs/msg/Header"](make["builtin_interfaces/msg/Time"](0, 0), "")
+
+    def state(*names: str) -> Any:
+        return make[JOINT_STATE](head, list(names), np.arange(float(len(names))), np.zeros(0), np.zeros(0))
+
+    found = _joints(state("two.servo0", "servo1", "one.servo0"), robot, 0)
+    assert found is not None
+    assert found.position.tolist() == [2.0, 0.0, 1.0]
+    assert _joints(state("servo0", "servo1"), robot, 0) is None

@@ -11,6 +11,7 @@ from tci.frames import Array, angle_between
 from tci.interface.gestures.gesture import Gesture, fit, record
 from tci.interface.skin.places import find_place
 from tci.interface.skin.skin import Skin
+from tci.messages import Perception
 from tci.middleware.simulated import SimulatedLink
 from tci.model.catalogue import load_robot
 from tci.model.description import Robot
@@ -115,6 +116,22 @@ def test_the_reflex_interrupts_and_the_gesture_goes_on() -> None:
     assert fitted.gesture.duration + 0.5 < following.duration < fitted.gesture.duration + 4.0
     assert max(following.largest.values()) <= np.deg2rad(1.0)
     assert link.gate.counts.stops == 0
+
+
+class GoesBlind(WithdrawalReflex):
+    """A reflex whose skin is gone after a while."""
+
+    def fault(self, perception: Perception) -> str:
+        return "the field is blind" if perception.stamp > 0.3 else ""
+
+
+def test_a_reflex_that_goes_blind_stops_the_robot() -> None:
+    icub = load_robot("icub")
+    t = np.linspace(0.0, 0.5, 11)
+    still = np.deg2rad(np.array([25.0, 25, 0, 60, 0]) + np.zeros((11, 1)))
+    link = SimulatedLink(icub, world=World(icub, skin=False))
+    follow(link, PlayGesture(fit(icub, Gesture(t, {"left_arm": still})), GoesBlind()))
+    assert link.gate.counts.stops == 1
 
 
 def test_a_body_in_the_way_is_told() -> None:

@@ -11,6 +11,7 @@ from tci.cli.options import Arm, AsJson, Duration, OneRobot, Via
 from tci.errors import CommandError
 
 if TYPE_CHECKING:
+    from tci.frames import Array
     from tci.interface.gestures.gesture import Fitted, Gesture
     from tci.model.description import Robot
     from tci.trials.follow import Following
@@ -26,7 +27,7 @@ def record(
     duration: Duration = None,
     as_json: AsJson = False,
 ) -> None:
-    """Record the posture of a robot that somebody moves. Nothing is commanded.
+    """Record the posture of a robot that somebody moves, for an hour at most. Nothing is commanded.
 
     Example:  tci gesture record wave.csv --robot nao --via replay:wave.mcap
     """
@@ -36,24 +37,38 @@ def record(
 
     from tci.cli.console import console, print_json
     from tci.interface.gestures.files import write_csv
-    from tci.interface.gestures.gesture import SAMPLE, record
+    from tci.interface.gestures.gesture import LONGEST, SAMPLE, record
     from tci.model.catalogue import load_robot
     from tci.runtime.registry import connect
 
     _writable(file)
     words = load_robot(robot)
     times: list[float] = []
-    positions = []
-    with connect(words, via, arm=False) as link, suppress(KeyboardInterrupt):
-        for now in link.ticks(duration=duration):
-            joints = link.read().joints
-            if not times or now - times[-1] >= SAMPLE - 1e-9:
-                times.append(now)
-                positions.append(joints.position)
+    positions: list[Array] = []
+
+    def write() -> Gesture:
+        gesture = record(words, np.array(times), np.array(positions))
+        write_csv(gesture, file, {part.name: [joint.name for joint in part.servos] for part in words.parts})
+        return gesture
+
+    try:
+        with connect(words, via, arm=False) as link, suppress(KeyboardInterrupt):
+            for now in link.ticks(duration=duration):
+                joints = link.read().joints
+                if times and now - times[0] > LONGEST:
+                    break
+                due = not times or now - times[-1] >= SAMPLE - 1e-9
+                if due and np.isfinite(joints.position).all():
+                    times.append(now)
+                    positions.append(joints.position)
+    except Exception:
+        if len(times) >= 2:
+            write()
+            typer.echo(f"tci: {file} holds the {len(times)} postures until the error", err=True)
+        raise
     if len(times) < 2:
         raise CommandError(f"{len(times)} postures came from {robot}; valid: 2 or more")
-    gesture = record(words, np.array(times), np.array(positions))
-    write_csv(gesture, file, {part.name: [joint.name for joint in part.servos] for part in words.parts})
+    gesture = write()
     told = {"file": str(file), "postures": len(times), "duration_s": gesture.duration,
             "parts": list(gesture.postures)}  # fmt: skip
     if as_json:
@@ -142,6 +157,8 @@ def _writable(path: Path) -> None:
     """Raises CommandError, before anybody moves a robot, where a gesture can't be written."""
     if path.suffix.lower() != ".csv" or not path.parent.is_dir():
         raise CommandError(f"{path} is no place for a gesture; valid: a .csv file in a folder that is there")
+    if path.exists():
+        raise CommandError(f"{path} exists; valid: a name that is free")
 
 
 def load(path: Path) -> tuple[Gesture, dict[str, list[str]]]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import re
 import sys
 import threading
 from collections.abc import Iterator, Sequence
@@ -33,6 +32,7 @@ from tci.model.catalogue import load_robot
 from tci.recording.recorder import Recorder
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport
+from tci.runtime.reasons import OTHERS, Reasons
 from tci.runtime.registry import connect
 
 if TYPE_CHECKING:
@@ -131,13 +131,11 @@ def run_capability(
                     filmed.see(tick)
                 teller.see(tick)
 
-            heard: set[str] = set()
+            heard = Reasons()
 
             def listen(memory: Any) -> bool:
                 for note in capability.notes(memory):
-                    # The same reason with another figure is no news.
-                    if (words := re.sub(r"[\d.]+", "", note)) not in heard:
-                        heard.add(words)
+                    if heard.add(note):
                         teller.tell(link.clock.now(), "NOTE", note, "yellow")
                 return False
 
@@ -152,6 +150,8 @@ def run_capability(
                 words = f"{report.ended}; the robot was brought to rest"
                 teller.worst = GateState.STOP
                 teller.tell(now, "STOP", words, COLOURS[GateState.STOP])
+            if heard.counts[OTHERS]:
+                teller.tell(link.clock.now(), "NOTE", "further notes were left out", "yellow")
     if filmed is not None:
         filmed.save()
     counts = link.gate.counts

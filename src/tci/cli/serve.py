@@ -10,6 +10,7 @@ from tci.interface.gate.gate import GateState
 from tci.model.catalogue import load_robot
 from tci.runtime.loop import Tick
 from tci.runtime.loop_report import LoopReport
+from tci.runtime.reasons import OTHERS, Reasons
 from tci.runtime.registry import connect, open_server
 from tci.runtime.serve import Served
 from tci.runtime.serve import serve as serve_robot
@@ -19,7 +20,7 @@ def serve(robot: str, *, via: str, source: str, arm: bool, duration: float | Non
     """Serve until interrupted, and tell what came; exit with status 1 when the gate has stopped."""
     options = {"paced": True} if source == "sim" else {}
     arm = arm or source.partition(":")[0] in HARMLESS
-    report, served, told = LoopReport(), Served(), set[str]()
+    report, served, told = LoopReport(), Served(), Reasons()
     with connect(load_robot(robot), source, arm=arm, **options) as link, open_server(link, via) as server:
         if not as_json:
             console.print(f"serving {link.robot.name} as {server.where()}; end with Ctrl-C", highlight=False)
@@ -28,9 +29,8 @@ def serve(robot: str, *, via: str, source: str, arm: bool, duration: float | Non
             words = (
                 f"{tick.sent.state.name}: {tick.sent.reason}" if tick.sent.reason else tick.sent.state.name
             )
-            for line in {words, *tick.sent.refusals} - told:
-                told.add(line)
-                if not as_json:
+            for line in (words, *tick.sent.refusals):
+                if told.add(line) and not as_json:
                     console.print(f"{tick.now:10.3f} s  {line}", highlight=False, markup=False)
 
         with contextlib.suppress(KeyboardInterrupt):
@@ -43,15 +43,17 @@ def serve(robot: str, *, via: str, source: str, arm: bool, duration: float | Non
                 "via": via,
                 "state": state.value,
                 "orders": served.orders,
-                "refusals": dict(served.refusals),
+                "refusals": dict(served.refusals.counts),
                 "loop": report.to_json(),
             }
         )
     else:
-        refused = sum(served.refusals.values())
+        refused = sum(served.refusals.counts.values())
         console.print(
             f"{report.ticks} periods, {served.orders} orders, {refused} refused; at the end {state.name}",
             highlight=False,
         )
+        if left_out := told.counts[OTHERS]:
+            console.print(f"{left_out} lines of {OTHERS} were left out", highlight=False)
     if state is GateState.STOP and report.ended == "done":
         raise SystemExit(1)

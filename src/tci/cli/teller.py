@@ -19,6 +19,7 @@ from tci.middleware.injectors import INJECTORS
 from tci.middleware.link import Link
 from tci.runtime.loop import Tick
 from tci.runtime.loop_report import LoopReport
+from tci.runtime.reasons import kind_of
 
 COLOURS = {GateState.RUN: "green", GateState.HOLD: "yellow", GateState.STOP: "bold red"}
 MEANING = {
@@ -151,9 +152,9 @@ class Teller:
 
     def _refuses(self, tick: Tick) -> bool:
         refused = "; ".join(tick.sent.refusals)
-        if refused and refused != self._refused:
+        if refused and kind_of(refused) != self._refused:
             self.tell(tick.now, "refused", refused, "yellow")
-        self._refused = refused
+        self._refused = kind_of(refused)
         return bool(refused)
 
     def _command(self, now: float, command: GenericCommand) -> None:

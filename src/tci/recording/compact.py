@@ -40,9 +40,9 @@ def compact(
 ) -> None:
     """Write a recording again, packed, from `begin` to `end` [s] on its clock; `target` may be the same file.
 
-    With the robot that it was made with, the skin's clouds of points are added. What was known before
-    `begin` is told at the start. Where the disk fails, `source` stays as it was: raises RecordingError,
-    also for one that can't be read.
+    With the robot that it was made with, the skin's clouds of points are added, if it has a model. What was
+    known before `begin` is told at the start. `source` stays as it was where the disk fails, or it can't be
+    read: raises RecordingError; or where the robot's model can't be used: raises what `Skin` does.
     """
     part = target.with_name(target.name + ".part")
     recording = Recording(source)
@@ -52,7 +52,7 @@ def compact(
             writer.start(profile="ros2", library="tci")
             writer.add_metadata("tci", recording.about | dict(about or {}))
             streams = [_between(recording, begin, end)]
-            if robot is not None:
+            if robot is not None and robot.model is not None:
                 streams.append(_clouds(recording, Skin(robot), begin, end))
             topics = Topics(writer)
             for stamp, topic, kind, data in heapq.merge(*streams, key=lambda message: message[0]):

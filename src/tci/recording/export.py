@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tci.errors import MissingExtraError, RecordingError, UnknownNameError
 from tci.recording.cdr import decode
-from tci.recording.names import inside
+from tci.recording.names import distinct, inside
 from tci.recording.recording import Recording
 from tci.recording.schemas import DECISION, JOINTS, SKIN, to_frame
 
@@ -66,11 +66,10 @@ def export(recording: Recording, out: Path, form: str) -> list[Path]:
 
 
 def _joints(fields: dict[str, Any]) -> dict[str, Any]:
-    row = {}
+    row: dict[str, Any] = {}
     for what, unit in (("position", "rad"), ("velocity", "rad_s"), ("effort", "nm")):
-        for number, value in enumerate(fields[what]):
-            name = fields["name"][number] if number < len(fields["name"]) else str(number)
-            row[f"{name}_{unit}"] = value
+        names = [*fields["name"], *map(str, range(len(fields["name"]), len(fields[what])))]
+        row |= {f"{name}_{unit}": value for name, value in zip(distinct(names), fields[what], strict=False)}
     return row
 
 

@@ -19,11 +19,12 @@ from typing import Self
 
 from mcap.writer import Writer
 
-from tci.errors import RecordingError
+from tci.errors import RecordingError, TciError
 from tci.interface.gate.safe_command import SafeCommand
 from tci.messages import JointReading, Order, Reading, SkinFrame
 from tci.model.description import Robot
 from tci.recording.compact import compact
+from tci.recording.names import servo_names
 from tci.recording.schemas import (
     COMMAND,
     DECISION,
@@ -74,7 +75,7 @@ class Recorder:
         except OSError as error:
             raise RecordingError(f"no recording at {self.path}: {error.strerror}") from error
         self._robot = robot
-        self._names = [servo.name for servo in robot.servos] if robot else []
+        self._names = servo_names(robot) if robot else []
         self._open = True
         self._numbers: dict[str, int] = {}
         self._frames: dict[str, SkinFrame] = {}
@@ -126,7 +127,7 @@ class Recorder:
         if compacted and not self.failed:
             try:
                 compact(self.path, self.path, robot=self._robot)
-            except RecordingError as error:
+            except TciError as error:
                 self.failed = f"whole, but not packed: {error}"
 
     def _skin(self, frame: SkinFrame, stamp: int) -> None:

@@ -15,6 +15,7 @@ from tci.errors import MissingExtraError, RecordingError
 from tci.frames import read_only
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.model.description import Robot
+from tci.recording.names import servo_names
 from tci.recording.recorder import Recorder
 from tci.recording.schemas import JOINTS, SKIN, to_frame
 
@@ -40,7 +41,7 @@ def import_ros_bag(bag: Path, out: Path, robot: Robot) -> int:
         raise RecordingError(recorder.failed)
     if not recorder.ticks:
         out.unlink()
-        servos = ", ".join(servo.name for servo in robot.servos[:4])
+        servos = ", ".join(servo_names(robot)[:4])
         raise RecordingError(f"{bag} has no {JOINTS.name} of all servos of {robot.name}: {servos}, ...")
     return recorder.ticks
 
@@ -66,7 +67,8 @@ def _readings(bag: Path, robot: Robot) -> Iterator[Reading]:
 def _joints(message: Any, robot: Robot, number: int) -> JointReading | None:
     """The reading in a JointState; None when it is another's."""
     index = {name: place for place, name in enumerate(message.name)}
-    places = [index.get(servo.name, index.get(servo.joint or servo.name)) for servo in robot.servos]
+    names = zip(servo_names(robot), robot.servos, strict=True)
+    places = [index.get(name, index.get(servo.joint or name)) for name, servo in names]
     if any(place is None for place in places) or len(message.position) != len(index):
         return None
     order = np.array(places, dtype=int)

@@ -85,6 +85,14 @@ class _Followed(Capability[_Seen]):
         largest = {part: np.maximum(memory.largest[part], error) for part, error in errors.items()}
         return orders, _Seen(inner, first, memory.count + 1, squares, largest)
 
+    def notes(self, memory: _Seen) -> tuple[str, ...]:
+        """The gesture's."""
+        return self.play.notes(memory.inner)
+
+    def fault(self, perception: Perception) -> str:
+        """The gesture's."""
+        return self.play.fault(perception)
+
 
 def follow(link: Link, play: PlayGesture, *, observe: Callable[[Tick], None] | None = None) -> Following:
     """Play a gesture to its end on a robot; `observe` is called after each period.

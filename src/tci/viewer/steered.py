@@ -27,6 +27,12 @@ class Steered(Capability[Any]):
         orders, memory = self.inner.step(memory, perception)
         return (*orders, *self._given()), memory
 
+    def notes(self, memory: Any) -> tuple[str, ...]:
+        return self.inner.notes(memory)
+
+    def fault(self, perception: Perception) -> str:
+        return self.inner.fault(perception)
+
     def _given(self) -> list[Order]:
         found: list[Order] = []
         while True:

@@ -1,0 +1,84 @@
+"""`tci gesture record` and `convert`: nothing that somebody showed a robot is lost."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from tci.cli.main import app
+from tci.errors import CommandError, LinkError
+from tci.interface.gestures.files import read_csv
+from tci.messages import Reading
+from tci.middleware.simulated import SimulatedLink
+from tci.model.description import Robot
+from tci.simulation.world import World
+
+
+class Breaking(SimulatedLink):
+    """A robot that knows no angle for a while, and is away from `END` [s] on."""
+
+    END = 0.5
+
+    def read(self) -> Reading:
+        if self.clock.now() >= self.END:
+            raise LinkError("the robot is away")
+        reading = super().read()
+        if not 0.1 < self.clock.now() < 0.15:
+            return reading
+        unknown = np.full_like(reading.joints.position, np.nan)
+        return replace(reading, joints=replace(reading.joints, position=unknown))
+
+
+@pytest.fixture
+def breaking(monkeypatch: pytest.MonkeyPatch) -> type[Breaking]:
+    def connect(robot: Robot, via: str, **options: Any) -> Breaking:
+        return Breaking(robot, world=World(robot, skin=False))
+
+    monkeypatch.setattr("tci.runtime.registry.connect", connect)
+    return Breaking
+
+
+def test_what_was_shown_before_the_robot_went_away_is_kept(breaking: type[Breaking], tmp_path: Path) -> None:
+    file = tmp_path / "wave.csv"
+    result = CliRunner().invoke(app, ["gesture", "record", str(file), "--robot", "nao"])
+    assert isinstance(result.exception, LinkError)
+    gesture, _ = read_csv(file)
+    assert breaking.END - 0.05 < gesture.duration < breaking.END
+    assert f"holds the {len(gesture.times)} postures" in result.stderr
+
+
+def test_a_robot_that_shows_nothing_leaves_no_file(
+    breaking: type[Breaking], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(breaking, "END", 0.0)
+    result = CliRunner().invoke(app, ["gesture", "record", str(tmp_path / "wave.csv"), "--robot", "nao"])
+    assert isinstance(result.exception, LinkError)
+    assert not list(tmp_path.iterdir())
+
+
+def test_recording_ends_where_a_gesture_would_be_too_long(
+    breaking: type[Breaking], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tci.interface.gestures.gesture.LONGEST", 0.2)
+    result = CliRunner().invoke(app, ["gesture", "record", str(tmp_path / "wave.csv"), "--robot", "nao"])
+    assert result.exit_code == 0, result.output
+    assert read_csv(tmp_path / "wave.csv")[0].duration == pytest.approx(0.2, abs=0.021)
+
+
+@pytest.mark.parametrize("command", ["record", "convert"])
+def test_a_gesture_that_exists_is_kept(command: str, tmp_path: Path) -> None:
+    source, target = tmp_path / "a.csv", tmp_path / "b.csv"
+    source.write_text("time_s,head.yaw_deg\n0,1\n1,2\n")
+    target.write_text("mine")
+    words = (
+        [str(target), "-r", "nao", "--duration", "0.1"] if command == "record" else [str(source), str(target)]
+    )
+    result = CliRunner().invoke(app, ["gesture", command, *words])
+    assert isinstance(result.exception, CommandError)
+    assert f"{target} exists; valid: a name that is free" in str(result.exception)
+    assert target.read_text() == "mine"

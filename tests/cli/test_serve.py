@@ -1,0 +1,58 @@
+"""`tci serve`: what a person is told of a robot that others command, and how much is kept of it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+
+import pytest
+
+import tci
+from runtime.test_serve import Desk, turn_head
+from tci.cli import serve as command
+from tci.middleware.faulty import FaultyLink, parse_fault
+from tci.middleware.simulated import SimulatedLink
+from tci.runtime.reasons import MOST
+
+AWAY = 400
+"""Periods in which the joints say nothing; each has an age of its own."""
+
+
+def served(monkeypatch: pytest.MonkeyPatch, orders: Iterable[tci.GenericCommand], *, as_json: bool) -> None:
+    """Serve a robot whose joints fall silent; an order arrives in each period."""
+    link = FaultyLink(
+        SimulatedLink(tci.load_robot("nao")), [parse_fault(f"dropped-frames@0.1:{AWAY * 0.002}")]
+    )
+    plan = dict(enumerate([one] for one in orders))
+    monkeypatch.setattr(command, "connect", lambda *_, **__: link)
+    monkeypatch.setattr(command, "open_server", lambda link, via: Desk(link, plan))
+    command.serve("nao", via="desk", source="sim", arm=True, duration=0.2 + AWAY * 0.002, as_json=as_json)
+
+
+def test_a_robot_that_is_away_is_told_of_once_and_refusals_are_counted_by_their_kind(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    served(monkeypatch, [turn_head(0.1)] * 600, as_json=False)
+    lines = [line for line in capsys.readouterr().out.splitlines() if " s  " in line]
+    assert sum("HOLD" in line for line in lines) == 1
+    assert len(lines) < 10
+    served(monkeypatch, [turn_head(0.1)] * 600, as_json=True)
+    told = json.loads(capsys.readouterr().out)
+    old = [reason for reason in told["refusals"] if "ms old" in reason]
+    assert len(old) == 1
+    assert told["refusals"][old[0]] > AWAY / 2
+    assert len(told["refusals"]) < 5
+
+
+def test_of_many_kinds_of_refusals_most_are_counted_only(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def strange(number: int) -> tci.GenericCommand:
+        name = "".join(chr(ord("a") + int(digit)) for digit in str(number))
+        return tci.GenericCommand(f"tail_{name}", tci.Mode.POSITION, turn_head(0.1).values)
+
+    served(monkeypatch, map(strange, range(500)), as_json=True)
+    refusals = json.loads(capsys.readouterr().out)["refusals"]
+    assert sum(refusals.values()) == 500
+    assert len(refusals) == MOST + 1
+    assert refusals["other reasons"] >= 500 - MOST - 1

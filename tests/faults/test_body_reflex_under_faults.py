@@ -173,6 +173,33 @@ def test_07_a_step_of_the_baseline_is_answered_once(kind: str) -> None:
     assert not any(tick.perception.contacts for tick in quiet)
 
 
+@pytest.mark.parametrize("name", ["nao-whole", "icub-whole"])
+def test_07_the_weight_of_a_robot_that_stands_is_no_step_of_the_baseline(name: str) -> None:
+    """It presses all of a sole for as long as the robot stands, and a leg must not believe that it hangs."""
+    robot, random = tci.load_robot(name), np.random.default_rng(5)
+    body, reflex = Body(robot), BodyWithdrawal(stance="supported")
+    soles = [patch for patch in robot.patches if patch.name.endswith("_sole")]
+    position = np.zeros(len(robot.servos))
+    memory, frequency = reflex.init(), 20.0
+    for tick in range(int(150.0 * frequency)):
+        now = tick / frequency
+        frames = []
+        for patch in soles:
+            weight = np.resize([60.0, 55.0, 65.0, 58.0], patch.channels) if now > 5.0 else 0.0
+            counts = weight + 0.5 * random.standard_normal(patch.channels)
+            sign = np.sign(patch.sensor.pascal_per_count)
+            raw = np.clip(
+                np.rint(patch.sensor.rest + sign * counts), patch.sensor.lowest, patch.sensor.highest
+            )
+            frames.append(SkinFrame(patch.name, now, tick, raw))
+        joints = JointReading(now, tick, position, position)
+        seen = body.perceive(Reading(joints, tuple(frames)), now)
+        orders, memory = reflex.step(memory, seen)
+        assert not orders, f"a leg moves at {now} s"
+        if now > 5.0:
+            assert {contact.part for contact in seen.contacts} == {"left_leg", "right_leg"}, f"at {now} s"
+
+
 @EACH
 def test_10_skin_that_falls_silent_makes_the_robot_hold(kind: str) -> None:
     _, ticks = felt(kind, "skin-silent", 2.0, lasts=1.0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import signal
 import socket
 import subprocess
@@ -39,8 +40,16 @@ while True:
 """
 
 
-def test_26_another_process_that_commands_is_named_and_when_it_is_killed_the_robot_is_free() -> None:
-    with subprocess.Popen([sys.executable, "-c", HOLDER], stdout=subprocess.PIPE, text=True) as holder:
+@pytest.mark.parametrize("variable", ["XDG_RUNTIME_DIR", "TMPDIR"])
+def test_26_another_process_that_commands_is_named_and_when_it_is_killed_the_robot_is_free(
+    variable: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where only one of the two has folders of its session, as beside cron or sudo."""
+    monkeypatch.delenv(variable, raising=False)
+    with subprocess.Popen(
+        [sys.executable, "-c", HOLDER], stdout=subprocess.PIPE, text=True,
+        env={**os.environ, variable: str(tmp_path)},
+    ) as holder:  # fmt: skip
         assert holder.stdout is not None
         assert holder.stdout.readline() == "has it\n"
         with (

@@ -16,6 +16,7 @@ from row import Row
 from middleware.player_exchange import said
 from middleware.test_remote_cdr import NAO, READ, WHOLE
 from middleware.yarp.captures import DIALECTS, binary
+from middleware.yarp.hostile import strange_messages
 from middleware.yarp.test_bottle import mutated
 from tci.errors import FrameError, LinkError, WireError
 from tci.middleware.lcm_datagrams import Datagrams
@@ -29,6 +30,10 @@ from tci.middleware.ros.node import Hear, Publish, RosNode
 from tci.middleware.ros.tree import Trees
 from tci.middleware.yarp import message
 from tci.middleware.yarp.bottle import decode_bottle, decode_vector
+from tci.middleware.yarp.dialect import V3
+from tci.middleware.yarp.name_server import NameServer
+from tci.middleware.yarp.names import Names as YarpNames
+from tci.middleware.yarp.port import Port
 from tci.middleware.yarp.source import Memory
 from tci.model.kinematics import Kinematics
 from tci.model.surfaces import build_surface
@@ -84,13 +89,18 @@ def lcm() -> Receiver:
 
 
 def yarp() -> Receiver:
-    """Messages of both dialects, as bottles and vectors: without a check."""
+    """Messages of both dialects, as bottles and vectors, and sound ones that ask the impossible of a served
+    board, of a port and of a link: without a check."""
     messages = [
         (data, dialect) for name, dialect in DIALECTS.items() for one in binary(name) for way, data in one
         if way == ">" and len(data) > 30
     ]  # fmt: skip
+    strange = strange_messages(Port("/tci/mutated", YarpNames(NameServer().address), V3))
 
     def take(chance: random.Random) -> bool:
+        if chance.random() < 0.5:
+            strange(chance)
+            return False
         data, dialect = chance.choice(messages)
         for read in (decode_bottle, decode_vector):
             with suppress(WireError):

@@ -17,7 +17,7 @@ from tci.middleware.yarp import message, outgoing
 from tci.middleware.yarp.bottle import encode_bottle
 from tci.middleware.yarp.carrier import UDP
 from tci.middleware.yarp.dialect import V3
-from tci.middleware.yarp.incoming import Delivery
+from tci.middleware.yarp.incoming import Delivery, Incoming
 from tci.middleware.yarp.listener import MOST_CONNECTIONS
 from tci.middleware.yarp.name_server import NameServer
 from tci.middleware.yarp.names import Names
@@ -136,3 +136,41 @@ def test_a_port_that_closes_lets_every_sender_go(names: Names) -> None:
     for thread in mine:
         thread.join(40)
     assert not [thread.name for thread in mine if thread.is_alive()]
+
+
+def test_a_sender_that_greets_while_its_port_closes_is_let_go(
+    names: Names, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    greet, closed = Incoming.greet, threading.Event()
+
+    def late(incoming: Incoming, key: bytes | None, add: Callable[[str], None]) -> None:
+        greet(incoming, key, add)
+        serving.append(threading.current_thread())
+        closed.wait(40)
+
+    serving: list[threading.Thread] = []
+    monkeypatch.setattr(Incoming, "greet", late)
+    reader = Reader(names)
+    reader.dial("unnamed")
+    assert until(lambda: bool(serving))
+    reader.port.close()
+    closed.set()
+    serving[0].join(40)
+    assert not serving[0].is_alive()
+
+
+def test_a_silent_port_looks_now_and_then_whether_it_was_closed(
+    reader: Reader, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So that a wake-up that is lost costs seconds, no thread for good."""
+    ended, run = threading.Event(), Incoming.run
+
+    def watched(incoming: Incoming) -> None:
+        run(incoming)
+        ended.set()
+
+    monkeypatch.setattr(Incoming, "run", watched)
+    monkeypatch.setattr(Incoming, "close", lambda incoming: setattr(incoming, "_closed", True))
+    reader.dial("unnamed")
+    reader.port.close()
+    assert ended.wait(40)

@@ -117,11 +117,7 @@ class Incoming:
             self._socket.close()  # as YARP does, at both ends
             self._run_datagrams(self._datagrams)
             return
-        # The system's own time-out: Python's would cost a call more for each message.
-        self._socket.settimeout(None)
-        seconds = struct.pack("@ll", int(PATIENCE), int(PATIENCE % 1 * 1e6))
-        for option in (socket.SO_RCVTIMEO, socket.SO_SNDTIMEO):
-            self._socket.setsockopt(socket.SOL_SOCKET, option, seconds)
+        _be_patient(self._socket)
         if self.carrier.code is None:
             self._run_text()
         else:
@@ -181,6 +177,7 @@ class Incoming:
     def _open_datagrams(self) -> int:
         sock = self._datagrams = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
+        _be_patient(sock)
         sock.bind((self._socket.getsockname()[0], 0))
         return int(sock.getsockname()[1])
 
@@ -188,7 +185,10 @@ class Incoming:
         """Until a goodbye: silence says nothing, of a sender that is dead or has nothing to say."""
         with sock:
             while not self._closed:
-                data, peer = sock.recvfrom(UDP_LARGEST)
+                try:
+                    data, peer = sock.recvfrom(UDP_LARGEST)
+                except BlockingIOError:  # silent for so long: look whether it was closed
+                    continue
                 if len(data) < 8 or peer[0] != self._host:  # empty, of nobody: it was closed
                     continue
                 if struct.unpack_from("<I", data)[0] != zlib.crc32(data[8:]):
@@ -224,3 +224,11 @@ class Incoming:
         self.count += 1
         self.latest = time.monotonic()
         return self._deliver(Delivery(command, self.sender, self.latest, body))
+
+
+def _be_patient(sock: socket.socket) -> None:
+    """Each wait ends after PATIENCE, by the system's own clock: Python's would cost a call more a message."""
+    sock.settimeout(None)
+    seconds = struct.pack("@ll", int(PATIENCE), int(PATIENCE % 1 * 1e6))
+    for option in (socket.SO_RCVTIMEO, socket.SO_SNDTIMEO):
+        sock.setsockopt(socket.SOL_SOCKET, option, seconds)

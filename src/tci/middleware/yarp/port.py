@@ -51,7 +51,8 @@ class Port:
         self._receive = receive
         self._lock = threading.Lock()
         self._inputs: dict[str, Incoming] = {}
-        self._datagrams: set[Incoming] = set()
+        self._served: set[Incoming] = set()
+        self._closed = False
         self._outputs: dict[str, Outgoing] = {}
         host = host if host is not None else own_host(names.address)
         self._listener = Listener(host, 0, self._serve, name=f"the port {name}", make_room=self._make_room)
@@ -122,18 +123,28 @@ class Port:
             self.names.unregister(self.name)
         self._listener.close()
         with self._lock:
-            connections: set[Incoming | Outgoing] = {*self._inputs.values(), *self._outputs.values()}
-            connections |= self._datagrams
+            self._closed = True
+            connections: set[Incoming | Outgoing] = {*self._served, *self._outputs.values()}
             self._inputs, self._outputs = {}, {}
         for connection in connections:
             connection.close()
 
     def _serve(self, sock: socket.socket, host: str) -> None:
         incoming = Incoming(sock, host, dialect=self.dialect, deliver=self._deliver)
-        incoming.greet(self.names.key, lambda name: self._add(name, incoming))
         with self._lock:
-            if incoming.carrier is UDP:
-                self._datagrams.add(incoming)
+            if self._closed:  # and would not be ended
+                return
+            self._served.add(incoming)
+        try:
+            incoming.greet(self.names.key, lambda name: self._add(name, incoming))
+            self._run(incoming)
+        finally:
+            with self._lock:
+                self._served.discard(incoming)
+                if self._inputs.get(incoming.sender) is incoming:
+                    del self._inputs[incoming.sender]
+
+    def _run(self, incoming: Incoming) -> None:
         try:
             incoming.run()
         except (EOFError, OSError):
@@ -142,17 +153,13 @@ class Port:
             self.wrong += 1
             self.last_error = f"{incoming.sender}: {told(error)}"
             raise
-        finally:
-            with self._lock:
-                self._datagrams.discard(incoming)
-                if self._inputs.get(incoming.sender) is incoming:
-                    del self._inputs[incoming.sender]
 
     def _make_room(self) -> bool:
         """Let the sender over udp go that was silent the longest: nothing tells that one is dead."""
         with self._lock:
-            silent = min(self._datagrams, key=lambda incoming: incoming.latest, default=None)
-            self._datagrams.discard(silent)
+            datagrams = (incoming for incoming in self._served if incoming.carrier is UDP)
+            silent = min(datagrams, key=lambda incoming: incoming.latest, default=None)
+            self._served.discard(silent)
         if silent is None:
             return False
         self.last_error = (

@@ -30,7 +30,16 @@ def test_a_poke_is_answered() -> None:
     assert kinds(told) == ["touch", "command"]
     assert told["faults"] == []
     assert told["loop"]["ticks"] == 350
+    assert not told["loop"]["cut_short"]
     assert told["gate"]["refusals"] == 0
+
+
+def test_a_run_that_ends_in_motion_says_so() -> None:
+    told = json.loads(told_by(*POKED[:-1], "0.33", "--json"))
+    assert told["worst"] == told["state"] == "run"
+    assert kinds(told) == ["touch", "command", "at rest"]
+    assert "cut short" in told["events"][-1]["words"]
+    assert told["loop"]["cut_short"]
 
 
 def test_a_stall_stops_the_robot_and_the_status_says_so() -> None:

@@ -227,7 +227,7 @@ def test_a_run_that_is_over_leaves_no_joint_in_motion(
     monkeypatch.setattr(link, "write", watched)
     report = LoopReport()
     run(link, capability, duration=0.1, until=until, report=report)
-    assert (report.ticks, report.ended) == (50, "done")
+    assert (report.ticks, report.ended, report.cut_short) == (50, "done", True)
     assert np.abs(sent[49].velocity).max() > 0.2
     assert not sent[-1].velocity.any()
     assert [(safe.state, safe.reason) for safe in sent[-2:]] == [
@@ -237,7 +237,9 @@ def test_a_run_that_is_over_leaves_no_joint_in_motion(
     assert len(sent) < 50 + 0.5 * REST / link.period
     assert link.gate.state is GateState.RUN, "whoever goes on is not refused"
     count = len(sent)
-    run(link, Still(), duration=0.1)
+    report = LoopReport()
+    run(link, Still(), duration=0.1, report=report)
+    assert not report.cut_short
     assert sent[count].state is GateState.RUN
     assert len(sent) == count + 50, "what rests is not brought to rest"
 

@@ -150,6 +150,9 @@ def run_capability(
                 words = f"{report.ended}; the robot was brought to rest"
                 teller.worst = GateState.STOP
                 teller.tell(now, "STOP", words, COLOURS[GateState.STOP])
+            if report.cut_short:
+                words = "the run has ended: motions that were not over were cut short by a hold"
+                teller.tell(link.clock.now(), "at rest", words, "dim")
             if heard.counts[OTHERS]:
                 teller.tell(link.clock.now(), "NOTE", "further notes were left out", "yellow")
     if filmed is not None:

@@ -37,7 +37,7 @@ class WholeParts:
                 raise LinkError(f"{name} is in {mode.value} mode; this robot takes: position")
         wanted = dict(zip(safe.servos.tolist(), safe.position.tolist(), strict=True))
         was_stopped, self._stopped = self._stopped, safe.state is GateState.STOP
-        if not self._commanded <= wanted.keys() or was_stopped > self._stopped:
+        if not self._commanded <= wanted.keys() or (was_stopped and not self._stopped):
             # What was no longer under command may have been moved by hand, and its neighbours with it.
             self.forget()
         self._commanded = wanted.keys()

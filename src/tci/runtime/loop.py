@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Generic, TypeVar
@@ -232,10 +232,14 @@ class _Loop(Generic[Memory]):
 
     def finish(self) -> None:
         """Bring to rest what still moves, which nobody would renew or end, and let the hold clear again."""
-        if self._sent is not None and _moves(self._sent):
-            gate = self.link.gate
-            self._rest(lambda: gate.hold("the run has ended"))
-            self._write_until(lambda sent: sent.state is not GateState.HOLD)
+        if self._sent is None or not _moves(self._sent):
+            return
+        gate = self.link.gate
+        self.report.cut_short = self.write and not self.link.recorded
+        self._rest(lambda: gate.hold("the run has ended"))
+        for sent in self._writes():
+            if sent.state is not GateState.HOLD:
+                return
 
     def stop(self, reason: str, cause: BaseException) -> None:
         """Stop the gate and bring the robot to rest. What fails is noted on `cause`."""
@@ -247,18 +251,11 @@ class _Loop(Generic[Memory]):
 
     def _rest(self, halt: Callable[[], None] | None = None) -> None:
         """`halt` in each period until the references stand still, and long enough to be heard elsewhere."""
-        count = 0
+        for count, sent in enumerate(self._writes(halt), start=1):
+            if count > MISSED and not _moves(sent):
+                return
 
-        def rests(sent: SafeCommand) -> bool:
-            nonlocal count
-            count += 1
-            return count > MISSED and not _moves(sent)
-
-        self._write_until(rests, halt)
-
-    def _write_until(
-        self, done: Callable[[SafeCommand], bool], halt: Callable[[], None] | None = None
-    ) -> None:
+    def _writes(self, halt: Callable[[], None] | None = None) -> Iterator[SafeCommand]:
         """Write once per period what the gate makes of no commands, for `REST` at most."""
         link = self.link
         if not self.write or not link.armed or link.recorded or self._joints is None:
@@ -268,8 +265,7 @@ class _Loop(Generic[Memory]):
                 self._joints = link.read().joints
             if halt is not None:
                 halt()
-            if done(link.write(link.gate.step((), self._joints, now))):
-                return
+            yield link.write(link.gate.step((), self._joints, now))
 
 
 def _moves(sent: SafeCommand) -> bool:

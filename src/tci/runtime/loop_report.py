@@ -65,6 +65,8 @@ class LoopReport:
     """How long the work of each tick took, on the machine's own clock."""
     ended: str = ""
     """Why the loop ended; empty while it runs."""
+    cut_short: bool = False
+    """Whether the robot was still in motion when the run was over, and was brought to rest."""
 
     def to_json(self) -> dict[str, Any]:
         """Plain values; times in milliseconds."""
@@ -76,4 +78,5 @@ class LoopReport:
             "lateness_ms": self.lateness.to_json(),
             "work_ms": self.work.to_json(),
             "ended": self.ended,
+            "cut_short": self.cut_short,
         }

@@ -73,9 +73,11 @@ def _table(title: str, caption: str, *columns: str) -> Table:
 def _part_table(robot: Robot, part: GenericPart) -> Table:
     side = f", {part.side}" if part.side else ""
     mount = ", ".join(f"{angle:g}" for angle in np.rad2deg(part.mount))
+    others = dict.fromkeys(joint.transform for joint in part.servos if joint.transform != "linear")
+    other = f", or without a gamma {' or '.join(others)}" if others else ""
     table = _table(
         f"{part.name} ({part.kind}{side}), mount {mount}",
-        "degrees; generic = gamma * robot + sigma; lower, upper and speed are the robot's",
+        f"degrees; generic = gamma * robot + sigma{other}; lower, upper and speed are the robot's",
         "generic joint", "robot's joint", "gamma", "sigma", "lower", "upper", "speed", "initial",
     )  # fmt: skip
     for generic in part.servos:
@@ -84,8 +86,10 @@ def _part_table(robot: Robot, part: GenericPart) -> Table:
             continue
         servo = robot.servos[generic.servo]
         limits = servo.limits
+        plain = generic.transform == "linear"
         table.add_row(
-            f"{generic.id} {generic.name}", servo.name, f"{generic.scale:g}", _degrees(generic.offset),
+            f"{generic.id} {generic.name}", servo.name,
+            f"{generic.scale:g}" if plain else "", _degrees(generic.offset) if plain else "",
             _degrees(limits.lower), _degrees(limits.upper), _degrees(limits.velocity),
             _degrees(generic.initial),
         )  # fmt: skip

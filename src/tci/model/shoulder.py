@@ -18,6 +18,10 @@ from tci.model.kinematics import Kinematics
 
 SLANT = 0.05
 """Most cosine between the elbow's axis and the upper arm's that the generic arm can stand for. Ours."""
+PARALLEL = 1.0 - 1e-6
+"""Cosine from which successive axes of a shoulder are no ball joint. Ours."""
+SHORT = 1e-3
+"""Length [m] from which an upper arm has a direction. Ours."""
 SINGULAR = 1e-6
 """Determinant of two sets of axes below which velocities can't be told apart. Ours."""
 
@@ -31,7 +35,7 @@ class Shoulder:
         assert part.side is not None
         self.side = part.side
         servos = [generic.servo for generic in part.servos[:4] if generic.servo is not None]
-        flexion = np.sign(part.servos[3].scale)
+        flexion = np.sign(part.servos[3].sense)
         if len(part.segments) < 2 or len(servos) < 4:
             raise _fault(robot, part, "needs an upper_arm, a forearm, and servos for shoulder and elbow")
         self.servos = np.array(servos[:3], dtype=np.intp)
@@ -47,11 +51,17 @@ class Shoulder:
             raise _fault(robot, part, f"its shoulder and elbow do not all turn {forearm.link}")
         self.axes: Array = turns[:, :3].T
         """Axes (3, 3) of the three joints, one a row, seen from the torso with all servos at zero."""
+        if not flexion or max(abs(self.axes[0] @ self.axes[1]), abs(self.axes[1] @ self.axes[2])) > PARALLEL:
+            raise _fault(
+                robot, part, "two of its successive axes are parallel, or its elbow has no servo alone"
+            )
         feet = [T_TL[:3, 3] + np.cross(turns[:, i], moves[:, i]) for i in range(2)]
         self.centre = nearest_point(*feet, *self.axes[:2])
         """Where the first axis comes nearest to the second (3,) [m], seen from the torso: it never moves."""
         poses = kinematics.poses(zero, (upper_arm.link, forearm.link))
         ends = [poses[segment.link] @ np.append(segment.origin, 1.0) for segment in (upper_arm, forearm)]
+        if np.linalg.norm((ends[1] - ends[0])[:3]) < SHORT:
+            raise _fault(robot, part, "its upper_arm and forearm begin at the same place")
         along = self.axes[2] * np.sign(self.axes[2] @ (ends[1] - ends[0])[:3])
         bend = flexion * turns[:, 3]
         if abs(along @ bend) > SLANT:

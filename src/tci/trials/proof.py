@@ -157,10 +157,10 @@ def arm_axes(
     assert elbow is not None
     upper_arm = turns[:, yaw]
     upper_arm = upper_arm * np.sign(upper_arm @ (part.R_TM.T @ (ends["forearm"] - ends["upper_arm"])))
-    bend = turns[:, elbow] * np.sign(part.servos[3].scale)
+    bend = turns[:, elbow] * np.sign(part.servos[3].sense)
     if pronation is None:
         return upper_arm, bend, None
-    return upper_arm, bend, turns[:, pronation] * np.sign(part.servos[4].scale)
+    return upper_arm, bend, turns[:, pronation] * np.sign(part.servos[4].sense)
 
 
 def limit_faults(robot: Robot) -> list[str]:

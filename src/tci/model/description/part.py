@@ -50,6 +50,13 @@ class GenericServo(Words):
     initial: float = 0.0
     """Initial generic angle [rad]."""
 
+    @property
+    def sense(self) -> float:
+        """Above 0 where the generic angle rises with its servo's, below 0 where it falls."""
+        if self.transform == "coupled":
+            return next((term.factor for term in self.terms if term.servo == self.servo), 0.0)
+        return self.table[-1][1] - self.table[0][1] if self.table else self.scale
+
 
 class Segment(Words):
     """A piece of a limb, on which skin sits: its proximal point, its length."""

@@ -224,6 +224,43 @@ def test_a_model_file_stays_beside_its_description(tmp_path: Path) -> None:
     assert any("secret" in fault for fault in found), found
 
 
+MODELS = {
+    "mjcf": "<mujoco><worldbody><body name='chest'><joint name='free' type='free'/><site name='spot'/>"
+    "<body name='arm'><joint name='ball' type='ball'/><joint name='one'/></body></body></worldbody></mujoco>",
+    "urdf": "<robot name='r'><link name='world'/><link name='chest'/><link name='arm'/>"
+    + "".join(
+        f"<joint name='{name}' type='{kind}'><parent link='{parent}'/><child link='{child}'/></joint>"
+        for name, kind, parent, child in (
+            ("free", "floating", "world", "chest"), ("one", "revolute", "chest", "arm"),
+        )
+    )
+    + "</robot>",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("format", ["mjcf", "urdf"])
+def test_what_a_servo_or_a_link_of_the_model_can_be(tmp_path: Path, format: str) -> None:
+    """What the kinematics would refuse later is refused here, with its line."""
+    (tmp_path / "model").write_text(MODELS[format])
+    model = f'<model format="{format}" file="model" torso_link="chest"/>'
+    text = changed('<robot_part name="LArm">', model + '<robot_part name="LArm">')
+    text = text.replace('name="pitch">', 'name="pitch" joint="one">')
+    assert read_robot(write(tmp_path, text)).model is not None
+    joint = "ball" if format == "mjcf" else "free"
+    found = faults(
+        tmp_path, text.replace('joint="one"', f'joint="{joint}"').replace('link="chest"', 'link="world"')
+    )
+    assert found == [
+        "line 3: the model has no link 'world'; valid: arm, chest",
+        f"line 4: the model has no moving joint '{joint}'; valid: one",
+    ]
+    module = '<patch name="p" part="head" link="arm" rate="9" channels="12">' \
+        '<sensor rest="0" pascal_per_count="1" min="0" max="9"/>' \
+        '<triangular_modules><module frame="spot" port="0"/></triangular_modules></patch>'  # fmt: skip
+    skin = text.replace('<binding middleware="sim"', f'<skin>{module}</skin><binding middleware="sim"')
+    assert "the model has no link 'spot'; valid: arm, chest" in faults(tmp_path, skin)[0]
+
+
 def test_a_model_of_a_package_that_is_not_installed_says_what_to_install(tmp_path: Path) -> None:
     model = '<model format="urdf" package="no-such-package" extra="icub" file="m.urdf" torso_link="chest"/>'
     path = write(tmp_path, changed('<robot_part name="LArm">', model + '<robot_part name="LArm">'))

@@ -194,11 +194,15 @@ def generic_limits(robot: Robot, part: str) -> tuple[GenericLimits, ...]:
 
 
 def dh_tables(robot: Robot) -> tuple[DHTable, ...]:
-    """Classic and modified tables of every part that the torso carries. Raises DescriptionError."""
+    """Classic and modified tables of every part that the torso carries by turning joints alone.
+
+    Raises DescriptionError."""
     kinematics = Kinematics(robot)
     tables = []
     for part, link in ends_of(robot).items():
         if not kinematics.chain(link):
+            continue
+        if any(segment.slides for segment in chain_to(robot, link)):
             continue
         for convention in CONVENTIONS:
             dh = denavit_hartenberg(kinematics, link, convention=convention)

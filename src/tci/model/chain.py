@@ -2,7 +2,7 @@
 
 Segment i turns by its servo about `axis` through `origin`, both in the frame of the tip before it, and
 `tip` is its own tip there with the servo at zero. That is KDL's
-Segment(name, Joint(name, origin, axis, RotAxis), tip).
+Segment(name, Joint(name, origin, axis, RotAxis), tip), or TransAxis where it slides along the axis.
 """
 
 from __future__ import annotations
@@ -22,6 +22,8 @@ class ChainSegment(Words):
     """Name of the link."""
     servo: int | None
     """Index into `Robot.servos`; None for a fixed segment."""
+    slides: bool = False
+    """Whether the servo moves it along the axis [m], rather than turns it."""
     axis: Vector
     """Unit vector of the joint's axis, in the frame before; zero for a fixed segment."""
     origin: Vector
@@ -79,6 +81,7 @@ def _segment(link: KinematicLink) -> ChainSegment:
     return ChainSegment(
         name=link.name,
         servo=link.servo,
+        slides=link.slides,
         axis=vector(pose[:3, :3] @ link.axis),
         origin=vector(pose[:3, :3] @ link.anchor + pose[:3, 3]),
         tip=rows(pose),

@@ -14,6 +14,7 @@ from tci.model.description import Model, Robot
 from tci.model.mujoco_model import load_spec
 
 _ORIGIN = np.zeros(3)
+_ONE_AXIS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 
 
 class Kinematics:
@@ -146,7 +147,7 @@ class Kinematics:
 def joints_of(robot: Robot, model: mujoco.MjModel) -> tuple[list[int], list[int], list[int]]:
     """Servos with a joint in the model, the place of each in MuJoCo's coordinates, and in its Jacobians.
 
-    Raises DescriptionError for every joint that the model lacks.
+    Raises DescriptionError for every joint that the model lacks, or that neither turns nor slides.
     """
     joints = {joint.name: joint for joint in map(model.joint, range(model.njnt))}
     moving = [servo for servo in robot.servos if servo.joint is not None]
@@ -158,6 +159,13 @@ def joints_of(robot: Robot, model: mujoco.MjModel) -> tuple[list[int], list[int]
     if faults:
         raise DescriptionError(robot.source, faults)
     own = [joints[str(servo.joint)] for servo in moving]
+    faults = [
+        Fault(0, f"servo {servo.name}: the joint {servo.joint!r} has several axes; valid: a hinge or a slide")
+        for servo, joint in zip(moving, own, strict=True)
+        if int(joint.type[0]) not in _ONE_AXIS
+    ]
+    if faults:
+        raise DescriptionError(robot.source, faults)
     places = [int(joint.qposadr[0]) for joint in own]
     return [servo.index for servo in moving], places, [int(joint.dofadr[0]) for joint in own]
 

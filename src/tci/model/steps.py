@@ -68,6 +68,16 @@ def steps_to(robot: Robot, kinematics: Kinematics, links: Iterable[str]) -> Step
     return Steps(read_only(steps, np.int64), read_only(sums), read_only(ends, np.int64), torso)
 
 
+def at_zero(model: mujoco.MjModel, joint: int) -> Array:
+    """The move (4, 4) of a body by a hinge or slide, in the body's frame, when its angle is 0: none unless
+    the model gives it a reference."""
+    slides = model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE
+    still, cos, _ = _moving(model, joint, slides)
+    pose = np.eye(4)
+    pose[:3] = still if slides else still + cos
+    return pose
+
+
 def _pose(model: mujoco.MjModel, body: int) -> Array:
     """Of a body in the one that carries it, all joints at zero."""
     rotation = np.zeros(9)

@@ -13,6 +13,7 @@ from tci.frames import Array, transform
 from tci.model.description import Robot, Vector, Words
 from tci.model.kinematics import bare_model, joints_of
 from tci.model.mujoco_model import load_spec
+from tci.model.steps import at_zero
 
 Matrix = tuple[tuple[float, ...], ...]
 """Rows."""
@@ -39,6 +40,8 @@ class KinematicLink(Words):
     """`T_PL` (4, 4): the link in its parent, all joints at zero."""
     servo: int | None
     """Index into `Robot.servos` of the joint that moves it in its parent; None: it is fixed."""
+    slides: bool = False
+    """Whether that joint slides along its axis [m], rather than turns about it."""
     axis: Vector = (0.0, 0.0, 0.0)
     """Unit vector of that joint's axis, in the link."""
     anchor: Vector = (0.0, 0.0, 0.0)
@@ -50,7 +53,8 @@ class KinematicLink(Words):
 def links_of(robot: Robot) -> tuple[KinematicLink, ...]:
     """All links, each after its parent. Joints that are no servo's are fixed at zero.
 
-    Raises DescriptionError when the robot has no model, or the model lacks a joint.
+    A link that several joints carry hangs on links without inertia, named after it and their joint. Raises
+    DescriptionError when the robot has no model, or the model lacks a joint.
     """
     if robot.model is None:
         raise DescriptionError(robot.source, [Fault(0, "no <model>: links need a URDF or MJCF file")])
@@ -60,20 +64,32 @@ def links_of(robot: Robot) -> tuple[KinematicLink, ...]:
     servo_of = {int(model.dof_jntid[column]): servo for servo, column in zip(servos, columns, strict=True)}
     links = []
     for body in range(1, model.nbody):
-        name, parent = str(model.body(body).name), int(model.body_parentid[body])
-        joints = range(int(model.body_jntadr[body]), int(model.body_jntadr[body] + model.body_jntnum[body]))
-        moving = next((joint for joint in joints if joint in servo_of), None)
-        links.append(
-            KinematicLink(
-                name=name,
-                parent=str(model.body(parent).name) if parent else "",
-                pose=rows(transform(_rotation(model.body_quat[body]), model.body_pos[body])),
-                servo=None if moving is None else servo_of[moving],
-                axis=(0.0, 0.0, 0.0) if moving is None else vector(model.jnt_axis[moving]),
-                anchor=(0.0, 0.0, 0.0) if moving is None else vector(model.jnt_pos[moving]),
-                inertia=_inertia(model, body) if name in heavy else None,
+        name, above = str(model.body(body).name), int(model.body_parentid[body])
+        parent = str(model.body(above).name) if above else ""
+        inertia = _inertia(model, body) if name in heavy else None
+        pose = transform(_rotation(model.body_quat[body]), model.body_pos[body])
+        first = int(model.body_jntadr[body])
+        moving = [joint for joint in range(first, first + int(model.body_jntnum[body])) if joint in servo_of]
+        if not moving:
+            links.append(
+                KinematicLink(name=name, parent=parent, pose=rows(pose), servo=None, inertia=inertia)
             )
-        )
+        for joint in moving:
+            last = joint == moving[-1]
+            own = name if last else f"{name}_{model.joint(joint).name}"
+            links.append(
+                KinematicLink(
+                    name=own,
+                    parent=parent,
+                    pose=rows(pose @ at_zero(model, joint)),
+                    servo=servo_of[joint],
+                    slides=bool(model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE),
+                    axis=vector(model.jnt_axis[joint]),
+                    anchor=vector(model.jnt_pos[joint]),
+                    inertia=inertia if last else None,
+                )
+            )
+            parent, pose = own, np.eye(4)
     return tuple(links)
 
 

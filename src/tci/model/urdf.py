@@ -22,11 +22,13 @@ def to_urdf(robot: Robot) -> str:
     """Links, joints with the description's limits, inertias, and the torso frame as a link of its own.
 
     Joint names are the model's own. A joint without known limits is continuous. Raises what links_of
-    raises, and DescriptionError for a joint that does not turn about its link's origin, as URDF demands.
+    raises, and DescriptionError for what no URDF can say: a joint that does not turn about its link's origin,
+    or slides without limits.
     """
     root = E.robot(name=robot.name)
     links = links_of(robot)
-    if sum(not link.parent for link in links) > 1:
+    roots = [link for link in links if not link.parent]
+    if len(roots) > 1 or any(link.servo is not None for link in roots):
         root.append(E.link(name="world"))
     for link in links:
         root.append(_link(link))
@@ -68,13 +70,16 @@ def _joint(robot: Robot, link: KinematicLink, parent: str) -> etree._Element:
     if link.servo is None:
         children = [_origin(pose), E.parent(link=parent), E.child(link=link.name)]
         return E.joint(*children, name=f"{link.name}_fixed", type="fixed")
-    if any(link.anchor):
+    if any(link.anchor) and not link.slides:
         fault = f"the joint of {link.name} does not turn about its link's origin: no URDF can say so"
         raise DescriptionError(robot.source, [Fault(0, fault)])
     servo = robot.servos[link.servo]
     limits = servo.limits
-    children = [_origin(pose), E.parent(link=parent), E.child(link=link.name), E.axis(xyz=_words(link.axis))]
     known = limits.lower is not None and limits.upper is not None
+    if link.slides and not known:
+        fault = f"the joint of {link.name} slides and has no limits: no URDF can say so"
+        raise DescriptionError(robot.source, [Fault(0, fault)])
+    children = [_origin(pose), E.parent(link=parent), E.child(link=link.name), E.axis(xyz=_words(link.axis))]
     if known:
         children.append(
             E.limit(
@@ -84,7 +89,8 @@ def _joint(robot: Robot, link: KinematicLink, parent: str) -> etree._Element:
                 effort=repr(limits.torque or 0.0),
             )
         )
-    return E.joint(*children, name=servo.joint or servo.name, type="revolute" if known else "continuous")
+    kind = "prismatic" if link.slides else "revolute" if known else "continuous"
+    return E.joint(*children, name=servo.joint or servo.name, type=kind)
 
 
 def _origin(pose: Array) -> etree._Element:

@@ -21,6 +21,9 @@ MAX_MODEL_BYTES = 16 << 20
 _OPAQUE = ("include", "attach", "replicate")
 """Elements of MJCF that bring names which the file itself does not show."""
 
+_ONE_AXIS = ("revolute", "continuous", "prismatic", "hinge", "slide")
+"""Joints that a servo can be, of a URDF and of MJCF."""
+
 
 @dataclass(frozen=True)
 class ModelNames:
@@ -28,8 +31,6 @@ class ModelNames:
 
     links: frozenset[str]
     joints: frozenset[str]
-    frames: frozenset[str]
-    """Frames of skin modules: links, and sites of an MJCF model."""
 
 
 def read_model(root: Node, source: Path, faults: Faults) -> tuple[Model | None, str | None]:
@@ -116,17 +117,13 @@ def _names(node: Node, path: Path, format: str, faults: Faults) -> ModelNames | 
             node.line, f"model file {path.name} starts with <{root.tag}>; a {format} file with <{top}>"
         )
         return None
-    if format == "urdf":
-        links = frozenset(_attribute(root.iterfind("link")))
-        moving = [joint for joint in root.iterfind("joint") if joint.get("type") != "fixed"]
-        return ModelNames(links=links, joints=frozenset(_attribute(moving)), frames=links)
     if any(True for _ in root.iter(*_OPAQUE)):
         return None
-    bodies = frozenset(_attribute(root.iterfind("worldbody//body"))) | {"world"}
-    joints = frozenset(_attribute(root.iterfind("worldbody//joint")))
-    return ModelNames(
-        links=bodies, joints=joints, frames=bodies | set(_attribute(root.iterfind("worldbody//site")))
-    )
+    links, joints = ("link", "joint") if format == "urdf" else ("worldbody//body", "worldbody//joint")
+    usual = {"urdf": "", "mjcf": "hinge"}[format]
+    moving = [joint for joint in root.iterfind(joints) if joint.get("type", usual) in _ONE_AXIS]
+    # The world is no link, whatever a URDF calls its root: nothing is seen from it.
+    return ModelNames(frozenset(_attribute(root.iterfind(links))) - {"world"}, frozenset(_attribute(moving)))
 
 
 def _attribute(elements: Iterable[etree._Element]) -> list[str]:
@@ -153,4 +150,4 @@ def _check_names(root: Node, names: ModelNames, faults: Faults) -> None:
         check(patch, "link", names.links, "link")
         for modules in patch.all("triangular_modules"):
             for module in modules.all("module"):
-                check(module, "frame", names.frames, "frame")
+                check(module, "frame", names.links, "link")

@@ -11,7 +11,7 @@ from recording.recorded import record_poke, two_parts
 from tci.errors import RecordingError, UnknownNameError
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.model.catalogue import load_robot
-from tci.recording.export import export
+from tci.recording.export import export, tables
 from tci.recording.names import distinct, inside
 from tci.recording.recorder import Recorder
 from tci.recording.recording import Recording
@@ -52,6 +52,16 @@ def test_servos_of_equal_names_have_a_column_each(form: str, tmp_path: Path) -> 
             found = {name: float(value) for name, value in next(csv.DictReader(file)).items()}
     angles = {name: value for name, value in found.items() if name.endswith("_rad")}
     assert angles == {"one.servo0_rad": 1.0, "two.servo0_rad": 2.0, "servo1_rad": 3.0}
+
+
+def test_the_time_of_joints_is_when_they_were_measured(tmp_path: Path) -> None:
+    with Recorder(tmp_path / "a.mcap", None) as recorder:
+        for now, measured in ((1.0, 0.991), (1.01, 1.002)):
+            frame = SkinFrame("p", measured, 0, np.zeros(1))
+            recorder.tick(now, Reading(JointReading(measured, 0, np.zeros(1), np.zeros(1)), (frame,)))
+    found = tables(Recording(tmp_path / "a.mcap"))
+    for table in ("joints", "skin_p"):
+        np.testing.assert_allclose(found[table]["time_s"], [0.991, 1.002], atol=2e-9)
 
 
 def test_equal_names_in_the_file_of_a_stranger_have_a_column_each(tmp_path: Path) -> None:

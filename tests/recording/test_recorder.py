@@ -92,6 +92,7 @@ def test_39_a_full_disk_ends_the_recording_not_the_caller(
     for now, reading in readings:
         recorder.tick(now, reading)
     recorder.close()
+    assert recorder.failed.startswith("ended early: ")
     assert "No space left" in recorder.failed
     assert recorder.ticks < 300
     if recorder.ticks:

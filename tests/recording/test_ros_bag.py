@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from cli.test_cli import tci
 from recording.recorded import record_poke, two_parts
 from tci.errors import RecordingError
+from tci.messages import Reading
 from tci.model.catalogue import load_robot
 from tci.recording.recording import Recording
 from tci.recording.ros_bag import _joints, import_ros_bag
@@ -30,8 +32,17 @@ def ticks(tmp_path_factory: pytest.TempPathFactory) -> list[Tick]:
     return record_poke(tmp_path_factory.mktemp("bag") / "poke.mcap")
 
 
-def write_bag(path: Path, ticks: list[Tick], kind: str, *, by_model: bool = False) -> Path:
-    """The readings of a run as a bag; joints in reversed order, as ROS promises none."""
+def write_bag(
+    path: Path,
+    ticks: list[Tick],
+    kind: str,
+    *,
+    by_model: bool = False,
+    epoch: float = 0.0,
+    stamped: bool = True,
+) -> Path:
+    """The readings of a run as a bag; joints in reversed order, as ROS promises none. Its times and, where
+    `stamped`, its headers count from `epoch` [s]; frames of skin have the sender's own time too."""
     robot = load_robot("nao")
     types = get_typestore(Stores.ROS1_NOETIC if kind == "ros1" else Stores.ROS2_HUMBLE)
     types.register({SKIN.name: get_types_from_msg(SKIN.definition, SKIN.name)[SKIN.name]})
@@ -48,7 +59,7 @@ def write_bag(path: Path, ticks: list[Tick], kind: str, *, by_model: bool = Fals
         pack = types.serialize_cdr
 
     def head(stamp: float, frame: str) -> Any:
-        nanoseconds = round(stamp * 1e9)
+        nanoseconds = round((stamp + epoch) * 1e9) if stamped else 0
         time = make["builtin_interfaces/msg/Time"](nanoseconds // 10**9, nanoseconds % 10**9)
         words = (0, time, frame) if kind == "ros1" else (time, frame)
         return make["std_msgs/msg/Header"](*words)
@@ -61,7 +72,7 @@ def write_bag(path: Path, ticks: list[Tick], kind: str, *, by_model: bool = Fals
         states = writer.add_connection("/nao/joint_states", JOINT_STATE, typestore=types)
         other = writer.add_connection("/other/joint_states", JOINT_STATE, typestore=types)
         for tick in ticks:
-            at = round(tick.now * 1e9)
+            at = round((tick.now + epoch) * 1e9)
             for number, frame in enumerate(tick.reading.skin):
                 if seen.get(frame.patch) == frame.sequence:
                     continue
@@ -94,7 +105,50 @@ def test_a_bag_becomes_a_recording_bit_for_bit(kind: str, ticks: list[Tick], tmp
         for frame in tick.reading.skin:
             assert frames[frame.patch].values.dtype == frame.values.dtype
             assert np.array_equal(frames[frame.patch].values, frame.values)
-            assert frames[frame.patch].stamp == frame.stamp
+            assert frames[frame.patch].stamp == pytest.approx(frame.stamp, abs=1e-9)
+
+
+@pytest.mark.parametrize("stamped", [True, False])
+def test_joints_and_skin_are_on_one_clock(stamped: bool, ticks: list[Tick], tmp_path: Path) -> None:
+    epoch = 1.7e9
+    bag = write_bag(tmp_path / "bag", ticks, "mcap", epoch=epoch, stamped=stamped)
+    import_ros_bag(bag, tmp_path / "out.mcap", load_robot("nao"))
+    late = 0.0 if stamped else ticks[0].reading.joints.stamp - ticks[0].now
+    for found, tick in zip(Recording(tmp_path / "out.mcap").ticks(), ticks, strict=True):
+        assert found.now == pytest.approx(tick.now + epoch, abs=1e-6)
+        ages = {frame.patch: found.reading.joints.stamp - frame.stamp for frame in found.reading.skin}
+        for frame in tick.reading.skin:
+            assert ages[frame.patch] == pytest.approx(
+                tick.reading.joints.stamp - frame.stamp - late, abs=1e-5
+            )
+
+
+def test_an_imported_bag_is_replayed_at_its_own_rate(ticks: list[Tick], tmp_path: Path) -> None:
+    slow = ticks[::20]
+    bag = write_bag(tmp_path / "bag", slow, "mcap")
+    out = tmp_path / "out.mcap"
+    import_ros_bag(bag, out, load_robot("nao"))
+    assert Recording(out).period == pytest.approx(slow[1].now - slow[0].now)
+    told = json.loads(tci("run", "withdrawal", "--robot", "nao", "--via", f"replay:{out}", "--json"))
+    assert (told["worst"], told["loop"]["missed"]) == ("run", 0)
+    assert "touch" in [event["kind"] for event in told["events"]]
+
+
+def test_what_comes_twice_or_late_is_left_out_and_a_second_run_refused(
+    ticks: list[Tick], tmp_path: Path
+) -> None:
+    again = [*ticks[:20], *ticks[10:30]]
+    bag = write_bag(tmp_path / "again", again, "mcap")
+    assert import_ros_bag(bag, tmp_path / "a.mcap", load_robot("nao")) == 30
+    runs = [replace(ticks[0], reading=_at(ticks[0].reading, 5.0)), ticks[1]]
+    bag = write_bag(tmp_path / "runs", runs, "mcap")
+    with pytest.raises(RecordingError, match=r"clock goes back from 5\.000 to 0\.\d+ s; valid"):
+        import_ros_bag(bag, tmp_path / "b.mcap", load_robot("nao"))
+    assert not (tmp_path / "b.mcap").exists()
+
+
+def _at(reading: Reading, stamp: float) -> Reading:
+    return Reading(replace(reading.joints, stamp=stamp), reading.skin)
 
 
 def test_the_command_imports_and_plots_a_bag(ticks: list[Tick], tmp_path: Path) -> None:
@@ -110,6 +164,7 @@ def test_what_does_not_fit_is_told(ticks: list[Tick], tmp_path: Path) -> None:
     bag = write_bag(tmp_path / "bag", ticks[:5], "sqlite")
     with pytest.raises(RecordingError, match=r"has skin '.*'; icub has"):
         import_ros_bag(bag, tmp_path / "a.mcap", load_robot("icub"))
+    assert not (tmp_path / "a.mcap").exists()
     (tmp_path / "broken.bag").write_bytes(b"#ROSBAG V2.0\nnonsense")
     with pytest.raises(RecordingError, match=r"broken.bag is"):
         import_ros_bag(tmp_path / "broken.bag", tmp_path / "b.mcap", load_robot("nao"))
@@ -125,7 +180,7 @@ def test_servos_of_equal_names_are_told_apart_by_their_part(tmp_path: Path) -> N
     def state(*names: str) -> Any:
         return make[JOINT_STATE](head, list(names), np.arange(float(len(names))), np.zeros(0), np.zeros(0))
 
-    found = _joints(state("two.servo0", "servo1", "one.servo0"), robot, 0)
+    found = _joints(state("two.servo0", "servo1", "one.servo0"), robot, 0.0, 0)
     assert found is not None
     assert found.position.tolist() == [2.0, 0.0, 1.0]
-    assert _joints(state("servo0", "servo1"), robot, 0) is None
+    assert _joints(state("servo0", "servo1"), robot, 0.0, 0) is None

@@ -34,4 +34,5 @@ def test_a_folder_of_the_dumper_and_a_log_that_is_no_skin(tmp_path: Path) -> Non
     ):  # fmt: skip
         (tmp_path / "data.log").write_text(text)
         with pytest.raises(RecordingError, match=match):
-            import_yarp_log(tmp_path, tmp_path / f"{len(list(tmp_path.iterdir()))}.mcap", patch="p")
+            import_yarp_log(tmp_path, tmp_path / "b.mcap", patch="p")
+    assert [path.name for path in tmp_path.glob("*.mcap*")] == ["a.mcap"]

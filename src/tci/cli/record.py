@@ -36,7 +36,8 @@ def record(path: Path, robot: str, *, via: str, duration: float | None, as_json:
     """Read, write, and say what was written; exit with status 1 when the disk failed."""
     with connect(load_robot(robot), via, arm=False) as link, recorder_for(path, link, via, {}) as recorder:
         if not as_json:
-            console.print(f"recording {link.robot.name} to {path}; end with Ctrl-C", highlight=False)
+            words = f"recording {link.robot.name} to {path}; end with Ctrl-C"
+            console.print(words, highlight=False, markup=False)
         with suppress(KeyboardInterrupt):
             for now in link.ticks(duration=duration):
                 recorder.tick(now, link.read())
@@ -53,9 +54,11 @@ def told(recorder: Recorder, *, as_json: bool) -> None:
     if as_json:
         print_json(summary(recorder))
     elif recorder.failed:
-        console.print(f"[red]the recording ended early:[/] {recorder.failed}", highlight=False)
+        words = f"{recorder.path}: {recorder.ticks} periods, {recorder.failed}"
+        console.print(words, style="red", highlight=False, markup=False)
     else:
-        console.print(f"{recorder.path}: {recorder.ticks} periods, {size / 1e6:.2f} MB", highlight=False)
+        words = f"{recorder.path}: {recorder.ticks} periods, {size / 1e6:.2f} MB"
+        console.print(words, highlight=False, markup=False)
 
 
 def summary(recorder: Recorder) -> dict[str, object]:

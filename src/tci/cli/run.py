@@ -213,7 +213,7 @@ def _said(recorder: Recorder | None, link: Link) -> list[str]:
     """What is to be said of a recording made, and of one replayed."""
     lines = []
     if recorder is not None:
-        end = f"[red]ended early:[/] {escape(recorder.failed)}" if recorder.failed else "closed"
+        end = f"[red]{escape(recorder.failed)}[/]" if recorder.failed else "closed"
         lines.append(f"recording {escape(str(recorder.path))}: {recorder.ticks} periods, {end}")
     if isinstance(link, ReplayLink):
         same = "the same, bit for bit" if not link.different else (

@@ -21,14 +21,17 @@ Table = dict[str, NDArray[Any]]
 
 
 def tables(recording: Recording) -> dict[str, Table]:
-    """`joints`, `decisions` and `skin_PATCH`, each with a column `time_s` on the link's clock.
+    """`joints`, `decisions` and `skin_PATCH`, each with a column `time_s` on the link's clock: when that was
+    measured or decided.
 
     Angles [rad], speeds [rad/s], torques [N m]; skin as raw values. Raises RecordingError.
     """
     rows: dict[str, list[tuple[float, dict[str, Any]]]] = {}
-    for _, kind, stamp, data in recording.messages():
+    for _, kind, _, data in recording.messages():
         if kind is JOINTS:
-            rows.setdefault("joints", []).append((stamp * 1e-9, _joints(decode(kind, data))))
+            fields = decode(kind, data)
+            measured = fields["sec"] + fields["nanosec"] / 1e9
+            rows.setdefault("joints", []).append((measured, _joints(fields)))
         elif kind is SKIN:
             frame = to_frame(decode(kind, data))
             values = {f"raw_{channel}": value for channel, value in enumerate(frame.values)}

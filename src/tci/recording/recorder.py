@@ -65,7 +65,7 @@ class Recorder:
         """
         self.path = Path(path)
         self.failed = ""
-        """Why the recording ended early; empty while all is well."""
+        """That it ended early or could not be packed, and why; empty while all is well."""
         self.ticks = 0
         """Periods written."""
         try:
@@ -160,7 +160,7 @@ class _Guard:
     ) -> bool:
         if not isinstance(error, OSError):
             return False
-        self._recorder.failed = f"{self._recorder.path}: {error.strerror or error}"
+        self._recorder.failed = f"ended early: {self._recorder.path}: {error.strerror or error}"
         self._recorder._file.cut()
         return True
 

@@ -13,7 +13,7 @@ from tci.interface.skin.manager import SKIN_PARTS, read_skin_events
 from tci.interface.skin.skin import Skin
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.model.description import Robot
-from tci.recording.recorder import Recorder
+from tci.recording.importing import importing
 
 LONGEST = 2**20
 """Longest line [characters] that is read."""
@@ -61,13 +61,10 @@ def import_yarp_log(log: Path, out: Path, *, patch: str) -> int:
     if first is None:
         raise RecordingError(f"{log} is empty; valid: at least one line")
     none = np.empty(0)
-    about = {"source": f"yarpdatadumper {log.name}"}
-    with Recorder(out, None, middleware="yarp", about=about) as recorder:
+    with importing(out, None, middleware="yarp", source=f"yarpdatadumper {log.name}") as recorder:
         for frame in (first, *frames):
             joints = JointReading(frame.stamp, frame.sequence, none, none)
             recorder.tick(frame.stamp, Reading(joints, (frame,)))
-    if recorder.failed:
-        raise RecordingError(recorder.failed)
     return recorder.ticks
 
 
@@ -83,13 +80,11 @@ def import_skin_events(log: Path, out: Path, robot: Robot) -> tuple[int, int]:
     patches = {patch.name: patch for patch in robot.patches if patch.surface.kind != "truncated_cone"}
     skin = Skin(robot)
     live = {name: set(skin.surfaces[name].channels.tolist()) for name in patches}
-    about = {
-        "source": f"contact list of yarpdatadumper {log.name}: taxels have their contact's mean value, "
-        "joints are the initial posture",
-    }
+    source = f"contact list of yarpdatadumper {log.name}: taxels have their contact's mean value, "
+    source += "joints are the initial posture"
     still = read_only(np.zeros(len(robot.servos)))
     left_out = number = 0
-    with Recorder(out, robot, middleware="yarp", period=EVENTS_PERIOD, about=about) as recorder:
+    with importing(out, robot, middleware="yarp", source=source, period=EVENTS_PERIOD) as recorder:
         try:
             for stamp, contacts in read_skin_events(path):
                 values = {name: np.full(patch.channels, patch.sensor.rest) for name, patch in patches.items()}
@@ -108,6 +103,4 @@ def import_skin_events(log: Path, out: Path, robot: Robot) -> tuple[int, int]:
                 number += 1
         except FrameError as error:
             raise RecordingError(str(error)) from error
-    if recorder.failed:
-        raise RecordingError(recorder.failed)
     return number, left_out

@@ -1,0 +1,30 @@
+"""Making a recording of somebody else's file: all of it, or none."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from tci.errors import RecordingError
+from tci.model.description import Robot
+from tci.recording.recorder import Recorder
+
+
+@contextmanager
+def importing(
+    out: Path, robot: Robot | None, *, middleware: str, source: str, period: float = 0.0
+) -> Iterator[Recorder]:
+    """A recording that goes away again where the block raises, or the disk is full.
+
+    Raises RecordingError where there is a file already, or none can be written.
+    """
+    recorder = Recorder(out, robot, middleware=middleware, period=period, about={"source": source})
+    try:
+        with recorder:
+            yield recorder
+        if recorder.failed:
+            raise RecordingError(recorder.failed)
+    except BaseException:
+        out.unlink(missing_ok=True)
+        raise

@@ -122,7 +122,7 @@ def play(port: int) -> list[tuple[int, Message]]:
     return found
 
 
-@pytest.mark.filterwarnings("error")
+@pytest.mark.filterwarnings("error::RuntimeWarning")
 @pytest.mark.parametrize("bits", ["7fc00000", "7fa00001"], ids=["quiet", "signalling"])
 def test_what_is_not_a_number_is_read_as_such(bits: str) -> None:
     """Who gets it refuses it; a signalling one made NumPy warn."""

@@ -2,6 +2,8 @@
 
 import subprocess
 import sys
+import threading
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -41,6 +43,24 @@ def scene(xml: str) -> tuple[mujoco.MjModel, mujoco.MjData]:
 
 def camera(size: int = 200) -> Camera:
     return look_at((0, 0, 0), azimuth=0.4, elevation=0.3, distance=1.0, fov=0.4, width=size, height=size)
+
+
+def test_no_two_threads_cast_on_the_same_data(monkeypatch: pytest.MonkeyPatch) -> None:
+    """MuJoCo's working memory is the data's: sharing it killed the process now and then."""
+    model, data = scene(SPHERE)
+    together, used, plain = threading.Barrier(2), [], mujoco.mj_multiRay
+
+    def cast(model: mujoco.MjModel, data: mujoco.MjData, *rest: Any) -> None:
+        used.append(id(data))
+        together.wait(40.0)
+        plain(model, data, *rest)
+
+    monkeypatch.setattr("tci.simulation.cast.os.cpu_count", lambda: 2)
+    monkeypatch.setattr(mujoco, "mj_multiRay", cast)
+    view = camera(100)
+    hits = Caster(model, data, BALL).cast(view, pixel_centres(view))
+    assert len(set(used)) == len(used) == 2
+    assert set(hits.geom) == {-1, 0}
 
 
 def test_sphere_has_its_size_distance_and_normal() -> None:

@@ -55,7 +55,10 @@ class Caster:
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, colours: Array) -> None:
-        """`colours` (ngeom, 4) of the geoms. Alpha 1 is opaque, 0 is not there, between them is glass."""
+        """`colours` (ngeom, 4) of the geoms. Alpha 1 is opaque, 0 is not there, between them is glass.
+
+        The scene stays as it is in `data` when the first rays are cast.
+        """
         # MuJoCo selects by group and by the model's own alpha, so the choice is written into a copy.
         self._model = copy.copy(model)
         alpha = colours[:, 3]
@@ -63,6 +66,8 @@ class Caster:
         self._model.geom_matid[:] = -1
         self._model.geom_rgba[:, 3] = 1.0
         self._data = data
+        # MuJoCo takes its working memory from the data, so each thread has its own.
+        self._copies: list[mujoco.MjData] = []
         looks = np.column_stack([np.where(alpha >= 1.0, model.geom_bodyid, -1), colours])
         surfaces = np.unique(looks, axis=0, return_inverse=True)[1].ravel()
         self._surfaces = np.append(surfaces, -1).astype(np.int32)  # the last one is that of geom -1
@@ -80,9 +85,13 @@ class Caster:
         def cast_chunk(start: int) -> None:
             part = slice(start, start + _CHUNK)
             ids, lengths = geom[part], distance[part]  # views: the results land in place
+            try:
+                data = self._copies.pop()
+            except IndexError:
+                data = copy.copy(self._data)
             mujoco.mj_multiRay(
                 self._model,
-                self._data,
+                data,
                 origin,
                 directions[part].ravel(),
                 groups,
@@ -94,6 +103,7 @@ class Caster:
                 len(ids),
                 mujoco.mjMAXVAL,
             )
+            self._copies.append(data)
 
         # The call lets go of Python's lock, so threads help.
         with ThreadPoolExecutor(os.cpu_count()) as pool:

@@ -75,6 +75,22 @@ def test_contact_is_lost_when_the_arm_goes_away_and_the_finger_does_not_follow(n
     assert nao.contact_truth(patch).force == 0.0
 
 
+def test_skin_that_comes_late_is_pressed_at_the_same_speed(nao: World) -> None:
+    """The finger waits in the air, at the end of its path, for an arm that comes back to it."""
+    servo = next(servo for servo in nao.robot.servos if servo.name == "LShoulderPitch").index
+    here = nao.joints().position[servo]
+    nao.finger.poke("left_forearm", 5, speed=0.02, depth=0.008, gap=0.006)
+    nao.set_position_targets([servo], [here + 0.3])
+    nao.advance(1.2)
+    assert nao.finger.first_contact is None
+    nao.set_position_targets([servo], [here])
+    nao.advance(2.5)
+    assert nao.finger.first_contact is not None
+    path = nao.finger.trace[:, 2]
+    assert path[-1] == pytest.approx(0.006 + 2 * 0.008)
+    assert np.diff(path).max() == pytest.approx(0.02 * nao.step)
+
+
 def test_it_can_be_placed_again_and_retired(world: World) -> None:
     for patch in world.robot.patches[:2]:
         world.finger.poke(patch.name, middle(world, patch.name))

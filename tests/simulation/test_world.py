@@ -9,6 +9,7 @@ from ruckig import InputParameter, OutputParameter, Ruckig
 
 from tci.errors import CommandError, DescriptionError, UnknownNameError
 from tci.frames import Array
+from tci.messages import Mode
 from tci.model.catalogue import load_robot
 from tci.model.collisions import LEFT, RIGHT
 from tci.model.kinematics import Kinematics
@@ -260,6 +261,38 @@ def test_an_arm_that_is_driven_into_the_body_is_stopped_by_it(world: World) -> N
     assert world.joints().position == pytest.approx(start_angles(world.robot, {}), abs=1e-3)
 
 
+def test_an_arm_that_was_pushed_away_does_not_rush_back(nao: World) -> None:
+    """Nobody sends it targets meanwhile: pushed away and let go it is no faster than with them."""
+    top = np.array([servo.limits.velocity or np.inf for servo in nao.robot.servos])
+    nao.advance(0.05)
+    home = nao.joints().position
+    nao.finger.poke("left_forearm", 5, depth=0.08)
+    nao.advance(0.5)
+    assert np.abs(nao.joints().position - home).max() > 0.3
+    nao.finger.retire()
+    for tick in range(1, 200):
+        nao.advance(0.5 + tick * 0.002)
+        assert (np.abs(nao.joints().velocity) <= 1.05 * top).all()
+    assert nao.joints().position == pytest.approx(home, abs=1e-3)
+
+
+def test_torque_mode_begins_without_a_torque_and_a_halt_ends_it(nao: World) -> None:
+    servo = arm_servos(nao)[0]
+    nao.set_modes([servo], [Mode.TORQUE])
+    nao.advance(0.1)
+    start = nao.joints().position[servo]
+    assert abs(start) > 1.0
+    assert start == nao.robot.initial_position[servo]
+    nao.set_torques([servo], [0.2])
+    nao.advance(0.15)
+    there = nao.joints().position[servo]
+    assert there > start + 0.01
+    nao.halt()
+    nao.advance(0.5)
+    assert nao.joints().modes[servo] is Mode.POSITION
+    assert nao.joints().position[servo] == pytest.approx(there, abs=0.02)
+
+
 def test_links_of_one_arm_never_collide_with_one_another(world: World) -> None:
     first, second = world.model.geom_contype, world.model.geom_conaffinity
     for bit, other in ((LEFT, RIGHT), (RIGHT, LEFT)):
@@ -295,6 +328,11 @@ def test_bad_input_says_what_is_valid(nao: World) -> None:
     for step in (0.0, -0.001, np.nan, 0.006):
         with pytest.raises(CommandError, match="valid: above 0"):
             World(robot, step=step)
+    for wrong in ({"noise": -1.0}, {"noise": np.nan}, {"period": 0.0}, {"period": np.nan}, {"seed": -1}):
+        with pytest.raises(CommandError, match=f"{next(iter(wrong))} .*valid: "):
+            World(robot, **wrong)
+    with pytest.raises(CommandError, match=r"seed 1.5; valid: a whole number"):
+        nao.reset(seed=1.5)  # type: ignore[arg-type]
     with pytest.raises(UnknownNameError, match="left_arm"):
         World(robot, posture={"third_arm": np.zeros(5)})
     with pytest.raises(CommandError, match="5 finite angles"):

@@ -40,17 +40,8 @@ class Physics:
         self._warm = data.qacc_warmstart
         self._moved = self.qpos, self.qvel, self.ctrl, data.qfrc_applied, data.xfrc_applied.reshape(-1)
         self._here = np.zeros(sum(one.size for one in self._moved) + model.nv)
-        self.whole = np.zeros(5, dtype=np.int64)
+        self.whole = np.zeros(4, dtype=np.int64)
         """Whole numbers of the loop; places as `stepping` names them."""
-
-    @property
-    def still(self) -> bool:
-        """No servo has anything to do."""
-        return bool(self.whole[stepping.STILL])
-
-    @still.setter
-    def still(self, still: bool) -> None:
-        self.whole[stepping.STILL] = still
 
     @property
     def time(self) -> float:

@@ -98,14 +98,12 @@ class Servos:
         self.powered = read_only(np.ones(len(self._home)), np.bool_)
         """Whether each servo (n,) is on."""
         self._apply_gains()
-        self._physics.still = True
         self._physics.data.ctrl[self._actuators] = self._setpoint
 
     def set_position_targets(self, servos: ArrayLike, angles: ArrayLike) -> None:
         """Go to `angles` (k,) [rad]. Raises CommandError."""
         index, values = _checked(servos, angles, len(self._home))
         at.aim(index, values, self._top, float(self._ramp_steps), self.places, self.asked, self.state)
-        self._physics.still = False
 
     def set_stiffness(self, servos: ArrayLike, share: ArrayLike) -> None:
         """Share (k,) 0..1 of full stiffness; at 0 a servo is limp. Raises CommandError."""
@@ -148,7 +146,6 @@ class Servos:
         """Torques (k,) [N m] of servos in torque mode; the motor's limit holds. Raises CommandError."""
         index, values = _checked(servos, torque, len(self._home))
         self._torques[index] = values
-        self._physics.still = False
 
     def set_power(self, servos: ArrayLike, on: bool) -> None:
         """Switch servos off, which leaves them limp, or on, where they are. Raises CommandError."""
@@ -173,7 +170,6 @@ class Servos:
         here = self.measured()[at.JOINT, servo]
         self._targets[servo] = here
         self._setpoint[self.moving == servo] = here
-        self._physics.still = False
 
     def measured(self) -> Array:
         """Angles [rad], velocities [rad/s] and motors' torques [N m] of all servos (3, n), the latter in the

@@ -29,9 +29,9 @@ TARGET, TORQUE = range(2)
 ACTIVE, BEGIN, SPEED, DEPTH, LEADS, PATH, END, FORCE, FIRST, LOST, PEAK = range(11)
 """Numbers of the finger: whether there is one; when it started, its speed, how deep it goes, damping by
 stiffness, its path and the path's end; force, when it first touched and ceased to [s], largest force."""
-STILL, TIP, TIP_SENSOR, TRACED, AHEAD = range(5)
-"""Whole numbers: whether no servo has anything to do, the finger's actuator and sensor, steps in its trace,
-the step whose first half was taken already."""
+TIP, TIP_SENSOR, TRACED, AHEAD = range(4)
+"""Whole numbers: the finger's actuator and sensor, steps in its trace, the step whose first half was taken
+already."""
 MOVED = returns(reads(1), reads(1), writes(1), reads(1), reads(1))
 """Types of what the joints are and what moves them: MuJoCo's `qpos`, `qvel`, `ctrl`, `qfrc_applied` and
 `xfrc_applied`, row after row."""
@@ -56,9 +56,8 @@ _check, _integrate = _bring("mj_checkAcc"), _bring("mj_implicit")
 
 
 @inlined
-def _drive(qpos: Array, ctrl: Array, servos: Array, places: Array, asked: Array, whole: Array) -> None:
+def _drive(qpos: Array, ctrl: Array, servos: Array, places: Array, asked: Array) -> None:
     """Move the servos' set-points by one step."""
-    still = True
     for i in range(servos.shape[1]):
         setpoint, stride, lag = servos[SETPOINT, i], servos[STRIDE, i], servos[LAG, i]
         left = asked[TARGET, places[SERVO, i]] - setpoint
@@ -67,13 +66,11 @@ def _drive(qpos: Array, ctrl: Array, servos: Array, places: Array, asked: Array,
         servos[SETPOINT, i] = setpoint
         here = qpos[places[ADDRESS, i]]
         error = setpoint - here
-        still &= abs(left) <= stride and abs(error) <= lag and places[LOOSE, i] == 0
         if places[LOOSE, i]:
             ctrl[places[ACTUATOR, i]] = asked[TORQUE, places[SERVO, i]]
         else:
             seen = error if places[YIELDING, i] else min(max(error, -lag), lag)
             ctrl[places[ACTUATOR, i]] = here + seen + servos[LEAD, i] * advance
-    whole[STILL] = still
 
 
 @inlined
@@ -95,6 +92,8 @@ def _note(time: float, sensors: Array, finger: Array, whole: Array, trace: Array
         if finger[FIRST] != finger[FIRST]:
             finger[FIRST] = time
             finger[END] = finger[PATH] + finger[DEPTH]
+            # One that waited at the end of its path goes on from there.
+            finger[BEGIN] = max(finger[BEGIN], time - finger[PATH] / finger[SPEED])
         finger[LOST] = float("nan")
         finger[PEAK] = max(finger[PEAK], force)
     elif finger[FORCE] > 0.0:
@@ -196,8 +195,7 @@ def march(
     due = begin
     for number in range(begin, end):
         time = number * step
-        if not whole[STILL]:
-            _drive(qpos, ctrl, servos, places, asked, whole)
+        _drive(qpos, ctrl, servos, places, asked)
         if finger[ACTIVE]:
             _push(time, ctrl, finger, whole)
         _take_step(model, data, number, moved, here, whole)

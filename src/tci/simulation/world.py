@@ -57,13 +57,17 @@ class World:
         `posture` are generic angles [rad] by generic part where the robot starts; parts that it does
         not name start at their initial posture. A robot that `stands` carries its weight on a floor under its
         soles, which alone touch it, and may fall; otherwise its base is fixed and it weighs nothing. Raises
-        DescriptionError for a robot that can't be simulated, CommandError for a posture that does not fit,
-        or one that stands and has no soles that feel.
+        DescriptionError for a robot that can't be simulated, CommandError for a number or a posture that does
+        not fit, or a robot that stands and has no soles that feel.
         """
         if robot.model is None:
             raise DescriptionError(robot.source, [Fault(0, NO_MODEL)])
         if not (np.isfinite(step) and 0.0 < step <= MAX_STEP):
             raise CommandError(f"step {step}; valid: above 0, up to {MAX_STEP} s")
+        if not 0.0 <= noise < np.inf:
+            raise CommandError(f"noise {noise}; valid: at least 0 counts, and finite")
+        if period is not None and not 0.0 < period < np.inf:
+            raise CommandError(f"period {period}; valid: above 0 s, and finite")
         self.robot = robot
         kinematics = Kinematics(robot)
         names = [patch.name for patch in robot.patches] if skin is True else skin or ()
@@ -73,11 +77,11 @@ class World:
         }
         """Taxels of every patch, by its name."""
         home = start_angles(robot, posture or {})
-        self._seed = seed
+        self._seed = _checked_seed(seed)
         self._generator = np.random.default_rng(seed)
         self._physics = Physics(build_scene(robot, self.surfaces, home, step=step, stands=stands))
         self._home = home
-        self._servos = Servos(self._physics, robot, home, period=period or _period(robot))
+        self._servos = Servos(self._physics, robot, home, period=_period(robot) if period is None else period)
         self._skin = PosedSkin(self._physics, robot.model, self.surfaces)
         self._taxels = Taxels(self._physics, worn, self.surfaces, noise=noise, generator=self._generator)
         self.finger = Finger(self._physics, self._skin)
@@ -110,8 +114,11 @@ class World:
         return self._physics.time
 
     def reset(self, *, seed: int | None = None) -> None:
-        """Back to time 0, the initial posture, full stiffness, no finger, and the seed, or another one."""
-        self._seed = self._seed if seed is None else seed
+        """Back to time 0, the initial posture, full stiffness, no finger, and the seed, or another one.
+
+        Raises CommandError for a seed that is none.
+        """
+        self._seed = self._seed if seed is None else _checked_seed(seed)
         self._generator.bit_generator.state = np.random.default_rng(self._seed).bit_generator.state
         self._physics.reset(self._servos.addresses, self._home[self._servos.moving])
         self._servos.reset()
@@ -153,9 +160,12 @@ class World:
         self._servos.set_power(servos, on)
 
     def halt(self) -> None:
-        """All servos stay where they are now."""
+        """All servos stay where they are now: those in torque mode are switched to position mode."""
         joints, _, _ = self._servos.measured()
-        self._servos.set_position_targets(np.arange(len(joints)), joints)
+        servos = np.arange(len(joints))
+        modes = [Mode.POSITION if mode is Mode.TORQUE else mode for mode in self._servos.modes]
+        self._servos.set_modes(servos, modes)
+        self._servos.set_position_targets(servos, joints)
 
     @property
     def stiffness(self) -> Array:
@@ -231,6 +241,12 @@ def start_angles(robot: Robot, posture: Mapping[str, ArrayLike]) -> Array:
             angles[servo.index], -np.inf if lower is None else lower, np.inf if upper is None else upper
         )
     return angles
+
+
+def _checked_seed(seed: int) -> int:
+    if not isinstance(seed, int | np.integer) or seed < 0:
+        raise CommandError(f"seed {seed}; valid: a whole number from 0 on")
+    return int(seed)
 
 
 def _period(robot: Robot) -> float:

@@ -40,3 +40,9 @@ def test_the_reflex_answers_and_nothing_answers_without_it() -> None:
 def test_nothing_to_do_is_an_error(options: dict[str, object]) -> None:
     with pytest.raises(TciError, match="at least one of each"):
         tci.simulate("nao", **options)
+
+
+@pytest.mark.parametrize("duration", [0.0, -1.0, float("nan"), float("inf")])
+def test_no_time_is_an_error(duration: float) -> None:
+    with pytest.raises(TciError, match="valid: above 0 s"):
+        tci.simulate("nao", duration=duration)

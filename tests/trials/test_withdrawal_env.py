@@ -116,6 +116,32 @@ def test_same_seed_same_episode(env: WithdrawalEnv) -> None:
     assert episode(env, 5, stay) != episode(env, 6, stay)
 
 
+def test_noise_is_another_in_each_episode_and_the_same_for_a_seed() -> None:
+    env = WithdrawalEnv(touch="taxels", noise=2.0, duration=0.1)
+    seeds = (1, 2, 1, None, None)
+    felt = []
+    for seed in seeds:
+        env.reset(seed=seed)
+        felt.append(env.step(env._task)[0]["taxels"].tobytes())
+    assert felt[0] == felt[2]
+    assert len(set(felt)) == 4
+
+
+def test_a_period_that_the_robot_can_not_keep_is_a_longer_one() -> None:
+    """Velocity and reward are those of the time that passed: its own period is 2 ms."""
+    env = WithdrawalEnv(period=0.003)
+    assert env.metadata["render_fps"] == 333
+    observation, _ = env.reset(seed=1)
+    target = observation["task"] + [0.0, 0.0, 0.0, 0.3, 0.0]
+    before = observation["posture"]
+    for _ in range(20):
+        observation, reward, _, _, info = env.step(target)
+        assert observation["velocity"] == pytest.approx((observation["posture"] - before) / 0.004, abs=1e-9)
+        assert reward == pytest.approx(-0.004 * (info["harm"] + 0.05 * info["effort"] + info["task"]))
+        before = observation["posture"]
+    assert env.time == pytest.approx(0.08)
+
+
 def test_taxels_and_contacts_have_the_declared_shapes() -> None:
     env = WithdrawalEnv("nao", touch="taxels")
     observation, _ = env.reset(seed=0)
@@ -125,8 +151,11 @@ def test_taxels_and_contacts_have_the_declared_shapes() -> None:
 
 @pytest.mark.parametrize(
     "options",
-    [{"mode": "torque"}, {"touch": "forces"}, {"part": "head"}, {"pain": 0.0}, {"render_mode": "human"}],
-)
+    [
+        {"mode": "torque"}, {"touch": "forces"}, {"part": "head"}, {"pain": 0.0}, {"render_mode": "human"},
+        {"period": 0.0}, {"duration": float("nan")},
+    ],
+)  # fmt: skip
 def test_what_can_not_be_is_one_error(options: dict[str, object]) -> None:
     with pytest.raises(TciError):
         WithdrawalEnv("nao", **options)

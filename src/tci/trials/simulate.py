@@ -70,13 +70,15 @@ def simulate(
     each a process of its own. `sites` are the places (the reflex's fields), `step` [s] and `noise` [counts]
     those of `World`. A program that calls this from a file needs `if __name__ == "__main__":` around it.
 
-    Raises TciError for fewer than one world or core, or no sites, and what a world raises.
+    Raises TciError for fewer than one world or core, no sites or no duration, and what a world raises.
     """
     places = default_fields() if sites is None else tuple(sites)
     available = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     used = min(available if cores is None else cores, worlds)
     if used < 1 or not places:
         raise TciError(f"{worlds} worlds on {cores} cores, {len(places)} sites; valid: at least one of each")
+    if not 0.0 < duration < np.inf:
+        raise TciError(f"duration {duration}; valid: above 0 s, and finite")
     words = load_robot(robot) if isinstance(robot, str) else robot
     if capability is None:
         from tci.capabilities.withdrawal import WithdrawalReflex

@@ -59,9 +59,10 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
     Action (5,): target of the generic arm [rad], in the control mode of the environment: position (or
     impedance) angles, or velocities [rad/s]. What a robot lacks is dropped.
 
-    Reward, per step of `period` [s]: -period (harm + 0.05 effort + task), with harm = largest pressure over
-    `pain`, effort = mean square of the generic velocities [rad2/s2], task = mean distance of the joints from
-    the task [rad]. `info` has the three. An episode is truncated after `duration` [s], and ends no sooner.
+    Reward, per step of `period` [s] or the next whole control period of the robot: -period (harm + 0.05
+    effort + task), with harm = largest pressure over `pain`, effort = mean square of the generic velocities
+    [rad2/s2], task = mean distance of the joints from the task [rad]. `info` has the three. An episode is
+    truncated after `duration` [s], and ends no sooner.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 50}  # noqa: RUF012 - as Gymnasium declares it
@@ -92,8 +93,9 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
             raise TciError(f"touch {touch!r}; valid: contacts, taxels")
         if render_mode not in (None, "rgb_array"):
             raise TciError(f"render mode {render_mode!r}; valid: rgb_array")
-        if not (np.isfinite(pain) and pain > 0.0 and np.isfinite(period) and period > 0.0):
-            raise TciError(f"pain {pain} Pa, period {period} s; valid: above 0 and finite")
+        for name, value in (("pain", pain), ("period", period), ("duration", duration)):
+            if not 0.0 < value < np.inf:
+                raise TciError(f"{name} {value}; valid: above 0 and finite")
         self.robot = load_robot(robot) if isinstance(robot, str) else robot
         self.part = self.robot.part(part)
         limbs = [patch for patch in self.robot.patches if patch.segment in SEGMENTS]
@@ -102,6 +104,7 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
             valid = ", ".join(dict.fromkeys(patch.part for patch in limbs))
             raise TciError(f"{self.robot.name} has no arm {part} with skin; valid: {valid}")
         self.render_mode = render_mode
+        self.metadata = {**self.metadata, "render_fps": round(1.0 / period)}
         self.mode, self.touch, self.period, self.duration, self.pain = (
             modes[mode],
             touch,
@@ -140,7 +143,8 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
     ) -> tuple[Observation, dict[str, Any]]:
         """A new poke. The same seed gives the same episode, bit for bit; `options` are not used."""
         super().reset(seed=seed)
-        self.world.reset()
+        # From a generator of its own, so that noise changes nothing in where and when the finger comes.
+        self.world.reset(seed=int(self.np_random.spawn(1)[0].integers(2**32)))
         self.link = SimulatedLink(self.robot, world=self.world)
         self.body = Body(self.robot)
         self.time, self._due = 0.0, self.np_random.uniform(0.1, 0.4) * self.duration
@@ -151,13 +155,13 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         if self.mode is not Mode.POSITION:
             self._write([SwitchMode(self.part.name, self.mode)])
             seen = self._look()
-        return self._observe(seen), {"harm": 0.0, "effort": 0.0, "task": 0.0}
+        return self._observe(seen, self.period), {"harm": 0.0, "effort": 0.0, "task": 0.0}
 
     def step(self, action: NDArray[np.float64]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """One `period` with a new target, through the gate."""
         values = np.clip(np.asarray(action, np.float64), self._low, self._high)
         orders: list[GenericCommand] = [GenericCommand(self.part.name, self.mode, values)]
-        end = self.time + self.period
+        begin, end = self.time, self.time + self.period
         harm = 0.0
         while self.time < end - 1e-9:
             if not self._poked and self.time >= self._due:
@@ -169,10 +173,11 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
             self.time += self.link.period
             self.world.advance(self.time)
         seen = self._look()
-        observation = self._observe(seen)
+        took = self.time - begin
+        observation = self._observe(seen, took)
         effort = float(np.mean(observation["velocity"] ** 2))
         task = float(np.mean(np.abs(observation["posture"] - self._task)))
-        reward = -self.period * (harm + EFFORT * effort + TASK * task)
+        reward = -took * (harm + EFFORT * effort + TASK * task)
         info = {"harm": harm, "effort": effort, "task": task, "force": self.world.finger.force}
         return observation, reward, False, self.time >= self.duration - 1e-9, info
 
@@ -224,9 +229,10 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
             / self.pain
         )
 
-    def _observe(self, seen: Perception) -> Observation:
+    def _observe(self, seen: Perception, took: float) -> Observation:
+        """What is seen `took` [s] after the last time."""
         posture = np.array(seen.posture[self.part.name])
-        velocity = (posture - self._before) / self.period
+        velocity = (posture - self._before) / took
         self._before = posture
         observation = {"posture": posture, "velocity": velocity, "task": self._task.copy()}
         observation[self.touch] = self._contacts(seen) if self.touch == "contacts" else self._taxels()

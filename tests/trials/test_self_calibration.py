@@ -28,6 +28,23 @@ def test_200_touches_mend_10_mm(name: str, patch: str) -> None:
     assert right.mean() > 0.9
 
 
+def test_taxels_of_three_axes_are_found_by_what_presses_them() -> None:
+    nao = load_robot("nao")
+    patch = nao.patch("left_forearm")
+    sensor = patch.sensor.model_copy(
+        update={"axes": 3, "rest": 30000.0, "lowest": 0.0, "highest": 65535.0, "pascal_per_count": 4.0}
+    )
+    skin = patch.model_copy(update={"sensor": sensor, "channels": 3 * patch.channels})
+    robot = nao.model_copy(update={"patches": (skin,)})
+    done = calibrate_in_simulation(robot, "left_forearm", touches=100, seed=3)
+    assert np.median(done.after) < 0.3 * np.median(done.before)
+
+
+def test_three_taxels_make_no_surface() -> None:
+    with pytest.raises(TciError, match="head: no surface between its 3 taxels"):
+        calibrate_in_simulation(load_robot("nao"), "head", touches=3)
+
+
 def plane(count: int, *, seed: int) -> tuple[np.ndarray, list[ProbeTouch]]:
     """A flat skin of 8 x 8 taxels with a pitch of 6 mm, and touches whose answers are ideal Gaussians."""
     generator = np.random.default_rng(seed)

@@ -11,6 +11,7 @@ from tci.cli.console import console, print_json
 from tci.errors import CommandError
 from tci.frames import Array
 from tci.interface.skin.self_calibration import LocatedTaxels, ProbeTouch, locate_taxels
+from tci.interface.skin.shear import normal_channels
 from tci.model.catalogue import load_robot
 from tci.model.description import Robot
 from tci.model.kinematics import Kinematics
@@ -72,7 +73,7 @@ def _read(path: Path, robot: Robot, surface: Surface) -> list[ProbeTouch]:
         )
     sensor = patch.sensor
     counts = (rows[:, PLACE:] - sensor.rest) * np.sign(sensor.pascal_per_count)
-    pressure = sensor.pressure(np.maximum(counts[:, surface.channels] - 1.0, 0.0))
+    pressure = sensor.pressure(np.maximum(counts[:, normal_channels(patch, surface)] - 1.0, 0.0))
     normals = rows[:, 3:PLACE] / np.maximum(np.linalg.norm(rows[:, 3:PLACE], axis=1, keepdims=True), 1e-9)
     return [ProbeTouch(p, n, a) for p, n, a in zip(rows[:, :3], normals, pressure, strict=True)]
 

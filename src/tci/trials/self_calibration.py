@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from tci.errors import TciError
 from tci.frames import Array, apply, invert
 from tci.interface.skin.self_calibration import LocatedTaxels, ProbeTouch, locate_taxels
+from tci.interface.skin.shear import normal_channels
 from tci.model.description import Robot
 from tci.model.kinematics import Kinematics
 from tci.model.surfaces import Surface
@@ -52,11 +53,15 @@ def calibrate_in_simulation(
     evenly, and find the taxels again.
 
     `noise` [counts] is the standard deviation of raw values. Raises UnknownNameError for a patch, TciError
-    when the skin can't be reached.
+    when the skin can't be reached, or its taxels are too few or too far apart to be one.
     """
     words = robot.patch(patch)
     world = World(robot, seed=seed, noise=noise)
     surface = world.surfaces[patch]
+    if not len(surface.faces):
+        raise TciError(
+            f"{patch}: no surface between its {len(surface.positions)} taxels; valid: a patch that has one"
+        )
     generator = np.random.default_rng(seed)
     shift = generator.normal(size=surface.positions.shape)
     shift *= wrong / np.linalg.norm(shift, axis=1, keepdims=True)
@@ -115,6 +120,6 @@ def _touch(
         return None
     T_LT = invert(kinematics.poses(world.joints().position, [words.link])[words.link])
     counts = (frame.values.astype(float) - words.sensor.rest) * np.sign(words.sensor.pascal_per_count)
-    pressure = words.sensor.pressure(np.maximum(counts[surface.channels] - 1.0, 0.0))
+    pressure = words.sensor.pressure(np.maximum(counts[normal_channels(words, surface)] - 1.0, 0.0))
     point = apply(T_LT, truth.center) + generator.normal(0.0, PROBE, 3)
     return ProbeTouch(point, T_LT[:3, :3] @ truth.normal, pressure)

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
+from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.messages import GenericCommand, Mode, Order, Perception
 from tci.model.catalogue import load_robot
 from tci.model.description import Robot
 from tci.model.proposal import propose
 from tci.model.xml import read_robot
 from tci.model.xml.model import packaged
 from tci.model.xml.writer import write_robot
-from tci.trials.proof import compare_axes, limit_faults, prove
+from tci.simulation.world import World
+from tci.trials.measure import measure
+from tci.trials.poke import Stimulus, poke
+from tci.trials.proof import compare_axes, limit_faults, prove, trial_faults
 
 PACKAGE = "example-robot-data"
 UNKNOWN = {
@@ -59,6 +66,29 @@ def test_a_wrong_sign_is_found_out() -> None:
         spoilt = robot.model_copy(update={"parts": (wrong, *robot.parts[1:])})
         bad = compare_axes(spoilt, wrong)
         assert bad.worst_deg > 0.5 or bad.within_limits < 100, (id, change)
+
+
+class Jumpy(WithdrawalReflex):
+    """It moves a little before it is touched, and withdraws when it is."""
+
+    def step(self, memory: Any, perception: Perception) -> tuple[tuple[Order, ...], Any]:
+        orders, memory = super().step(memory, perception)
+        early = perception.stamp < 0.003
+        goal = perception.posture["left_arm"] + 0.02 * np.array(self.fields[0].motion)
+        return ((GenericCommand("left_arm", Mode.POSITION, goal),) if early else orders), memory
+
+
+def test_a_motion_before_the_touch_is_found_out() -> None:
+    robot, site = load_robot("nao"), WithdrawalReflex().fields[0]
+    world = World(robot)
+    held = poke(world, "left_arm", site, Stimulus(), reflex=WithdrawalReflex(fields=()), seed=0)
+    faults = []
+    for reflex in (WithdrawalReflex(), Jumpy()):
+        acted = poke(world, "left_arm", site, Stimulus(), reflex=reflex, seed=0)
+        trial = measure(robot, "left_arm", site.name, acted, held)
+        faults.append(trial_faults(robot, trial))
+    assert not faults[0]
+    assert any("first motion after -" in fault for fault in faults[1])
 
 
 def test_limits_are_held_by_every_packaged_robot_that_is_sent_outside_them() -> None:

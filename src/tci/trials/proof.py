@@ -198,8 +198,8 @@ def trial_faults(robot: Robot, trial: Trial) -> list[str]:
     never = float("inf")
     checks = {
         "the reflex did not answer, or moved another part": trial.responded,
-        f"first motion after {trial.first_motion_ms} ms; valid: at most {slowest:g}": (
-            (trial.first_motion_ms or never) <= slowest
+        f"first motion after {trial.first_motion_ms} ms; valid: above 0, at most {slowest:g}": (
+            0.0 < (trial.first_motion_ms or never) <= slowest
         ),
         f"contact lost after {trial.contact_lost_ms} ms; valid: at most 500": (
             (trial.contact_lost_ms or never) <= 500.0

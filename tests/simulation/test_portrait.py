@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from tci.frames import apply
 from tci.messages import Reading
+from tci.model.catalogue import load_robot
 from tci.simulation.camera import Camera, look_at, project
 from tci.simulation.paint import FieldLook
 from tci.simulation.portrait import Moment, Portrait, keep_moment
@@ -101,3 +102,13 @@ def test_the_outline_leaves_out_the_other_arm_and_the_legs(nao: World) -> None:
         [points["left_arm"][:, 1].max(), points["left_arm"][:, 1].min()], abs=0.02
     )
     assert points["left_arm"][:, 2].min() >= -0.05
+
+
+@pytest.mark.parametrize("skin", [[PATCH], False])
+def test_a_robot_that_wears_part_of_its_skin_has_a_portrait(skin: bool | list[str]) -> None:
+    world = World(load_robot("nao"), skin=skin)
+    portrait = Portrait(world, [FIELD], full_scale=40e3)
+    camera = look_at((0, 0, 0), azimuth=0.5, elevation=0.3, distance=1.5, width=200, height=200)
+    picture = portrait.draw(moment(world), camera)
+    green = (picture[..., 1] > 1.3 * picture[..., 0].astype(float)).any()
+    assert green == bool(skin)

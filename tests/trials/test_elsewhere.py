@@ -12,9 +12,12 @@ from middleware.patient import patient
 from middleware.ros_robots import anywhere, here_only, roscore
 from middleware.served import needs_qi
 from tci.errors import LinkError
+from tci.runtime.loop import Tick
+from tci.simulation.world import World
+from tci.trials.elsewhere import Elsewhere
 from tci.trials.experiment import SIDES, trials_of
 from tci.trials.measure import Trial
-from tci.trials.poke import Stimulus
+from tci.trials.poke import Stimulus, poke
 
 VIAS: dict[str, Callable[[], str]] = {
     "zenoh": lambda: f"zenoh:tcp/127.0.0.1:{free_port()}",
@@ -70,3 +73,15 @@ def test_what_keeps_the_other_process_away_is_told() -> None:
     with pytest.raises(LinkError, match="zenoh"):
         next(trials_of(tci.load_robot("nao"), tci.WithdrawalReflex(), stimulus=Stimulus(), seed=3,
                        via="zenoh:no-endpoint"))  # fmt: skip
+
+
+def test_a_process_that_ends_in_the_middle_of_a_trial_is_told() -> None:
+    robot, reflex = tci.load_robot("nao"), tci.WithdrawalReflex()
+    with Elsewhere(robot, VIAS["zenoh"](), reflex.mode) as elsewhere:
+
+        def end(tick: Tick) -> None:
+            elsewhere._process.kill()
+
+        with pytest.raises(LinkError, match=r"the reflex in another process, zenoh.*: ended"):
+            poke(World(robot), "left_arm", reflex.fields[0], Stimulus(), reflex=reflex, seed=3,
+                 watch=end, elsewhere=elsewhere)  # fmt: skip

@@ -53,6 +53,7 @@ class Portrait:
         self.skin = Skin(world.robot)
         """The robot's skin as an interface sees it."""
         self._robot = world.robot
+        self._worn = [patch for patch in world.robot.patches if patch.name in world.surfaces]
         self._model = world.model
         self._fields = tuple(fields)
         self._full_scale = full_scale
@@ -95,16 +96,18 @@ class Portrait:
 
     def _paint(self, moment: Moment) -> list[Painter]:
         """Receptive fields first, taxels over them."""
+        if not self._worn:
+            return []
         skin, robot, joints = self.skin, self._robot, moment.reading.joints
         T_WT = self.torso(moment)
-        names = [patch.name for patch in robot.patches]
+        names = [patch.name for patch in self._worn]
         positions = {name: apply(T_WT, skin.positions(name, joints, frame="torso")) for name in names}
         normals = {name: skin.normals(name, joints, frame="torso") @ T_WT[:3, :3].T for name in names}
         posture = generic_posture(robot, joints)
         paint: list[Painter] = []
         for part in robot.parts:
             for segment in SEGMENTS:
-                on = [p.name for p in robot.patches if (p.part, p.segment) == (part.name, segment)]
+                on = [p.name for p in self._worn if (p.part, p.segment) == (part.name, segment)]
                 if not on or part.side is None:
                     continue
                 T_WS = T_WT @ skin.segment_pose(part.name, segment, joints, posture[part.name])

@@ -74,7 +74,7 @@ class Elsewhere:
     def run(self, world: World, duration: float, trial: Trial) -> None:
         """Serve `world` until the reflex there is ready, then for `duration` [s] of the trial.
 
-        Raises LinkError when the other process says that it can't.
+        Raises LinkError when the other process says that it can't, or ends.
         """
         link = TrialLink(world.robot, world=world, paced=True)
         asked = time.monotonic()
@@ -98,8 +98,11 @@ class Elsewhere:
 
             serve(server, observe=see)
             self._tell("enough")  # while the robot is there: nobody misses anybody
-        while self._said.get(timeout=STARTING) not in ("done", "ended"):
-            pass
+        said = ""
+        while said != "done":
+            said = self._said.get(timeout=STARTING)
+            if said == "ended":
+                raise LinkError(self._trouble(said))
 
     def _ask(self, line: str) -> None:
         while not self._said.empty():
@@ -108,7 +111,13 @@ class Elsewhere:
 
     def _tell(self, line: str) -> None:
         assert self._process.stdin is not None
-        print(line, file=self._process.stdin, flush=True)
+        try:
+            print(line, file=self._process.stdin, flush=True)
+        except BrokenPipeError as error:
+            raise LinkError(self._trouble("ended")) from error
+
+    def _trouble(self, said: str) -> str:
+        return f"the reflex in another process, {self.via}: {said}"
 
     def _ready(self, asked: float) -> bool:
         try:
@@ -118,7 +127,7 @@ class Elsewhere:
         if said == "ready":
             return True
         if said or time.monotonic() - asked > STARTING:
-            raise LinkError(f"the reflex in another process, {self.via}: {said or 'it does not answer'}")
+            raise LinkError(self._trouble(said or "it does not answer"))
         return False
 
     def __enter__(self) -> Self:

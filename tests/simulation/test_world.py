@@ -293,6 +293,16 @@ def test_torque_mode_begins_without_a_torque_and_a_halt_ends_it(nao: World) -> N
     assert nao.joints().position[servo] == pytest.approx(there, abs=0.02)
 
 
+def test_a_servo_that_was_off_pushes_only_when_told_again(nao: World) -> None:
+    servo = arm_servos(nao)[0]
+    nao.set_modes([servo], [Mode.TORQUE])
+    nao.set_torques([servo], [0.2])
+    for on, torque in ((True, 0.2), (False, 0.0), (True, 0.0)):
+        nao.set_power([servo], on)
+        nao.advance(nao.time + 0.02)
+        assert nao.joints().torque[servo] == pytest.approx(torque)
+
+
 def test_links_of_one_arm_never_collide_with_one_another(world: World) -> None:
     first, second = world.model.geom_contype, world.model.geom_conaffinity
     for bit, other in ((LEFT, RIGHT), (RIGHT, LEFT)):

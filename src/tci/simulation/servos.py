@@ -166,7 +166,8 @@ class Servos:
         return result
 
     def _catch(self, servo: int) -> None:
-        """Let a servo that was loose stay where it is."""
+        """Let a servo that was loose stay where it is, and push no more."""
+        self._torques[servo] = 0.0
         here = self.measured()[at.JOINT, servo]
         self._targets[servo] = here
         self._setpoint[self.moving == servo] = here

@@ -10,8 +10,10 @@ import pytest
 
 from middleware.naoqi.still_nao import StillNao
 from middleware.served import Served
+from tci.capabilities.capability import Capability
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.errors import LinkError
+from tci.messages import Mode, Perception, PlatformCommand, PlatformOrder
 from tci.middleware.joined import JoinedLink
 from tci.middleware.link import Link
 from tci.model.catalogue import load_robot
@@ -27,6 +29,17 @@ def wait_for(what: Callable[[], bool]) -> None:
     while not what():
         assert time.monotonic() < end, "it never came"
         time.sleep(0.005)
+
+
+class Bend(Capability[None]):
+    """Moves an elbow, slowly."""
+
+    def init(self) -> None:
+        return None
+
+    def step(self, memory: None, perception: Perception) -> tuple[tuple[PlatformOrder, ...], None]:
+        elbow = np.array([ELBOW])
+        return (PlatformCommand(Mode.POSITION, elbow, np.array([-1.2]), np.array([0.3])),), None
 
 
 def sequences(link: Link) -> dict[str, int]:
@@ -69,6 +82,22 @@ def test_joints_over_naoqi_and_skin_over_yarp() -> None:
                 assert {frame.values.shape for frame in link.read().skin} == {(240,), (120,), (3,)}
     finally:
         served.kill()
+
+
+def test_a_run_that_ends_in_motion_is_brought_to_rest() -> None:
+    with StillNao() as body, StillNao(without=("ALMotion",)) as skin:
+        body.board.measured[ELBOW] = -0.7
+        with connect(ROBOT, f"{body.via} + {skin.via}", arm=True) as link:
+            wait_for(lambda: link.read().joints.position[ELBOW] == pytest.approx(-0.7))
+
+            def fail(tick: Tick) -> None:
+                body.obey()
+                if np.any(tick.sent.velocity):
+                    raise RuntimeError("in motion")
+
+            with pytest.raises(RuntimeError, match="in motion") as raised:
+                run(link, Bend(), observe=fail)
+            assert not getattr(raised.value, "__notes__", [])
 
 
 def test_what_can_not_be_joined_is_refused_and_what_was_open_is_closed() -> None:

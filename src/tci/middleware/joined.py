@@ -29,7 +29,7 @@ class JoinedLink(Link):
         self.robot, self.clock, self.armed = joints.robot, joints.clock, joints.armed
         self.period, self.gate, self.lease_name = joints.period, joints.gate, joints.lease_name
         self.keep_alive = max((link.keep_alive for link in skins if link.keep_alive), default=None)
-        self.about = joints.about
+        self.about, self.recorded = joints.about, joints.recorded
         self._open = True
 
     def ticks(self, *, duration: float | None = None, start: float | None = None) -> Iterator[float]:

@@ -100,6 +100,41 @@ def test_what_lcm_itself_sends_is_read_whole_or_in_pieces() -> None:
     receiver.close()
 
 
+def test_32_one_look_finds_the_latest_of_all_that_waits() -> None:
+    url = lcm_url()
+    receiver, sender = Receiver(url), lcm.LCM(url)
+    sender.publish("a/b", b"first")
+    found: list[tuple[str, bytes]] = []
+    while not found:
+        found = list(receiver.poll())
+    for number in range(150):
+        sender.publish("a/b", bytes([number]))
+    # What is sent on one machine waits at the receiver at once.
+    assert list(receiver.poll())[-1] == ("a/b", bytes([149]))
+    receiver.close()
+
+
+def test_a_network_that_goes_away_ends_nobody_and_one_that_never_was_is_told() -> None:
+    class Broken:
+        def publish(self, channel: str, data: bytes) -> None:
+            raise OSError(101, "Network is unreachable")
+
+    peer = Lcm()
+    peer.start()
+    try:
+        with peer.open(arm=True) as link:
+            assert isinstance(link, LcmLink)
+            sound, link._bus._lcm = link._bus._lcm, Broken()
+            with pytest.raises(LinkError, match="nothing can be sent: Network is unreachable"):
+                link.write(link.gate.step([], link.read().joints, link.clock.now()))
+            link._bus._lcm = sound
+            link.write(link.gate.step([], link.read().joints, link.clock.now()))
+            link._bus._lcm = Broken()
+            link.write(link.gate.step([], link.read().joints, link.clock.now()))
+    finally:
+        peer.stop()
+
+
 def test_losses_are_counted_by_the_senders_numbers() -> None:
     seen = Datagrams()
     for number in (5, 6, 9, 9, 8, 10):

@@ -13,12 +13,13 @@ Whoever is in the multicast group may command: LCM knows no passwords. Over a ne
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 
 import lcm
 
 from tci.errors import FrameError, LinkError
-from tci.messages import SkinFrame
+from tci.messages import Reading, SkinFrame
 from tci.middleware.diagnosis import Finding, Level
 from tci.middleware.lcm_datagrams import URL, Receiver, parse_url
 from tci.middleware.link import Link
@@ -37,6 +38,8 @@ from tci.middleware.remote_link import RemoteLink
 from tci.middleware.remote_server import RemoteServer
 from tci.model.description import Robot
 
+PER_POLL = 64
+"""Messages that are decoded per call. Ours."""
 FACTS = 1.0
 """Time [s] from one telling of the run-time query to the next: LCM has no questions. Ours."""
 
@@ -48,7 +51,8 @@ class _Bus:
         """Raises LinkError."""
         parse_url(address.where)
         self.receiver = Receiver(address.where)
-        self._prefix = f"tci/{address.robot}"
+        self._where, self._prefix = address, f"tci/{address.robot}"
+        self._works = False
         try:
             self._lcm = lcm.LCM(address.where)
         except RuntimeError as error:
@@ -56,15 +60,23 @@ class _Bus:
             raise LinkError(f"{address}: {error}") from error
 
     def put(self, name: str, data: bytes) -> None:
-        """Send a message to the channel of that name."""
-        self._lcm.publish(f"{self._prefix}/{name}", data)
+        """Send a message to the channel of that name. When the network is gone for a while it is lost, as on
+        the way. Raises LinkError where nothing could ever be sent."""
+        try:
+            self._lcm.publish(f"{self._prefix}/{name}", data)
+            self._works = True
+        except OSError as error:
+            if not self._works:
+                raise LinkError(f"{self._where}: nothing can be sent: {error.strerror}") from error
 
-    def poll(self) -> Iterator[tuple[str, bytes]]:
-        """Name of the channel and bytes of what came."""
+    def poll(self) -> Iterable[tuple[str, bytes]]:
+        """Name of the channel and bytes of the latest that came, oldest first; a bounded number."""
+        latest: deque[tuple[str, bytes]] = deque(maxlen=PER_POLL)
         for channel, data in self.receiver.poll():
             prefix, _, name = channel.rpartition("/")
             if prefix == self._prefix:
-                yield name, data
+                latest.append((name, data))
+        return latest
 
     def close(self) -> None:
         """Let go of the sockets."""
@@ -86,6 +98,21 @@ class LcmLink(RemoteLink):
         except BaseException:
             self._bus.close()
             raise
+
+    def _receive(self) -> Reading:
+        before = self._state
+        reading = super()._receive()
+        end = self.clock.now() + self.gate.stale_after
+        # Where nobody reads for a while, the system keeps the oldest datagrams: the latest is still to come.
+        while self._state is not before and self._is_late() and self.clock.now() < end:
+            self.clock.sleep_until(self.clock.now() + self.period)
+            reading = super()._receive()
+        return reading
+
+    def _is_late(self) -> bool:
+        """Whether the latest state was held up."""
+        assert self._state is not None
+        return self.clock.now() - (self._state.now + self._shift) > self.gate.stale_after
 
     def _poll(self) -> Iterator[State | SkinFrame]:
         readers: dict[str, Callable[[Robot, bytes], State | SkinFrame]] = {

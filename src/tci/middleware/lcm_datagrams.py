@@ -19,10 +19,11 @@ from tci.errors import LinkError
 URL = "udpm://239.255.76.67:7667?ttl=0"
 """LCM's own default: this machine only."""
 VALID = f"valid: {URL}, with ttl=1 for the local network"
-PER_POLL = 64
-"""Datagrams looked at per call, so that a flood costs a bounded time. Ours."""
+PER_POLL = 1024
+"""Datagrams looked at per call: more than can wait, so that the latest is found, but a flood costs a bounded
+time. Ours."""
 BUFFER = 1 << 18
-"""Bytes that may wait in the system: small, so that what waits is not old. Ours."""
+"""Bytes that may wait in the system. Ours."""
 LONGEST = 1 << 17
 """Bytes of a message. Ours."""
 SENDERS = 64

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import secrets
 import socket
@@ -9,6 +10,7 @@ import time
 from abc import abstractmethod
 from collections import deque
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import replace
 
 from tci.clock import MonotonicClock
@@ -28,7 +30,8 @@ STARTING = 30.0
 SKIN = 2.0
 """Time [s] that the first frames of the skin have after that; a dead patch is for the skin to see. Ours."""
 WINDOW = 1.0
-"""Time [s] over which the shortest way of a state counts as its undelayed one. Ours."""
+"""Time [s] over which the shortest way of a state counts as its undelayed one, silence left out: what comes
+after it was held up. Ours."""
 
 
 class RemoteLink(Link):
@@ -55,7 +58,8 @@ class RemoteLink(Link):
         """Messages that did not count: damaged, out of order, for another robot."""
         self._state: State | None = None
         self._delays: deque[tuple[float, float]] = deque()
-        self._shift = 0.0
+        self._shift = self._heard = 0.0
+        self._arrival = -math.inf
         self._skin: dict[str, SkinFrame] = {}
         self._told = self._lost = ""
         self._pending: deque[tuple[float, PlatformOrder]] = deque()
@@ -146,10 +150,25 @@ class RemoteLink(Link):
         halt = safe.reason if safe.state is not GateState.RUN and safe.reason != self._told else ""
         self._say(state, halt, leaving=False)
 
+    def _halt(self) -> None:
+        """What was ordered is not gone on with: the robot's process is told until it holds. When no word gets
+        through it holds by itself."""
+        if self._state is None or not self._sequence:
+            return
+        self._pending.clear()
+        end = self.clock.now() + self.gate.stale_after
+        while self.clock.now() < end:
+            self._say(self._state, "halted", leaving=False)
+            self.clock.sleep_until(self.clock.now() + self.period)
+            self._take()
+            if self._state.gate != GateState.RUN.value:
+                return
+
     def _close(self) -> None:
         if self._state is not None and self._sequence:
             self._pending.clear()
-            self._say(self._state, "", leaving=True)
+            with suppress(LinkError):  # then the silence tells it
+                self._say(self._state, "", leaving=True)
 
     def _say(self, state: State, halt: str, *, leaving: bool) -> None:
         self._sequence += 1
@@ -180,10 +199,12 @@ class RemoteLink(Link):
     def _accept(self, state: State) -> None:
         self._state = state
         arrival = self.clock.now()
-        delay = arrival - state.sent
-        while self._delays and (self._delays[0][0] < arrival - WINDOW or self._delays[-1][1] >= delay):
-            self._delays.popleft() if self._delays[0][0] < arrival - WINDOW else self._delays.pop()
-        self._delays.append((arrival, delay))
+        self._heard += min(arrival - self._arrival, self.gate.stale_after)
+        self._arrival = arrival
+        delay, begin = arrival - state.sent, self._heard - WINDOW
+        while self._delays and (self._delays[0][0] < begin or self._delays[-1][1] >= delay):
+            self._delays.popleft() if self._delays[0][0] < begin else self._delays.pop()
+        self._delays.append((self._heard, delay))
         # Where the robot's time is here: when the state was sent, if its way was the shortest one.
         self._shift = state.sent + self._delays[0][1] - state.now
 

@@ -18,10 +18,10 @@ SESSION, SILENCE = 7, 0.08
 class Robot:
     """A NAO with its gate, and what two processes say to it."""
 
-    def __init__(self) -> None:
+    def __init__(self, silence: float = SILENCE) -> None:
         self.robot = tci.load_robot("nao")
         self.clock = ManualClock(100.0)
-        self.commanders = Commanders(self.robot, SESSION, SILENCE, self.clock.now)
+        self.commanders = Commanders(self.robot, SESSION, silence, self.clock.now)
         self.gate = Gate(self.robot, period=0.002, stale_after=1.0)
         self.readings = 0
         self.numbers: dict[int, int] = {}
@@ -126,6 +126,20 @@ def test_28_43_a_commander_that_falls_silent_means_hold_and_later_its_joints_are
     robot.tick()
     robot.say(2, aim(2, value=0.2), first=2)
     assert [order.servos.tolist() for order in robot.tick().orders] == [[2]]
+
+
+def test_43_silence_means_hold_also_where_it_may_be_long() -> None:
+    robot = Robot(silence=3.0)
+    robot.say(1, aim(2))
+    robot.tick()
+    robot.clock.advance(2.9)
+    assert not robot.tick().reason
+    assert [member.client for member in robot.commanders.states()] == [1]
+    robot.clock.advance(0.2)
+    assert "no word from behaviour 1" in robot.tick().reason
+    robot.clock.advance(LEASE)
+    robot.tick()
+    assert not robot.commanders.states()
 
 
 def test_a_commander_that_comes_back_ends_the_hold(robot: Robot) -> None:

@@ -13,8 +13,10 @@ from hypothesis import strategies as st
 
 import tci
 from tci.errors import FrameError
+from tci.interface.gate.gate import Gate
 from tci.messages import JointReading, Mode, PlatformCommand, PlatformSwitch, SkinFrame
-from tci.middleware.remote import Commander, Orders, State
+from tci.middleware.commanders import Commanders
+from tci.middleware.remote import MOST_COMMANDERS, MOST_WORDS, Commander, Orders, State
 from tci.middleware.remote_cdr import (
     ENVELOPE,
     frame_bytes,
@@ -109,6 +111,34 @@ def test_31_spoilt_contents_under_a_sound_check_raise_one_error() -> None:
             READ[kind](NAO, seal(NAO, kind.encode(), bytes(body)))
         except FrameError:
             continue
+
+
+def test_31_words_of_others_can_be_printed_and_are_bounded() -> None:
+    wild = "\udcff\x1b[2J\n" * 2000
+    orders = dataclasses.replace(ORDERS, name=wild, halt=wild)
+    state = dataclasses.replace(STATE, reason=wild, commanders=(Commander(5, wild, 6, 2, wild),))
+    heard, told = to_orders(NAO, orders_bytes(NAO, orders)), to_state(NAO, state_bytes(NAO, state))
+    (member,) = told.commanders
+    for words in (heard.name, heard.halt, told.reason, member.name, member.reason):
+        assert words.isprintable()
+        assert len(words.encode()) <= 4 * MOST_WORDS
+
+
+def test_33_what_many_commanders_are_refused_fits_in_a_state() -> None:
+    now = 1.0
+    everybody = Commanders(NAO, 7, 1.0, lambda: now)
+    order = PlatformSwitch(np.full(10_000, 99_999), Mode.POSITION)
+    for client in range(1, MOST_COMMANDERS + 1):
+        everybody.hear(
+            dataclasses.replace(ORDERS, session=7, seen=now, client=client, first=1, orders=(order,))
+        )
+    gate = Gate(NAO, period=0.01, stale_after=1.0)
+    joints = JointReading(now, 1, np.array(NAO.initial_position), np.zeros(COUNT))
+    everybody.decided(gate.step(everybody.take(), joints, now))
+    state = dataclasses.replace(STATE, commanders=everybody.states())
+    told = to_state(NAO, state_bytes(NAO, state))
+    assert len(told.commanders) == MOST_COMMANDERS
+    assert all("99999" in member.reason for member in told.commanders)
 
 
 @given(st.sampled_from("SFO"), st.binary(max_size=400))

@@ -58,11 +58,13 @@ def test_the_names_of_robots_there_are_told_and_the_run_time_query_answers() -> 
         with pytest.raises(LinkError, match="robots there: kitchen"):
             ZenohLink(robot, f"hall@tcp/127.0.0.1:{port}")
         session = open_session(parse_address(f"kitchen@tcp/127.0.0.1:{port}", "nao"), "connect")
-        replies = list(session.get("tci/kitchen/facts", timeout=5.0))
+        found = [list(session.get(f"tci/{name}/facts", timeout=5.0)) for name in ("kitchen", "*")]
         close_session(session)
-    assert [reply.ok is not None for reply in replies] == [True]
-    assert replies[0].ok is not None
-    assert read_facts(replies[0].ok.payload.to_bytes()) == query(robot)
+    for replies in found:
+        assert [reply.ok is not None for reply in replies] == [True]
+        assert replies[0].ok is not None
+        assert str(replies[0].ok.key_expr) == "tci/kitchen/facts"
+        assert read_facts(replies[0].ok.payload.to_bytes()) == query(robot)
 
 
 def test_doctor_tells_step_by_step_what_is_there() -> None:

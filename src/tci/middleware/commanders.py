@@ -10,11 +10,11 @@ from dataclasses import dataclass, field
 
 from tci.interface.gate.safe_command import SafeCommand
 from tci.messages import Order, PlatformOrder
-from tci.middleware.remote import MOST_COMMANDERS, MOST_ORDERS, Commander, Orders
+from tci.middleware.remote import MOST_COMMANDERS, MOST_ORDERS, MOST_WORDS, Commander, Orders
 from tci.model.description import Robot
 
 LEASE = 1.0
-"""Silence [s] after which a commander's joints are free for others. Ours."""
+"""Time [s] from when a commander fell silent until its joints are free for others. Ours."""
 
 
 @dataclass(slots=True)
@@ -84,7 +84,7 @@ class Commanders:
         reason, self._left = self._left, ""
         for client, member in list(self._members.items()):
             silent = now - member.heard
-            if silent > LEASE:
+            if silent > self._silence + LEASE:
                 self._forget(client, "")
             elif silent > self._silence and member.servos:
                 reason = reason or f"no word from {member.name} for {self._silence * 1e3:.0f} ms"
@@ -140,7 +140,7 @@ class Commanders:
 
     def _refuse(self, client: int, number: int, reason: str) -> None:
         if member := self._members.get(client):
-            member.refused, member.reason = number, reason
+            member.refused, member.reason = number, reason[:MOST_WORDS]
 
     def _forget(self, client: int, reason: str) -> None:
         member = self._members.pop(client)

@@ -18,6 +18,13 @@ HIGHEST = 1 << 62
 """Numbers of orders are below it."""
 MOST_COMMANDERS = 16
 """Processes that may command one robot at a time. Ours."""
+MOST_WORDS = 2000
+"""Characters of a reason, so that those for all commanders fit in one state. Ours."""
+
+
+def shown(text: str, most: int) -> str:
+    """What others sent for people to read: at most `most` characters, all of them such as can be printed."""
+    return "".join(one if one.isprintable() else "\N{REPLACEMENT CHARACTER}" for one in text[:most])
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,16 @@ import numpy as np
 from tci.errors import FrameError, RecordingError
 from tci.frames import read_only
 from tci.messages import Mode, PlatformCommand, PlatformOrder, PlatformSwitch, SkinFrame
-from tci.middleware.remote import HIGHEST, MOST_COMMANDERS, MOST_ORDERS, Commander, Orders, State
+from tci.middleware.remote import (
+    HIGHEST,
+    MOST_COMMANDERS,
+    MOST_ORDERS,
+    MOST_WORDS,
+    Commander,
+    Orders,
+    State,
+    shown,
+)
 from tci.model.description import Robot
 from tci.recording.cdr import MessageType, decode, encode
 from tci.recording.schemas import MODES, SKIN, header, mode_number, skin_bytes, to_frame, to_joints
@@ -102,12 +111,12 @@ def to_state(robot: Robot, data: bytes) -> State:
     if len(sizes) != 1 or max(sizes) > MOST_COMMANDERS:
         raise FrameError(f"state with {sizes} commanders; valid: at most {MOST_COMMANDERS}")
     members = tuple(
-        Commander(int(client), name, int(acknowledged), int(refused), reason)
+        Commander(int(client), shown(name, 64), int(acknowledged), int(refused), shown(reason, MOST_WORDS))
         for client, name, acknowledged, refused, reason in zip(*columns, strict=True)
     )
     return State(
         found["session"], found["sequence"], found["sent"], found["now"], joints,
-        found["gate"], found["reason"], members,
+        shown(found["gate"], 16), shown(found["reason"], 200), members,
     )  # fmt: skip
 
 
@@ -163,8 +172,8 @@ def to_orders(robot: Robot, data: bytes) -> Orders:
         orders.append(_order(bool(switch), MODES[number], *parts))
         begin += count
     return Orders(
-        found["session"], found["seen"], found["client"], found["name"][:64], found["sequence"],
-        found["halt"][:200], found["leaving"], found["first"], tuple(orders),
+        found["session"], found["seen"], found["client"], shown(found["name"], 64), found["sequence"],
+        shown(found["halt"], 200), found["leaving"], found["first"], tuple(orders),
     )  # fmt: skip
 
 

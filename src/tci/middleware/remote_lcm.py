@@ -15,7 +15,16 @@ from tci.errors import FrameError, RecordingError
 from tci.frames import read_only
 from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch, SkinFrame
 from tci.middleware.query import query
-from tci.middleware.remote import HIGHEST, MOST_COMMANDERS, MOST_ORDERS, Commander, Orders, State
+from tci.middleware.remote import (
+    HIGHEST,
+    MOST_COMMANDERS,
+    MOST_ORDERS,
+    MOST_WORDS,
+    Commander,
+    Orders,
+    State,
+    shown,
+)
 from tci.middleware.tci_lcm import commander_t, facts_t, order_t, orders_t, skin_t, state_t
 from tci.model.description import Robot
 from tci.recording.schemas import MODES, UNKNOWN, mode_number, to_frame
@@ -68,11 +77,15 @@ def to_state(robot: Robot, data: bytes) -> State:
         read_only(found.powered, np.bool_) if found.num_powered else None,
     )  # fmt: skip
     members = tuple(
-        Commander(one.client, one.name, one.acknowledged, one.refused, one.reason) for one in found.commanders
+        Commander(
+            one.client, shown(one.name, 64), one.acknowledged, one.refused, shown(one.reason, MOST_WORDS)
+        )
+        for one in found.commanders
     )
     return State(
-        found.session, found.sequence, found.sent, found.now, joints, found.gate, found.reason, members
-    )
+        found.session, found.sequence, found.sent, found.now, joints, shown(found.gate, 16),
+        shown(found.reason, 200), members,
+    )  # fmt: skip
 
 
 def frame_bytes(robot: Robot, frame: SkinFrame) -> bytes:
@@ -116,8 +129,8 @@ def to_orders(robot: Robot, data: bytes) -> Orders:
         raise FrameError(f"{found.num_orders} orders from number {found.first}; valid: {MOST_ORDERS}, from 1")
     orders = tuple(_to_order(order) for order in found.orders)
     return Orders(
-        found.session, found.seen, found.client, found.name[:64], found.sequence, found.halt[:200],
-        found.leaving, found.first, orders,
+        found.session, found.seen, found.client, shown(found.name, 64), found.sequence,
+        shown(found.halt, 200), found.leaving, found.first, orders,
     )  # fmt: skip
 
 

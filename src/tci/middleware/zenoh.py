@@ -123,9 +123,9 @@ class ZenohServer(RemoteServer):
             patch.name: self.session.declare_publisher(f"{self._key}/skin/{patch.name}", **QOS)
             for patch in link.robot.patches
         }
+        key = f"{self._key}/facts"  # what is asked for may be tci/*/facts
         self._facts = self.session.declare_queryable(
-            f"{self._key}/facts",
-            lambda asked: asked.reply(asked.key_expr, facts, encoding=zenoh.Encoding.APPLICATION_JSON),
+            key, lambda asked: asked.reply(key, facts, encoding=zenoh.Encoding.APPLICATION_JSON)
         )
         self._alive = self.session.liveliness().declare_token(f"{self._key}/alive")
 

@@ -53,9 +53,11 @@ def _key(call: dict[str, Any]) -> str:
 class RecordedServer:
     """Answers as the genuine one did; `heard` is what the client said."""
 
-    def __init__(self) -> None:
+    def __init__(self, port: int = 0) -> None:
         self.heard: list[dict[str, Any]] = []
-        self.port = 0
+        self.port = port
+        self.left = threading.Event()
+        """A client has left, by itself or not."""
         self._ready = threading.Event()
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -84,6 +86,9 @@ class RecordedServer:
                 self.topics: set[str] = set()
                 outer.protocol = self
                 outer.task = asyncio.ensure_future(self.play())
+
+            def onClose(self, wasClean: bool, code: int | None, reason: str | None) -> None:
+                outer.left.set()
 
             def onMessage(self, payload: bytes, isBinary: bool) -> None:
                 message = json.loads(payload)
@@ -118,7 +123,7 @@ class RecordedServer:
         asyncio.set_event_loop(self._loop)
         factory = WebSocketServerFactory()
         factory.protocol = Protocol
-        server = self._loop.run_until_complete(self._loop.create_server(factory, "127.0.0.1", 0))
+        server = self._loop.run_until_complete(self._loop.create_server(factory, "127.0.0.1", self.port))
         self.port = server.sockets[0].getsockname()[1]
         self._ready.set()
         self._loop.run_forever()
@@ -128,7 +133,8 @@ class RecordedServer:
     def _stop(self) -> None:
         if (task := getattr(self, "task", None)) is not None:
             task.cancel()
-        if (protocol := getattr(self, "protocol", None)) is not None:
+        protocol = getattr(self, "protocol", None)
+        if protocol is not None and protocol.transport is not None:  # still there
             protocol.transport.abort()
         self._loop.call_later(0.1, self._loop.stop)
 

@@ -10,7 +10,7 @@ import pytest
 import tci
 from tci.clock import ManualClock
 from tci.errors import LinkError
-from tci.interface.gate.safe_command import SafeCommand
+from tci.interface.gate.safe_command import GateState, SafeCommand
 from tci.messages import JointReading, PlatformOrder, SkinFrame
 from tci.middleware.remote import Orders, State
 from tci.middleware.remote_link import WINDOW, RemoteLink
@@ -79,6 +79,22 @@ def test_what_was_held_up_is_old_and_a_longer_way_counts_after_a_while(wire: Wir
         ages.append(wire.age(late=0.201))
     assert ages[0] == pytest.approx(0.2)
     assert ages[-1] == pytest.approx(0.0)
+
+
+def test_what_the_robots_process_holds_for_is_not_said_back_however_often_it_is_read(wire: Wire) -> None:
+    """Else each side holds because the other does."""
+    wire.order()
+    for states in (("hold",), ("hold", "run"), ("run", "hold"), ("run",)):
+        for wire.there in states:
+            wire.tell()
+            reading = wire.read()
+        sent = wire.write(wire.gate.step([], reading.joints, wire.time.now()))
+        wire.time.advance(wire.period)
+        assert (sent.state is GateState.HOLD) == ("hold" in states)
+        assert wire.said[-1].halt == ""
+    wire.gate.hold("our own reason")
+    assert wire.order().reason == "our own reason"
+    assert wire.said[-1].halt == "our own reason"
 
 
 def test_a_halt_is_said_until_the_robot_holds_and_nothing_ordered_is_said_again(wire: Wire) -> None:

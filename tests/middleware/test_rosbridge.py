@@ -5,17 +5,19 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Iterator
+from concurrent.futures import Future
 
 import numpy as np
 import pytest
 
 import tci
+from middleware.links import free_port
 from middleware.rosbridge_exchange import RecordedServer, exchange, narrow, plain
 from tci.errors import LinkError
 from tci.interface.gate.safe_command import GateState
-from tci.middleware.ros.messages import TRAJECTORY
+from tci.middleware.ros.messages import BYTES, NO_LAYOUT, TRAJECTORY
 from tci.middleware.ros.tree import Trees
-from tci.middleware.rosbridge import _get, _new, parse
+from tci.middleware.rosbridge import MOST_WAITING, RosbridgeNode, _get, _new, parse
 from tci.recording.schemas import CLOUD, JOINTS, cloud_fields, header
 
 pytestmark = pytest.mark.xdist_group("rosbridge")
@@ -70,6 +72,35 @@ def test_28_a_server_that_dies_means_hold_and_closing_leaves_nothing(server: Rec
     link.close()
     with pytest.raises(LinkError, match="closed"):
         link.read()
+
+
+def test_one_who_gave_up_does_not_stay_when_the_server_is_there_later() -> None:
+    port = free_port()
+    with pytest.raises(LinkError, match="no rosbridge server"):
+        RosbridgeNode("127.0.0.1", port)
+    late = RecordedServer(port)
+    try:
+        assert late.left.wait(40.0)  # a try that was under way may still find it
+    finally:
+        late.close()
+
+
+def test_32_a_server_that_reads_nothing_keeps_little_waiting(server: RecordedServer) -> None:
+    node = RosbridgeNode("127.0.0.1", server.port)
+    send = node.advertise("/flood", BYTES)
+    server._loop.call_soon_threadsafe(server.protocol.transport.pause_reading)
+    data = np.random.default_rng(0).integers(0, 256, MOST_WAITING, np.uint8)
+    for _ in range(40):
+        send((NO_LAYOUT, data))
+    waiting: Future[int] = Future()
+    factory = node._ros.factory
+    factory.manager.loop.call_soon_threadsafe(
+        lambda: waiting.set_result(factory._proto.transport.get_write_buffer_size())
+    )
+    assert waiting.result(40.0) < 4 * MOST_WAITING
+    server._loop.call_soon_threadsafe(server.protocol.transport.resume_reading)
+    node.close()
+    node.close()
 
 
 def test_35_messages_that_are_none_are_counted_and_the_link_goes_on(server: RecordedServer) -> None:

@@ -122,13 +122,11 @@ class RemoteLink(Link):
         assert state is not None
         if self._lost:
             self.gate.stop(self._lost)
-        running = state.gate == GateState.RUN.value
-        self._told = "" if running else f"the robot's process: {state.reason}"
+        if state.gate != GateState.RUN.value:
+            self._hold(f"the robot's process: {state.reason}")
         for commander in state.commanders:
             if commander.client == self.client:
                 self._heed(commander)
-        if self._told:
-            self.gate.hold(self._told)
         joints = replace(state.joints, stamp=state.joints.stamp + self._shift)
         skin = (replace(frame, stamp=frame.stamp + self._shift) for frame in self._skin.values())
         return Reading(joints, tuple(skin))
@@ -148,7 +146,13 @@ class RemoteLink(Link):
             self._pending.clear()
             self.gate.hold(f"no answer of {self.robot.name} to orders")
         halt = safe.reason if safe.state is not GateState.RUN and safe.reason != self._told else ""
+        self._told = ""
         self._say(state, halt, leaving=False)
+
+    def _hold(self, told: str) -> None:
+        """Hold for what the robot's process said. It is not told that: each would wait for the other."""
+        self._told = told
+        self.gate.hold(told)
 
     def _halt(self) -> None:
         """What was ordered is not gone on with: the robot's process is told until it holds. When no word gets
@@ -217,4 +221,4 @@ class RemoteLink(Link):
             self.refusals.append(commander.reason)
             if "commanded by" in commander.reason:
                 raise LinkError(commander.reason)
-            self._told = f"refused by the robot's process: {commander.reason}"
+            self._hold(f"refused by the robot's process: {commander.reason}")

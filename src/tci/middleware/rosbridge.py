@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import json
 import re
 import threading
 from collections.abc import Mapping, Sequence
@@ -24,6 +25,10 @@ PORT = 9090
 """The server's usual port."""
 TIMEOUT = 5.0
 """Time [s] that a server has to answer. Ours."""
+RETRY = 5.0
+"""Longest time [s] from one try to reach a server that went away to the next. Ours; roslibpy's is an hour."""
+MOST_WAITING = 1 << 20
+"""Bytes that may wait for a slow server before it gets no more. Ours."""
 ADDRESS = re.compile(
     r"(?P<host>[A-Za-z0-9_.-]*|\[[0-9a-fA-F:]+\])(:(?P<port>[0-9]{1,5}))?(?P<namespace>/.*)?"
 )
@@ -39,11 +44,13 @@ class RosbridgeNode(RosNode):
         super().__init__()
         self._where = f"ws://{host}:{port}"
         self._ros = roslibpy.Ros(host, port, transport="asyncio")
+        self._ros.factory.maxDelay = RETRY
         self._topics: list[Any] = []
+        self._open = True
         try:
             self._ros.run(timeout=TIMEOUT)
         except Exception as error:
-            self._ros.close()
+            self.close()
             raise LinkError(f"no rosbridge server at {self._where}: {error}") from error
         try:
             # Both kinds of ROS tell the time; its form shows which one this is.
@@ -59,10 +66,18 @@ class RosbridgeNode(RosNode):
         self._topics.append(found)
 
         def send(values: Sequence[Any]) -> None:
-            if self._ros.is_connected:  # nothing is kept for later: old commands are never sent
-                found.publish(self._trees.grow(kind, values))
+            message = self._trees.grow(kind, values)
+            said = {"op": "publish", "topic": topic, "msg": message, "latch": latched}
+            self._ros.factory.manager.loop.call_soon_threadsafe(self._say, said)
 
         return send
+
+    def _say(self, said: Mapping[str, Any]) -> None:
+        """Send a message, in roslibpy's thread, where connections come and go. Nothing is kept for later: old
+        commands are never sent."""
+        connection = self._ros.factory._proto
+        if connection is not None and connection.transport.get_write_buffer_size() < MOST_WAITING:
+            connection.sendMessage(json.dumps(said).encode())
 
     def subscribe(
         self, topic: str, kind: MessageType, hear: Hear, *, latched: bool = False, keep: int = 1
@@ -85,14 +100,19 @@ class RosbridgeNode(RosNode):
         return not kind.name.startswith("tci_msgs/")  # the server would need the package
 
     def close(self) -> None:
+        if not self._open:
+            return
+        self._open = False
         for topic in self._topics:
             topic.unsubscribe()
             topic.unadvertise()
         self._topics.clear()
-        if self._ros.is_connected:
-            gone = threading.Event()
-            self._ros.on("close", lambda _: gone.set())
-            self._ros.close()
+        gone, connected = threading.Event(), self._ros.is_connected
+        self._ros.on("close", lambda _: gone.set())
+        factory = self._ros.factory
+        factory._stop = True  # else it looks for a server that is away for ever
+        factory.on_ready(lambda connection: connection.send_close())  # now, or if it is found just now
+        if connected:
             gone.wait(TIMEOUT)
 
     def _ask(self, name: str, type_: str, request: Mapping[str, Any]) -> Mapping[str, Any]:

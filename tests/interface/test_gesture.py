@@ -46,6 +46,17 @@ def test_csv_comes_back(tmp_path: Path) -> None:
     np.testing.assert_allclose(back.postures["left_arm"], waving(), atol=1e-6)
 
 
+def test_times_of_a_long_gesture_come_back_too(tmp_path: Path) -> None:
+    times = np.arange(3000.0, step=1.0 / 90.0)
+    write_csv(Gesture(times, {"head": np.zeros((len(times), 1))}), tmp_path / "g.csv", {"head": ["yaw"]})
+    np.testing.assert_allclose(read_csv(tmp_path / "g.csv")[0].times, times, atol=1e-5)
+
+
+def test_empty_lines_in_a_csv_are_passed_over(tmp_path: Path) -> None:
+    (tmp_path / "g.csv").write_text("time_s,head.yaw_deg\n\n0,1\n1,2\n\n")
+    assert read_csv(tmp_path / "g.csv")[0].times.tolist() == [0.0, 1.0]
+
+
 @pytest.mark.parametrize(
     ("text", "told"),
     [
@@ -55,6 +66,8 @@ def test_csv_comes_back(tmp_path: Path) -> None:
         ("time_s,a.b_deg\n0,1\n1,x\n", "line 3: 2 values; valid: 2 numbers"),
         ("time_s,a.b_deg\n0,1\n0,1\n", "rising from 0"),
         ("time_s,a.b_deg\n0,1\n1,nan\n", "finite"),
+        ("time_s,a.b_deg\n\n0,1\n\n1\n", "line 5: 1 values"),
+        ("time_s,a.b_deg\n0," + "1" * 200_000, "is no CSV: field larger"),
     ],
 )
 def test_a_damaged_csv_is_refused(tmp_path: Path, text: str, told: str) -> None:
@@ -144,6 +157,9 @@ CONVENTIONS = {
 }  # fmt: skip
 
 
+RIGHT = "JOINT mixamorig:RightShoulder"
+
+
 def bvh(angles: Array, *, rest: float, convention: Convention = CONVENTIONS["Mixamo"]) -> str:
     """Motion capture of a person with both arms at generic `angles` (k, 5) [rad]; in the rest pose they are
     `rest` [rad] from hanging."""
@@ -213,12 +229,28 @@ def test_a_rest_pose_before_the_motion_is_left_out(tmp_path: Path) -> None:
     np.testing.assert_allclose(gesture.postures["left_arm"], angles[1:], atol=1e-6)
 
 
+def test_a_motion_that_begins_with_straight_arms_to_the_sides(tmp_path: Path) -> None:
+    """Many do: the elbows do not tell how the upper arms are turned, the thumbs point forward."""
+    angles = np.zeros((21, 5))
+    angles[:, 1] = np.linspace(np.pi / 2, 0.0, 21)
+    (tmp_path / "lower.bvh").write_text(bvh(angles, rest=np.pi / 2))
+    gesture = read_bvh(tmp_path / "lower.bvh")
+    for part in ("left_arm", "right_arm"):
+        np.testing.assert_allclose(gesture.postures[part], angles, atol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("change", "told"),
     [
         (("HIERARCHY", "<html>"), "line 1: '<html>'; valid: ROOT"),
         ((":LeftArm", ":Tail"), "no left upper arm among the joints"),
         (("Frame Time: 0.05", "Frame Time: 0"), "valid: 2 or more, each above 0 s"),
+        (("Frames: 3", "Frames: 300"), "300 frames, of which 3 are there; valid: a whole file"),
+        (("OFFSET 0.000000000 -25.000000000", "OFFSET 0 0"), "of the (left|right) arm are at one place"),
+        (
+            (RIGHT, f"}}\n}}\nROOT x\n{{\nOFFSET 0 0 0\nJOINT y\n{{\nOFFSET 0 0 0\n{RIGHT}"),
+            "hang on nothing in common",
+        ),
         (("Xrotation", "Wrotation"), "valid: Xposition"),
         (("OFFSET 0 40 0", "OFFSET 0 nan 0"), "line 8: 'nan'; valid: a finite number"),
     ],

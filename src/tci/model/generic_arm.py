@@ -21,6 +21,9 @@ JOINTS = ("shoulder_pitch", "shoulder_roll", "shoulder_yaw", "elbow_pitch", "elb
 SEGMENTS = ("upper_arm", "forearm")
 """Segments of an arm; receptive fields live on them."""
 
+SIDEWAYS = 1e-9
+"""Cosine of the abduction below which an upper arm points straight to the side."""
+
 
 def side_sign(side: Side) -> float:
     """+1 for the left side, -1 for the right."""
@@ -39,9 +42,14 @@ def upper_arm_rotation(posture: Array, side: Side, *, axial: bool) -> Array:
 
 
 def shoulder_angles(R_MU: Array, side: Side) -> Array:
-    """Generic angles (3,) [rad] of an upper arm at `R_MU` (3, 3): the inverse of `upper_arm_rotation`."""
+    """Generic angles (3,) [rad] of an upper arm at `R_MU` (3, 3): the inverse of `upper_arm_rotation`.
+
+    Straight to the side pitch and yaw turn about one line; then pitch is 0.
+    """
     s = side_sign(side)
     roll = np.arcsin(np.clip(-R_MU[1, 2], -1.0, 1.0))
+    if np.hypot(R_MU[0, 2], R_MU[2, 2]) < SIDEWAYS:
+        return np.array([0.0, s * roll, -s * np.arctan2(-R_MU[0, 1], R_MU[0, 0])])
     pitch, yaw = np.arctan2(-R_MU[0, 2], R_MU[2, 2]), -s * np.arctan2(R_MU[1, 0], R_MU[1, 1])
     return np.array([pitch, s * roll, yaw])
 

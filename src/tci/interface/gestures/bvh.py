@@ -24,6 +24,8 @@ LARGEST = 64 << 20
 """Largest file [bytes]."""
 STRAIGHT = 0.1
 """Sine of the elbow's angle below which it does not tell how the upper arm is turned. Ours."""
+NONE = 1e-6
+"""Length of a cross product that is only rounding."""
 FASTEST = 25.0
 """Speed [rad/s] that no limb of a person has: a pitcher's forearm gets there. Ours."""
 ROLES = {
@@ -110,13 +112,17 @@ def _parse(lines: list[str]) -> tuple[list[Bone], float, Array]:
     head = [line.split() for line in lines[start : start + 2]]
     if len(head) < 2 or head[0][:1] != ["Frames:"] or head[1][:2] != ["Frame", "Time:"]:
         raise _BadLineError(start + 1, "valid after MOTION: 'Frames: N' and 'Frame Time: SECONDS'")
-    period = _number(head[1][-1], start + 2)
+    declared, period = _number(head[0][-1], start + 1), _number(head[1][-1], start + 2)
     rows = []
     for number, line in enumerate(lines[start + 2 :], start=start + 3):
         if words := line.split():
             if len(words) != channels:
                 raise _BadLineError(number, f"{len(words)} values; valid: {channels}, one for each channel")
             rows.append([_number(word, number) for word in words])
+    if len(rows) < declared:
+        raise _BadLineError(
+            start + 1, f"{declared:g} frames, of which {len(rows)} are there; valid: a whole file"
+        )
     if len(rows) < 2 or not 0.0 < period < 10.0:
         raise _BadLineError(start + 1, f"{len(rows)} frames of {period} s; valid: 2 or more, each above 0 s")
     return bones, period, np.array(rows)
@@ -136,11 +142,13 @@ def _gesture(bones: list[Bone], period: float, frames: Array) -> Gesture:
     sides: tuple[Side, ...] = ("left", "right")
     arms = {side: [_find(bones, side, role) for role in ROLES] for side in sides}
     lines = [_line(bones, arm[0]) for arm in arms.values()]
-    chest = next(bone for bone in lines[0] if bone in lines[1])
+    chest = next((bone for bone in lines[0] if bone in lines[1]), None)
+    if chest is None:
+        raise TciError("the arms hang on nothing in common; valid: one skeleton with one ROOT")
     rest_rotations, rest = _pose(bones, np.zeros(frames.shape[1]))
     R_RT = _torso(rest, arms["left"][0], arms["right"][0])
     postures: dict[str, list[Array]] = {f"{side}_arm": [] for side in sides}
-    bends = {side: np.array([0.0, 1.0, 0.0]) for side in sides}
+    bends = {side: np.zeros(3) for side in sides}  # nothing is known yet
     for frame in frames[1:] if _begins_with_rest(bones, arms, chest, period, frames) else frames:
         rotations, places = _pose(bones, frame)
         R_WT = rotations[chest] @ R_RT
@@ -236,11 +244,22 @@ def _torso(rest: list[Array], left: int, right: int) -> Array:
 
 
 def _posture(points: Array, thumb: Array, side: Side, before: Array) -> tuple[Array, Array]:
-    """Generic angles (5,) [rad] with shoulder, elbow and wrist at `points` (3, 3); -axis of flexion (3,)."""
-    upper, fore = (step / np.linalg.norm(step) for step in np.diff(points, axis=0))
-    across = np.cross(fore, upper)
-    if np.linalg.norm(across) < STRAIGHT:
-        across = before - upper * float(before @ upper)
+    """Generic angles (5,) [rad] with shoulder, elbow and wrist at `points` (3, 3); -axis of flexion (3,).
+
+    Where the elbow is straight that is the one of `before`, or what would bend the forearm forward.
+    """
+    steps = np.diff(points, axis=0)
+    lengths = np.linalg.norm(steps, axis=1, keepdims=True)
+    if not lengths.all():
+        raise TciError(f"two joints of the {side} arm are at one place; valid: a skeleton with its offsets")
+    upper, fore = steps / lengths
+    forward, left = np.eye(3)[:2]
+    choices = (np.cross(fore, upper), before - upper * float(before @ upper), np.cross(forward, upper), left)
+    across = next(
+        one
+        for one, least in zip(choices, (STRAIGHT, NONE, NONE, 0.0), strict=True)
+        if np.linalg.norm(one) > least
+    )
     y = across / np.linalg.norm(across)
     z = -upper
     shoulder = shoulder_angles(np.column_stack([np.cross(y, z), y, z]), side)

@@ -29,7 +29,7 @@ def write_csv(gesture: Gesture, path: Path, names: dict[str, list[str]]) -> None
         writer = csv.writer(file)
         writer.writerow([TIME, *columns])
         for time, row in zip(gesture.times, angles, strict=True):
-            writer.writerow([f"{time:.6g}", *(f"{angle:.7g}" for angle in row)])
+            writer.writerow([f"{time:.9g}", *(f"{angle:.7g}" for angle in row)])
 
 
 def read_csv(path: Path) -> tuple[Gesture, dict[str, list[str]]]:
@@ -40,10 +40,12 @@ def read_csv(path: Path) -> tuple[Gesture, dict[str, list[str]]]:
     source = str(path)
     try:
         text = read_bytes(path, limit=LARGEST).decode("utf-8-sig")
+        rows = [(line, row) for line, row in enumerate(csv.reader(text.splitlines()), start=1) if row]
     except UnicodeDecodeError as error:
         raise DescriptionError(source, [Fault(0, f"is not UTF-8: {error.reason}")]) from error
-    rows = list(csv.reader(text.splitlines()))
-    head = rows[0] if rows else []
+    except csv.Error as error:
+        raise DescriptionError(source, [Fault(0, f"is no CSV: {error}")]) from error
+    head = rows[0][1] if rows else []
     if not head or head[0] != TIME or len(head) < 2:
         raise DescriptionError(source, [Fault(1, f"the first line is {TIME},part.joint{UNIT},...")])
     names: dict[str, list[str]] = {}
@@ -54,11 +56,11 @@ def read_csv(path: Path) -> tuple[Gesture, dict[str, list[str]]]:
             raise DescriptionError(source, [Fault(1, fault)])
         names.setdefault(part, []).append(joint)
     numbers = np.zeros((len(rows) - 1, len(head)))
-    for line, row in enumerate(rows[1:], start=2):
+    for number, (line, row) in enumerate(rows[1:]):
         try:
             if len(row) != len(head):
                 raise ValueError
-            numbers[line - 2] = [float(value) for value in row]
+            numbers[number] = [float(value) for value in row]
         except ValueError:
             fault = f"{len(row)} values; valid: {len(head)} numbers"
             raise DescriptionError(source, [Fault(line, fault)]) from None

@@ -16,7 +16,7 @@ dev-env: run-env
 	@$(PYTHON) tools/bootstrap.py requirements/dev.txt
 
 demo: run-env  ## set up, then poke a simulated NAO and a simulated iCub; writes out/
-	@$(VENV)/tci demo --out $(OUT)
+	@$(VENV)/tci demo --out "$(OUT)"
 
 test: dev-env lint docs  ## set up, then lint, docs and all tests
 	@$(PYTHON) tools/peers.py
@@ -36,7 +36,7 @@ pictures: dev-env  ## make the pictures of docs/images anew (needs chromium)
 	@$(VENV)/python tools/pictures.py
 
 bench: dev-env  ## every part beside its peers, as ratios; writes bench.json (CASES="kernel_4000 gate ...": some)
-	@OUT=$(OUT) $(VENV)/python tools/bench $(CASES)
+	@OUT="$(OUT)" $(VENV)/python tools/bench $(CASES)
 
 middleware: dev-env  ## every middleware's tests and figures; writes docs/tables/middleware.md
 	@$(PYTHON) tools/peers.py
@@ -53,7 +53,7 @@ fuzz: dev-env  ## all that reads foreign bytes: coverage-guided (TCI_SECONDS eac
 	  tests/middleware/test_remote_cdr.py -k "damaged or mutated or spoilt"
 
 reliability: dev-env  ## the scoreboard of docs/reliability.md (FULL=1: full size); writes reliability.json
-	@OUT=$(OUT) FULL=$(FULL) ROWS="$(ROWS)" PAGE=$(PAGE) $(VENV)/python tools/reliability
+	@OUT="$(OUT)" FULL=$(FULL) ROWS="$(ROWS)" PAGE=$(PAGE) $(VENV)/python tools/reliability
 
 lock:  ## renew requirements/*.txt (needs uv)
 	uv pip compile --universal --python-version 3.11 --generate-hashes --index-url https://pypi.org/simple --no-emit-index-url \

@@ -21,6 +21,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 VENV = ROOT / ".venv"
 PYTHON = VENV / "bin" / "python"
+PIP = VENV / "bin" / "pip"
+"""The last that is made: without it, or a Python that is gone, the environment is made anew."""
 PIP_INDEX = "https://pypi.org/simple/pip/"
 PIP_WHEEL = "pip-26.3-py3-none-any.whl"
 PIP_SHA256 = "f3b60b20ffaadd4415ed7957212a38ac63fa4c5fa375bd0f4a797777940fad13"
@@ -32,9 +34,10 @@ def main() -> None:
     lock = ROOT / sys.argv[1]
     stamp = VENV / f"{lock.stem}.installed"
     state = hashlib.sha256(lock.read_bytes() + (ROOT / "pyproject.toml").read_bytes()).hexdigest()
-    if stamp.exists() and stamp.read_text() == state:
+    whole = PYTHON.exists() and PIP.exists()
+    if whole and stamp.exists() and stamp.read_text() == state:
         return
-    if not PYTHON.exists():
+    if not whole:
         make_venv()
     print(f"installing {lock.relative_to(ROOT)} into .venv (the first time takes a minute)", flush=True)
     pip("install", "--require-hashes", "--requirement", str(lock))

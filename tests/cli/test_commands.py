@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import sys
 from pathlib import Path
@@ -10,8 +11,14 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from cli.test_cli import tci
+from recording.recorded import LIKE_LISTING_2
+from tci.cli.check import check
+from tci.cli.demo import load_robots
 from tci.cli.main import app
 from tci.cli.run import load_capability
+from tci.errors import MissingExtraError
+from tci.model.description import Robot
 
 SILENT = {"view", "zenoh router"}
 """They run until they are interrupted, and report nothing."""
@@ -87,6 +94,41 @@ def test_what_is_wrong_is_said_at_once_with_what_would_be_valid(
     result = CliRunner().invoke(app, words, env={"COLUMNS": "400"})
     assert told in result.output + str(result.exception)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["record", "a.mcap", "--robot", "nao", "--bogus"], "No such option: --bogus"),
+        (["record", "a.mcap"], "Missing option '--robot'"),
+        (["demo", "--seed", "-1"], "greater than or equal to 0"),
+        (["dance"], "No such command 'dance'"),
+    ],
+    ids=" ".join,
+)
+def test_wrong_words_are_told_as_json_too(words: list[str], told: str) -> None:
+    assert told in json.loads(tci(*words, "--json", status=2))["error"]
+
+
+def test_a_robot_that_is_not_installed_is_no_part_of_the_json(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def load(name: str) -> Robot:
+        raise MissingExtraError(f"the robot {name!r}", name)
+
+    monkeypatch.setattr("tci.cli.demo.load_robot", load)
+    assert load_robots([]) == []
+    told = capsys.readouterr()
+    assert not told.out
+    assert "without icub" in told.err
+
+
+def test_brackets_in_a_name_are_shown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "in [mm]"
+    folder.mkdir()
+    (folder / "two.xml").write_text(LIKE_LISTING_2)
+    check(folder / "two.xml", simulate=False, as_json=False)
+    assert "/in [mm]/" in capsys.readouterr().out.replace("\n", "")
 
 
 def test_a_capability_runs_from_a_file_beside_the_user(

@@ -57,5 +57,9 @@ def test_at_a_keyboard_nothing_moves_without_a_yes_and_nobody_there_is_an_error(
             said = " ".join((run.stdout + run.stderr).split())
             assert words in said, said
             assert "went" not in said
+        run = subprocess.run(
+            [*command, "--json"], input="?\nn\nn\n", capture_output=True, text=True, check=False
+        )
+        assert json.loads(run.stdout)["robot"] == "nao"
     finally:
         one.kill()

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import os
+import signal
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +13,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from tci.cli.main import app
+from tci.cli.main import app, main
 from tci.errors import CommandError, LinkError
 from tci.interface.gestures.files import read_csv
 from tci.messages import Reading
@@ -50,6 +53,30 @@ def test_what_was_shown_before_the_robot_went_away_is_kept(breaking: type[Breaki
     gesture, _ = read_csv(file)
     assert breaking.END - 0.05 < gesture.duration < breaking.END
     assert f"holds the {len(gesture.times)} postures" in result.stderr
+
+
+def test_sigterm_ends_it_as_ctrl_c_does(
+    breaking: type[Breaking],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def read(link: Breaking) -> Reading:
+        if link.clock.now() >= 0.3:
+            os.kill(os.getpid(), signal.SIGTERM)
+        return super(Breaking, link).read()
+
+    monkeypatch.setattr(breaking, "read", read)
+    file = tmp_path / "wave.csv"
+    monkeypatch.setattr("sys.argv", ["tci", "gesture", "record", str(file), "--robot", "nao", "--json"])
+    before = signal.getsignal(signal.SIGTERM)
+    try:
+        with pytest.raises(SystemExit) as end:
+            main()
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert not end.value.code
+    assert json.loads(capsys.readouterr().out)["postures"] == len(read_csv(file)[0].times) == 15
 
 
 def test_a_robot_that_shows_nothing_leaves_no_file(

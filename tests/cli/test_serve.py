@@ -44,6 +44,19 @@ def test_a_robot_that_is_away_is_told_of_once_and_refusals_are_counted_by_their_
     assert len(told["refusals"]) < 5
 
 
+def test_a_server_that_is_ended_by_sigterm_reports_too(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def serve_robot(*_: object, **__: object) -> None:
+        raise SystemExit(143)
+
+    monkeypatch.setattr(command, "serve_robot", serve_robot)
+    with pytest.raises(SystemExit) as end:
+        served(monkeypatch, [], as_json=True)
+    assert end.value.code == 143
+    assert json.loads(capsys.readouterr().out)["robot"] == "nao"
+
+
 def test_of_many_kinds_of_refusals_most_are_counted_only(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -16,11 +16,12 @@ from tci.cli.main import app
 from tci.cli.record import recorder_for
 from tci.errors import DescriptionError, TciError
 from tci.interface.skin.skin import Skin
-from tci.messages import Reading
+from tci.messages import JointReading, Reading
 from tci.middleware.simulated import SimulatedLink
 from tci.model.catalogue import load_robot
 from tci.model.skin.calibration import read_calibration
 from tci.model.xml import read_robot
+from tci.recording.recorder import Recorder
 from tci.simulation.world import World
 
 NAO = Path(tci.model.__file__).parent / "robots" / "nao"
@@ -152,9 +153,27 @@ def test_bad_arguments_write_nothing(tmp_path: Path) -> None:
         run("nao", "--patch", "tail", *out)
     with pytest.raises(TciError, match=r"-1\.0 N"):
         run("nao", "--patch", "left_forearm", "--weight", "-1", *out)
+    (tmp_path / "force.csv").write_text("time,force\n0,0\n1,1\n")
+    log = ["--force-log", str(tmp_path / "force.csv")]
+    with pytest.raises(TciError, match="valid: --via replay:FILE"):
+        run("nao", "--patch", "left_forearm", *log, *out)
+    with Recorder(tmp_path / "no-skin.mcap", load_robot("nao")) as recorder:
+        angles = load_robot("nao").initial_position
+        recorder.tick(0.0, Reading(JointReading(0.0, 0, angles, np.zeros_like(angles)), ()))
+    with pytest.raises(TciError, match="left_forearm: no frame in the recording"):
+        run("nao", "--patch", "left_forearm", "--via", f"replay:{tmp_path / 'no-skin.mcap'}", *log, *out)
     with pytest.raises(TciError, match="--weight or --force-log"):
         run("nao", "--patch", "left_forearm", "--weight", "1", "--force-log", "x.csv", *out)
     assert not (tmp_path / "x.json").exists()
+
+
+def test_a_place_where_nothing_can_be_written_is_known_before_anybody_lifts_a_weight(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tci.cli.skin_calibrate.connect", None)
+    out = tmp_path / "none" / "x.json"
+    with pytest.raises(TciError, match=r"x\.json can't be written; valid: --out FILE"):
+        run("nao", "--patch", "left_forearm", "--weight", "1", "--out", str(out))
 
 
 def test_a_damaged_calibration_beside_a_description_is_one_error(description: Path) -> None:

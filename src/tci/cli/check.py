@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from tci.cli.console import console, print_json
@@ -48,7 +49,7 @@ def _say_proof(proof: Proof) -> None:
     answered = sum(trial.responded for trial in proof.trials)
     console.print(f"reflexes: {answered} of {len(proof.trials)} pokes answered", highlight=False)
     for fault in proof.faults:
-        console.print(f"  [red]{fault}[/]", highlight=False)
+        console.print(f"  [red]{escape(fault)}[/]", highlight=False)
     end = (
         f"[red]{len(proof.faults)} fault{'s' * (len(proof.faults) > 1)}[/]"
         if proof.faults
@@ -59,11 +60,11 @@ def _say_proof(proof: Proof) -> None:
 
 def _say(file: Path, robot: Robot, notes: list[str]) -> None:
     console.print(
-        f"[green]{file} is valid[/]: {robot.name}, {len(robot.parts)} generic parts, "
+        f"[green]{escape(str(file))} is valid[/]: {robot.name}, {len(robot.parts)} generic parts, "
         f"{len(robot.servos)} servos, {len(robot.patches)} patches of skin"
     )
     for note in notes:
-        console.print(f"  note: {note}", style="yellow", highlight=False)
+        console.print(f"  note: {note}", style="yellow", highlight=False, markup=False)
 
 
 def remarks(robot: Robot) -> list[str]:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import typer
 from rich import box
+from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
@@ -76,7 +77,7 @@ def demo(
         return
     console.print(_table(report, mode))
     _summary(report, robots)
-    console.print(f"picture {picture}\nreport  {path}", highlight=False)
+    console.print(f"picture {picture}\nreport  {path}", highlight=False, markup=False)
     if not headless and sys.stdout.isatty() and (os.environ.get("DISPLAY") or sys.platform != "linux"):
         typer.launch(str(picture))
 
@@ -98,7 +99,7 @@ def load_robots(names: Sequence[str]) -> list[Robot]:
         try:
             robots.append(load_robot(name))
         except MissingExtraError as error:
-            console.print(f"without {name}: {error}", style="yellow", highlight=False, markup=False)
+            typer.secho(f"without {name}: {error}", fg="yellow", err=True)
     return robots
 
 
@@ -154,4 +155,4 @@ def _summary(report: Report, robots: Sequence[Robot]) -> None:
         )
     for trial in trials:
         for what in (*trial.violations, *trial.halts):
-            console.print(f"[red]{trial.robot} {trial.side} {trial.site}: {what}[/]")
+            console.print(f"[red]{trial.robot} {trial.side} {trial.site}: {escape(what)}[/]")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from rich import box
+from rich.markup import escape
 from rich.table import Table
 from scipy.spatial.transform import Rotation
 
@@ -40,8 +41,9 @@ def describe(name: str, *, form: str, as_json: bool) -> None:
 
 def _print_tables(robot: Robot) -> None:
     patches = query(robot).patches
-    console.print(f"[bold]{robot.name}[/]  {robot.title}")
-    console.print(f"description {robot.source}\nsha256 {robot.digest}", style="dim", highlight=False)
+    console.print(f"[bold]{robot.name}[/]  {escape(robot.title)}")
+    words = f"description {robot.source}\nsha256 {robot.digest}"
+    console.print(words, style="dim", highlight=False, markup=False)
     for part in robot.parts:
         console.print(_part_table(robot, part))
     for coupling in robot.couplings:

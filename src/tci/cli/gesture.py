@@ -77,6 +77,7 @@ def record(
         console.print(
             f"{file}: {len(times)} postures of {', '.join(gesture.postures)} in {gesture.duration:.1f} s",
             highlight=False,
+            markup=False,
         )
 
 

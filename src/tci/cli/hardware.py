@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 
 import numpy as np
+from rich.console import Console
 from rich.markup import escape
 
 from tci.cli.console import console, print_json
@@ -21,6 +22,10 @@ from tci.runtime.registry import connect
 class Terminal:
     """The operator at a keyboard."""
 
+    def __init__(self, shown: Console) -> None:
+        """Questions go to `shown`."""
+        self._shown = shown
+
     def may(self, what: str) -> bool:
         return self._ask(f"{what}. Now? (y/n) ") == "y"
 
@@ -34,12 +39,11 @@ class Terminal:
         return self._ask(f"Press and hold taxel {taxel} of {patch}: {where}. Ready? (y/n) ") == "y"
 
     def release(self) -> None:
-        console.print("  let go")
+        self._shown.print("  let go")
 
-    @staticmethod
-    def _ask(question: str) -> str:
+    def _ask(self, question: str) -> str:
         try:
-            return console.input(f"[bold]?[/] {escape(question)}").strip().lower()[:1]
+            return self._shown.input(f"[bold]?[/] {escape(question)}").strip().lower()[:1]
         except EOFError:
             raise CommandError("nobody answers; valid: run it in a terminal, beside the robot") from None
 
@@ -78,7 +82,8 @@ def check_hardware(name: str, *, via: str, parts: list[str], taxels: int, as_jso
     robot = load_robot(name)
     servos, patches = wanted(robot, parts)
     with connect(robot, via, arm=True) as link:
-        operator = Simulation(link) if isinstance(link, SimulatedLink) else Terminal()
+        shown = Console(stderr=True) if as_json else console
+        operator = Simulation(link) if isinstance(link, SimulatedLink) else Terminal(shown)
         if not as_json:
             console.print(
                 "Stand beside the robot, its own stop in reach. Nothing moves further than 2 degrees; "

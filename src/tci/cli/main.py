@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import signal
 import sys
+from typing import Any
 
 import typer
 
@@ -34,6 +36,10 @@ app.add_typer(log_app, name="log")
 app.add_typer(zenoh_app, name="zenoh")
 
 
+INTERRUPTED = 130
+"""Exit status of a command that Ctrl-C ended before it had anything to tell."""
+
+
 def _said(error: TciError | OSError) -> str:
     """An error in words; of a file its name and what the system says."""
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
@@ -42,18 +48,34 @@ def _said(error: TciError | OSError) -> str:
 
 
 def main() -> None:
-    """Entry point: errors of TCI and of files become one message and exit status 1."""
+    """Entry point: errors of TCI and of files become one message and status 1; SIGTERM is as Ctrl-C."""
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    as_json = "--json" in sys.argv
     try:
-        app()
+        status = app(standalone_mode=not as_json)  # without, wrong words are raised instead of printed
+        if status == INTERRUPTED:
+            _say({"error": "interrupted"})
+        raise SystemExit(status)
+    except typer.TyperException as error:
+        _say({"error": error.format_message()})
+        raise SystemExit(error.exit_code) from None
     except (TciError, OSError) as error:
-        if "--json" in sys.argv and isinstance(error, DescriptionError):
+        if as_json and isinstance(error, DescriptionError):
             faults = [{"line": fault.line, "message": fault.message} for fault in error.faults]
-            print(json.dumps({"error": str(error).splitlines()[0], "faults": faults}, indent=2))
-        elif "--json" in sys.argv:
-            print(json.dumps({"error": _said(error)}, indent=2))
+            _say({"error": str(error).splitlines()[0], "faults": faults})
+        elif as_json:
+            _say({"error": _said(error)})
         else:
             print(f"tci: {_said(error)}", file=sys.stderr)
         raise SystemExit(1) from None
+
+
+def _say(told: dict[str, Any]) -> None:
+    """Print JSON; where that can't be, on a full disk, at least the error in words."""
+    try:
+        print(json.dumps(told, indent=2), flush=True)
+    except OSError:
+        print(f"tci: {told['error']}", file=sys.stderr)
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
 import numpy as np
+from rich.markup import escape
 
 from tci.cli.check import remarks
 from tci.cli.console import console, print_json
@@ -50,12 +51,14 @@ def new_robot(
     if as_json:
         print_json({"robot": name, "file": str(target), "found": found, "remarks": remarks(robot)})
         return
-    console.print(f"[green]wrote {target}[/]", highlight=False)
+    console.print(f"wrote {target}", style="green", highlight=False, markup=False)
     for line in found:
         console.print(f"  {line}", highlight=False, markup=False)
     for note in remarks(robot):
         console.print(f"  note: {note}", style="yellow", highlight=False, markup=False)
-    console.print(f"next: look it over, then [bold]tci check --simulate {target}[/]", highlight=False)
+    console.print(
+        f"next: look it over, then [bold]tci check --simulate {escape(str(target))}[/]", highlight=False
+    )
 
 
 def _plain(stem: str) -> str:

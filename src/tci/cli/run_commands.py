@@ -31,7 +31,7 @@ def demo(
         str, typer.Option(help="Form of the reflex: position, velocity, or impedance (soft arms).")
     ] = "position",
     out: Annotated[Path, typer.Option(help="Folder for report.json and demo.png.")] = Path("out"),
-    seed: Annotated[int, typer.Option(help="Seed of the pokes' timing.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the pokes' timing.")] = 0,
     headless: Annotated[
         bool, typer.Option("--headless", help="Never open the picture; nothing here needs a screen.")
     ] = False,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-
 from tci.cli.console import console, print_json
 from tci.cli.run import HARMLESS
 from tci.interface.gate.gate import GateState
@@ -23,7 +21,8 @@ def serve(robot: str, *, via: str, source: str, arm: bool, duration: float | Non
     report, served, told = LoopReport(), Served(), Reasons()
     with connect(load_robot(robot), source, arm=arm, **options) as link, open_server(link, via) as server:
         if not as_json:
-            console.print(f"serving {link.robot.name} as {server.where()}; end with Ctrl-C", highlight=False)
+            words = f"serving {link.robot.name} as {server.where()}; end with Ctrl-C"
+            console.print(words, highlight=False, markup=False)
 
         def see(tick: Tick) -> None:
             words = (
@@ -33,8 +32,13 @@ def serve(robot: str, *, via: str, source: str, arm: bool, duration: float | Non
                 if told.add(line) and not as_json:
                     console.print(f"{tick.now:10.3f} s  {line}", highlight=False, markup=False)
 
-        with contextlib.suppress(KeyboardInterrupt):
+        status = 0
+        try:
             serve_robot(server, duration=duration, observe=see, report=report, served=served)
+        except KeyboardInterrupt:
+            pass
+        except SystemExit as end:  # by SIGTERM
+            status = int(end.code or 0)
         state = link.gate.state
     if as_json:
         print_json(
@@ -56,4 +60,6 @@ def serve(robot: str, *, via: str, source: str, arm: bool, duration: float | Non
         if left_out := told.counts[OTHERS]:
             console.print(f"{left_out} lines of {OTHERS} were left out", highlight=False)
     if state is GateState.STOP and report.ended == "done":
-        raise SystemExit(1)
+        status = 1
+    if status:
+        raise SystemExit(status)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import os
 import sys
 from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime
@@ -63,8 +64,12 @@ def calibrate_patch(
         if not 0.0 < weight < np.inf:
             raise CommandError(f"a weight of {weight} N; valid: above 0 and finite")
     stream = read_force_log(force_log) if force_log is not None else None
+    if stream is not None and not via.startswith("replay:"):
+        raise CommandError("--force-log is of a robot that was recorded meanwhile; valid: --via replay:FILE")
     surface = build_surface(robot, words, Kinematics(robot))
     target = out or calibration_path(Path(robot.source))
+    if not os.access(target if target.exists() else target.absolute().parent, os.W_OK):
+        raise CommandError(f"{target} can't be written; valid: --out FILE in a folder where you may")
     before = read_calibration(target) if target.is_file() else None
     with connect(robot, via, arm=False) as link:
         session = _Session(link, patch, normal_channels(words, surface), quiet=as_json)
@@ -125,7 +130,10 @@ class _Session:
 
     def take_all(self) -> tuple[Array, Array]:
         """All that the link has, to the end of a recording."""
-        stamps, values = zip(*self._frames(), strict=True)
+        found = list(self._frames())
+        if not found:
+            raise LinkError(f"{self.patch}: no frame in the recording")
+        stamps, values = zip(*found, strict=True)
         return np.array(stamps), np.array(values)
 
     def _frames(self) -> Iterator[tuple[float, Array]]:

@@ -41,7 +41,7 @@ def secure(
     if as_json:
         print_json({"files": [str(file) for file in files]})
         return
-    console.print(f"{folder}: certificates, users.txt for the router, and", highlight=False)
+    console.print(f"{folder}: certificates, users.txt for the router, and", highlight=False, markup=False)
     for file in files:
         console.print(f"  {file.name}", highlight=False)
     console.print(

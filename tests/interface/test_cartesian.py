@@ -10,7 +10,7 @@ import pytest
 
 from tci.errors import CommandError, UnknownNameError
 from tci.frames import Array, apply, invert, transform
-from tci.interface.body import Body
+from tci.interface.body import Body, order_to_platform
 from tci.interface.cartesian import Reach, reach_of
 from tci.messages import CartesianCommand, JointReading, PlatformCommand
 from tci.middleware.simulated import SimulatedLink
@@ -163,3 +163,14 @@ def test_what_makes_no_sense_is_refused(command: CartesianCommand, words: str) -
         BODIES["nao"].to_platform([command], joints)
     with pytest.raises(UnknownNameError):
         BODIES["nao"].to_platform([CartesianCommand("tail", np.zeros(3))], joints)
+
+
+def test_an_arm_without_all_its_joints_is_refused() -> None:
+    """As a command that can't be, so that the robot goes on."""
+    nao = ROBOTS["nao"]
+    arm = nao.part("left_arm")
+    servos = [one if one.id < 3 else one.model_copy(update={"servo": None}) for one in arm.servos]
+    short = arm.model_copy(update={"servos": tuple(servos)})
+    robot = nao.model_copy(update={"parts": (short,), "patches": (), "digest": "without an elbow"})
+    with pytest.raises(CommandError, match="left_arm has no shoulder of the generic arm: it needs"):
+        order_to_platform(robot, CartesianCommand("left_arm", np.zeros(3)), robot.initial_position)

@@ -14,6 +14,7 @@ import small_robot
 from small_robot import LOWER, PASCAL, RADIUS, TAXELS, frame, joints, reading
 from tci.errors import FrameError, TciError, UnknownNameError
 from tci.frames import rotation_z
+from tci.interface.skin.places import find_place
 from tci.interface.skin.skin import Skin
 from tci.messages import JointReading, SkinFrame
 from tci.model.catalogue import load_robot
@@ -288,6 +289,30 @@ def test_unknown_names_list_the_valid_ones(skin: Skin) -> None:
         skin.normals("left_arm_forearm", at, frame="world")
     with pytest.raises(UnknownNameError, match="upper_arm, forearm"):
         skin.segment_pose("left_arm", "hand", at, np.zeros(5))
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_line_of_taxels_has_no_faces(tmp_path: Path) -> None:
+    robot = small_robot.build(tmp_path)
+    patch = robot.patches[0]
+    cone = patch.surface.model_copy(update={"per_ring": 1})
+    line = patch.model_copy(update={"surface": cone, "channels": small_robot.RINGS})
+    surface = Skin(robot.model_copy(update={"patches": (line,), "digest": "line"})).surfaces[patch.name]
+    assert surface.faces.shape == (0, 3)
+    for near, place in zip(*surface.project(surface.positions + 1e-3 * surface.normals), strict=True):
+        assert np.linalg.norm(place) == pytest.approx(1.0)
+        assert (surface.positions == near).all(axis=1).any()
+
+
+def test_a_leg_has_no_places_of_the_generic_limb() -> None:
+    robot = load_robot("nao-whole")
+    skin, at = Skin(robot), JointReading(0.0, 0, robot.initial_position, np.zeros(len(robot.servos)))
+    with pytest.raises(
+        TciError, match="the thigh of left_leg is on no generic limb; valid: segments of an arm"
+    ):
+        find_place(skin, "left_leg", "thigh", 0.5, 0.0, at)
+    with pytest.raises(TciError, match="the foot of right_leg is on no generic limb"):
+        skin.segment_pose("right_leg", "foot", at, np.zeros(6))
 
 
 def test_skin_that_is_on_no_limb_has_no_place_on_one(tmp_path: Path) -> None:

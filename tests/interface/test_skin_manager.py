@@ -104,6 +104,8 @@ def test_a_line_is_read(tmp_path: Path) -> None:
         LINE.replace("(47)", "47"),
         LINE.replace("(1 0 0)", "(1 0)"),
         LINE.replace("(47)", "(-3)"),
+        LINE.replace("(47)", "(99999999999999999999)"),
+        LINE.replace(" 1412842922.723273", " nan"),
         LINE.replace(" 6)", " 77)"),
         LINE[:60],
         LINE.replace("9.3", "abc"),

@@ -48,7 +48,7 @@ def test_which_way_the_elbow_flexes_is_taken_from_its_transform(
 def test_what_no_shoulder_can_be_built_from_is_told(tmp_path: Path) -> None:
     robot = retargeted(tmp_path, elbow={}, forearm=(0.0, 0.0, small_robot.UPPER))
     with pytest.raises(
-        DescriptionError, match="left_arm can't be retargeted: its upper_arm and forearm begin"
+        DescriptionError, match="left_arm has no shoulder of the generic arm: its upper_arm and forearm begin"
     ):
         joint_map(robot, "left_arm")
     assert robot.model is not None

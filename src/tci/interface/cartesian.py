@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from tci.errors import CommandError
+from tci.errors import CommandError, DescriptionError
 from tci.frames import Array, apply, invert, read_only
 from tci.interface.part import speed_limits
 from tci.interface.skin.skin import segment_pose
@@ -34,7 +34,8 @@ class Reach:
     """One point of one arm. It works in its own memory: one per thread."""
 
     def __init__(self, robot: Robot, part: str, point: str) -> None:
-        """Raises CommandError for a part or point that is not known, and what Kinematics raises."""
+        """Raises CommandError for a point that is not known or a part that is no arm with a shoulder and an
+        elbow, UnknownNameError for an unknown part, and what Kinematics raises."""
         words = robot.part(part)
         if words.kind != "arm" or {segment.name for segment in words.segments} != set(SEGMENTS):
             raise CommandError(f"the {point} of {part}; valid: an arm with {' and '.join(SEGMENTS)}")
@@ -46,7 +47,10 @@ class Reach:
         self.length = upper_arm.length + forearm.length
         """Arm length [m]: upper arm and forearm."""
         self._forearm = forearm
-        self._shoulder = shoulder_of(robot, part).centre
+        try:
+            self._shoulder = shoulder_of(robot, part).centre
+        except DescriptionError as error:
+            raise CommandError(f"no {point} to bring anywhere: {error.faults[0].message}") from error
         tip = np.array(forearm.origin) if point == "elbow" else self._hand()
         self._tip = tip
         joints = joint_map(robot, part)

@@ -37,7 +37,7 @@ class Shoulder:
         servos = [generic.servo for generic in part.servos[:4] if generic.servo is not None]
         flexion = np.sign(part.servos[3].sense)
         if len(part.segments) < 2 or len(servos) < 4:
-            raise _fault(robot, part, "needs an upper_arm, a forearm, and servos for shoulder and elbow")
+            raise _fault(robot, part, "it needs an upper_arm, a forearm, and servos for shoulder and elbow")
         self.servos = np.array(servos[:3], dtype=np.intp)
         """Indices of its servos."""
         limits = [robot.servos[servo].limits for servo in self.servos]
@@ -169,4 +169,6 @@ def angle_about(axis: Array, start: Array, end: Array) -> float:
 
 
 def _fault(robot: Robot, part: GenericPart, what: str) -> DescriptionError:
-    return DescriptionError(robot.source, [Fault(0, f"{part.name} can't be retargeted: {what}")])
+    return DescriptionError(
+        robot.source, [Fault(0, f"{part.name} has no shoulder of the generic arm: {what}")]
+    )

@@ -159,6 +159,8 @@ def _cone(cone: TruncatedCone) -> tuple[Array, Array, Array, NDArray[np.intp]]:
 
 def _ring_strips(rings: int, per_ring: int) -> NDArray[np.intp]:
     """Triangles (f, 3) between each ring of a cone and the next, which is half a step further or back."""
+    if rings < 2 or per_ring < 2:
+        return np.zeros((0, 3), np.intp)  # taxels on one line, or in one plane across
     here = np.arange(per_ring)
     following = (here + 1) % per_ring
     strips = []
@@ -168,7 +170,7 @@ def _ring_strips(rings: int, per_ring: int) -> NDArray[np.intp]:
         a, b = behind * per_ring, ahead * per_ring
         strips.append(np.column_stack([a + here, a + following, b + here]))
         strips.append(np.column_stack([b + here, a + following, b + following]))
-    return np.concatenate(strips) if strips else np.zeros((0, 3), np.intp)
+    return np.concatenate(strips)
 
 
 def _modules(

@@ -108,7 +108,7 @@ class Portrait:
         for part in robot.parts:
             for segment in SEGMENTS:
                 on = [p.name for p in self._worn if (p.part, p.segment) == (part.name, segment)]
-                if not on or part.side is None:
+                if not on or part.kind != "arm" or part.side is None:
                     continue
                 T_WS = T_WT @ skin.segment_pose(part.name, segment, joints, posture[part.name])
                 paint.append(

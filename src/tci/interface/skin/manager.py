@@ -93,7 +93,7 @@ def read_skin_events(path: Path) -> Iterator[tuple[float, tuple[SkinContact, ...
         for number, line in enumerate(iter(lambda: file.readline(LONGEST_LINE + 1), ""), start=1):
             try:
                 yield _parse_line(line)
-            except (ValueError, IndexError, TypeError) as error:
+            except (ValueError, IndexError, TypeError, OverflowError) as error:
                 raise FrameError(
                     f"{path}, line {number}: {error}; valid: index, stamp, and contacts "
                     "((id body link skin) (CoP) (F) (M) (centre) (normal) (taxels) pressure)"
@@ -104,6 +104,8 @@ def _parse_line(line: str) -> tuple[float, tuple[SkinContact, ...]]:
     if len(line) > LONGEST_LINE:
         raise ValueError(f"longer than {LONGEST_LINE} characters")
     _, stamp, *contacts = _parse(line)
+    if not np.isfinite(float(stamp)):
+        raise ValueError(f"stamp {stamp}")
     return float(stamp), tuple(_contact(contact) for contact in contacts)
 
 

@@ -31,15 +31,15 @@ def find_place(skin: Skin, part: str, segment: str, u: float, theta: float, join
     """The skin's point that `limb_coordinates` gives (u, theta) at the present posture.
 
     It lies where the ray from the segment's axis at `u`, in direction `theta` [rad], leaves the
-    skin. Raises TciError when no skin is there, UnknownNameError for an unknown part or segment.
+    skin. Raises TciError when no skin is there or the part is no arm, UnknownNameError for an unknown part or
+    segment.
     """
     robot = skin.robot
     generic_part = robot.part(part)
     length = generic_part.segment(segment).length
-    if generic_part.side is None:
-        raise TciError(f"{part} has no side, so it has no generic limb")
     T_TS = skin.segment_pose(part, segment, joints, generic_posture(robot, joints)[part])
     origin_S = np.array([0.0, 0.0, -u * length])
+    assert generic_part.side is not None  # as it is an arm
     direction_S = limb_direction(theta, generic_part.side)
     best: tuple[float, Place] | None = None
     for patch in robot.patches:

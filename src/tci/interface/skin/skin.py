@@ -184,7 +184,7 @@ class Skin:
     def segment_pose(self, part: str, segment: str, joints: JointReading, posture: Array) -> Array:
         """`T_TS` (4, 4) of a part's segment at the generic angles `posture` (n,) [rad].
 
-        Raises UnknownNameError for an unknown part or segment.
+        Raises UnknownNameError for an unknown part or segment, TciError for one that is on no limb.
         """
         words = self.robot.part(part)
         place = words.segment(segment)
@@ -212,8 +212,11 @@ def segment_pose(part: GenericPart, segment: Segment, T_TL: Array, posture: Arra
     """`T_TS` (4, 4) of a segment, from the pose of the link that its origin is given in.
 
     S does not turn with the segment's own axial rotation: iCub's forearm skin turns with pronation,
-    NAO's sleeve does not, and (u, theta) must mean the same place of the body on both.
+    NAO's sleeve does not, and (u, theta) must mean the same place of the body on both. Raises TciError for
+    a part that is no arm.
     """
+    if part.kind != "arm" or part.side is None:
+        raise TciError(f"the {segment.name} of {part.name} is on no generic limb; valid: segments of an arm")
     R_MS = segment_rotation(segment.name, posture, _side(part), axial=False)
     return transform(part.R_TM @ R_MS, apply(T_TL, np.array(segment.origin)))
 

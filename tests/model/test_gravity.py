@@ -72,3 +72,28 @@ def test_what_is_wrong_is_named(tmp_path: Path) -> None:
             gravity.torques(robot.initial_position, down=down)
     with pytest.raises(DescriptionError, match="l_0 moves and has no <inertial>"):
         Gravity(small_robot.build(tmp_path))
+
+
+MJCF = """
+<mujoco><option><flag gravity="disable"/></option><worldbody>
+  <body name="torso"><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+    <body name="arm"><inertial pos="0 0 0.1" mass="1" diaginertia="1 1 1"/>
+      <joint name="l0" axis="0 1 0"/><geom size="0.01"/>
+      <body name="hand" pos="0 0 0.3"><geom size="0.05" mass="{mass}"/></body>
+    </body>
+  </body>
+</worldbody></mujoco>
+"""
+
+
+def test_weight_counts_whatever_a_simulation_of_the_model_leaves_out(tmp_path: Path) -> None:
+    robot = small_robot.build(tmp_path)
+    robot = robot.model_copy(update={"servos": robot.servos[:1], "parts": (), "patches": ()})
+    assert robot.model is not None
+    Path(robot.model.path).write_text(MJCF.format(mass=0))
+    assert Gravity(robot).torques(np.array([np.pi / 2]))[0] == pytest.approx(-0.1 * STANDARD_GRAVITY)
+    Path(robot.model.path).write_text(MJCF.format(mass=2))
+    with pytest.raises(
+        DescriptionError, match="link hand has shapes and no <inertial> that says their weight"
+    ):
+        Gravity(robot)

@@ -96,6 +96,16 @@ def test_references_slides_and_several_joints_on_a_link(tmp_path: Path) -> None:
             np.testing.assert_allclose(followed(chains[link], position), expected, rtol=0, atol=1e-12)
 
 
+def test_bodies_without_a_name_carry_others_too(tmp_path: Path) -> None:
+    text = MJCF.format(one="").replace('<body name="arm"', "<body")
+    robot = described(tmp_path, text)
+    position = postures(robot)[0]
+    expected = Kinematics(robot).poses(position, ["hand"])["hand"]
+    np.testing.assert_allclose(followed(chain_to(robot, "hand"), position), expected, rtol=0, atol=1e-12)
+    assert "" not in [link.name for link in links_of(robot)]
+    assert pinocchio.buildModelFromXML(to_urdf(robot)).njoints == 1 + len(JOINTS)
+
+
 def test_a_chain_turns_about_axes_beside_their_links(tmp_path: Path) -> None:
     robot = described(tmp_path, MJCF.format(one='pos="0.01 0.02 0.03"'))
     kinematics, chain = Kinematics(robot), chain_to(robot, "hand")

@@ -12,7 +12,8 @@ import numpy as np
 from tci.errors import DescriptionError, Fault
 from tci.frames import Array
 from tci.model.description import Robot
-from tci.model.mujoco_model import load_spec
+from tci.model.kinematics import joints_of
+from tci.model.mujoco_model import compiled, load_spec
 
 LEFT, RIGHT, SKIN, GROUND = 1, 2, 4, 8
 """Bits of MuJoCo's contype and conaffinity. The skin collides with the finger only, that of soles with the
@@ -36,7 +37,7 @@ def solid_spec(robot: Robot) -> mujoco.MjSpec:
     if robot.model is None:
         raise DescriptionError(robot.source, [Fault(0, NO_MODEL)])
     spec = load_spec(robot.model)
-    groups = (spec.actuators, spec.sensors, spec.keys, spec.tendons, spec.equalities, spec.pairs)
+    groups = (spec.actuators, spec.sensors, spec.tendons, spec.equalities, spec.pairs)
     for element in [element for group in groups for element in group]:
         spec.delete(element)
     driven = {servo.joint for servo in robot.servos}
@@ -51,8 +52,6 @@ def solid_spec(robot: Robot) -> mujoco.MjSpec:
 
 def _set_self_collisions(spec: mujoco.MjSpec, robot: Robot) -> None:
     """Give each geom of the model its bits; those that did not collide in the model never do."""
-    for index, body in enumerate(spec.bodies):
-        body.name = body.name or f"tci_body_{index}"
     arms = _arms(spec, robot)
     solid = [geom for geom in spec.geoms if geom.contype or geom.conaffinity]
     shown = [geom for geom in spec.geoms if not (geom.contype or geom.conaffinity)]
@@ -71,18 +70,21 @@ def _set_self_collisions(spec: mujoco.MjSpec, robot: Robot) -> None:
 
 
 def exclude_overlaps(spec: mujoco.MjSpec, robot: Robot, posture: Array) -> mujoco.MjModel:
-    """Compile, after excluding pairs of bodies that overlap at `posture` (n_servos,) [rad]."""
-    model = spec.compile()
+    """Compile, after excluding pairs of bodies that overlap at `posture` (n_servos,) [rad].
+
+    Raises DescriptionError for a mesh that MuJoCo can't read, or when the model lacks a joint.
+    """
+    assert robot.model is not None  # solid_spec has raised
+    model = compiled(spec, robot.model)
     data = mujoco.MjData(model)
-    for servo in robot.servos:
-        if servo.joint is not None:
-            data.qpos[model.joint(servo.joint).qposadr] = posture[servo.index]
+    servos, addresses, _ = joints_of(robot, model)
+    data.qpos[addresses] = posture[servos]
     mujoco.mj_forward(model, data)
     touching = model.geom_bodyid[data.contact.geom[: data.ncon]]
     pairs = {(int(low), int(high)) for low, high in np.sort(touching, axis=1)}
     for first, second in sorted(pairs):
         spec.add_exclude(bodyname1=model.body(first).name, bodyname2=model.body(second).name)
-    return spec.compile() if pairs else model
+    return compiled(spec, robot.model) if pairs else model
 
 
 def _arms(spec: mujoco.MjSpec, robot: Robot) -> dict[str, tuple[int, int]]:

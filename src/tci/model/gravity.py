@@ -26,26 +26,34 @@ class Gravity:
 
     def __init__(self, robot: Robot) -> None:
         """Raises DescriptionError when the robot has no model, a servo's joint is not in it, or a link
-        that moves has no `<inertial>`; UnknownNameError when the model lacks the torso."""
+        that moves, or that MJCF gives the weight of its shapes, has no `<inertial>`; UnknownNameError when
+        the model lacks the torso."""
         if robot.model is None:
             raise DescriptionError(robot.source, [Fault(0, "no <model>: gravity needs a URDF or MJCF file")])
         self._model = bare_model(robot.model)
         self._data = mujoco.MjData(self._model)
-        heavy = {body.name for body in load_spec(robot.model).bodies if body.explicitinertial}
-        faults = []
-        for body in range(1, self._model.nbody):
-            if self._model.body(body).name not in heavy:
-                # The compiler gave it a token mass, which would add up.
-                self._model.body_mass[body] = 0.0
-                self._model.body_inertia[body] = 0.0
-                if self._model.body_jntnum[body]:
-                    faults.append(Fault(0, f"link {self._model.body(body).name} moves and has no <inertial>"))
-        if faults:
-            raise DescriptionError(robot.model.path, faults)
+        self._model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
         links = [self._model.body(index).name for index in range(1, self._model.nbody)]
         if robot.model.torso_link not in links:
             raise UnknownNameError("link of the kinematic model", robot.model.torso_link, links)
         self._torso = self._model.body(robot.model.torso_link).id
+        bodies = load_spec(robot.model).bodies
+        heavy = {body.name for body in bodies if body.explicitinertial}
+        shaped = {body.name for body in bodies if any(geom.mass != 0 and geom.density for geom in body.geoms)}
+        faults = []
+        for body, name in enumerate(links, start=1):
+            if name not in heavy:
+                # The compiler gave it a token mass, which would add up.
+                self._model.body_mass[body] = 0.0
+                self._model.body_inertia[body] = 0.0
+                of_robot = self._model.body_rootid[body] == self._model.body_rootid[self._torso]
+                if self._model.body_jntnum[body]:
+                    faults.append(Fault(0, f"link {name} moves and has no <inertial>"))
+                elif robot.model.format == "mjcf" and of_robot and name in shaped:
+                    fault = f"link {name} has shapes and no <inertial> that says their weight"
+                    faults.append(Fault(0, fault))
+        if faults:
+            raise DescriptionError(robot.model.path, faults)
         self._T_LT = robot.model.T_LT
         self._n_servos = len(robot.servos)
         self._servos, self._addresses, self._columns = joints_of(robot, self._model)

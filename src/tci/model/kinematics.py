@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tci.errors import CommandError, DescriptionError, Fault, UnknownNameError
 from tci.frames import Array
 from tci.model.description import Model, Robot
-from tci.model.mujoco_model import load_spec
+from tci.model.mujoco_model import compiled, load_spec
 
 _ORIGIN = np.zeros(3)
 _ONE_AXIS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
@@ -179,4 +179,4 @@ def bare_model(model: Model) -> mujoco.MjModel:
     # Kinematics need no mass, but MuJoCo compiles no moving body without one.
     spec.compiler.boundmass = 1e-6
     spec.compiler.boundinertia = 1e-9
-    return spec.compile()
+    return compiled(spec, model)

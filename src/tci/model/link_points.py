@@ -7,11 +7,10 @@ from collections.abc import Iterable
 import mujoco
 import numpy as np
 
-from tci.errors import DescriptionError, Fault
 from tci.frames import Array
 from tci.model.cone import ConeFit, fit_cone
 from tci.model.description import Model
-from tci.model.mujoco_model import load_spec
+from tci.model.mujoco_model import compiled, load_spec
 
 POINTS = 6000
 """Points on one link."""
@@ -28,10 +27,7 @@ class LinkPoints:
 
     def __init__(self, model: Model) -> None:
         """Raises what `load_spec` raises, and DescriptionError for a mesh that MuJoCo can't read."""
-        try:
-            self._model = load_spec(model).compile()
-        except ValueError as error:
-            raise DescriptionError(model.path, [Fault(0, f"its shapes can't be read: {error}")]) from error
+        self._model = compiled(load_spec(model), model)
         self._data = mujoco.MjData(self._model)
         mujoco.mj_kinematics(self._model, self._data)
 

@@ -20,7 +20,7 @@ LEAST_MASS, LEAST_INERTIA = 1e-3, 1e-6
 
 
 def load_spec(model: Model) -> mujoco.MjSpec:
-    """The model as an editable specification, with a fixed base and every link a body.
+    """The model as an editable specification, with a fixed base and every link a body with a name.
 
     Visual geoms stay, and so do links without mass: the frames of skin modules are such links.
     Raises DescriptionError when the file is missing or MuJoCo can't read it.
@@ -41,10 +41,32 @@ def load_spec(model: Model) -> mujoco.MjSpec:
     # MuJoCo discards visual geoms twice, when it parses and again when it compiles.
     spec.compiler.discardvisual = False
     spec.compiler.fusestatic = False
+    for index, body in enumerate(spec.bodies):
+        body.name = body.name or f"tci_body_{index}"
     for joint in spec.joints:
         if joint.type == mujoco.mjtJoint.mjJNT_FREE:
             spec.delete(joint)
+    for key in spec.keys:  # postures of a base that floats, and of whatever else a scene has
+        spec.delete(key)
     return spec
+
+
+def compiled(spec: mujoco.MjSpec, model: Model) -> mujoco.MjModel:
+    """The specification of a model as one that can be worked with.
+
+    Raises DescriptionError for what MuJoCo finds only now, as a mesh that is missing or an axis of length 0,
+    and for places and axes that are no finite numbers.
+    """
+    try:
+        made = spec.compile()
+    except ValueError as error:
+        raise DescriptionError(model.path, [Fault(0, f"not a usable model: {error}")]) from error
+    places = (made.body_pos, made.body_quat, made.jnt_pos, made.jnt_axis, made.qpos0)
+    if not all(np.isfinite(values).all() for values in places):
+        raise DescriptionError(
+            model.path, [Fault(0, "not a usable model: it holds numbers that are not finite")]
+        )
+    return made
 
 
 def _read_urdf(path: Path) -> mujoco.MjSpec:
@@ -96,7 +118,10 @@ def _mend_masses(spec: mujoco.MjSpec) -> None:
 def _mesh_file(urdf: Path, filename: str) -> Path:
     """Where a mesh lies. A `package://` is a folder of that name beside one of the URDF's parents."""
     if not filename.startswith(_PACKAGE):
-        return (urdf.parent / filename.removeprefix("file://")).resolve()
+        file = (urdf.parent / filename.removeprefix("file://")).resolve()
+        if not file.is_file():
+            raise DescriptionError(str(urdf), [Fault(0, f"mesh {filename}: {file} is not a file")])
+        return file
     relative = filename.removeprefix(_PACKAGE).lstrip("/")  # some write package:///
     for folder in urdf.resolve().parents:
         if (folder / relative).is_file():

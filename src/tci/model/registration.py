@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from tci.errors import CommandError, DescriptionError, Fault
 from tci.frames import Array, apply, read_only, transform
 from tci.model.description import Robot
-from tci.model.mujoco_model import load_spec
+from tci.model.mujoco_model import compiled, load_spec
 
 DENSITY = 200_000
 """Points that stand for the surface of a link. Ours: on an arm they are 0.5 mm apart."""
@@ -78,7 +78,7 @@ def link_surface(robot: Robot, link: str) -> LinkSurface:
     """The surface of a link. Raises DescriptionError when the robot has no model, or the link no mesh."""
     if robot.model is None:
         raise DescriptionError(robot.source, [Fault(0, "no <model>: a surface needs a URDF or MJCF file")])
-    model = load_spec(robot.model).compile()
+    model = compiled(load_spec(robot.model), robot.model)
     names = [model.body(index).name for index in range(model.nbody)]
     meshes = [
         _mesh(model, geom)

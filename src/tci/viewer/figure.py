@@ -17,6 +17,7 @@ from tci.interface.skin.skin import Skin
 from tci.messages import JointReading
 from tci.model.collisions import NO_MODEL, solid_spec
 from tci.model.description import Robot
+from tci.model.mujoco_model import compiled
 from tci.simulation.finger import RADIUS
 from tci.simulation.paint import FIELD_COLOURS, FULL_SCALE, SKIN_COLOUR, pressure_colours
 from tci.viewer.meshes import body_meshes, disc, quaternion, towards
@@ -55,7 +56,7 @@ class Figure:
         self.robot = robot
         self.skin = Skin(robot)
         self._server = server
-        self._model = solid_spec(robot).compile()
+        self._model = compiled(solid_spec(robot), robot.model)
         self._data = mujoco.MjData(self._model)
         moving = [servo for servo in robot.servos if servo.joint is not None]
         self._servos = np.array([servo.index for servo in moving], dtype=np.intp)

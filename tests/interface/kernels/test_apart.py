@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import mujoco
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from tci.interface.kernels.apart import at_least, stand, to_joints
 from tci.interface.kernels.solids import Solids
 from tci.model.catalogue import load_robot, robot_names
 from tci.model.clearance import Clearance
+from tci.model.description import GenericPart, GenericServo, Model, Robot, Servo
 
 bound = njit(lambda shapes, points, frames, pairs, axis, p: at_least(shapes, points, frames, pairs, axis, p))
 
@@ -101,3 +104,36 @@ def test_joints_are_counted_from_their_zeros_in_the_models_order() -> None:
     ends = np.zeros((2, 2))
     to_joints(np.array([2, 0]), np.array([0.5, -1.0]), np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]]), ends)
     assert ends.tolist() == [[2.5, 2.0], [5.5, 5.0]]
+
+
+OVAL = """
+<mujoco><compiler angle="radian"/><worldbody><body name="torso"><geom type="box" size="0.1 0.1 0.3"/>
+  <body name="upper" pos="0 0.3 0.2"><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+    <joint name="pitch" axis="0 1 0"/><geom size="0.03"/>
+    <body name="lower" pos="0 0 -0.2"><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+      <joint name="yaw" axis="0 0 1"/><geom type="ellipsoid" size="0.02 0.12 0.15" pos="0 0 -0.1"/>
+    </body>
+  </body>
+</body></worldbody></mujoco>
+"""
+
+
+def test_a_joint_through_the_middle_of_an_oval_shape_turns_it(tmp_path: Path) -> None:
+    """The forearm is 20 mm thick one way and 120 mm the other, and its middle lies on the axis of its yaw."""
+    path = tmp_path / "oval.xml"
+    path.write_text(OVAL)
+    servos = [
+        Servo(index=i, robot_part="arm", id=i, name=joint, joint=joint)
+        for i, joint in enumerate(("pitch", "yaw"))
+    ]
+    joints = tuple(GenericServo(id=i, name=servo.name, servo=i) for i, servo in enumerate(servos))
+    robot = Robot(
+        name="oval", source="oval", digest=str(path), servos=tuple(servos),
+        model=Model(format="mjcf", path=str(path), torso_link="torso"),
+        parts=(GenericPart(name="left_arm", kind="arm", side="left", servos=joints),),
+    )  # fmt: skip
+    clearance = Clearance(robot)
+    levers = Solids.of(clearance).levers[:, 0]
+    near, far = (clearance.gaps(np.array([0.0, yaw]), within=1.0)[0] for yaw in (0.0, np.pi / 2))
+    assert far - near == pytest.approx(0.1, abs=1e-3)
+    assert levers[1] * np.pi / 2 > far - near

@@ -131,6 +131,7 @@ def _hull(model: mujoco.MjModel, mesh: int) -> Array:
 def _levers(joints: Array, shapes: Array, points: Array, pairs: NDArray[np.intp]) -> Array:
     """`Solids.levers`: of a joint that carries one of the two, how far that one can be from its axis."""
     reach = np.zeros((len(joints), len(shapes)))
+    carried = np.zeros(reach.shape, dtype=bool)
     for index, shape in enumerate(shapes):
         joint, first, last = (int(number) for number in shape[:3])
         mine = points[first:last]
@@ -138,13 +139,13 @@ def _levers(joints: Array, shapes: Array, points: Array, pairs: NDArray[np.intp]
         inner = 0.0
         while joint >= 0:
             across = np.linalg.norm(np.cross(joints[joint, 4:], mine), axis=1).max()
-            reach[joint, index] = across + inner
+            reach[joint, index] = across + inner + round_about
+            carried[joint, index] = True
             inner += float(np.linalg.norm(mine, axis=1).max())
             mine = joints[joint, 1:4][None, :]
             joint = int(joints[joint, 0])
-        reach[:, index] += np.where(reach[:, index] > 0.0, round_about, 0.0)
     first, second = pairs.T
     # A joint that carries both changes nothing.
-    moves = (reach[:, first] > 0.0) != (reach[:, second] > 0.0)
+    moves = carried[:, first] != carried[:, second]
     levers: Array = np.ascontiguousarray(np.where(moves, np.maximum(reach[:, first], reach[:, second]), 0.0))
     return levers

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import http.client
 import socket
+import threading
 from collections.abc import Iterator
 from contextlib import closing
 
 import pytest
 import viser
+import zstandard
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
@@ -108,8 +110,46 @@ def test_54_a_rebound_name_is_refused_with_its_own_origin(remote: Opened) -> Non
     assert remote.get(path, Host="192.0.2.7:80").status == 200
 
 
+def test_a_name_with_capitals_is_known_as_browsers_write_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(socket, "gethostname", lambda: "Lab-PC")
+    opened = Opened("0.0.0.0")
+    assert opened.address.startswith("http://Lab-PC:")
+    assert opened.get(f"/?token={opened.guard.token}", Host=f"lab-pc:{opened.port}").status == 200
+    opened.server.stop()
+
+
 def test_the_page_can_not_be_framed(local: Opened) -> None:
     assert local.get().getheader("X-Frame-Options") == "DENY"
+
+
+def test_the_page_is_told_what_is_set_while_its_sender_goes_to_sleep(
+    local: Opened, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    event = local.server._websock_server._broadcast_buffer.message_event
+    found_nothing, go_on = event._get_loop, threading.Event()
+
+    def between_look_and_wait() -> object:
+        if go_on.is_set():
+            go_on.clear()
+            other = threading.Thread(target=local.server.gui.add_markdown, args=("meanwhile",))
+            other.start()
+            other.join()
+        return found_nothing()
+
+    monkeypatch.setattr(event, "_get_loop", between_look_and_wait)
+    origin = f"http://127.0.0.1:{local.port}"
+    with connect(f"ws://127.0.0.1:{local.port}/", origin=origin, subprotocols=[PROTOCOL]) as page:
+        go_on.set()
+        local.server.gui.set_panel_label("wakes the sender")
+        while "meanwhile" not in told(page.recv(timeout=40)):
+            pass
+
+
+def told(window: str | bytes) -> str:
+    """The texts in what viser sends: two lengths, messages, arrays."""
+    assert isinstance(window, bytes)
+    length, packed = (int.from_bytes(window[start : start + 8], "little") for start in (0, 8))
+    return zstandard.decompress(window[16 : 16 + packed], max_output_size=length).decode(errors="replace")
 
 
 def test_36_a_port_that_is_taken_is_named(local: Opened) -> None:

@@ -7,6 +7,7 @@ come from a page of that host.
 
 from __future__ import annotations
 
+import asyncio
 import ipaddress
 import logging
 import os
@@ -42,7 +43,8 @@ class Guard:
         self.token = token
         self.refused = 0
         """Requests that were refused."""
-        self._names = {"localhost"} if self.local else {"localhost", host, socket.gethostname()}
+        names = () if self.local else (host, socket.gethostname())
+        self._names = {"localhost", *(name.lower() for name in names)}
         self._cookie = f"tci_{secrets.token_hex(4)}"
 
     def wrap(self, answer: Answer) -> Answer:
@@ -105,6 +107,24 @@ class Guard:
         return any(secrets.compare_digest(text.encode(), self.token.encode()) for text in given)
 
 
+class LoopEvent(asyncio.Event):
+    """An event that only the thread of its loop sets, for which `call_soon_threadsafe` is there.
+
+    viser sets the one that wakes its sender from other threads as well, beside the safe call. Where that
+    falls between the sender's look and its wait, the safe call finds it set and does nothing, and the sender
+    waits for ever: nothing reaches the page again, while what the page sends arrives.
+    """
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        super().__init__()
+        self._home = loop
+
+    def set(self) -> None:
+        """As that of `asyncio.Event`; from elsewhere nothing."""
+        if asyncio._get_running_loop() is self._home:
+            super().set()
+
+
 def close_server(server: viser.ViserServer) -> None:
     """Close the page without a word."""
     with redirect_stdout(StringIO()):
@@ -152,6 +172,9 @@ def open_server(host: str, port: int, *, label: str) -> tuple[viser.ViserServer,
     if not guarded:
         server.stop()
         raise TciError("this version of viser opens its server unguarded; install the one that tci names")
+    buffer = server._websock_server._broadcast_buffer
+    before, buffer.message_event = buffer.message_event, LoopEvent(server.get_event_loop())
+    server.get_event_loop().call_soon_threadsafe(before.set)  # a page may be there already
     shown = f"[{host}]" if ":" in host else {"0.0.0.0": socket.gethostname()}.get(host, host)
     suffix = f"/?token={guard.token}" if guard.token else ""
     return server, guard, f"http://{shown}:{bound}{suffix}"

@@ -7,12 +7,14 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import numpy as np
 import pytest
 
 import tci
 from tci.viewer.session import Session
+from tci.viewer.words import badge
 
 PATIENCE = 60.0
 
@@ -24,8 +26,9 @@ def wait_for(what: Callable[[], object]) -> None:
         time.sleep(0.05)
 
 
-@pytest.fixture(scope="module")
-def via() -> Iterator[str]:
+@contextmanager
+def serving() -> Iterator[tuple[str, subprocess.Popen[str]]]:
+    """Where a NAO is served, and the process that does."""
     with socket.create_server(("127.0.0.1", 0)) as found:
         port = found.getsockname()[1]
     via = f"zenoh:tcp/127.0.0.1:{port}"
@@ -33,8 +36,14 @@ def via() -> Iterator[str]:
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
         assert server.stdout is not None
         assert "serving nao" in server.stdout.readline()
-        yield via
+        yield via, server
         server.terminate()
+
+
+@pytest.fixture(scope="module")
+def via() -> Iterator[str]:
+    with serving() as (via, _):
+        yield via
 
 
 def test_a_robot_of_another_process_is_shown(via: str) -> None:
@@ -46,6 +55,17 @@ def test_a_robot_of_another_process_is_shown(via: str) -> None:
     first = session.view.time
     wait_for(lambda: session.view is not None and session.view.time > first)
     session.close()
+
+
+def test_one_that_died_is_not_shown_as_if_it_lived() -> None:
+    with serving() as (via, server):
+        session = Session(tci.connect(tci.load_robot("nao"), via), tci.WithdrawalReflex(), about={})
+        session.start()
+        wait_for(lambda: session.view is not None and session.view.pressure)
+        server.kill()
+        wait_for(lambda: session.view is not None and "joint data is" in session.view.reason)
+        assert "ms old" in badge("NAO", session.view, session.ended)
+        session.close()
 
 
 def test_an_armed_one_follows_the_sliders(via: str) -> None:

@@ -15,6 +15,7 @@ from tci.interface.gate.gate import GateState
 from tci.interface.skin.places import find_place
 from tci.interface.skin.skin import Skin
 from tci.middleware.replay import ReplayLink
+from tci.viewer.app import Viewer
 from tci.viewer.session import Session
 
 PATIENCE = 60.0
@@ -110,6 +111,24 @@ def test_a_fault_ends_the_loop_and_a_reset_begins_it_again(session: Session) -> 
     assert session.view.state is GateState.RUN
 
 
+def test_what_is_ordered_while_the_loop_has_ended_is_forgotten(session: Session) -> None:
+    session.inject("link-lost", lasts=0.2)
+    wait_for(lambda: "LinkError" in session.ended)
+    view, world = session.view, session.world
+    assert view is not None
+    assert world is not None
+    session.move("left_arm", view.posture["left_arm"] + np.array([0.0, 0.5, 0.0, 0.0, 0.0]))
+    over = world.time + 0.3
+    wait_for(lambda: world.time > over)
+    session.reset()
+    wait_for(lambda: not session.ended)
+    before = session.report.ticks
+    wait_for(lambda: session.report.ticks > before + 50)
+    assert "goes to" not in words(session)
+    assert session.view is not None
+    assert session.view.posture["left_arm"] == pytest.approx(view.posture["left_arm"], abs=0.02)
+
+
 def test_what_was_recorded_is_replayed_bit_for_bit(session: Session, tmp_path: Path) -> None:
     session.record(tmp_path / "poke.mcap")
     poke(session)
@@ -131,6 +150,25 @@ def test_a_robot_that_is_not_armed_is_only_shown() -> None:
     assert session.view is not None
     assert session.view.state is None
     session.close()
+
+
+def test_one_that_is_only_shown_begins_again(tmp_path: Path) -> None:
+    link = tci.connect(tci.load_robot("nao"), "sim", arm=False)
+    viewer = Viewer([Session(link, tci.WithdrawalReflex(), about={})], port=0, folder=tmp_path)
+    (session,) = viewer.sessions.values()
+    assert viewer.controls["nao"].buttons.options == ("Reset",)
+    assert not viewer.controls["nao"].buttons.disabled
+    session.start()
+    wait_for(lambda: session.view)
+    session.inject("wrong-taxel-count", lasts=0.1)
+    wait_for(lambda: "FrameError" in session.ended)
+    world = session.world
+    assert world is not None
+    over = world.time + 0.3
+    wait_for(lambda: world.time > over)  # the fault ends
+    session.reset()
+    wait_for(lambda: session.view and session.view.time > over)
+    viewer.close()
 
 
 def test_a_finger_needs_a_simulation() -> None:

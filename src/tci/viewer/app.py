@@ -59,7 +59,6 @@ class Viewer:
         self.sources: Mapping[str, Source] = _by_key(sources)
         self.sessions = {key: source for key, source in self.sources.items() if isinstance(source, Session)}
         """Those that are not recorded, by key."""
-        self._players = [source for source in self.sources.values() if isinstance(source, Player)]
         self.server, self.guard, self.address = open_server(host, port, label="TCI")
         self.pictures = 0
         """Pictures that were shown."""
@@ -94,8 +93,8 @@ class Viewer:
         """One picture; with `words` also plots, sliders and texts."""
         self.pictures += 1
         now = time.monotonic()
-        for player in self._players:
-            player.advance(now)
+        if self.playback is not None:
+            self.playback.advance(now)
         if not self.server.get_clients():
             return  # a page that is opened gets what was drawn last, and the next picture
         for key, source in self.sources.items():
@@ -153,11 +152,10 @@ class Viewer:
             hit = pick(figure, origin, direction)
             if hit is not None:
                 found.append((hit[1], key, hit[0]))
+        _set(self._hint, HINT if found else "No skin there. " + HINT)
         if found:
             _, key, place = min(found, key=lambda hit: hit[0])
             self.poke(key, place)
-        else:
-            self._hint.content = "No skin there. " + HINT
 
     def _stand_side_by_side(self) -> None:
         """Robots in a row, the first on the left of the picture."""
@@ -197,9 +195,10 @@ class Viewer:
         if any(source.world is not None for source in self.sources.values()):
             self._add_poke()
         self.playback: Playback | None = None
-        if self._players:
+        players = [source for source in self.sources.values() if isinstance(source, Player)]
+        if players:
             with gui.add_folder("recording"):
-                self.playback = Playback(self.server, self._players)
+                self.playback = Playback(self.server, players)
         with gui.add_folder("what happened"):
             self._events = gui.add_html("")
         self.controls: dict[str, Controls] = {}
@@ -249,7 +248,7 @@ class Viewer:
         _set(self._events, event_list(sorted(told, key=lambda event: -event[1])[:8]))
 
 
-def _set(handle: viser.GuiHtmlHandle, content: str) -> None:
+def _set(handle: viser.GuiHtmlHandle | viser.GuiMarkdownHandle, content: str) -> None:
     if handle.content != content:
         handle.content = content
 

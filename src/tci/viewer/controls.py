@@ -77,7 +77,8 @@ class Controls:
                     slider.on_update(partial(self._moved, part.name))
                     sliders.append((joint, slider))
             self._sliders[part.name] = sliders
-        buttons = self._gui.add_button_group("arms", ("Home", "Reset"), disabled=not self._session.armed)
+        options = ("Home", "Reset") if self._session.armed else ("Reset",)
+        buttons = self.buttons = self._gui.add_button_group("arms", options)
 
         @buttons.on_click
         def _(event: viser.GuiEvent[Any]) -> None:
@@ -86,7 +87,8 @@ class Controls:
             else:
                 self._session.reset()
 
-    def _moved(self, part: str, event: viser.GuiEvent[Any]) -> None:
+    # `async`: at once. In a thread of its own the viewer might move the slider back before it is heard.
+    async def _moved(self, part: str, event: viser.GuiEvent[Any]) -> None:
         view = self._session.view
         if event.client is None or view is None:
             return  # the viewer itself has set it

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
+from queue import SimpleQueue
 from typing import Any
 
 import viser
@@ -20,24 +22,22 @@ STEP = 0.01
 
 
 class Playback:
-    """The controls of all players, inside the container that is open."""
+    """The controls of all players, inside the container that is open. `advance` does what they ask for."""
 
     def __init__(self, server: viser.ViserServer, players: Sequence[Player]) -> None:
         self._players = tuple(players)
+        self._asked: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._touched = -MINE
         gui = server.gui
         longest = max(player.end - player.begin for player in players)
+        self._began = sorted(touch.began - player.begin for player in players for touch in player.touches)
         self._button = gui.add_button("Pause")
         self.slider = gui.add_slider("time [s]", 0.0, max(round(longest, 2), STEP), STEP, 0.0)
-        self._speed = gui.add_dropdown("speed", SPEEDS, initial_value="1")
-        began = sorted(touch.began - player.begin for player in players for touch in player.touches)
-        jump = gui.add_button("Next touch", disabled=not began)
-
-        @self._button.on_click
-        def _(_: object) -> None:
-            playing = any(player.playing for player in self._players)
-            for player in self._players:
-                player.pause() if playing else player.play()
+        speed = gui.add_dropdown("speed", SPEEDS, initial_value="1")
+        jump = gui.add_button("Next touch", disabled=not self._began)
+        self._button.on_click(lambda _: self._asked.put(self.play_or_pause))
+        jump.on_click(lambda _: self._asked.put(self.next_touch))
+        speed.on_update(lambda _: self._asked.put(partial(self.set_speed, float(speed.value))))
 
         # `async`: at once. In a thread of its own the viewer might move the slider back before it is heard.
         @self.slider.on_update
@@ -45,30 +45,65 @@ class Playback:
             if event.client is None:
                 return  # the viewer itself has moved it
             self._touched = time.monotonic()
+            self._asked.put(partial(self.seek, float(self.slider.value)))
+
+    @property
+    def time(self) -> float:
+        """Time [s] from the begin of all; a shorter recording waits at its end."""
+        return max(player.time - player.begin for player in self._players)
+
+    @property
+    def playing(self) -> bool:
+        """Whether it goes on."""
+        return any(player.playing for player in self._players)
+
+    def advance(self, now: float) -> None:
+        """Do what was asked for, and follow the machine's clock, `now` [s] on it."""
+        while not self._asked.empty():
+            self._asked.get()()
+        for player in self._players:
+            player.advance(now)
+
+    def play_or_pause(self) -> None:
+        """Pause, or go on; from the begin where all were at their end."""
+        if self.playing:
             for player in self._players:
                 player.pause()
-                player.seek(player.begin + float(self.slider.value))
+        else:
+            over = all(player.time >= player.end for player in self._players)
+            self._play(self._players if over else self._unfinished())
 
-        @jump.on_click
-        def _(_: object) -> None:
-            now = players[0].time - players[0].begin
-            following = [moment for moment in began if moment - BEFORE > now + STEP]
-            moment = (following or began)[0] - BEFORE
-            for player in self._players:
-                player.seek(player.begin + moment)
+    def seek(self, moment: float) -> None:
+        """Pause at a time [s] from the begin."""
+        for player in self._players:
+            player.pause()
+            player.seek(player.begin + moment)
 
-        @self._speed.on_update
-        def _(_: object) -> None:
-            for player in self._players:
-                player.speed = float(self._speed.value)
+    def next_touch(self) -> None:
+        """Go shortly before the next touch, after the last one to the first."""
+        following = [moment for moment in self._began if moment - BEFORE > self.time + STEP]
+        playing = self.playing
+        self.seek((following or self._began)[0] - BEFORE)
+        if playing:
+            self._play(self._unfinished())
+
+    def set_speed(self, speed: float) -> None:
+        """Recorded seconds per second."""
+        for player in self._players:
+            player.speed = speed
 
     def update(self) -> None:
         """Let the slider follow."""
-        playing = any(player.playing for player in self._players)
-        label = "Pause" if playing else "Play"
+        label = "Pause" if self.playing else "Play"
         if self._button.label != label:
             self._button.label = label
-        first = self._players[0]
-        value = min(round(first.time - first.begin, 2), self.slider.max)
+        value = min(round(self.time, 2), self.slider.max)
         if time.monotonic() - self._touched > MINE and abs(value - self.slider.value) > STEP / 2.0:
             self.slider.value = value  # type: ignore[misc] # viser's types say read-only
+
+    def _unfinished(self) -> list[Player]:
+        return [player for player in self._players if player.time < player.end]
+
+    def _play(self, players: Sequence[Player]) -> None:
+        for player in players:
+            player.play()

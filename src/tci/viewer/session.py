@@ -15,6 +15,7 @@ import numpy as np
 from tci.capabilities.capability import Capability
 from tci.errors import CommandError, TciError
 from tci.interface.body import Body
+from tci.interface.gate.acceptance import fault_of_reading
 from tci.interface.gate.gate import GateState
 from tci.interface.skin.places import Place
 from tci.messages import GenericCommand, Mode
@@ -209,8 +210,9 @@ class Session:
                 if self.recorder is not None:
                     self.recorder.tick(now, reading)
             felt = {name: patch.pressure for name, patch in body.skin.state.patches.items()}
+            old = fault_of_reading(self.robot, reading.joints, now, self.link.gate.stale_after)
             self._publish(
-                View(now, reading.joints, perception.posture, felt, perception.contacts, None, "", 0.0)
+                View(now, reading.joints, perception.posture, felt, perception.contacts, None, old, 0.0)
             )
             self._between(now)
 
@@ -270,11 +272,12 @@ class Session:
                 raise _Closed
             if self.world is None:
                 return
-            if self.pace > 0.0:
+            pace = self.pace  # another thread changes it
+            if pace > 0.0:
                 break
             self._real_time.forget()
             time.sleep(IDLE)
-        self._real_time.wait(now, self.pace)
+        self._real_time.wait(now, pace)
 
     def _serve_inbox(self) -> None:
         while True:

@@ -10,7 +10,10 @@ from tci.messages import Order, Perception
 
 
 class Steered(Capability[Any]):
-    """Another capability, and orders from outside. They are recorded like the capability's own."""
+    """Another capability, and orders from outside. They are recorded like the capability's own.
+
+    What was ordered while no loop ran is forgotten: a robot does not move because its loop begins again.
+    """
 
     def __init__(self, inner: Capability[Any]) -> None:
         self.inner = inner
@@ -18,6 +21,7 @@ class Steered(Capability[Any]):
         """What a person wants; the latest ones are given after the capability's own."""
 
     def init(self) -> Any:
+        self._given()
         return self.inner.init()
 
     def begin(self, perception: Perception) -> tuple[Order, ...]:

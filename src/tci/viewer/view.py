@@ -35,7 +35,7 @@ class View:
     state: GateState | None
     """State of the gate; None where nothing is commanded."""
     reason: str
-    """Why the gate holds or has stopped, or why the loop ended."""
+    """Why the gate holds or has stopped; where nothing is commanded, why the joint data can't be used."""
     response: float
     """Largest speed [rad/s] of a servo that was sent."""
     finger: Array | None = None

@@ -28,7 +28,7 @@ def badge(title: str, view: View | None, ended: str, loop: str = "") -> str:
     elif view is None:
         colour, name, words = GREY, "WAITING", "nothing was read yet"
     elif view.state is None:
-        colour, name, words = GREY, "NOT COMMANDED", "nothing was sent to the robot"
+        colour, name, words = GREY, "NOT COMMANDED", view.reason or "nothing was sent to the robot"
     else:
         colour, name, words = COLOURS[view.state], view.state.name, view.reason or MEANING[view.state]
     touched = ", ".join(touch(contact) for contact in view.contacts[:2]) if view else ""

@@ -1,0 +1,80 @@
+"""Recordings of different lengths, side by side on one time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import tci
+from recording.recorded import record_poke
+from tci.recording.recording import Recording
+from tci.viewer.app import Viewer
+from tci.viewer.playback import Playback
+from tci.viewer.player import Player
+
+
+@pytest.fixture(scope="module")
+def players(tmp_path_factory: pytest.TempPathFactory) -> tuple[Player, Player]:
+    """The first ends after 0.39 s, the second after 0.99 s; both are touched after 0.3 s."""
+    folder: Path = tmp_path_factory.mktemp("lengths")
+    record_poke(folder / "short.mcap", duration=0.4)
+    record_poke(folder / "long.mcap", duration=1.0)
+    robot = tci.load_robot("nao")
+    short, long = (Player(Recording(folder / f"{name}.mcap"), robot) for name in ("short", "long"))
+    return short, long
+
+
+@pytest.fixture
+def playback(players: tuple[Player, Player]) -> Iterator[Playback]:
+    viewer = Viewer(players, port=0)
+    assert viewer.playback is not None
+    viewer.playback.seek(0.0)
+    yield viewer.playback
+    viewer.close()
+
+
+def times(players: tuple[Player, Player]) -> list[float]:
+    return [player.time - player.begin for player in players]
+
+
+def test_the_slider_follows_the_longest(playback: Playback, players: tuple[Player, Player]) -> None:
+    playback.play_or_pause()
+    for now in (100.0, 100.7):
+        playback.advance(now)
+    assert times(players) == pytest.approx([0.39, 0.7])
+    playback.update()
+    assert playback.slider.value == pytest.approx(0.7)
+    playback.seek(0.9)
+    playback.update()
+    assert playback.slider.value == pytest.approx(0.9)
+
+
+def test_they_go_on_together(playback: Playback, players: tuple[Player, Player]) -> None:
+    playback.seek(0.6)
+    playback.play_or_pause()
+    for now in (100.0, 100.1):
+        playback.advance(now)
+    assert times(players) == pytest.approx([0.39, 0.7])
+    playback.play_or_pause()
+    assert not playback.playing
+    playback.play_or_pause()
+    for now in (200.0, 201.0):
+        playback.advance(now)
+    assert times(players) == pytest.approx([0.39, 0.99])
+    playback.play_or_pause()
+    assert times(players) == [0.0, 0.0]
+    assert all(player.playing for player in players)
+
+
+def test_after_the_last_touch_all_play_from_the_first(
+    playback: Playback, players: tuple[Player, Player]
+) -> None:
+    playback.seek(0.6)
+    playback.play_or_pause()
+    playback.advance(100.0)
+    playback.next_touch()
+    for now in (100.1, 100.15):
+        playback.advance(now)
+    assert times(players) == pytest.approx([0.15, 0.15])

@@ -52,6 +52,14 @@ def test_the_page_is_served_until_ctrl_c(robots: tuple[str, ...], how: signal.Si
     assert "Traceback" not in ended(run, how)
 
 
+def test_42_sigterm_closes_robots_and_page_first() -> None:
+    run, _ = opened("view", "--robot", "nao", "--port", "0", "--headless")
+    run.send_signal(signal.SIGTERM)
+    said, _ = run.communicate(timeout=60)
+    assert run.returncode == 128 + signal.SIGTERM, said
+    assert "Traceback" not in said
+
+
 def test_the_demo_ends_in_the_viewer(tmp_path: Path) -> None:
     run, address = opened("demo", "--robot", "nao", "--out", str(tmp_path), "--headless", "--view")
     assert (tmp_path / "report.json").exists()

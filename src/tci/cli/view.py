@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import webbrowser
 from collections.abc import Sequence
@@ -22,6 +23,7 @@ from tci.cli.run import HARMLESS, load_capability
 from tci.errors import CommandError, MissingExtraError, RecordingError
 from tci.recording.perceived import recorded_robot
 from tci.recording.recording import Recording
+from tci.runtime.guards import interruptions
 from tci.runtime.registry import connect
 
 if TYPE_CHECKING:
@@ -52,7 +54,7 @@ def view(
     duration: float | None = None,
     browser: bool = True,
 ) -> None:
-    """Open the page, and show the robots until interrupted.
+    """Open the page, and show the robots until interrupted, also by SIGTERM: that brings them to rest too.
 
     Raises MissingExtraError without the extra, CommandError for vias that do not fit the robots, and what
     links raise.
@@ -65,7 +67,7 @@ def view(
     behaviour = next((source.capability for source in sources if isinstance(source, Session)), None)
     fields = behaviour.fields if isinstance(behaviour, WithdrawalReflex) else ()
     viewer = Viewer(sources, fields=fields or default_fields(), host=host, port=port, folder=folder)
-    with suppress(KeyboardInterrupt):
+    with suppress(KeyboardInterrupt), interruptions() as interruption:
         try:
             for source in sources:
                 source.start()
@@ -73,9 +75,12 @@ def view(
             console.print(words, highlight=False, markup=False, soft_wrap=True)
             if browser and sys.stdout.isatty() and (os.environ.get("DISPLAY") or sys.platform != "linux"):
                 webbrowser.open(viewer.address)
-            viewer.run(duration=duration)
+            viewer.run(duration=duration, until=lambda: interruption.signal is not None)
         finally:
+            interruption.rests = True
             viewer.close()
+    if interruption.signal == signal.SIGTERM:
+        raise SystemExit(128 + signal.SIGTERM)
 
 
 def _sources(names: Sequence[str], vias: Sequence[str], capability: str, *, arm: bool) -> list[Source]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -71,10 +71,12 @@ class Viewer:
         self._set_scene()
         self._add_panels(folder)
 
-    def run(self, *, duration: float | None = None) -> None:
-        """Show what happens until `stop`, or for `duration` [s]."""
+    def run(self, *, duration: float | None = None, until: Callable[[], bool] = lambda: False) -> None:
+        """Show what happens until `stop`, for `duration` [s], or until `until` says so."""
         begin = due = time.monotonic()
-        while not self._stop.is_set() and (duration is None or time.monotonic() - begin < duration):
+        while not (self._stop.is_set() or until()) and (
+            duration is None or time.monotonic() - begin < duration
+        ):
             self.update(words=self.pictures % SLOW == 0)
             due = max(due + 1.0 / RATE, time.monotonic())
             self._stop.wait(due - time.monotonic())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -101,6 +102,40 @@ def test_faults_can_be_combined_and_a_killed_thread_ends_it() -> None:
     )
     assert kinds(told).count("FAULT") == 2
     assert "a thread failed on purpose; the robot was brought to rest" in told["events"][-1]["words"]
+
+
+OWN = """import tci
+
+
+class Fails(tci.Capability):
+    def init(self):
+        return None
+
+    def step(self, memory, perception):
+        return {"no": "key"}["memory"]
+
+
+class Forgets(Fails):
+    def step(self, memory, perception):
+        pass
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("Fails", "KeyError: 'memory' (faulty_own.py, line 9)"),
+        ("Forgets", "Forgets: step gave NoneType; valid: its commands, and the memory"),
+    ],
+)
+def test_a_capability_that_fails_is_told_with_its_place(
+    name: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "faulty_own.py").write_text(OWN)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    with pytest.raises(SystemExit):
+        run_capability(f"faulty_own:{name}", "nao", duration=0.1, as_json=True)
+    assert words in json.loads(capsys.readouterr().out)["events"][-1]["words"]
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import sys
 import threading
+import traceback
 from collections.abc import Iterator, Sequence
 from importlib import import_module
 from importlib.metadata import entry_points
@@ -147,7 +148,7 @@ def run_capability(
                 error = failure
                 now = link.clock.now()
                 teller.tell_faults(now)
-                words = f"{report.ended}; the robot was brought to rest"
+                words = f"{report.ended}{_place(failure, capability)}; the robot was brought to rest"
                 teller.worst = GateState.STOP
                 teller.tell(now, "STOP", words, COLOURS[GateState.STOP])
             if report.cut_short:
@@ -191,6 +192,13 @@ def run_capability(
         raise SystemExit(error.code if isinstance(error, SystemExit) else 130)
     if teller.worst is GateState.STOP:
         raise SystemExit(1)
+
+
+def _place(error: BaseException, capability: Capability[Any]) -> str:
+    """Where an error arose in the file that the capability is from; empty when it was elsewhere."""
+    file = sys.modules[type(capability).__module__].__file__
+    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
+    return f" ({Path(str(file)).name}, line {lines[-1]})" if lines else ""
 
 
 @contextlib.contextmanager

@@ -102,7 +102,9 @@ class Link(ABC):
         """
         self._check_open()
         if not self.armed:
-            raise LinkError(f"the link to {self.robot.name} is read-only; connect with arm=True to move it")
+            raise LinkError(
+                f"the link to {self.robot.name} is read-only; connect with arm=True (--arm) to move it"
+            )
         self.gate.check_out(safe)
         self._send(safe)
         return safe

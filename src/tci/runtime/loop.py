@@ -79,6 +79,7 @@ def run(
     However it ends, the robot is brought to rest, for at most `REST`; motions that were not over are cut
     short. SIGINT and SIGTERM do so and raise KeyboardInterrupt or SystemExit. Raises
     CommandError, before anything moves, when the robot refuses what the capability begins with;
+    CommandError, once the robot is at rest, for a step that gives no pair of commands and memory;
     LinkError when somebody else commands the robot; and what link, capability, observer and threads
     raise, after the gate has stopped and the robot is at rest.
     """
@@ -161,7 +162,7 @@ class _Loop(Generic[Memory]):
                 commands = self.capability.begin(seen)
                 opening = bool(commands)
             if not opening:
-                commands, self.memory = self.capability.step(self.memory, seen)
+                commands, self.memory = self._step(seen)
             if fault := self.capability.fault(seen):
                 gate.stop(fault)
         orders, refused = self._in_own_joints(commands, reading.joints)
@@ -175,6 +176,14 @@ class _Loop(Generic[Memory]):
             self.observe(Tick(now, reading, self._perception, commands, sent, self.body.skin.state))
         self.report.ticks += 1
         self.report.work.add(time.perf_counter() - begin)
+
+    def _step(self, seen: Perception) -> tuple[tuple[Order, ...], Memory]:
+        """What the capability answers. Raises CommandError for what is no pair of commands and memory."""
+        answer: object = self.capability.step(self.memory, seen)
+        if isinstance(answer, tuple) and len(answer) == 2:
+            return answer
+        what = f"step gave {type(answer).__name__}; valid: its commands, and the memory"
+        raise CommandError(f"{type(self.capability).__name__}: {what}")
 
     def end(self, duration: float | None) -> None:
         """Count what was missed of `duration` [s] after the last period that was served."""

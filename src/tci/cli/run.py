@@ -148,7 +148,8 @@ def run_capability(
                 error = failure
                 now = link.clock.now()
                 teller.tell_faults(now)
-                words = f"{report.ended}{_place(failure, capability)}; the robot was brought to rest"
+                rest = "; the robot was brought to rest" if link.armed else ""
+                words = f"{report.ended}{_place(failure, capability)}{rest}"
                 teller.worst = GateState.STOP
                 teller.tell(now, "STOP", words, COLOURS[GateState.STOP])
             if report.cut_short:

@@ -17,7 +17,7 @@ import pytest
 import tci
 from tci.errors import CommandError, LinkError
 from tci.interface.gate.gate import GateState, SafeCommand
-from tci.messages import GenericCommand, Mode, Perception, Reading, SwitchMode
+from tci.messages import GenericCommand, Mode, Order, Perception, Reading, SwitchMode
 from tci.middleware.link import Link
 from tci.middleware.simulated import SimulatedLink
 from tci.runtime.guards import LEAST_SILENCE, frozen_garbage, interruptions
@@ -242,6 +242,47 @@ def test_a_run_that_is_over_leaves_no_joint_in_motion(
     assert not report.cut_short
     assert sent[count].state is GateState.RUN
     assert len(sent) == count + 50, "what rests is not brought to rest"
+
+
+def test_what_holds_a_robot_elsewhere_is_over_when_a_run_has_ended(
+    link: SimulatedLink, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The process that owns it hears of the end later."""
+    read, reads = link.read, 0
+
+    def held() -> Reading:
+        nonlocal reads
+        reads += 1
+        if 50 < reads <= 150:
+            link.gate.hold("the robot's process: holds")
+        return read()
+
+    monkeypatch.setattr(link, "read", held)
+    run(link, Spin(), duration=0.1)
+    assert reads == 151
+    assert link.gate.state is GateState.RUN
+
+
+def test_a_robot_that_does_not_come_to_rest_is_not_waited_for(
+    link: SimulatedLink, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither until it rests nor until what holds it is over: `REST` each, here none at all."""
+    monkeypatch.setattr("tci.runtime.loop.REST", 0.0)
+    report = LoopReport()
+    run(link, Spin(), duration=0.1, report=report)
+    assert (report.ended, report.cut_short) == ("done", True)
+    assert link.gate.counts.steps == 50
+
+
+@pytest.mark.parametrize("answer", [None, [(), 1], ((), 1, 2)], ids=["nothing", "a list", "three"])
+def test_a_step_that_gives_no_pair_is_told_what_to_give(link: SimulatedLink, answer: object) -> None:
+    class Odd(Swing):
+        def step(self, memory: int, perception: Perception) -> tuple[tuple[Order, ...], int]:
+            return answer  # type: ignore[return-value]
+
+    with pytest.raises(CommandError, match=f"Odd: step gave {type(answer).__name__}; valid: its commands"):
+        run(link, Odd(), duration=0.1)
+    assert link.gate.state is GateState.STOP
 
 
 def test_a_run_that_writes_nothing_does_not_begin_when_it_fails(

@@ -12,6 +12,7 @@ import pytest
 from middleware.yarp.captures import NAMES, naming
 from tci.errors import LinkError, UnknownNameError
 from tci.middleware.yarp import names as yarp_names
+from tci.middleware.yarp.listener import Listener
 from tci.middleware.yarp.name_server import NameServer
 from tci.middleware.yarp.names import Contact, Names, find_server, parse_contact, read_key
 
@@ -88,6 +89,22 @@ def test_who_knows_the_key_is_answered_and_nobody_else() -> None:
             Names(server.address, key=b"wrong").list()
         with pytest.raises(LinkError, match="does not answer"):
             Names(server.address).ask("query", "/root")
+
+
+@pytest.mark.parametrize(
+    "said", [b"", b"no", b"n\xffnce\nand mac", b"registration name /a ip 1.2.3.4 port 1 type tcp\r\n"]
+)
+def test_an_answer_without_its_end_is_none(said: bytes) -> None:
+    """A nonce of eight bytes and its check have a line feed now and then."""
+
+    def hang_up(sock: socket.socket, peer: str) -> None:
+        sock.recv(100)
+        sock.sendall(said)
+
+    listener = Listener("127.0.0.1", 0, hang_up, name="a server")
+    with pytest.raises(LinkError, match="hung up"):
+        Names(listener.address).query("/a")
+    listener.close()
 
 
 @pytest.fixture

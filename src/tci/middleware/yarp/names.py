@@ -159,7 +159,7 @@ class Names:
                         if words[0] == "announce" or len(lines) > 100_000:
                             break
                 except EOFError:
-                    if not lines and words[0] != "announce":
+                    if words[0] != "announce":  # which has no end; what came may be half of it, or a nonce
                         raise WireError("it hung up; does it want a key (auth.conf)?") from None
         except (OSError, WireError) as error:
             raise LinkError(f"the YARP name server at {host}:{port} does not answer: {error}") from error

@@ -10,7 +10,7 @@ import pytest
 import tci
 
 ROOT = Path(tci.__file__).parent
-WORDS = ("errors", "clock", "frames", "messages")
+WORDS = ("errors", "installed", "clock", "frames", "messages")
 LAYERS = (
     "model",
     "interface",

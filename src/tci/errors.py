@@ -67,10 +67,9 @@ class RecordingError(TciError):
 
 
 class MissingExtraError(TciError):
-    """An optional package is not installed; the message says how to install it."""
+    """A package is not installed; the message says how to install it. `tci.installed` composes it."""
 
-    def __init__(self, what: str, extra: str = "", *, how: str = "") -> None:
-        """`how` to get a package that no extra of ours has."""
-        self.extra = extra
-        how = how or f"install it with: pip install 'tci[{extra}]'"
-        super().__init__(f"{what} needs an optional package; {how}")
+    def __init__(self, what: str, missing: str, advice: str) -> None:
+        self.missing = missing
+        self.advice = advice
+        super().__init__(f"{what} needs {missing}, which is not installed; {advice}")

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from lxml import etree
 
 from tci.errors import DescriptionError, MissingExtraError, TciError
+from tci.installed import advice
 from tci.model.xml import read_robot, schema_path
 
 GOOD = """<?xml version="1.0"?>
@@ -264,7 +265,7 @@ def test_what_a_servo_or_a_link_of_the_model_can_be(tmp_path: Path, format: str)
 def test_a_model_of_a_package_that_is_not_installed_says_what_to_install(tmp_path: Path) -> None:
     model = '<model format="urdf" package="no-such-package" extra="icub" file="m.urdf" torso_link="chest"/>'
     path = write(tmp_path, changed('<robot_part name="LArm">', model + '<robot_part name="LArm">'))
-    with pytest.raises(MissingExtraError, match=re.escape("pip install 'tci[icub]'")):
+    with pytest.raises(MissingExtraError, match=re.escape(advice("icub"))):
         read_robot(path)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import av
@@ -47,6 +48,6 @@ def test_a_run_is_filmed(tmp_path: Path) -> None:
 def test_without_the_library_it_is_told_before_the_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tci.trials.video.find_spec", lambda name: None)
-    with pytest.raises(MissingExtraError, match=r"tci\[video\]"):
+    monkeypatch.setitem(sys.modules, "av", None)
+    with pytest.raises(MissingExtraError, match=r"a film as MP4 needs av, .*\[video\]"):
         Film(World(load_robot("nao"), skin=False), tmp_path / "a.mp4", fields=(), part="left_arm")

@@ -21,14 +21,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from tci.capabilities.capability import Capability
-from tci.errors import MissingExtraError, TciError
+from tci.errors import TciError
+from tci.installed import needs
 from tci.messages import CONTROL_MODES, CartesianCommand, GenericCommand, Order, Perception, SwitchMode
 
-try:
+with needs("a behaviour tree", "behaviours"):
     from py_trees.behaviour import Behaviour
     from py_trees.common import Status
-except ModuleNotFoundError as error:
-    raise MissingExtraError("a behaviour tree", "behaviours") from error
 
 
 class Leaf(Behaviour):

@@ -111,7 +111,7 @@ def view(
 ) -> None:
     """Show robots in the browser, side by side: poke their skin, move their arms, make faults happen, record.
 
-    Needs the extra: pip install 'tci\\[viewer]'. A real robot is read-only without --arm.
+    Needs the extra `viewer`. A real robot is read-only without --arm.
 
     Example:  tci view --robot nao --robot icub
 

@@ -8,7 +8,6 @@ import sys
 import webbrowser
 from collections.abc import Sequence
 from contextlib import suppress
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,7 +19,8 @@ from tci.cli.console import console
 from tci.cli.demo import load_robots
 from tci.cli.record import about_capability
 from tci.cli.run import HARMLESS, load_capability
-from tci.errors import CommandError, MissingExtraError, RecordingError
+from tci.errors import CommandError, RecordingError
+from tci.installed import needs
 from tci.recording.perceived import recorded_robot
 from tci.recording.recording import Recording
 from tci.runtime.guards import interruptions
@@ -38,8 +38,8 @@ their skins."""
 
 def needs_viewer() -> None:
     """Raises MissingExtraError without the extra."""
-    if find_spec("viser") is None:
-        raise MissingExtraError("tci view", "viewer")
+    with needs("tci view", "viewer"):
+        import viser  # noqa: F401
 
 
 def view(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Sequence
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
@@ -12,7 +11,8 @@ import typer
 
 from tci.cli.console import console, print_json
 from tci.cli.options import AsJson
-from tci.errors import LinkError, MissingExtraError
+from tci.errors import LinkError
+from tci.installed import needs
 
 app = typer.Typer(help="Zenoh over networks: keys, passwords, rights, and a router.", no_args_is_help=True)
 
@@ -78,5 +78,5 @@ def _users(told: Sequence[str] | None) -> dict[str, list[str]]:
 
 
 def _needs_zenoh() -> None:
-    if find_spec("zenoh") is None:
-        raise MissingExtraError("tci zenoh", "zenoh")
+    with needs("tci zenoh", "zenoh"):
+        import zenoh  # noqa: F401

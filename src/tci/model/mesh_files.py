@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from tci.errors import DescriptionError, Fault, MissingExtraError
+from tci.errors import DescriptionError, Fault
+from tci.installed import needs
 
 READABLE = (".stl", ".obj", ".msh")
 """Ends of the names of files that MuJoCo reads."""
@@ -28,10 +29,11 @@ def binary_stl(path: Path) -> bytes:
 
     Raises DescriptionError for a file that holds no mesh, MissingExtraError without trimesh.
     """
-    try:
+    with needs(f"reading the mesh {path.name}", "robots"):
         import trimesh
-    except ImportError as error:
-        raise MissingExtraError(f"reading the mesh {path.name}", "robots") from error
+
+        if path.suffix.lower() == ".dae":
+            import collada  # noqa: F401 # what trimesh reads it with
     try:
         mesh: Any = trimesh.load(path, force="mesh")
         if mesh.units not in (None, "meter", "meters", "m"):

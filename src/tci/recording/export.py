@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.errors import MissingExtraError, RecordingError, UnknownNameError
+from tci.errors import RecordingError, UnknownNameError
+from tci.installed import needs
 from tci.recording.cdr import decode
 from tci.recording.names import distinct, inside
 from tci.recording.recording import Recording
@@ -102,11 +103,9 @@ def _write_csv(path: Path, table: Table) -> None:
 
 
 def _parquet_writer() -> Any:
-    try:
+    with needs("export to parquet", "parquet"):
         import pyarrow
         from pyarrow import parquet
-    except ModuleNotFoundError as error:
-        raise MissingExtraError("export to parquet", "parquet") from error
 
     def write(path: Path, table: Table) -> None:
         with path.open("xb") as file:

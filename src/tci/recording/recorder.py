@@ -12,13 +12,14 @@ import platform
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from importlib.metadata import version
+from importlib import import_module
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from mcap.writer import Writer
 
+import tci
 from tci.errors import RecordingError, TciError
 from tci.interface.gate.safe_command import SafeCommand
 from tci.messages import JointReading, Order, Reading, SkinFrame
@@ -40,7 +41,7 @@ from tci.recording.schemas import (
 )
 from tci.recording.topics import Topics
 
-PACKAGES = ("tci", "numpy", "mujoco-core", "ruckig", "numba", "mcap")
+PACKAGES = ("tci", "numpy", "mujoco", "ruckig", "numba", "mcap")
 """Whose versions a recording names, beside Python's."""
 
 
@@ -83,7 +84,7 @@ class Recorder:
         writer = Writer(self._file, use_chunking=False)  # type: ignore[arg-type] # write and tell do
         self._topics = Topics(writer)
         with _Guard(self):
-            writer.start(profile="ros2", library=f"tci {version('tci')}")
+            writer.start(profile="ros2", library=f"tci {tci.__version__}")
             known = {} if keep_alive is None else {"keep_alive_s": repr(keep_alive)}
             writer.add_metadata("tci", _metadata(robot, middleware, period, known | dict(about or {})))
             self._file.flush()
@@ -215,7 +216,7 @@ def _same_frame(a: SkinFrame, b: SkinFrame) -> bool:
 
 def versions() -> dict[str, str]:
     """What of this machine decides which bits come out."""
-    found = {name: version(name) for name in PACKAGES}
+    found = {name: str(import_module(name).__version__) for name in PACKAGES}
     return found | {"python": platform.python_version(), "machine": f"{sys.platform} {platform.machine()}"}
 
 

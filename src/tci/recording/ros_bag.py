@@ -12,8 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from tci.errors import MissingExtraError, RecordingError
+from tci.errors import RecordingError
 from tci.frames import read_only
+from tci.installed import needs
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.model.description import Robot
 from tci.recording.importing import importing
@@ -104,11 +105,9 @@ def _joints(message: Any, robot: Robot, stamp: float, number: int) -> JointReadi
 
 def _messages(bag: Path) -> Iterator[tuple[str, int, Any]]:
     """Type, time in the bag [ns] and message of those that count, in the order of the bag."""
-    try:
+    with needs("importing a ROS bag", "ros2"):
         from rosbags.highlevel import AnyReader, AnyReaderError
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-    except ModuleNotFoundError as error:
-        raise MissingExtraError("importing a ROS bag", "ros2") from error
     types = get_typestore(Stores.ROS2_HUMBLE)
     types.register(get_types_from_msg(SKIN.definition, SKIN.name))
     wanted = (JOINTS.name, SKIN.name)

@@ -6,17 +6,16 @@ import os
 import platform
 import sys
 from collections.abc import Iterator
-from importlib.metadata import EntryPoint, entry_points
 
 import numpy as np
 
 import tci
 from tci.clock import MonotonicClock, ticks
-from tci.errors import TciError
+from tci.errors import MissingExtraError, TciError
 from tci.middleware.diagnosis import Finding, Level
 from tci.model.catalogue import load_robot, robot_names
 from tci.runtime.lease import FOLDER, lease
-from tci.runtime.registry import LINKS
+from tci.runtime.registry import link_names, load_link
 
 PERIOD = 0.002
 """Of the trial of the clock [s]: the simulated robots' own."""
@@ -37,17 +36,16 @@ def examine_machine(*, duration: float = 0.4) -> tuple[Finding, ...]:
 
 
 def _links() -> Iterator[Finding]:
-    for point in sorted(entry_points(group=LINKS), key=lambda point: point.name):
-        yield _link(point)
+    for name in link_names():
+        yield _link(name)
 
 
-def _link(point: EntryPoint) -> Finding:
-    subject = f"link {point.name}"
+def _link(name: str) -> Finding:
+    subject = f"link {name}"
     try:
-        point.load()
-    except ModuleNotFoundError as error:
-        advice = f"pip install 'tci[{point.name}]'"
-        return Finding(Level.NOTE, subject, f"not installed: it needs {error.name}", advice)
+        load_link(name)
+    except MissingExtraError as error:
+        return Finding(Level.NOTE, subject, f"not installed: it needs {error.missing}", error.advice)
     except Exception as error:
         words = f"its module fails: {type(error).__name__}: {error}"
         return Finding(Level.FAULT, subject, words, "install its package again")

@@ -7,7 +7,8 @@ from collections.abc import Callable, Iterable
 from importlib.metadata import entry_points
 from typing import Any
 
-from tci.errors import LinkError, MissingExtraError, UnknownNameError
+from tci.errors import LinkError, UnknownNameError
+from tci.installed import needs
 from tci.middleware.joined import JoinedLink
 from tci.middleware.link import Link
 from tci.middleware.server import Server
@@ -110,9 +111,6 @@ def _load(group: str, what: str, name: str) -> Any:
     points = {point.name: point for point in entry_points(group=group)}
     if name not in points:
         raise UnknownNameError(what, name, sorted(points))
-    try:
-        return points[name].load()
-    except ModuleNotFoundError as error:
-        if error.name is not None and error.name.split(".")[0] == "tci":
-            raise
-        raise MissingExtraError(f"the {what} {name!r}", name) from error
+    point = points[name]
+    with needs(f"the {what} {name!r}", name, of=point.dist):
+        return point.load()

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from fractions import Fraction
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from PIL import Image
 
-from tci.errors import MissingExtraError
+from tci.installed import needs
 
 QUALITY = "20"
 """Of H.264, x264's constant rate factor: 0 is lossless, 51 the worst. Ours."""
@@ -19,8 +18,8 @@ QUALITY = "20"
 
 def needs_video() -> None:
     """Raises MissingExtraError without the extra."""
-    if find_spec("av") is None:
-        raise MissingExtraError("a film as MP4", "video")
+    with needs("a film as MP4", "video"):
+        import av  # noqa: F401
 
 
 def save_video(path: Path, pictures: Sequence[Image.Image], *, shown: float, last: float) -> None:

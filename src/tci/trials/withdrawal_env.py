@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.capabilities.fields import default_fields
-from tci.errors import MissingExtraError, TciError
+from tci.errors import TciError
 from tci.frames import Array
+from tci.installed import needs
 from tci.interface.body import Body
 from tci.interface.skin.places import find_place
 from tci.messages import GenericCommand, Mode, Perception, SwitchMode
@@ -25,11 +26,9 @@ from tci.simulation.camera import look_at
 from tci.simulation.portrait import Portrait, keep_moment
 from tci.simulation.world import World
 
-try:
+with needs("the environment tci/Withdrawal-v0", "gym"):
     import gymnasium
     from gymnasium import spaces
-except ImportError as error:
-    raise MissingExtraError("the environment tci/Withdrawal-v0", "gym") from error
 
 NAME = "tci/Withdrawal-v0"
 """Its name once this module is imported: `gymnasium.make("tci.trials.withdrawal_env:tci/Withdrawal-v0")`."""

@@ -7,6 +7,7 @@ import os
 from pathlib import Path
 
 from tci.errors import MissingExtraError
+from tci.installed import advice
 from tci.model.description import Address, Binding, Robot
 from tci.model.xml.document import Faults, parse, read_bytes, refuse, shown
 from tci.model.xml.grammar import GENERIC_ROBOT, ROOT
@@ -53,7 +54,7 @@ def read_robot(path: str | os.PathLike[str]) -> Robot:
                 line,
                 f"the package {missing!r} is not installed; install it with: pip install {missing}",
             )
-        raise MissingExtraError(f"the kinematic model of {name}", extra)
+        raise MissingExtraError(f"the kinematic model of {name}", missing, advice(extra))
     robot = Robot(
         name=name, title=root.get("title", ""), source=str(file.absolute()),
         digest=hashlib.sha256(data).hexdigest(), model=model, servos=tuple(servos.all),

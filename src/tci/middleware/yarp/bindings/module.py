@@ -35,9 +35,9 @@ def load() -> Any:
     try:
         yarp = importlib.import_module("yarp")
     except (ImportError, OSError) as error:
-        raise MissingExtraError(f"yarp:bindings ({error})", how=HOW) from error
+        raise MissingExtraError("yarp:bindings", f"YARP's own module ({error})", HOW) from error
     if not hasattr(yarp, "NetworkBase"):
-        raise MissingExtraError(f"yarp:bindings ({yarp.__file__} is another yarp)", how=HOW)
+        raise MissingExtraError("yarp:bindings", f"YARP's own module ({yarp.__file__} is another yarp)", HOW)
     return yarp
 
 

@@ -41,6 +41,7 @@ def main() -> None:
         make_venv()
     print(f"installing {lock.relative_to(ROOT)} into .venv (the first time takes a minute)", flush=True)
     pip("install", "--require-hashes", "--requirement", str(lock))
+    pip("uninstall", "--yes", "tci")  # the distribution's name before it could be installed from PyPI
     pip("install", "--no-deps", "--no-build-isolation", "--editable", str(ROOT))
     stamp.write_text(state)
 

@@ -1,0 +1,91 @@
+"""What to install: from the metadata of what is installed, and never the name of another's package."""
+
+from __future__ import annotations
+
+import re
+import sys
+import tomllib
+from importlib.metadata import EntryPoint, PathDistribution
+from pathlib import Path
+
+import pytest
+
+from tci import installed
+from tci.errors import MissingExtraError
+from tci.installed import advice, needs, own_distribution
+
+ROOT = Path(__file__).parent.parent
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+PAGES = [ROOT / "README.md", *(ROOT / "docs").glob("*.md"), *(ROOT / "examples").rglob("*.py")]
+SOURCES = [path for path in (ROOT / "src").rglob("*") if path.suffix in (".py", ".xml", ".html")]
+METADATA = """Metadata-Version: 2.4
+Name: acme-robot
+Version: 1.0
+Provides-Extra: acme
+Provides-Extra: elsewhere
+Requires-Dist: acme-wire>=2 ; extra == 'acme'
+Requires-Dist: acme-card ; sys_platform == 'none' and extra == 'elsewhere'
+"""
+
+
+@pytest.fixture
+def acme(tmp_path: Path) -> PathDistribution:
+    """Another's distribution, with an extra for every machine and one for none."""
+    folder = tmp_path / "acme_robot-1.0.dist-info"
+    folder.mkdir()
+    (folder / "METADATA").write_text(METADATA)
+    return PathDistribution(folder)
+
+
+def test_the_distribution_is_the_one_that_brings_the_command() -> None:
+    point = EntryPoint("tci", PROJECT["scripts"]["tci"], "console_scripts")
+    assert point.value == installed.OWN
+    found = own_distribution()
+    assert found is not None
+    assert installed.OWN in {point.value for point in found.entry_points}
+
+
+@pytest.mark.parametrize(
+    ("files", "valid"), [(PAGES, {PROJECT["name"]}), (SOURCES, set())], ids=["pages", "src"]
+)
+def test_nobody_is_told_to_install_anothers_package(files: list[Path], valid: set[str]) -> None:
+    """Pages name the distribution; programs name none and ask for advice."""
+    for path in files:
+        text = path.read_text()
+        assert set(re.findall(r"pip install (?:-\S+ )*[\"']?([\w-]+)", text)) <= valid, path
+        assert not re.search(r"\btci\\*\[[a-z]", text), path
+
+
+def test_pages_name_extras_that_there_are() -> None:
+    pages = "\n".join(path.read_text() for path in PAGES)
+    named = re.findall(r"(?:tactile-capabilities|['\"]\.)\[([\w,]+)\]", pages)
+    assert len(named) > 8
+    extras = {extra for words in named for extra in words.split(",")} - {"EXTRA"}
+    assert extras <= PROJECT["optional-dependencies"].keys()
+
+
+def test_advice_is_of_the_distribution_that_lacks_something(acme: PathDistribution) -> None:
+    assert advice("acme", of=acme) == "install it with: pip install 'acme-robot[acme]'"
+    assert advice("sim", of=acme) == "install it with: pip install acme-robot"  # it has no such extra
+    assert "not made for this machine; valid: sys_platform == " in advice("elsewhere", of=acme)
+
+
+def test_a_missing_module_names_itself_and_the_way_to_get_it(acme: PathDistribution) -> None:
+    with (
+        pytest.raises(
+            MissingExtraError, match=r"^the link 'acme' needs no_such_wire, .*'acme-robot\[acme\]'$"
+        ),
+        needs("the link 'acme'", "acme", of=acme),
+    ):
+        import no_such_wire  # noqa: F401
+
+
+def test_a_module_of_tci_that_is_missing_is_a_bug(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "tci.clock", None)
+    with pytest.raises(ModuleNotFoundError), needs("a clock", "viewer"):
+        import tci.clock  # noqa: F401
+
+
+def test_a_folder_that_was_never_installed_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(installed, "entry_points", lambda **_: ())
+    assert advice("icub") == "TCI itself is not installed: run pip install . in its folder"

@@ -21,8 +21,11 @@ def test_import_loads_nothing_heavy() -> None:
     assert not loaded("import tci") & set(HEAVY)
 
 
-def test_help_loads_no_simulation() -> None:
-    assert not loaded("import tci.cli.main") & {"mujoco", "scipy", "matplotlib", "ruckig", "lxml", "pydantic"}
+@pytest.mark.parametrize(
+    "program", ["import tci.cli.main", "from tci.cli.completion import robots; robots('')"]
+)
+def test_help_and_completion_load_no_simulation(program: str) -> None:
+    assert not loaded(program) & {"mujoco", "scipy", "matplotlib", "ruckig", "lxml", "pydantic"}
 
 
 @pytest.mark.parametrize("name", dir(tci))

@@ -43,7 +43,7 @@ def demo(folder: Path) -> None:
 def plot(folder: Path) -> None:
     """The figure of a recording."""
     file = str(folder / "poke.mcap")
-    command("run", "withdrawal", "--robot", "nao", "--poke", "--duration", "1.5", "--record", file)
+    command("run", "withdrawal", "nao", "--poke", "--duration", "1.5", "--record", file)
     command("plot", file, "--out", str(IMAGES / "plot.png"))
 
 

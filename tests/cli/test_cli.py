@@ -88,7 +88,7 @@ def test_check_says_what_is_valid_and_what_is_not(tmp_path: Path) -> None:
 
 
 def test_demo_writes_table_picture_and_report(tmp_path: Path) -> None:
-    text = tci("demo", "--robot", "nao", "--headless", "--out", str(tmp_path), "--seed", "2")
+    text = tci("demo", "nao", "--headless", "--out", str(tmp_path), "--seed", "2")
     assert "10 of 10 pokes answered, contact lost in 10" in text
     report = json.loads((tmp_path / "report.json").read_text())
     assert report.keys() == {"trials", "same_stimulus"}
@@ -105,12 +105,12 @@ def test_demo_writes_table_picture_and_report(tmp_path: Path) -> None:
 
 def test_demo_says_where_it_cannot_write(tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("a file, no folder")
-    text = tci("demo", "--robot", "nao", "--out", str(tmp_path / "taken"), status=1)
+    text = tci("demo", "nao", "--out", str(tmp_path / "taken"), status=1)
     assert "taken" in text
     assert "Traceback" not in text
 
 
 def test_demo_refuses_a_bad_skin_rate(tmp_path: Path) -> None:
-    text = tci("demo", "--robot", "nao", "--skin-rate", "-5", "--out", str(tmp_path), status=1)
+    text = tci("demo", "nao", "--skin-rate", "-5", "--out", str(tmp_path), status=1)
     assert "-5" in text
     assert not list(tmp_path.iterdir())

@@ -57,6 +57,14 @@ def test_reports_come_as_json_too(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", sorted(COMMANDS))
+def test_the_robot_is_the_last_word_of_every_command(name: str) -> None:
+    params = COMMANDS[name].params
+    assert not [one.name for one in params if {"--robot", "-r"} & set(one.opts)]
+    words = [one.name for one in params if one.param_type_name == "argument"]
+    assert "robot" not in words[:-1]
+
+
+@pytest.mark.parametrize("name", sorted(COMMANDS))
 def test_help_shows_every_unit(name: str) -> None:
     shown = CliRunner().invoke(app, [*name.split(), "--help"], env={"COLUMNS": "400"}).output
     words = " ".join(one.help.replace("\\[", "[") for one in COMMANDS[name].params if one.help)
@@ -67,21 +75,21 @@ def test_help_shows_every_unit(name: str) -> None:
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["demo", "--fault", "stall@0.3", "--via", "zenoh"], "valid beside it: --robot, --json"),
+        (["demo", "--fault", "stall@0.3", "--via", "zenoh"], "valid beside it: ROBOT, --json"),
         (["demo", "--via", "sim"], "no server named 'sim'; valid: lcm"),
-        (["demo", "--robot", "icub", "--via", "naoqi"], "no binding of icub named 'naoqi'"),
-        (["run", "withdrawal", "--robot", "nao", "--duration", "-1"], "valid: above 0 s"),
-        (["run", "withdrawal", "--robot", "nao", "--duration", "nan"], "valid: above 0 s"),
-        (["run", "withdrawal", "--robot", "nao", "--film", "none/shrug.gif"], "none is no folder"),
-        (["run", "nowhere:Shrug", "--robot", "nao"], "valid: MODULE:CLASS"),
-        (["run", "math:pi", "--robot", "nao"], "valid: a subclass of tci.Capability"),
+        (["demo", "icub", "--via", "naoqi"], "no binding of icub named 'naoqi'"),
+        (["run", "withdrawal", "nao", "--duration", "-1"], "valid: above 0 s"),
+        (["run", "withdrawal", "nao", "--duration", "nan"], "valid: above 0 s"),
+        (["run", "withdrawal", "nao", "--film", "none/shrug.gif"], "none is no folder"),
+        (["run", "nowhere:Shrug", "nao"], "valid: MODULE:CLASS"),
+        (["run", "math:pi", "nao"], "valid: a subclass of tci.Capability"),
         (["view", "--port", "99999"], "less than or equal to 65535"),
         (["describe", "nao.txt"], "or the path of a description (.xml)"),
         (["check", "nao", "--only", "left_arm"], "valid: with --hardware"),
         (["check", "nao", "--hardware", "--taxels", "-5"], "greater than or equal to -1"),
         (["new-robot", "none.urdf"], "no such file"),
         (["skin", "locate", "nao", "--patch", "left_forearm", "--wrong", "-5"], "greater than or equal to 0"),
-        (["gesture", "record", "none/wave.csv", "--robot", "nao"], "a .csv file in a folder that is there"),
+        (["gesture", "record", "none/wave.csv", "nao"], "a .csv file in a folder that is there"),
         (["gesture", "convert", "none.bvh", "wave.txt"], "a .csv file in a folder that is there"),
         (["zenoh", "router", "none.json5"], "does not exist"),
     ],
@@ -97,10 +105,36 @@ def test_what_is_wrong_is_said_at_once_with_what_would_be_valid(
 
 
 @pytest.mark.parametrize(
+    ("words", "offered"),
+    [
+        (["describe", "na"], {"nao", "nao-whole"}),
+        (["view", "nao", "ica"], set()),
+        (["view", "nao", "icub-"], {"icub-whole"}),
+        (["run", "withdrawal", "icub-"], {"icub-whole"}),
+        (["skin", "show", "tal"], {"talos"}),
+        (["run", "withd"], {"withdrawal"}),
+        (["view", "--run", "soft"], {"soft-reaction"}),
+        (["run", "withdrawal", "nao", "--via", "ros"], {"ros1", "ros2", "rosbridge"}),
+        (["serve", "nao", "--via", "z"], {"zenoh"}),
+        (["serve", "nao", "--via", "si"], set()),
+    ],
+    ids=" ".join,
+)
+def test_a_shell_completes_names(words: list[str], offered: set[str]) -> None:
+    asked = {
+        "_TCI_COMPLETE": "complete_bash",
+        "COMP_CWORD": str(len(words)),
+        "COMP_WORDS": " ".join(["tci", *words]),
+    }
+    result = CliRunner().invoke(app, [], prog_name="tci", env=asked)
+    assert set(result.output.split()) == offered
+
+
+@pytest.mark.parametrize(
     ("words", "told"),
     [
-        (["record", "a.mcap", "--robot", "nao", "--bogus"], "No such option: --bogus"),
-        (["record", "a.mcap"], "Missing option '--robot'"),
+        (["record", "a.mcap", "nao", "--bogus"], "No such option: --bogus"),
+        (["record", "a.mcap"], "Missing argument 'robot'"),
         (["demo", "--seed", "-1"], "greater than or equal to 0"),
         (["dance"], "No such command 'dance'"),
     ],
@@ -127,7 +161,7 @@ def test_brackets_in_a_name_are_shown(tmp_path: Path, capsys: pytest.CaptureFixt
     folder = tmp_path / "in [mm]"
     folder.mkdir()
     (folder / "two.xml").write_text(LIKE_LISTING_2)
-    check(folder / "two.xml", simulate=False, as_json=False)
+    check(str(folder / "two.xml"), simulate=False, as_json=False)
     assert "/in [mm]/" in capsys.readouterr().out.replace("\n", "")
 
 

@@ -19,18 +19,18 @@ def test_this_machine() -> None:
 
 
 def test_a_robot_its_streams_and_a_table() -> None:
-    told = json.loads(tci("doctor", "--robot", "nao", "--duration", "0.5", "--json"))
+    told = json.loads(tci("doctor", "nao", "--duration", "0.5", "--json"))
     assert (told["counts"]["ok"], told["counts"]["fault"]) == (8, 0)
     assert [stream["name"] for stream in told["streams"]][:2] == ["joints", "left_forearm"]
-    assert "100 frames/s of 100" in tci("doctor", "--robot", "nao", "--via", "sim", "--duration", "0.5")
+    assert "100 frames/s of 100" in tci("doctor", "nao", "--via", "sim", "--duration", "0.5")
 
 
 def test_a_robot_that_can_not_be_reached_is_a_fault() -> None:
-    text = tci("doctor", "--robot", "nao", "--via", "replay:/no/such/file.mcap", status=1)
+    text = tci("doctor", "nao", "--via", "replay:/no/such/file.mcap", status=1)
     assert "No such file" in text
     assert "1 fault" in text
     assert "which robot" in tci("doctor", "--via", "sim", status=1)
-    assert "valid: " in tci("doctor", "--robot", "nao", "--via", "smoke", status=1)
+    assert "valid: " in tci("doctor", "nao", "--via", "smoke", status=1)
 
 
 def test_the_first_minutes_with_a_simulated_robot() -> None:

@@ -48,7 +48,7 @@ def breaking(monkeypatch: pytest.MonkeyPatch) -> type[Breaking]:
 
 def test_what_was_shown_before_the_robot_went_away_is_kept(breaking: type[Breaking], tmp_path: Path) -> None:
     file = tmp_path / "wave.csv"
-    result = CliRunner().invoke(app, ["gesture", "record", str(file), "--robot", "nao"])
+    result = CliRunner().invoke(app, ["gesture", "record", str(file), "nao"])
     assert isinstance(result.exception, LinkError)
     gesture, _ = read_csv(file)
     assert breaking.END - 0.05 < gesture.duration < breaking.END
@@ -68,7 +68,7 @@ def test_sigterm_ends_it_as_ctrl_c_does(
 
     monkeypatch.setattr(breaking, "read", read)
     file = tmp_path / "wave.csv"
-    monkeypatch.setattr("sys.argv", ["tci", "gesture", "record", str(file), "--robot", "nao", "--json"])
+    monkeypatch.setattr("sys.argv", ["tci", "gesture", "record", str(file), "nao", "--json"])
     before = signal.getsignal(signal.SIGTERM)
     try:
         with pytest.raises(SystemExit) as end:
@@ -83,7 +83,7 @@ def test_a_robot_that_shows_nothing_leaves_no_file(
     breaking: type[Breaking], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(breaking, "END", 0.0)
-    result = CliRunner().invoke(app, ["gesture", "record", str(tmp_path / "wave.csv"), "--robot", "nao"])
+    result = CliRunner().invoke(app, ["gesture", "record", str(tmp_path / "wave.csv"), "nao"])
     assert isinstance(result.exception, LinkError)
     assert not list(tmp_path.iterdir())
 
@@ -92,7 +92,7 @@ def test_recording_ends_where_a_gesture_would_be_too_long(
     breaking: type[Breaking], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tci.interface.gestures.gesture.LONGEST", 0.2)
-    result = CliRunner().invoke(app, ["gesture", "record", str(tmp_path / "wave.csv"), "--robot", "nao"])
+    result = CliRunner().invoke(app, ["gesture", "record", str(tmp_path / "wave.csv"), "nao"])
     assert result.exit_code == 0, result.output
     assert read_csv(tmp_path / "wave.csv")[0].duration == pytest.approx(0.2, abs=0.021)
 
@@ -102,9 +102,7 @@ def test_a_gesture_that_exists_is_kept(command: str, tmp_path: Path) -> None:
     source, target = tmp_path / "a.csv", tmp_path / "b.csv"
     source.write_text("time_s,head.yaw_deg\n0,1\n1,2\n")
     target.write_text("mine")
-    words = (
-        [str(target), "-r", "nao", "--duration", "0.1"] if command == "record" else [str(source), str(target)]
-    )
+    words = [str(target), "nao", "--duration", "0.1"] if command == "record" else [str(source), str(target)]
     result = CliRunner().invoke(app, ["gesture", command, *words])
     assert isinstance(result.exception, CommandError)
     assert f"{target} exists; valid: a name that is free" in str(result.exception)

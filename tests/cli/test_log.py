@@ -11,7 +11,7 @@ from tci.recording.recording import Recording
 
 def test_record_look_cut_export_and_replay(tmp_path: Path) -> None:
     path = str(tmp_path / "touch.mcap")
-    run = ("run", "withdrawal", "--robot", "nao", "--json")
+    run = ("run", "withdrawal", "nao", "--json")
     told = json.loads(tci(*run, "--duration", "0.6", "--poke", "--record", path))
     assert told["recording"]["failed"] == ""
     assert told["recording"]["periods"] == 300
@@ -41,6 +41,6 @@ def test_record_look_cut_export_and_replay(tmp_path: Path) -> None:
 
 def test_record_a_robot_that_nobody_commands(tmp_path: Path) -> None:
     path = str(tmp_path / "rest.mcap")
-    assert json.loads(tci("record", path, "--robot", "nao", "--duration", "0.1", "--json"))["periods"] == 50
-    assert "exists" in tci("record", path, "--robot", "nao", status=1)
-    assert "none was recorded" in tci("run", "withdrawal", "--robot", "nao", "--via", f"replay:{path}")
+    assert json.loads(tci("record", path, "nao", "--duration", "0.1", "--json"))["periods"] == 50
+    assert "exists" in tci("record", path, "nao", status=1)
+    assert "none was recorded" in tci("run", "withdrawal", "nao", "--via", f"replay:{path}")

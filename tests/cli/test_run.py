@@ -18,7 +18,7 @@ from tci.middleware.injectors import INJECTORS
 from tci.middleware.link import Link
 from tci.middleware.simulated import SimulatedLink
 
-POKED = ("run", "withdrawal", "--robot", "nao", "--poke", "--duration", "0.7")
+POKED = ("run", "withdrawal", "nao", "--poke", "--duration", "0.7")
 
 
 def kinds(told: dict[str, list[dict[str, str]]]) -> list[str]:
@@ -88,7 +88,7 @@ def test_what_is_refused_while_the_robot_is_away_is_told_once(capsys: pytest.Cap
 
 
 def test_a_rehearsal_lasts_until_the_fault_can_show() -> None:
-    told = json.loads(told_by("demo", "--robot", "nao", "--fault", "dead-patch@5", "--json", status=1))
+    told = json.loads(told_by("demo", "nao", "--fault", "dead-patch@5", "--json", status=1))
     (outcome,) = told["faults"]
     assert outcome["answer"] == "STOP"
     assert 59.0 < outcome["after_s"] < 62.0
@@ -141,11 +141,11 @@ def test_a_capability_that_fails_is_told_with_its_place(
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("run", "withdrawl", "--robot", "nao"), "withdrawal"),
-        (("run", "withdrawal", "--robot", "nao", "--fault", "plague@1"), "stall"),
-        (("run", "withdrawal", "--robot", "nao", "--fault", "stal@1"), "did you mean stall?"),
-        (("run", "withdrawal", "--robot", "nao", "--fault", "stall"), "NAME@TIME:DURATION"),
-        (("run", "withdrawal", "--robot", "nao", "--via", "nowhere"), "sim"),
+        (("run", "withdrawl", "nao"), "withdrawal"),
+        (("run", "withdrawal", "nao", "--fault", "plague@1"), "stall"),
+        (("run", "withdrawal", "nao", "--fault", "stal@1"), "did you mean stall?"),
+        (("run", "withdrawal", "nao", "--fault", "stall"), "NAME@TIME:DURATION"),
+        (("run", "withdrawal", "nao", "--via", "nowhere"), "sim"),
     ],
 )
 def test_what_is_not_there_is_one_message_with_what_is(arguments: tuple[str, ...], words: str) -> None:
@@ -161,7 +161,7 @@ def test_the_list_of_faults() -> None:
     assert all(row["test"] for row in rows if row["state"] == "tested")
     text = told_by("fault", "list")
     assert all(name in text for name in ("stall", "dead patch", "tested"))
-    assert "tci run withdrawal --robot nao --poke --fault stall@0.5" in text
+    assert "tci run withdrawal nao --poke --fault stall@0.5" in text
 
 
 def test_why_a_touched_leg_stays_is_told_once(

@@ -45,15 +45,14 @@ def ended(run: subprocess.Popen[str]) -> str:
 
 @pytest.mark.parametrize("robots", [("nao",), ("nao", "nao")])
 def test_the_page_is_served_until_ctrl_c(robots: tuple[str, ...]) -> None:
-    words = [word for robot in robots for word in ("--robot", robot)]
-    run, address = opened("view", *words, "--port", "0", "--headless")
+    run, address = opened("view", *robots, "--port", "0", "--headless")
     with urllib.request.urlopen(address, timeout=30) as answer:
         assert b"<html" in answer.read().lower()
     assert "Traceback" not in ended(run)
 
 
 def test_42_sigterm_closes_robots_and_page_first() -> None:
-    run, _ = opened("view", "--robot", "nao", "--port", "0", "--headless")
+    run, _ = opened("view", "nao", "--port", "0", "--headless")
     run.send_signal(signal.SIGTERM)
     said, _ = run.communicate(timeout=60)
     assert run.returncode == 128 + signal.SIGTERM, said
@@ -61,7 +60,7 @@ def test_42_sigterm_closes_robots_and_page_first() -> None:
 
 
 def test_the_demo_ends_in_the_viewer(tmp_path: Path) -> None:
-    run, address = opened("demo", "--robot", "nao", "--out", str(tmp_path), "--headless", "--view")
+    run, address = opened("demo", "nao", "--out", str(tmp_path), "--headless", "--view")
     assert (tmp_path / "report.json").exists()
     with urllib.request.urlopen(address, timeout=30) as answer:
         assert answer.status == 200
@@ -75,11 +74,11 @@ def test_a_recording_is_shown_without_naming_its_robot(tmp_path: Path) -> None:
 
 
 def test_a_duration_ends_it() -> None:
-    assert "open http" in tci("view", "--robot", "nao", "--port", "0", "--headless", "--duration", "0.5")
+    assert "open http" in tci("view", "nao", "--port", "0", "--headless", "--duration", "0.5")
 
 
 def test_mistakes_are_told() -> None:
-    words = ("view", "--robot", "nao", "--port", "0", "--headless")
+    words = ("view", "nao", "--port", "0", "--headless")
     assert "1 robots and 2 --via" in tci(*words, "--via", "sim", "--via", "sim", status=1)
     assert "no capability named 'dance'" in tci(*words, "--run", "dance", status=1)
     assert "no such file" in tci(*words, "--via", "replay:/no/such.mcap", status=1).lower()

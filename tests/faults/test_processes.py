@@ -96,7 +96,7 @@ def test_42_a_signal_ends_tci_run_with_the_robot_at_rest_and_the_recording_whole
     how: signal.Signals, status: int, tmp_path: Path
 ) -> None:
     file = tmp_path / "a.mcap"
-    command = [sys.executable, "-m", "tci.cli.main", "run", "withdrawal", "--robot", "nao", "--poke"]
+    command = [sys.executable, "-m", "tci.cli.main", "run", "withdrawal", "nao", "--poke"]
     command += ["--record", str(file)]
     process = subprocess.Popen([*command, "--json"], stdout=subprocess.PIPE, text=True)
     while not file.exists() or file.stat().st_size < 100_000:

@@ -183,9 +183,7 @@ def test_two_machines_a_router_two_robots_three_behaviours_and_a_cut(
             network.start("minds", str(HERE / "commander.py"), f"zenoh:{robot}@{files / user}.json5")
             for user, robot in users
         ]
-        watcher = network.start(
-            "minds", "-m", "tci.cli.main", "run", "withdrawal", "--robot", "nao", "--via", eye
-        )
+        watcher = network.start("minds", "-m", "tci.cli.main", "run", "withdrawal", "nao", "--via", eye)
         for mind in minds:
             heard(mind, "moving")
         begun = time.monotonic()

@@ -129,7 +129,7 @@ def test_an_imported_bag_is_replayed_at_its_own_rate(ticks: list[Tick], tmp_path
     out = tmp_path / "out.mcap"
     import_ros_bag(bag, out, load_robot("nao"))
     assert Recording(out).period == pytest.approx(slow[1].now - slow[0].now)
-    told = json.loads(tci("run", "withdrawal", "--robot", "nao", "--via", f"replay:{out}", "--json"))
+    told = json.loads(tci("run", "withdrawal", "nao", "--via", f"replay:{out}", "--json"))
     assert (told["worst"], told["loop"]["missed"]) == ("run", 0)
     assert "touch" in [event["kind"] for event in told["events"]]
 
@@ -155,7 +155,7 @@ def test_the_command_imports_and_plots_a_bag(ticks: list[Tick], tmp_path: Path) 
     bag = write_bag(tmp_path / "bag", ticks, "mcap")
     out = str(tmp_path / "out.mcap")
     assert "which robot" in tci("log", "import", str(bag), out, status=1)
-    assert f"{len(ticks)} periods" in tci("log", "import", str(bag), out, "--robot", "nao")
+    assert f"{len(ticks)} periods" in tci("log", "import", str(bag), out, "nao")
     told = json.loads(tci("plot", out, "--json"))
     assert [touch["patch"] for touch in told["touches"]] == ["left_forearm"]
 

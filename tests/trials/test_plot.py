@@ -24,7 +24,7 @@ from tci.trials.plot import _outline, collect, draw
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("plot") / "poke.mcap"
-    tci("run", "withdrawal", "--robot", "nao", "--poke", "--duration", "0.7", "--record", str(path))
+    tci("run", "withdrawal", "nao", "--poke", "--duration", "0.7", "--record", str(path))
     return path
 
 

@@ -2,30 +2,28 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from tci.cli.console import console, print_json
+from tci.model.catalogue import load_robot
 from tci.model.description import Robot
-from tci.model.xml import read_robot
 from tci.trials.proof import POSTURES, Proof, prove
 
 
-def check(file: Path, *, simulate: bool, as_json: bool) -> None:
-    """Read a description, and try it in simulation if asked to: then exit status 1 when it fails.
+def check(name: str, *, simulate: bool, as_json: bool) -> None:
+    """Read a robot's description, and try it in simulation if asked to: then exit status 1 when it fails.
 
     Raises DescriptionError with every fault; prints what to know otherwise.
     """
-    robot = read_robot(file)
+    robot = load_robot(name)
     notes = list(remarks(robot))
     proof = _prove(robot, quiet=as_json) if simulate else None
     if as_json:
         told = {} if proof is None else {"simulated": proof.to_json()}
         print_json({"robot": robot.name, "valid": True, "remarks": notes, **told})
     else:
-        _say(file, robot, notes)
+        _say(name, robot, notes)
         if proof is not None:
             _say_proof(proof)
     if proof is not None and proof.faults:
@@ -58,9 +56,9 @@ def _say_proof(proof: Proof) -> None:
     console.print(f"{proof.robot}: {end}")
 
 
-def _say(file: Path, robot: Robot, notes: list[str]) -> None:
+def _say(name: str, robot: Robot, notes: list[str]) -> None:
     console.print(
-        f"[green]{escape(str(file))} is valid[/]: {robot.name}, {len(robot.parts)} generic parts, "
+        f"[green]{escape(name)} is valid[/]: {robot.name}, {len(robot.parts)} generic parts, "
         f"{len(robot.servos)} servos, {len(robot.patches)} patches of skin"
     )
     for note in notes:

@@ -34,7 +34,7 @@ def doctor(robot: str | None, via: str | None, *, duration: float, as_json: bool
         _tell("this machine", examine_machine(), (), as_json=as_json)
         return
     if robot is None:
-        raise LinkError(f"which robot is at {via}? valid: tci doctor --robot ROBOT --via {via}")
+        raise LinkError(f"which robot is at {via}? valid: tci doctor ROBOT --via {via}")
     via = via or "sim"
     findings, streams = _examine(load_robot(robot), via, duration, quiet=as_json)
     _tell(f"{robot} via {via}", findings, streams, as_json=as_json)

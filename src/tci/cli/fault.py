@@ -52,4 +52,4 @@ def list_faults(
         state = f"[yellow]open: {known.missing}[/]" if known.missing else "[green]tested[/]"
         table.add_row(str(known.number), known.fault, known.expected, "\n".join(names[known.number]), state)
     console.print(table)
-    console.print("rehearse one:  tci run withdrawal --robot nao --poke --fault stall@0.5")
+    console.print("rehearse one:  tci run withdrawal nao --poke --fault stall@0.5")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tci.cli.options import Arm, AsJson, Duration, OneRobot, Via
+from tci.cli.options import Arm, AsJson, Duration, RobotName, Via
 from tci.errors import CommandError
 
 if TYPE_CHECKING:
@@ -22,14 +22,14 @@ app = typer.Typer(help="Record a gesture on one robot, play it on any other.", n
 @app.command()
 def record(
     file: Annotated[Path, typer.Argument(help="The gesture to write (.csv).")],
-    robot: OneRobot,
-    via: Annotated[str, typer.Option(help="Link to it, NAME or NAME:ADDRESS; replay:FILE too.")] = "sim",
+    robot: RobotName,
+    via: Via = "sim",
     duration: Duration = None,
     as_json: AsJson = False,
 ) -> None:
     """Record the posture of a robot that somebody moves, for an hour at most. Nothing is commanded.
 
-    Example:  tci gesture record wave.csv --robot nao --via replay:wave.mcap
+    Example:  tci gesture record wave.csv nao --via replay:wave.mcap
     """
     from contextlib import suppress
 
@@ -107,7 +107,7 @@ def convert(
 @app.command()
 def play(
     file: Annotated[Path, typer.Argument(help="Gesture (.csv) or motion capture (.bvh).")],
-    robot: OneRobot,
+    robot: RobotName,
     via: Via = "sim",
     plain: Annotated[
         bool, typer.Option("--plain", help="Take generic angles as they are, instead of retargeting exactly.")
@@ -118,7 +118,7 @@ def play(
 ) -> None:
     """Play a gesture, in the time that the robot's limits allow, and tell how close it came.
 
-    Example:  tci gesture play wave.csv --robot icub --reflex
+    Example:  tci gesture play wave.csv icub --reflex
     """
     from tci.capabilities.gesture import Phase, PlayGesture
     from tci.capabilities.withdrawal import WithdrawalReflex

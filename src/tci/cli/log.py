@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from tci.cli import completion
 from tci.cli.options import AsJson, Begin, End, RecordingFile
 
 app = typer.Typer(help="Recordings: what is in them, cut, export, import.", no_args_is_help=True)
@@ -121,19 +122,23 @@ def import_(
         Path, typer.Argument(help="Log of yarpdatadumper (data.log, or its folder), or a ROS bag.")
     ],
     out: Annotated[Path, typer.Argument(help="The recording to write.")],
-    patch: Annotated[str, typer.Option(help="Name of the patch of skin that sent it.")] = "skin",
     robot: Annotated[
-        str | None, typer.Option(help="For an iCub's contact list or a ROS bag: the robot that it was.")
+        str | None,
+        typer.Argument(
+            help="For an iCub's contact list or a ROS bag: robot by name, or a description file.",
+            autocompletion=completion.robots,
+        ),
     ] = None,
+    patch: Annotated[str, typer.Option(help="Name of the patch of skin that sent it.")] = "skin",
     as_json: AsJson = False,
 ) -> None:
     """Make a recording of a log of YARP's yarpdatadumper, or of a ROS bag (extra ros2).
 
     Example:  tci log import data.log foot.mcap --patch right_foot
 
-    Example:  tci log import skin_events/data.log touches.mcap --robot icub
+    Example:  tci log import skin_events/data.log touches.mcap icub
 
-    Example:  tci log import rosbag2_folder touches.mcap --robot nao
+    Example:  tci log import rosbag2_folder touches.mcap nao
     """
     from tci.errors import RecordingError
     from tci.model.catalogue import load_robot
@@ -142,7 +147,7 @@ def import_(
 
     if is_bag(log):
         if robot is None:
-            raise RecordingError(f"{log} is a ROS bag; say which robot it was: --robot")
+            raise RecordingError(f"{log} is a ROS bag; say which robot it was: tci log import LOG OUT ROBOT")
         _told(out, {"periods": import_ros_bag(log, out, load_robot(robot))}, as_json=as_json)
     elif robot is not None:
         periods, left_out = import_skin_events(log, out, load_robot(robot))

@@ -23,7 +23,6 @@ app = typer.Typer(
     help="Tactile Capabilities Interface: write a touch behaviour once, run it on any humanoid.",
     epilog="Start with: tci demo. This is software, not a certified safety function.",
     no_args_is_help=True,
-    add_completion=False,
     rich_markup_mode="rich",
 )
 

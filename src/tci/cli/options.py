@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from tci.cli import completion
+
 
 def _above_zero(seconds: float | None) -> float | None:
     """A time that can pass."""
@@ -17,18 +19,26 @@ def _above_zero(seconds: float | None) -> float | None:
 
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for programs instead of words.")]
-RobotName = Annotated[str, typer.Argument(help="Robot by name, or a description file.")]
-OneRobot = Annotated[str, typer.Option("--robot", "-r", help="Robot by name or description file.")]
+RobotName = Annotated[
+    str, typer.Argument(help="Robot by name, or a description file.", autocompletion=completion.robots)
+]
 SomeRobots = Annotated[
     list[str] | None,
-    typer.Option(
-        "--robot",
-        "-r",
-        help="Robot by name or description file; repeat for several. "
+    typer.Argument(
+        help="Robots by name, or description files. "
         "[default: the paper's two, nao and icub, where installed]",
+        autocompletion=completion.robots,
     ),
 ]
-Via = Annotated[str, typer.Option(help="Link to it, NAME or NAME:ADDRESS.")]
+RecordedRobot = Annotated[
+    str | None,
+    typer.Argument(
+        help="Robot that was recorded, by name or description file, where the recording's own words will not "
+        "do.",
+        autocompletion=completion.robots,
+    ),
+]
+Via = Annotated[str, typer.Option(help="Link to it, NAME or NAME:ADDRESS.", autocompletion=completion.links)]
 Arm = Annotated[bool, typer.Option("--arm", help="Let it move; a simulated robot always may.")]
 Duration = Annotated[
     float | None, typer.Option(help="How long \\[s]; else until interrupted.", callback=_above_zero)

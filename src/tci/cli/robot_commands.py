@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from tci.cli import completion
 from tci.cli.options import AsJson, RobotName
 from tci.errors import CommandError
 
@@ -77,16 +78,19 @@ def new_robot(
 
 @app.command()
 def check(
-    file: Annotated[
-        Path, typer.Argument(help="Robot description (XML); with --hardware a robot's name will do.")
-    ],
+    robot: RobotName,
     simulate: Annotated[
         bool, typer.Option("--simulate", help="Prove it in simulation: axes, limits, reflexes.")
     ] = False,
     hardware: Annotated[
         bool, typer.Option("--hardware", help="Prove it on the robot itself, joint by joint, taxel by taxel.")
     ] = False,
-    via: Annotated[str, typer.Option(help="With --hardware: link to it, NAME or NAME:ADDRESS.")] = "sim",
+    via: Annotated[
+        str,
+        typer.Option(
+            help="With --hardware: link to it, NAME or NAME:ADDRESS.", autocompletion=completion.links
+        ),
+    ] = "sim",
     only: Annotated[
         list[str] | None,
         typer.Option(help="With --hardware: a part, a joint or a patch; repeat for several."),
@@ -111,21 +115,25 @@ def check(
     if hardware:
         from tci.cli.hardware import check_hardware
 
-        check_hardware(str(file), via=via, parts=only or [], taxels=taxels, as_json=as_json)
+        check_hardware(robot, via=via, parts=only or [], taxels=taxels, as_json=as_json)
         return
     if via != "sim" or only or taxels != 12:
         raise CommandError("--via, --only and --taxels look at a robot itself; valid: with --hardware")
     from tci.cli.check import check as command
 
-    command(file, simulate=simulate, as_json=as_json)
+    command(robot, simulate=simulate, as_json=as_json)
 
 
 @app.command()
 def doctor(
     robot: Annotated[
-        str | None, typer.Option("--robot", "-r", help="Robot by name or description file.")
+        str | None,
+        typer.Argument(help="Robot by name, or a description file.", autocompletion=completion.robots),
     ] = None,
-    via: Annotated[str | None, typer.Option(help="Link to it, NAME or NAME:ADDRESS.")] = None,
+    via: Annotated[
+        str | None,
+        typer.Option(help="Link to it, NAME or NAME:ADDRESS.", autocompletion=completion.links),
+    ] = None,
     duration: Annotated[float, typer.Option(help="How long to read the robot \\[s].", min=0.1)] = 2.0,
     as_json: AsJson = False,
 ) -> None:
@@ -136,7 +144,7 @@ def doctor(
 
     Example:  tci doctor
 
-    Example:  tci doctor --robot nao --via sim
+    Example:  tci doctor nao --via sim
     """
     from tci.cli.doctor import doctor as command
 

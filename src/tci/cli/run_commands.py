@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from tci.cli import completion
 from tci.cli.options import (
     Arm,
     AsJson,
@@ -14,7 +15,7 @@ from tci.cli.options import (
     Duration,
     End,
     Faults,
-    OneRobot,
+    RecordedRobot,
     RecordingFile,
     RobotName,
     SomeRobots,
@@ -41,7 +42,8 @@ def demo(
     via: Annotated[
         str | None,
         typer.Option(
-            help="Let the reflex run in another process, behind this middleware: NAME or NAME:ADDRESS."
+            help="Let the reflex run in another process, behind this middleware: NAME or NAME:ADDRESS.",
+            autocompletion=completion.servers,
         ),
     ] = None,
     fault: Faults = None,
@@ -59,7 +61,7 @@ def demo(
 
     With --via, the robot is served as by tci serve, in real time, and the reflex reaches it from outside.
 
-    Example:  tci demo --robot nao --out /path/to/folder
+    Example:  tci demo nao --out /path/to/folder
 
     Example:  tci demo --fault stall@0.32
     """
@@ -68,7 +70,7 @@ def demo(
         from tci.errors import CommandError
 
         if view or via or skin_rate or mode != "position" or len(robot or ()) > 1:
-            raise CommandError("--fault rehearses one poke of one robot; valid beside it: --robot, --json")
+            raise CommandError("--fault rehearses one poke of one robot; valid beside it: ROBOT, --json")
 
         run_capability(
             "withdrawal", (robot or ["nao"])[0], rehearsal=True, poke=True, faults=fault, as_json=as_json
@@ -95,10 +97,18 @@ def view(
     robot: SomeRobots = None,
     via: Annotated[
         list[str] | None,
-        typer.Option(help="Link, NAME or NAME:ADDRESS: one for all robots, or one for each. [default: sim]"),
+        typer.Option(
+            help="Link, NAME or NAME:ADDRESS: one for all robots, or one for each. [default: sim]",
+            autocompletion=completion.links,
+        ),
     ] = None,
     capability: Annotated[
-        str, typer.Option("--run", help="Capability that runs on every robot, by name or MODULE:CLASS.")
+        str,
+        typer.Option(
+            "--run",
+            help="Capability that runs on every robot, by name or MODULE:CLASS.",
+            autocompletion=completion.capabilities,
+        ),
     ] = "withdrawal",
     arm: Arm = False,
     host: Annotated[
@@ -113,7 +123,7 @@ def view(
 
     Needs the extra `viewer`. A real robot is read-only without --arm.
 
-    Example:  tci view --robot nao --robot icub
+    Example:  tci view nao icub
 
     Example:  tci view --via replay:touch.mcap
     """
@@ -128,9 +138,13 @@ def view(
 @app.command()
 def run(
     capability: Annotated[
-        str, typer.Argument(help="Capability: a name such as withdrawal, or MODULE:CLASS.")
+        str,
+        typer.Argument(
+            help="Capability: a name such as withdrawal, or MODULE:CLASS.",
+            autocompletion=completion.capabilities,
+        ),
     ],
-    robot: OneRobot,
+    robot: RobotName,
     via: Via = "sim",
     duration: Duration = None,
     arm: Arm = False,
@@ -147,9 +161,9 @@ def run(
 
     Exit status 1 when the robot had to stop. A real robot is read-only without --arm.
 
-    Example:  tci run withdrawal --robot nao --duration 1 --poke --fault stall@0.32
+    Example:  tci run withdrawal nao --duration 1 --poke --fault stall@0.32
 
-    Example:  tci run withdrawal --robot nao --via replay:touch.mcap
+    Example:  tci run withdrawal nao --via replay:touch.mcap
     """
     from tci.cli.run import run_capability
 
@@ -170,7 +184,7 @@ def run(
 @app.command()
 def record(
     file: Annotated[Path, typer.Argument(help="The recording to write (.mcap), a new file.")],
-    robot: OneRobot,
+    robot: RobotName,
     via: Via = "sim",
     duration: Duration = None,
     as_json: AsJson = False,
@@ -179,7 +193,7 @@ def record(
 
     `tci run --record` records a behaviour too. Look with tci log; replay with --via replay:FILE.
 
-    Example:  tci record touch.mcap --robot nao --duration 10
+    Example:  tci record touch.mcap nao --duration 10
     """
     from tci.cli.record import record as command
 
@@ -189,9 +203,17 @@ def record(
 @app.command()
 def serve(
     robot: RobotName,
-    via: Annotated[str, typer.Option(help="How others reach it: NAME or NAME:ADDRESS.")],
+    via: Annotated[
+        str,
+        typer.Option(help="How others reach it: NAME or NAME:ADDRESS.", autocompletion=completion.servers),
+    ],
     source: Annotated[
-        str, typer.Option("--from", help="Link to the robot itself, NAME or NAME:ADDRESS.")
+        str,
+        typer.Option(
+            "--from",
+            help="Link to the robot itself, NAME or NAME:ADDRESS.",
+            autocompletion=completion.links,
+        ),
     ] = "sim",
     arm: Arm = False,
     duration: Duration = None,
@@ -214,9 +236,7 @@ def plot(
     out: Annotated[
         Path | None, typer.Option(help="File to write: png, pdf or svg. [default: beside the recording]")
     ] = None,
-    robot: Annotated[
-        str | None, typer.Option("--robot", "-r", help="Its description, if it is not one that TCI knows.")
-    ] = None,
+    robot: RecordedRobot = None,
     part: Annotated[str | None, typer.Option(help="Part to draw. [default: the one touched first]")] = None,
     begin: Begin = float("-inf"),
     end: End = float("inf"),

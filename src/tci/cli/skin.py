@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from tci.cli import completion
 from tci.cli.options import AsJson, RobotName, Via
 
 app = typer.Typer(help="Look at skins: cones through them, and pictures.", no_args_is_help=True)
@@ -15,7 +16,11 @@ app = typer.Typer(help="Look at skins: cones through them, and pictures.", no_ar
 @app.command()
 def fit(
     skin: Annotated[
-        str, typer.Argument(help="Skin file (.txt as iCub's, .csv, .urdf), robot by name, or description.")
+        str,
+        typer.Argument(
+            help="Skin file (.txt as iCub's, .csv, .urdf), robot by name, or description.",
+            autocompletion=completion.robots,
+        ),
     ],
     axis: Annotated[
         tuple[float, float, float] | None,
@@ -125,7 +130,12 @@ def calibrate(
 
 @app.command()
 def show(
-    skin: Annotated[str, typer.Argument(help="Skin file, robot by name, or robot description.")],
+    skin: Annotated[
+        str,
+        typer.Argument(
+            help="Skin file, robot by name, or robot description.", autocompletion=completion.robots
+        ),
+    ],
     out: Annotated[Path, typer.Option(help="The picture to write (.png).")] = Path("skin.png"),
     as_json: AsJson = False,
 ) -> None:

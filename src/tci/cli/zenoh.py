@@ -22,15 +22,15 @@ Users = Annotated[list[str] | None, typer.Option(help="NAME=ROBOT or NAME=ROBOT,
 @app.command()
 def secure(
     folder: Annotated[Path, typer.Argument(help="A new folder for the files.")],
+    robot: Annotated[list[str], typer.Argument(help="Names of the robots on the network.")],
     endpoint: Annotated[str, typer.Option(help="The router as all others reach it: tls/HOST:PORT.")],
-    robot: Annotated[list[str], typer.Option(help="Name of a robot on the network; repeat for several.")],
     commander: Users = None,
     watcher: Users = None,
     as_json: AsJson = False,
 ) -> None:
     """Make certificates, passwords and configuration files: who may command, or only see, which robot.
 
-    Example:  tci zenoh secure keys --endpoint tls/10.0.0.1:7447 --robot kitchen --commander reflex=kitchen
+    Example:  tci zenoh secure keys kitchen --endpoint tls/10.0.0.1:7447 --commander reflex=kitchen
     """
     _needs_zenoh()
     from tci.middleware.zenoh_secure import write_files

@@ -10,10 +10,12 @@ from __future__ import annotations
 import os
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tci.errors import TciError, UnknownNameError
-from tci.model.description import Robot
-from tci.model.xml import read_robot
+
+if TYPE_CHECKING:
+    from tci.model.description import Robot
 
 GROUP = "tci.robots"
 """Entry-point group of other packages' robots."""
@@ -33,6 +35,8 @@ def load_robot(name_or_path: str | os.PathLike[str]) -> Robot:
     Raises UnknownNameError with the names that there are, DescriptionError with every fault of the
     file, MissingExtraError when the robot's model is in a package that is not installed.
     """
+    from tci.model.xml import read_robot  # a shell asks for names alone, at each press of Tab
+
     text = os.fspath(name_or_path)
     if not isinstance(name_or_path, str) or _is_path(text):
         return read_robot(text)

@@ -43,13 +43,13 @@ def recorded_robot(recording: Recording, robot: str | None = None) -> Robot | No
     if not name:
         return None
     if robot is None and not name.replace("_", "").replace("-", "").isalnum():
-        raise RecordingError(f"{recording.path} names the robot {name[:40]!r}; give its description: --robot")
+        raise RecordingError(f"{recording.path} names the robot {name[:40]!r}; give its description as ROBOT")
     found = load_robot(robot or name)
     digest = recording.about.get("description_sha256", "")
     if found.digest != digest:
         raise RecordingError(
             f"{recording.path} was recorded with another description of {name!r} ({digest[:12]}; "
-            f"here {found.digest[:12]}); give the file of then: --robot FILE"
+            f"here {found.digest[:12]}); give the file of then as ROBOT"
         )
     return found
 

@@ -38,8 +38,10 @@ if TYPE_CHECKING:
     from tci.model.description import Robot as Robot
     from tci.runtime.loop import Tick as Tick
     from tci.runtime.loop import run as run
+    from tci.runtime.reasons import Notice as Notice
     from tci.runtime.registry import connect as connect
     from tci.runtime.registry import link_names as link_names
+    from tci.runtime.result import RunResult as RunResult
     from tci.trials.simulate import simulate as simulate
 
 __version__ = "0.1.0"
@@ -68,7 +70,9 @@ _NAMES = {
     "tci.model.catalogue": ("load_robot", "robot_names"),
     "tci.model.description": ("Robot",),
     "tci.runtime.loop": ("Tick", "run"),
+    "tci.runtime.reasons": ("Notice",),
     "tci.runtime.registry": ("connect", "link_names"),
+    "tci.runtime.result": ("RunResult",),
     "tci.trials.simulate": ("simulate",),
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names}

@@ -141,7 +141,7 @@ class Felt:
         faulty = FaultyLink(link, [FaultPlan(name, at, lasts)])
         self.memory = run(
             faulty, self.reflex, duration=duration, observe=self.ticks.append, report=self.report
-        )
+        ).memory
 
     def answers(self, part: str) -> list[float]:
         """When an arm began to withdraw [s] after the fault; at first the noise is unknown, which does not

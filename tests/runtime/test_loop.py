@@ -304,7 +304,7 @@ def test_26_a_second_commander_is_refused_and_the_first_goes_on(link: SimulatedL
         with pytest.raises(LinkError, match=f"commanded by process {os.getpid()}"):
             run(other, Swing(), duration=0.1)
 
-    assert run(link, Swing(40, intrude), duration=0.2) == 100
+    assert run(link, Swing(40, intrude), duration=0.2).memory == 100
     assert link.gate.state is GateState.RUN
 
 
@@ -450,7 +450,7 @@ def test_45_loops_side_by_side_all_see_a_failing_thread() -> None:
 
 def test_the_run_ends_when_the_memory_is_as_wanted(link: SimulatedLink) -> None:
     report = LoopReport()
-    assert run(link, Swing(), duration=1.0, until=lambda memory: memory == 7, report=report) == 7
+    assert run(link, Swing(), duration=1.0, until=lambda memory: memory == 7, report=report).memory == 7
     assert (report.ticks, report.ended) == (7, "done")
 
 

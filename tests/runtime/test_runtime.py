@@ -34,7 +34,7 @@ class Nod(tci.Capability[int]):
 def test_the_loop_runs_a_capability_of_ones_own() -> None:
     with tci.connect(tci.load_robot("nao"), "sim") as link:
         seen: list[Tick] = []
-        assert tci.run(link, Nod(), duration=0.5, observe=seen.append) == 250
+        assert tci.run(link, Nod(), duration=0.5, observe=seen.append).memory == 250
         start, end = seen[0].perception.posture["head"], seen[-1].perception.posture["head"]
         assert end[0] - start[0] == pytest.approx(0.2, abs=0.002)
         assert set(seen[-1].sent.servos) == {1, 0}  # NAO's HeadPitch and HeadYaw; it has no roll

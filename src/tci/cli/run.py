@@ -17,7 +17,7 @@ from rich.markup import escape
 
 from tci.capabilities.capability import Capability
 from tci.capabilities.fields import default_fields
-from tci.cli.console import console, print_json
+from tci.cli.console import console, print_json, told_here
 from tci.cli.record import about_capability, recorder_for, summary
 from tci.cli.teller import COLOURS, Teller
 from tci.errors import CommandError, UnknownNameError
@@ -35,6 +35,7 @@ from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport
 from tci.runtime.reasons import OTHERS, Reasons
 from tci.runtime.registry import connect
+from tci.runtime.result import RunResult
 
 if TYPE_CHECKING:
     from tci.trials.film import Film
@@ -91,7 +92,7 @@ def run_capability(
     as_json: bool = False,
     rehearsal: bool = False,
 ) -> None:
-    """Run, tell, and exit with status 1 when the gate has stopped.
+    """Run, tell, and exit with status 1 when the gate has stopped or has refused every command.
 
     A `rehearsal` is as long as its faults need, and the simulated skin flickers as a real one does.
 
@@ -104,10 +105,11 @@ def run_capability(
         duration = max(REHEARSAL, *(plan.at + INJECTORS[plan.name].shows_after + 1.0 for plan in plans))
     link = connect(load_robot(robot), via, arm=arm or via.partition(":")[0] in HARMLESS)
     report = LoopReport()
+    result: RunResult[Any] | None = None
     error: BaseException | None = None
     inner = link
     recorder = None
-    with link, contextlib.ExitStack() as closing:
+    with link, told_here(), contextlib.ExitStack() as closing:
         if record is not None:
             about = about_capability(name, capability)
             recorder = closing.enter_context(recorder_for(record, link, via, about))
@@ -136,12 +138,12 @@ def run_capability(
 
             def listen(memory: Any) -> bool:
                 for note in capability.notes(memory):
-                    if heard.add(note):
+                    if heard.add(note, link.clock.now()):
                         teller.tell(link.clock.now(), "NOTE", note, "yellow")
                 return False
 
             try:
-                run(link, capability, duration=duration, observe=see, until=listen, report=report)
+                result = run(link, capability, duration=duration, observe=see, until=listen, report=report)
             except (Exception, KeyboardInterrupt, SystemExit) as failure:
                 if not report.ended:  # it never began
                     raise
@@ -152,6 +154,9 @@ def run_capability(
                 words = f"{report.ended}{_place(failure, capability)}{rest}"
                 teller.worst = GateState.STOP
                 teller.tell(now, "STOP", words, COLOURS[GateState.STOP])
+            if result is not None and result.refused_all:
+                words = "every command was refused: the capability moved nothing"
+                teller.tell(link.clock.now(), "refused", words, "bold red")
             if report.cut_short:
                 words = "the run has ended: motions that were not over were cut short by a hold"
                 teller.tell(link.clock.now(), "at rest", words, "dim")
@@ -164,6 +169,8 @@ def run_capability(
         "state": link.gate.state.value,
         "worst": teller.worst.value,
         "events": teller.events,
+        "refusals": [notice.to_json() for notice in teller.refused.notices()],
+        "clamps": [notice.to_json() for notice in teller.clamped.notices()],
         "faults": teller.outcome(),
         "gate": {"holds": counts.holds, "stops": counts.stops, "refusals": counts.refusals,
                  "clamps": dict(counts.clamps), "near_misses": counts.near_misses},
@@ -191,7 +198,7 @@ def run_capability(
             console.print(line, highlight=False)
     if isinstance(error, SystemExit | KeyboardInterrupt):
         raise SystemExit(error.code if isinstance(error, SystemExit) else 130)
-    if teller.worst is GateState.STOP:
+    if teller.worst is GateState.STOP or not result:
         raise SystemExit(1)
 
 

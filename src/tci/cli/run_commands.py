@@ -159,7 +159,8 @@ def run(
 ) -> None:
     """Run a capability on a robot, and tell what gate and loop do.
 
-    Exit status 1 when the robot had to stop. A real robot is read-only without --arm.
+    Exit status 1 when the robot had to stop, or when every command was refused. A real robot is read-only
+    without --arm.
 
     Example:  tci run withdrawal nao --duration 1 --poke --fault stall@0.32
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tci.cli.console import console, print_json
+from tci.cli.console import console, print_json, told_here
 from tci.cli.run import HARMLESS
 from tci.interface.gate.gate import GateState
 from tci.model.catalogue import load_robot
@@ -19,7 +19,8 @@ def serve(robot: str, *, via: str, source: str, arm: bool, duration: float | Non
     options = {"paced": True} if source == "sim" else {}
     arm = arm or source.partition(":")[0] in HARMLESS
     report, served, told = LoopReport(), Served(), Reasons()
-    with connect(load_robot(robot), source, arm=arm, **options) as link, open_server(link, via) as server:
+    opened = connect(load_robot(robot), source, arm=arm, **options)
+    with opened as link, open_server(link, via) as server, told_here():
         if not as_json:
             words = f"serving {link.robot.name} as {server.where()}; end with Ctrl-C"
             console.print(words, highlight=False, markup=False)
@@ -29,7 +30,7 @@ def serve(robot: str, *, via: str, source: str, arm: bool, duration: float | Non
                 f"{tick.sent.state.name}: {tick.sent.reason}" if tick.sent.reason else tick.sent.state.name
             )
             for line in (words, *tick.sent.refusals):
-                if told.add(line) and not as_json:
+                if told.add(line, tick.now) and not as_json:
                     console.print(f"{tick.now:10.3f} s  {line}", highlight=False, markup=False)
 
         status = 0

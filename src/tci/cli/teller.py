@@ -19,7 +19,7 @@ from tci.middleware.injectors import INJECTORS
 from tci.middleware.link import Link
 from tci.runtime.loop import Tick
 from tci.runtime.loop_report import LoopReport
-from tci.runtime.reasons import kind_of
+from tci.runtime.reasons import Reasons
 
 COLOURS = {GateState.RUN: "green", GateState.HOLD: "yellow", GateState.STOP: "bold red"}
 MEANING = {
@@ -41,11 +41,11 @@ class Teller:
         """All that was told: time [s], kind and words."""
         self.worst = GateState.RUN
         """STOP once there was one, else HOLD once there was one."""
+        self.refused, self.clamped = Reasons(), Reasons()
         self._link, self._report, self._live = link, report, live
         self._state = (GateState.RUN, "")
         self._begun: list[tuple[float, FaultPlan]] = []
         self._over: set[FaultPlan] = set()
-        self._refused = ""
         self._modes: dict[str, Mode] = {}
         self._contacts: set[int] = set()
         self._touched: dict[str, float] = {}
@@ -69,8 +69,9 @@ class Teller:
             late = (tick.now - self._ended) * 1e3
             self.tell(tick.now, "at rest", f"all servos were told to stand still within {late:.0f} ms", "dim")
             self._ended = None
+        self._judged(tick)
         for command in tick.commands:
-            if isinstance(command, GenericCommand) and not self._refuses(tick):
+            if isinstance(command, GenericCommand) and not tick.sent.refusals:
                 self._command(tick.now, command)
         if self._live is not None:
             self._live.update(self._line(tick))
@@ -115,7 +116,11 @@ class Teller:
         return told
 
     def conclude(self) -> None:
-        """One line for each fault: what came of it."""
+        """One line for each fault with what came of it, and for each refusal and clamp that came again."""
+        for kind, reasons in (("refused", self.refused), ("clamped", self.clamped)):
+            for notice in reasons.notices():
+                if notice.count > 1:
+                    console.print(_row("", kind, str(notice), "yellow"))
         for one in self.outcome():
             shows = INJECTORS[one["fault"]].shows_after
             if one["answer"]:
@@ -150,12 +155,13 @@ class Teller:
                 words = f"{name}: {masked} of {count} taxels are not believed, {others}"
                 self.tell(tick.now, "MASK", words, "yellow")
 
-    def _refuses(self, tick: Tick) -> bool:
-        refused = "; ".join(tick.sent.refusals)
-        if refused and kind_of(refused) != self._refused:
-            self.tell(tick.now, "refused", refused, "yellow")
-        self._refused = kind_of(refused)
-        return bool(refused)
+    def _judged(self, tick: Tick) -> None:
+        for reason in tick.sent.refusals:
+            if self.refused.add(reason, tick.now):
+                self.tell(tick.now, "refused", reason, "yellow")
+        for reason in tick.sent.clamped:
+            if self.clamped.add(reason, tick.now):
+                self.tell(tick.now, "clamped", reason, "yellow")
 
     def _command(self, now: float, command: GenericCommand) -> None:
         if self._modes.get(command.part) is not command.mode:

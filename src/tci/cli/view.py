@@ -15,7 +15,7 @@ from rich.progress import Progress
 
 from tci.capabilities.fields import default_fields
 from tci.capabilities.withdrawal import WithdrawalReflex
-from tci.cli.console import console
+from tci.cli.console import console, told_here
 from tci.cli.demo import load_robots
 from tci.cli.record import about_capability
 from tci.cli.run import HARMLESS, load_capability
@@ -67,7 +67,7 @@ def view(
     behaviour = next((source.capability for source in sources if isinstance(source, Session)), None)
     fields = behaviour.fields if isinstance(behaviour, WithdrawalReflex) else ()
     viewer = Viewer(sources, fields=fields or default_fields(), host=host, port=port, folder=folder)
-    with suppress(KeyboardInterrupt), interruptions() as interruption:
+    with suppress(KeyboardInterrupt), told_here(), interruptions() as interruption:
         try:
             for source in sources:
                 source.start()

@@ -25,6 +25,7 @@ from tci.middleware.link import Link
 from tci.runtime.guards import Silence, frozen_garbage, interruptions
 from tci.runtime.lease import lease
 from tci.runtime.loop_report import LoopReport
+from tci.runtime.result import Account, RunResult
 
 MISSED = 3
 """Periods in a row that may be missed before the robot holds."""
@@ -67,8 +68,12 @@ def run(
     until: Callable[[Memory], bool] | None = None,
     report: LoopReport | None = None,
     write: bool = True,
-) -> Memory:
-    """Run a capability on a robot for `duration` [s], or until interrupted, and return its memory.
+) -> RunResult[Memory]:
+    """Run a capability on a robot for `duration` [s], or until interrupted, and return what came of it.
+
+    The result holds the memory, and is false if the robot was stopped or every command was refused; neither
+    raises, since an exception would keep memory and reasons from the caller. The first refusal and the first
+    clamp of each kind, and each hold and stop, are logged as they come (`logging`, logger `tci`).
 
     `observe` is called after each tick, `sensed` before anything is made of its reading; the loop waits for
     both. `guard` is asked in each period for a
@@ -99,13 +104,13 @@ def run(
             loop.finish()
             interruption.raise_it()
             loop.report.ended = "done"
+            return loop.account.result(loop.memory, loop.report)
         except BaseException as error:
             interruption.rests = True
             where = f" in thread {interruption.thread}" if error is interruption.failure else ""
             loop.report.ended = f"{type(error).__name__}{where}: {error}".removesuffix(": ")
             loop.stop(loop.report.ended, error)
             raise
-    return loop.memory
 
 
 class _Loop(Generic[Memory]):
@@ -129,6 +134,7 @@ class _Loop(Generic[Memory]):
         self.write = write
         self.body = Body(link.robot, keep_alive=link.keep_alive)
         self.memory = capability.init()
+        self.account = Account(link)
         self._begun = False
         self._before: float | None = None
         self._start = 0.0
@@ -169,6 +175,7 @@ class _Loop(Generic[Memory]):
         sent = self._sent = gate.step(orders, reading.joints, now, refused=refused)
         if self.write:
             self.link.write(sent)
+        self.account.see(seen, reading.joints.position, sent, opening=opening)
         if opening and sent.refusals:
             raise CommandError(f"{type(self.capability).__name__} can't begin: {'; '.join(sent.refusals)}")
         self._begun |= seen is not None

@@ -77,16 +77,17 @@ class _Orders(Capability[None]):
         for order in self.server.orders():
             self.served.orders += 1
             if self._tick is None:
-                self._refuse(order, "the robot has not been read yet")
+                self._refuse(order, "the robot has not been read yet", perception.stamp)
                 continue
             if not self.server.link.armed:
-                self._refuse(order, "this robot is shown read-only; valid: tci serve --arm")
+                words = "this robot is shown read-only; valid: tci serve --arm"
+                self._refuse(order, words, perception.stamp)
                 continue
             try:
                 position = self._tick.reading.joints.position
                 passed.append(order_to_platform(self.server.link.robot, order, position))
             except TciError as error:
-                self._refuse(order, str(error))
+                self._refuse(order, str(error), perception.stamp)
         return tuple(passed), None
 
     def hold(self) -> str:
@@ -100,9 +101,9 @@ class _Orders(Capability[None]):
             self._standstill = Standstill(self.clock, stale_after=self.server.link.gate.stale_after)
         self._tick = tick
         for reason in tick.sent.refusals:
-            self.served.refusals.add(reason)
+            self.served.refusals.add(reason, tick.now)
         self.server.publish(tick.reading, tick.perception, tick.sent)
 
-    def _refuse(self, order: Order, reason: str) -> None:
-        self.served.refusals.add(reason)
+    def _refuse(self, order: Order, reason: str, now: float) -> None:
+        self.served.refusals.add(reason, now)
         self.server.refuse(order, reason)

@@ -108,13 +108,14 @@ def follow(link: Link, play: PlayGesture, *, observe: Callable[[Tick], None] | N
         if observe is not None:
             observe(tick)
 
-    memory = run(
+    result = run(
         link,
         _Followed(play),
         duration=play.gesture.duration + MOST,
         observe=see,
         until=lambda memory: memory.inner.phase is Phase.DONE,
     )
+    memory = result.memory
     if memory.first is None:
         raise CommandError(f"{link.robot.name} sent nothing that fits it; nothing was played")
     robot = link.robot

@@ -57,6 +57,8 @@ class Gate:
         self._robot, self._period, self._stale_after = robot, period, stale_after
         self._settings = settings or GateSettings()
         self.state = GateState.RUN
+        self.reason = ""
+        """Reason for its state in the latest step; empty while it runs."""
         self._seal = Seal(robot.name)
         self._issued: SafeCommand | None = None
         self._tally = Tally()
@@ -153,7 +155,7 @@ class Gate:
         not even become commands; they are told and counted with the rest.
         """
         self._tally.steps += 1
-        reason = self._judge(joints, now)
+        reason = self.reason = self._judge(joints, now)
         refusals = list(refused)
         clamped: list[str] = []
         taken: list[PlatformOrder] = []

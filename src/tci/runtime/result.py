@@ -1,0 +1,184 @@
+"""The result of a run: its memory, and an account of what the robot felt, did and refused."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+
+from tci.frames import Array
+from tci.interface.gate.gate import GateState, SafeCommand
+from tci.interface.kernels.contacts import FORCE
+from tci.interface.skin.contact_table import ContactTable
+from tci.messages import Perception
+from tci.middleware.link import Link
+from tci.runtime.loop_report import LoopReport
+from tci.runtime.reasons import Notice, Reasons
+
+MOVED = float(np.deg2rad(1.0))
+"""Travel [rad] from which a servo counts as moved. Assumed: less is how far gravity makes a servo sag."""
+SHOWN = 6
+"""Number of servos and kinds of notices that are printed; Assumed: more is no longer read."""
+
+Memory = TypeVar("Memory")
+_log = logging.getLogger("tci")
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class RunResult(Generic[Memory]):
+    """A run that came to its end. Prints as a few lines.
+
+    It is false if the robot was stopped, or if every command was refused. A STOP does not raise: the robot
+    is at rest by then, and an exception would keep the memory and the reasons from the caller.
+    """
+
+    memory: Memory
+    """Last memory of the capability."""
+    report: LoopReport
+    """Timing of the loop."""
+    robot: str
+    """Name of the robot."""
+    state: GateState
+    """State of the gate at the end."""
+    reason: str
+    """Reason for which the gate holds or has stopped; empty while it runs."""
+    touched: Mapping[str, float]
+    """Largest force [N] of a contact on each patch that was touched, by name, in the order of touch."""
+    moved: Mapping[str, float]
+    """Distance [rad] between the extreme angles of each servo that moved, by name, largest first."""
+    accepted: int
+    """Commands that the gate took over, without those that the capability began with."""
+    refusals: tuple[Notice, ...]
+    """Commands that were refused, by kind."""
+    clamps: tuple[Notice, ...]
+    """Commands that were clamped or cut short, by kind."""
+    holds: tuple[Notice, ...]
+    """Reasons for which the gate held the robot, by kind, with the periods that it held."""
+
+    @property
+    def ended(self) -> str:
+        """Reason for which the run ended."""
+        return self.report.ended
+
+    @property
+    def refused_all(self) -> bool:
+        """Whether commands were refused, and none was taken over."""
+        return bool(self.refusals) and not self.accepted
+
+    def __bool__(self) -> bool:
+        return self.state is not GateState.STOP and not self.refused_all
+
+    def __repr__(self) -> str:
+        touched = ", ".join(f"{patch} ({force:.1f} N)" for patch, force in self.touched.items())
+        moved = ", ".join(f"{name} {np.rad2deg(way):.0f}" for name, way in [*self.moved.items()][:SHOWN])
+        more = f" and {len(self.moved) - SHOWN} more" if len(self.moved) > SHOWN else ""
+        lines = [
+            f"{self.robot}: touched {touched or 'nowhere'}; "
+            + (f"moved {moved} degrees{more}" if moved else "nothing moved")
+        ]
+        for kind, notices in (("refused", self.refusals), ("clamped", self.clamps), ("held", self.holds)):
+            lines += [f"{kind} {notice}" for notice in notices[:SHOWN]]
+            if (others := notices[SHOWN:]) and (count := sum(notice.count for notice in others)):
+                lines.append(f"{kind} {count} x for {len(others)} further reasons")
+        if self.state is not GateState.RUN:
+            lines.append(f"{self.state.name} at the end: {self.reason}")
+        return "\n".join(lines)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values of all but the memory; times in seconds, in the report in milliseconds."""
+        return {
+            "robot": self.robot,
+            "ok": bool(self),
+            "state": self.state.value,
+            "reason": self.reason,
+            "touched_N": dict(self.touched),
+            "moved_rad": dict(self.moved),
+            "accepted": self.accepted,
+            "refusals": [notice.to_json() for notice in self.refusals],
+            "clamps": [notice.to_json() for notice in self.clamps],
+            "holds": [notice.to_json() for notice in self.holds],
+            "loop": self.report.to_json(),
+        }
+
+
+class Account:
+    """Gathers the result of a run, period by period, and logs the first notice of each kind."""
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+        self._contacts: object = ()
+        self._touched: dict[str, float] = {}
+        self._low: Array | None = None
+        self._high = np.zeros(0)
+        self._accepted = 0
+        self._refusals, self._clamps, self._holds = Reasons(), Reasons(), Reasons()
+        self._stopped = ""
+
+    def see(self, seen: Perception | None, position: Array, sent: SafeCommand, *, opening: bool) -> None:
+        """One period: `seen` is None if the reading did not fit the robot, else the servos are at `position`
+        (n_servos,) [rad]. `opening` commands are those that the capability begins with."""
+        if seen is not None:
+            if seen.contacts is not self._contacts:
+                self._touch(seen)
+            if self._low is None:
+                self._low, self._high = position.copy(), position.copy()
+            np.fmin(self._low, position, out=self._low)
+            np.fmax(self._high, position, out=self._high)
+        if sent.orders and not opening:
+            self._accepted += len(sent.orders)
+        for refusal in sent.refusals:
+            self._note(self._refusals, "refused", refusal, sent.stamp)
+        for clamp in sent.clamped:
+            self._note(self._clamps, "clamped", clamp, sent.stamp)
+        if sent.state is GateState.HOLD:
+            self._note(self._holds, "held", sent.reason, sent.stamp)
+        elif sent.state is GateState.STOP:
+            self._stop(sent.reason, sent.stamp)
+
+    def result(self, memory: Memory, report: LoopReport) -> RunResult[Memory]:
+        """The result of the run that is over."""
+        gate = self._link.gate
+        if gate.state is GateState.STOP:
+            self._stop(gate.reason, self._link.clock.now())
+        return RunResult(
+            memory=memory,
+            report=report,
+            robot=self._link.robot.name,
+            state=gate.state,
+            reason=gate.reason,
+            touched=dict(self._touched),
+            moved=self._moved(),
+            accepted=self._accepted,
+            refusals=self._refusals.notices(),
+            clamps=self._clamps.notices(),
+            holds=self._holds.notices(),
+        )
+
+    def _touch(self, seen: Perception) -> None:
+        self._contacts = seen.contacts
+        if not seen.contacts:
+            return
+        table = ContactTable.of(seen.contacts)
+        for site, force in zip(table.patch.tolist(), table.numbers[:, FORCE].tolist(), strict=True):
+            patch = table.sites[site].patch
+            self._touched[patch] = max(force, self._touched.get(patch, 0.0))
+
+    def _moved(self) -> dict[str, float]:
+        if self._low is None:
+            return {}
+        ways = self._high - self._low
+        order = np.argsort(-ways, kind="stable")
+        servos = self._link.robot.servos
+        return {servos[i].name: float(ways[i]) for i in order.tolist() if ways[i] >= MOVED}
+
+    def _note(self, reasons: Reasons, kind: str, words: str, now: float) -> None:
+        if reasons.add(words, now):
+            _log.warning("%s at %.3f s, %s: %s", self._link.robot.name, now, kind, words)
+
+    def _stop(self, reason: str, now: float) -> None:
+        if reason != self._stopped:
+            self._stopped = reason
+            _log.error("%s at %.3f s, stopped until it is reset: %s", self._link.robot.name, now, reason)

@@ -1,0 +1,176 @@
+"""What a run says of itself: its result, and the log."""
+
+from __future__ import annotations
+
+import json
+import logging
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import tci
+from tci.interface.gate.gate import GateState
+from tci.middleware.simulated import SimulatedLink
+from tci.runtime.reasons import MOST, OTHERS, Reasons
+from tci.simulation.world import World
+
+
+class Ask(tci.Capability[int]):
+    """Asks in each period for what it is made with."""
+
+    def __init__(self, command: Callable[[int], tci.GenericCommand]) -> None:
+        self.command = command
+
+    def init(self) -> int:
+        return 0
+
+    def step(self, memory: int, perception: tci.Perception) -> tuple[tuple[tci.GenericCommand, ...], int]:
+        return (self.command(memory),), memory + 1
+
+
+def head(*values: float, mode: tci.Mode = tci.Mode.POSITION) -> tci.GenericCommand:
+    return tci.GenericCommand("head", mode, np.array(values))
+
+
+@pytest.fixture(scope="module")
+def world() -> World:
+    return World(tci.load_robot("nao"), skin=False)
+
+
+@pytest.fixture
+def link(world: World) -> SimulatedLink:
+    world.reset()
+    return SimulatedLink(world.robot, world=world)
+
+
+def warnings(log: pytest.LogCaptureFixture) -> list[str]:
+    return [record.getMessage() for record in log.records if record.name == "tci"]
+
+
+def test_a_run_tells_in_one_line_what_was_touched_and_what_moved() -> None:
+    with tci.connect(tci.load_robot("nao"), "sim") as link:
+        assert isinstance(link, SimulatedLink)
+        link.world.finger.poke("left_forearm", 150)
+        result = tci.run(link, tci.WithdrawalReflex(), duration=0.4)
+        assert result
+        assert result.touched["left_forearm"] == pytest.approx(link.world.finger.peak_force, rel=0.5)
+    assert [*result.touched] == ["left_forearm"]
+    assert "left_arm" in result.memory
+    ways = [*result.moved.values()]
+    assert ways == sorted(ways, reverse=True)
+    assert next(iter(result.moved)) in ("LElbowRoll", "LShoulderRoll", "LShoulderPitch", "LElbowYaw")
+    assert ways[0] > np.deg2rad(5.0)
+    assert not any(name.startswith("R") for name in result.moved)
+    text = str(result)
+    assert text.startswith("nao: touched left_forearm (")
+    assert f"{next(iter(result.moved))} {np.rad2deg(ways[0]):.0f}" in text
+    assert text.count("\n") == 0
+    assert result.accepted > 0
+    assert (result.refusals, result.clamps, result.holds) == ((), (), ())
+
+
+def test_nothing_that_happened_is_said_too() -> None:
+    with tci.connect(tci.load_robot("nao"), "sim") as link:
+        assert (
+            str(tci.run(link, tci.WithdrawalReflex(), duration=0.01)) == "nao: touched nowhere; nothing moved"
+        )
+
+
+def test_refusals_are_counted_by_kind_and_the_first_is_logged(
+    link: SimulatedLink, caplog: pytest.LogCaptureFixture
+) -> None:
+    begin = link.clock.now()
+    odd = head(np.nan, 0.0, 0.0), head(0.0, 0.0), head(0.1, 0.0, 0.0, mode=tci.Mode.VELOCITY)
+    result = tci.run(link, Ask(lambda count: odd[count % 3]), duration=0.06)
+    assert [notice.count for notice in result.refusals] == [10, 10, 10]
+    for index, words in enumerate(("pitch = nan", "values of shape (2,)", "HeadPitch is in position mode")):
+        assert words in result.refusals[index].words
+        assert result.refusals[index].time == pytest.approx(begin + index * link.period)
+        assert words in warnings(caplog)[index]
+        assert words in str(result)
+    assert len(warnings(caplog)) == 3
+    assert {record.levelno for record in caplog.records} == {logging.WARNING}
+    assert not result, "every command was refused"
+    assert result.refused_all
+    assert result.state is GateState.RUN
+
+
+def test_what_is_refused_among_what_is_not_leaves_the_result_true(link: SimulatedLink) -> None:
+    result = tci.run(link, Ask(lambda count: head(np.nan if count else 0.1, 0.0, 0.0)), duration=0.02)
+    assert result
+    assert (result.accepted, result.refusals[0].count) == (1, 9)
+
+
+def test_clamps_are_counted_and_the_first_is_logged(
+    link: SimulatedLink, caplog: pytest.LogCaptureFixture
+) -> None:
+    result = tci.run(link, Ask(lambda count: head(1.5 + 0.01 * (count % 7), 0.0, 0.0)), duration=0.1)
+    (clamp,) = result.clamps
+    assert clamp.count == 50
+    assert "HeadPitch: 85.94 degrees asked, clamped to" in clamp.words
+    (said,) = warnings(caplog)
+    assert clamp.words in said
+    assert f"clamped 50 x, first at {clamp.time:.3f} s: {clamp.words}" in str(result)
+    assert result
+
+
+def test_a_run_that_ends_stopped_is_false_and_says_why(
+    link: SimulatedLink, caplog: pytest.LogCaptureFixture
+) -> None:
+    link.gate.stop("somebody pressed the button")
+    result = tci.run(link, Ask(lambda count: head(0.1, 0.0, 0.0)), duration=0.1)
+    assert not result
+    assert (result.state, result.reason) == (GateState.STOP, "somebody pressed the button")
+    assert result.ended == "done"
+    assert result.memory == 50
+    stops = [record for record in caplog.records if record.levelno == logging.ERROR]
+    assert len(stops) == 1
+    assert "somebody pressed the button" in stops[0].getMessage()
+    assert str(result).endswith("STOP at the end: somebody pressed the button")
+
+
+def test_a_stop_after_the_last_period_is_said_too(
+    link: SimulatedLink, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The robot is brought to rest at the end, and what goes wrong then is no less wrong."""
+    periods = iter(range(50))
+
+    def until(memory: int) -> bool:
+        if next(periods) == 49:
+            link.gate.stop("too late")
+            return True
+        return False
+
+    result = tci.run(link, Ask(lambda count: head(0.4, 0.0, 0.0)), duration=1.0, until=until)
+    assert (result.state, result.reason) == (GateState.STOP, "too late")
+    assert not result
+    assert "too late" in warnings(caplog)[-1]
+
+
+def test_a_hold_is_counted_by_its_periods(link: SimulatedLink, caplog: pytest.LogCaptureFixture) -> None:
+    reasons = iter(["no heartbeat of viewer"] * 20 + [""] * 30)
+    quiet = Ask(lambda count: head(0.1, 0.0, 0.0))
+    result = tci.run(link, quiet, duration=0.1, guard=lambda: next(reasons))
+    (hold,) = result.holds
+    assert (hold.words, hold.count) == ("no heartbeat of viewer", 20)
+    assert result.refusals[0].count == 20
+    assert len([words for words in warnings(caplog) if "held" in words]) == 1
+    assert result
+
+
+def test_a_result_in_plain_values_is_json(link: SimulatedLink) -> None:
+    plain = tci.run(link, Ask(lambda count: head(np.nan, 0.0, 0.0)), duration=0.02).to_json()
+    assert json.loads(json.dumps(plain)) == plain
+    assert (plain["robot"], plain["ok"], plain["accepted"]) == ("nao", False, 0)
+    assert plain["refusals"][0]["count"] == plain["loop"]["ticks"] == 10
+
+
+def test_further_kinds_than_anybody_reads_are_counted_together() -> None:
+    reasons = Reasons()
+    assert all(reasons.add(f"no part named part{number}", 0.5 * number) for number in range(MOST))
+    assert not reasons.add("one more", 70.0)
+    assert not reasons.add("and another", 80.0)
+    last = reasons.notices()[-1]
+    assert (last.words, last.time, last.count) == (OTHERS, 70.0, 2)
+    assert len(reasons.notices()) == MOST + 1

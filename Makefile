@@ -4,10 +4,10 @@ VENV := .venv/bin
 export OPENBLAS_NUM_THREADS ?= 1
 OUT ?= out
 
-.PHONY: help demo test lint docs pictures bench middleware soak fuzz reliability lock clean run-env dev-env
+.PHONY: help demo test test-real lint docs pictures bench middleware soak fuzz reliability lock clean run-env dev-env
 
 help:  ## show this list
-	@grep -E '^[a-z]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 8
+	@grep -E '^[a-z-]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 8
 
 run-env:
 	@$(PYTHON) tools/bootstrap.py requirements/demo.txt
@@ -22,6 +22,9 @@ test: dev-env lint docs  ## set up, then lint, docs and all tests
 	@$(PYTHON) tools/peers.py
 	@$(VENV)/python -m pytest -n auto --dist loadgroup -m "not live" && apart=0 || apart=1; \
 	  $(VENV)/python -m pytest -n 2 --dist loadgroup -m live && exit $$apart
+
+test-real: dev-env  ## tests on genuine skin files and recordings (DATA=FOLDER, not part of this repository)
+	@$(VENV)/python -m pytest -q -m data --data "$(DATA)"
 
 lint: dev-env  ## ruff and strict types
 	@$(VENV)/ruff check .

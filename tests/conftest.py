@@ -7,6 +7,10 @@ from pathlib import Path
 import hypothesis
 import pytest
 
+from made_recordings import write_recordings
+from made_skins import write_skins
+from skin_data import SkinData
+
 TESTS = Path(__file__).parent
 
 LIVE = [
@@ -26,12 +30,54 @@ hypothesis.settings.register_profile("untimed", deadline=None)
 hypothesis.settings.load_profile("untimed")
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what is live; `make test` runs that apart from the rest."""
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--data", type=Path, help="folder of genuine skin files and recordings (make test-real)")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    data = config.getoption("--data")
+    if data is not None and not (data / "recordings").is_dir():
+        raise pytest.UsageError(
+            f"--data {data} has no folder `recordings`; valid: a folder as tests/skin_data.py says"
+        )
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Mark what is live, which `make test` runs apart from the rest, and what reads skin files or recordings.
+
+    Tests of genuine files alone exist only where there is a folder of these.
+    """
     live = [TESTS / place for place in LIVE]
     for item in items:
         if any(item.path.is_relative_to(place) for place in live):
             item.add_marker(pytest.mark.live)
+        if {"skin_data", "genuine_data"} & {*getattr(item, "fixturenames", ())}:
+            item.add_marker(pytest.mark.data)
+    if config.getoption("--data") is None:
+        items[:] = [item for item in items if "genuine_data" not in getattr(item, "fixturenames", ())]
+
+
+@pytest.fixture(scope="session")
+def made_data(tmp_path_factory: pytest.TempPathFactory) -> SkinData:
+    """Skin files and recordings of our own making."""
+    folder = tmp_path_factory.mktemp("made")
+    write_skins(folder)
+    write_recordings(folder / "recordings")
+    return SkinData(folder, genuine=False)
+
+
+@pytest.fixture(scope="session")
+def genuine_data(pytestconfig: pytest.Config) -> SkinData:
+    """The folder of --data."""
+    return SkinData(pytestconfig.getoption("--data"), genuine=True)
+
+
+@pytest.fixture(scope="session")
+def skin_data(request: pytest.FixtureRequest, pytestconfig: pytest.Config) -> SkinData:
+    """The folder of --data, or files of our own making under the same names."""
+    made = pytestconfig.getoption("--data") is None
+    data: SkinData = request.getfixturevalue("made_data" if made else "genuine_data")
+    return data
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

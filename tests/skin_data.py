@@ -1,21 +1,32 @@
-"""Real skin files beside the checkout, and small ones written here."""
+"""Folders of skin files and recordings, made ones or genuine ones, and small skins written here."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
-import pytest
 
-DATA = Path(__file__).parent.parent.parent / "shared" / "data"
 FOLDERS = ("icub/positions", "icub/positions_pycub", "nao/positions")
 
+T = TypeVar("T")
 
-def real_file(name: str) -> Path:
-    """A real file by its path under the data, or a skip that names it."""
-    if not (DATA / name).is_file():
-        pytest.skip(f"did not run: {name} is not on this machine (valid: a folder shared/data beside it)")
-    return DATA / name
+
+@dataclass(frozen=True)
+class SkinData:
+    """A folder with the files of FOLDERS and `recordings`."""
+
+    folder: Path
+    genuine: bool
+    """From real robots; else of our own making, under the same names."""
+
+    def file(self, name: str) -> Path:
+        return self.folder / name
+
+    def expect(self, *, made: T, genuine: T) -> T:
+        """The figure that holds for these files."""
+        return genuine if self.genuine else made
 
 
 def cone_file(path: Path, *, normals: str = "1 0 0", modules: int = 16) -> Path:

@@ -5,6 +5,7 @@ python tools/pictures.py [NAME...]     names: demo foot plot shrug viewer
 
 from __future__ import annotations
 
+import os
 import runpy
 import shutil
 import sys
@@ -48,8 +49,10 @@ def plot(folder: Path) -> None:
 
 
 def foot(_: Path) -> None:
-    """What a real iCub's foot felt; needs the recordings in shared/data beside this checkout."""
-    draw_foot(ROOT.parent / "shared" / "data", IMAGES / "foot.png")
+    """What a real iCub's foot felt; needs genuine recordings (DATA=FOLDER)."""
+    if "DATA" not in os.environ:
+        raise SystemExit("the foot's picture needs genuine recordings; valid: DATA=FOLDER make pictures")
+    draw_foot(Path(os.environ["DATA"]), IMAGES / "foot.png")
 
 
 def shrug(folder: Path) -> None:

@@ -1,16 +1,18 @@
-"""`tci skin`: cones through real skins, and pictures."""
+"""`tci skin`: cones through skins, and pictures."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
 from matplotlib.image import imread
 from typer.testing import CliRunner
 
-from skin_data import cone_file, real_file
+from made_skins import LENGTH, RIPPLE, SKINS
+from skin_data import SkinData, cone_file
 from tci.cli.main import app
 from tci.cli.skin_picture import maps
 from tci.errors import CommandError, DescriptionError, TciError
@@ -45,13 +47,32 @@ def tci(*arguments: str) -> str:
 
 
 @pytest.mark.parametrize(("name", "axis", "origin", "figures"), FIGURES, ids=lambda value: str(value)[:40])
-def test_cones_through_real_skins(name: str, axis: object, origin: object, figures: dict) -> None:
-    skin = read_skin_file(real_file(name))
+def test_cones_through_genuine_skins(
+    name: str, axis: object, origin: object, figures: dict, genuine_data: SkinData
+) -> None:
+    skin = read_skin_file(genuine_data.file(name))
     for free, (length, rms, largest) in figures.items():
         fit = skin_cone(skin.positions[skin.taxels], origin=np.array(origin), axis=np.array(axis), free=free)
         assert fit.length * 1e3 == pytest.approx(length, abs=1.0)
         assert fit.rms * 1e3 == pytest.approx(rms, abs=0.1)
         assert fit.largest * 1e3 == pytest.approx(largest, abs=0.2)
+
+
+@pytest.mark.parametrize("free", ["none", "axis"])
+@pytest.mark.parametrize("name", ["icub/positions/left_arm", "nao/positions/nao_left_hand"])
+def test_cones_through_made_skins_lie_midway_between_their_modules(
+    name: str, free: Literal["none", "axis"], made_data: SkinData
+) -> None:
+    """The inner half of the modules lies RIPPLE deeper, and a fit rests between both halves."""
+    made, skin = SKINS[name], read_skin_file(made_data.file(f"{name}.txt"))
+    positions = skin.positions[skin.taxels]
+    fit = skin_cone(positions, origin=np.zeros(3), axis=np.array([0.0, 0.0, 1.0]), free=free)
+    ends = np.array([positions[:, 2].min(), positions[:, 2].max()])
+    radii = made.r1 + (made.r2 - made.r1) / LENGTH * ends - RIPPLE / 2
+    assert fit.length == pytest.approx(np.ptp(ends), abs=0.2e-3)
+    np.testing.assert_allclose([fit.r1, fit.r2], radii, atol=0.3e-3)
+    assert fit.rms == pytest.approx(RIPPLE / 2, rel=0.1)
+    assert fit.largest < RIPPLE
 
 
 def test_fit_of_a_written_cone(tmp_path: Path) -> None:

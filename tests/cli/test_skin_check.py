@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from skin_data import real_file
+from skin_data import SkinData
 from tci.cli.main import app
 from tci.frames import apply, rotation_rpy, transform
 from tci.model.catalogue import load_robot
-from tci.model.registration import link_surface, register
+from tci.model.registration import Registration, link_surface, register
 from tci.model.skin.file import read_skin_file
 
 ICUB = load_robot("icub")
@@ -24,8 +24,8 @@ def check(*arguments: str) -> tuple[int, str]:
     return result.exit_code, result.output
 
 
-def test_the_right_arms_file_is_off_and_its_correction_is_found() -> None:
-    file = real_file("icub/positions/right_arm.txt")
+def test_the_right_arms_file_is_off_and_its_correction_is_found(genuine_data: SkinData) -> None:
+    file = genuine_data.file("icub/positions/right_arm.txt")
     status, text = check("icub", "--file", str(file), "--link", "r_upper_arm", "--json")
     assert status == 1
     (row,) = json.loads(text)["skins"]
@@ -46,23 +46,43 @@ def test_the_right_arms_file_is_off_and_its_correction_is_found() -> None:
 
 
 @pytest.mark.parametrize(("name", "link"), [("left_arm", "l_upper_arm"), ("left_leg_lower", "l_lower_leg")])
-def test_files_in_their_links_frame_fit(name: str, link: str) -> None:
-    skin = read_skin_file(real_file(f"icub/positions/{name}.txt"))
+def test_files_in_their_links_frame_fit(name: str, link: str, genuine_data: SkinData) -> None:
+    skin = read_skin_file(genuine_data.file(f"icub/positions/{name}.txt"))
     found = register(skin.positions[skin.valid], link_surface(ICUB, link))
     assert found.fits
     assert not found.mends
     assert found.mean < 0.002
 
 
-def test_a_displacement_that_was_made_is_undone() -> None:
-    """Points of the link itself, moved: no file is needed."""
+def test_a_file_in_another_frame_is_wrong_and_its_correction_is_printed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Points of the link itself, moved."""
     surface = link_surface(ICUB, "l_upper_arm")
-    points = surface.points[::600]
+    points = surface.points[:: len(surface.points) // 192][:192]
     moved = transform(rotation_rpy(0.4, -0.9, 2.0), np.array([0.05, -0.02, 0.08]))
-    found = register(apply(moved, points), surface)
+    file = tmp_path / "left_arm.txt"
+    file.write_text("".join("{:.6f} {:.6f} {:.6f}\n".format(*row) for row in apply(moved, points)))
+    skin = read_skin_file(file)
+    found = register(skin.positions[skin.valid], surface)
     assert found.mean > 0.005
     assert found.corrected_mean < 0.001
     np.testing.assert_allclose(apply(found.correction @ moved, points), points, atol=0.002)
+
+    def known(positions: object, link: object) -> Registration:
+        np.testing.assert_array_equal(positions, skin.positions[skin.valid])
+        assert link is surface
+        return found
+
+    monkeypatch.setattr("tci.cli.skin_check.register", known)  # the search takes half a minute
+    status, text = check("icub", "--file", str(file), "--link", "l_upper_arm", "--json")
+    (row,) = json.loads(text)["skins"]
+    assert (status, row["verdict"], row["correction"]["mends"]) == (1, "wrong", True)
+    np.testing.assert_allclose(row["correction"]["R"], found.correction[:3, :3], atol=1e-3)
+    status, text = check("icub", "--file", str(file), "--link", "l_upper_arm")
+    assert status == 1
+    assert "is in another frame" in text
+    assert "xyz=" in text
 
 
 def test_the_robots_own_skin_and_links_without_meshes() -> None:

@@ -1,4 +1,4 @@
-"""iCub's conventions against the recording of a real iCub's skinManager that nobody here made."""
+"""iCub's conventions for contacts, against a contact list of the iCub's skinManager."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skin_data import real_file
+from made_recordings import HELD, TOUCHED, TOUCHES
+from skin_data import SkinData
 from tci.errors import FrameError
 from tci.interface.skin.manager import (
     NEIGHBOUR,
@@ -38,10 +39,10 @@ LINE = (
 
 
 @pytest.fixture(scope="module")
-def recorded() -> dict[str, list[list[SkinContact]]]:
+def recorded(skin_data: SkinData) -> dict[str, list[list[SkinContact]]]:
     """Contacts of each part, frame by frame."""
     parts: dict[str, list[list[SkinContact]]] = defaultdict(list)
-    for _, contacts in read_skin_events(real_file("recordings/icub_skin_events.log")):
+    for _, contacts in read_skin_events(skin_data.file("recordings/icub_skin_events.log")):
         frame: dict[str, list[SkinContact]] = defaultdict(list)
         for contact in contacts:
             frame[SKIN_PARTS[contact.skin_part]].append(contact)
@@ -50,15 +51,15 @@ def recorded() -> dict[str, list[list[SkinContact]]]:
     return parts
 
 
-def skin_of(part: str) -> SkinLayout:
-    return read_skin_file(real_file(f"icub/positions/{FILES[part]}.txt"))
+def skin_of(data: SkinData, part: str) -> SkinLayout:
+    return read_skin_file(data.file(f"icub/positions/{FILES[part]}.txt"))
 
 
 @pytest.mark.parametrize("part", FILES)
 def test_geometric_centres_partitions_and_forces(
-    part: str, recorded: dict[str, list[list[SkinContact]]]
+    part: str, recorded: dict[str, list[list[SkinContact]]], skin_data: SkinData
 ) -> None:
-    positions = skin_of(part).positions
+    positions = skin_of(skin_data, part).positions
     centres, forces, same = [], [], []
     for contacts in recorded[part]:
         for contact in contacts:
@@ -80,12 +81,16 @@ def test_geometric_centres_partitions_and_forces(
     assert max(forces) <= 1e-6
 
 
-def test_the_recording_is_read_whole(recorded: dict[str, list[list[SkinContact]]]) -> None:
+def test_the_recording_is_read_whole(
+    recorded: dict[str, list[list[SkinContact]]], skin_data: SkinData
+) -> None:
     counts = {part: sum(len(frame) for frame in frames) for part, frames in recorded.items()}
-    assert counts == {
+    genuine = {
         "left_hand": 381, "left_forearm": 1045, "right_hand": 277, "right_forearm": 924, "right_arm": 8,
         "torso": 127,
     }  # fmt: skip
+    made = dict.fromkeys(TOUCHED, TOUCHES * 3 // 2 * HELD)
+    assert counts == skin_data.expect(made=made, genuine=genuine)
 
 
 def test_a_line_is_read(tmp_path: Path) -> None:

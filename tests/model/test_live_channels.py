@@ -1,38 +1,39 @@
-"""Taxels, pads and absent places of a real foot, from its values alone."""
+"""Taxels, pads and absent places of a foot, from its values alone."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from skin_data import real_file
+from skin_data import SkinData
 from tci.errors import TciError
 from tci.model.live_channels import live_channels
 from tci.model.skin.file import read_skin_file
 
 
-def raw(number: str) -> np.ndarray:
-    rows = real_file(f"recordings/icub_right_foot_raw_{number}.log").read_text().splitlines()
+def raw(data: SkinData, number: str) -> np.ndarray:
+    rows = data.file(f"recordings/icub_right_foot_raw_{number}.log").read_text().splitlines()
     return np.array([row.split()[2:] for row in rows], dtype=float)
 
 
-def agreement(values: np.ndarray) -> float:
-    skin = read_skin_file(real_file("icub/positions/right_foot.txt"))
+def agreement(data: SkinData, values: np.ndarray) -> float:
+    skin = read_skin_file(data.file("icub/positions/right_foot.txt"))
     known = np.zeros(384, dtype=bool)
     known[skin.taxels] = True
     return float((live_channels(values) == known).mean())
 
 
-def test_iCub_s_foot_is_told_from_its_pads_and_absent_places() -> None:
-    assert agreement(raw("01")) >= 0.99
-    assert agreement(np.concatenate([raw("01"), raw("08")])) >= 0.99
+def test_iCub_s_foot_is_told_from_its_pads_and_absent_places(skin_data: SkinData) -> None:
+    one, other = raw(skin_data, "01"), raw(skin_data, "08")
+    assert agreement(skin_data, one) >= 0.99
+    assert agreement(skin_data, np.concatenate([one, other])) >= 0.99
 
 
-def test_four_silent_modules_of_the_other_recording_are_all_that_is_missing() -> None:
+def test_four_silent_modules_of_the_other_recording_are_all_that_is_missing(skin_data: SkinData) -> None:
     """There the board of modules 8 to 11 sends 240 for ever: 40 taxels that nobody could see."""
-    values = raw("08")
+    values = raw(skin_data, "08")
     assert (values[:, 96:144] == 240.0).all()
-    assert agreement(values) == pytest.approx(1.0 - 40 / 384)
+    assert agreement(skin_data, values) == pytest.approx(1.0 - 40 / 384)
 
 
 @pytest.mark.parametrize(

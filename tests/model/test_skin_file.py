@@ -1,4 +1,4 @@
-"""Readers of skin calibration files: real ones with their quirks, and damaged ones."""
+"""Readers of skin calibration files: those of each origin with their quirks, and damaged ones."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skin_data import DATA, FOLDERS, cone_file, real_file
+from skin_data import FOLDERS, SkinData, cone_file
 from tci.errors import DescriptionError
 from tci.model.skin.file import read_skin_file
 from tci.model.skin.normals import estimate_normals
@@ -44,27 +44,27 @@ BOTH = {name.replace("left", side): count for name, count in COUNTS.items() for 
 
 
 @pytest.mark.parametrize("name", BOTH)
-def test_real_file_has_its_taxels(name: str) -> None:
-    skin = read_skin_file(real_file(name))
+def test_each_file_has_its_taxels(name: str, skin_data: SkinData) -> None:
+    skin = read_skin_file(skin_data.file(name))
     assert (int(skin.valid.sum()), len(skin.taxels), skin.channels) == BOTH[name]
     lengths = np.linalg.norm(skin.normals, axis=1)
     np.testing.assert_allclose(lengths, np.where(skin.valid, 1.0, 0.0), atol=1e-9)
     assert not skin.positions.flags.writeable
 
 
-def test_every_real_file_is_in_the_table() -> None:
-    real_file("README.md")
-    found = {str(file.relative_to(DATA)) for folder in FOLDERS for file in (DATA / folder).glob("*.txt")}
+def test_every_file_is_in_the_table(skin_data: SkinData) -> None:
+    root = skin_data.folder
+    found = {str(file.relative_to(root)) for folder in FOLDERS for file in (root / folder).glob("*.txt")}
     assert found == set(BOTH)
 
 
-def test_placeholder_and_missing_normals_are_estimated_and_marked() -> None:
+def test_placeholder_and_missing_normals_are_estimated_and_marked(skin_data: SkinData) -> None:
     for name, marked in {"left_arm": 350, "left_forearm_nomesh": 275, "left_forearm_V2": 0}.items():
-        assert read_skin_file(real_file(f"icub/positions/{name}.txt")).estimated.sum() == marked
+        assert read_skin_file(skin_data.file(f"icub/positions/{name}.txt")).estimated.sum() == marked
 
 
-def test_estimated_normals_agree_with_measured_ones() -> None:
-    skin = read_skin_file(real_file("icub/positions/left_forearm_mesh.txt"))
+def test_estimated_normals_agree_with_measured_ones(skin_data: SkinData) -> None:
+    skin = read_skin_file(skin_data.file("icub/positions/left_forearm_mesh.txt"))
     guess = estimate_normals(skin.positions[skin.valid])
     cosines = np.einsum("ni,ni->n", guess, skin.normals[skin.valid])
     assert np.degrees(np.arccos(np.median(cosines))) < 5.0
@@ -140,10 +140,10 @@ def test_nothing_but_its_own_error(data: bytes, cut: int, tmp_path_factory: pyte
     assert skin.valid.any()
 
 
-def test_truncated_real_files_never_load_with_fewer_taxels(tmp_path: Path) -> None:
+def test_truncated_files_never_load_with_fewer_taxels(tmp_path: Path, skin_data: SkinData) -> None:
     for name in ("icub/positions/left_forearm_V2.txt", "icub/positions/left_hand_V2_1.txt"):
-        whole = real_file(name).read_bytes()
-        expected = len(read_skin_file(real_file(name)).taxels)
+        whole = skin_data.file(name).read_bytes()
+        expected = len(read_skin_file(skin_data.file(name)).taxels)
         file = tmp_path / "cut.txt"
         for end in range(0, len(whole), 97):
             file.write_bytes(whole[:end])

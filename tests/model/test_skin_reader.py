@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skin_data import cone_file, real_file
+from skin_data import SkinData, cone_file
 from tci.errors import DescriptionError, UnknownNameError
 from tci.frames import rotation_rpy
 from tci.model.skin.csv import read_skin_csv
@@ -190,6 +190,6 @@ def modules_of(skin: SkinLayout) -> int:
     return len(np.unique(skin.modules[skin.taxels]))
 
 
-def test_modules_of_real_files() -> None:
-    assert modules_of(read_layout(real_file("icub/positions/left_forearm_V2.txt"))) == 24
-    assert modules_of(read_layout(real_file("icub/positions/left_foot.txt"))) == 25
+def test_modules_of_files(skin_data: SkinData) -> None:
+    assert modules_of(read_layout(skin_data.file("icub/positions/left_forearm_V2.txt"))) == 24
+    assert modules_of(read_layout(skin_data.file("icub/positions/left_foot.txt"))) == 25

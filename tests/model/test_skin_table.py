@@ -10,7 +10,7 @@ import pytest
 from lxml import etree
 
 import tci.model
-from skin_data import cone_file, real_file
+from skin_data import SkinData, cone_file
 from tci.errors import DescriptionError
 from tci.interface.skin.skin import Skin
 from tci.model.cone import cone_of
@@ -59,8 +59,10 @@ def test_an_owners_file_in_place_of_the_cone(tmp_path: Path) -> None:
         ("nao/positions/nao_left_hand.txt", 384, 240),
     ],
 )
-def test_real_files_become_surfaces(name: str, channels: int, taxels: int, tmp_path: Path) -> None:
-    robot = nao_with(tmp_path, real_file(name), channels=channels)
+def test_each_origins_files_become_surfaces(
+    name: str, channels: int, taxels: int, tmp_path: Path, skin_data: SkinData
+) -> None:
+    robot = nao_with(tmp_path, skin_data.file(name), channels=channels)
     surface = surface_of(robot)
     assert len(surface.positions) == taxels
     assert 50e-4 < surface.areas.sum() < 300e-4

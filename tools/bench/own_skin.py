@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 import time
 from pathlib import Path
 
@@ -15,8 +16,8 @@ from tci.messages import JointReading, Reading, SkinFrame
 from tci.model.description import Patch, Robot, Table
 from tci.model.skin.reader import read_layout
 
-DATA = Path(__file__).parents[3] / "shared" / "data" / "icub" / "positions_pycub"
-"""Calibration files in the links' frames; they are not part of this repository."""
+DATA = Path(os.environ.get("DATA", ""), "icub", "positions_pycub")
+"""Calibration files in the links' frames; they are not part of this repository (DATA=FOLDER)."""
 FILES = {
     "upper_arm": "arm", "forearm": "forearm", "palm": "hand",
     "thigh": "leg_upper", "shank": "leg_lower", "sole": "foot",
@@ -32,7 +33,7 @@ FRAMES = 400
 def icub_in_its_skin() -> Robot:
     """`icub-whole` with the skins of a real one instead of ours: torso, arms, hands, legs, soles."""
     if not DATA.is_dir():
-        raise SystemExit(f"needs the skins of a real iCub in {DATA}, which are not part of this repository")
+        raise SystemExit(f"needs the skins of a real iCub in {DATA}; valid: DATA=FOLDER make bench")
     robot = tci.load_robot("icub-whole")
     patches = []
     for patch in robot.patches:

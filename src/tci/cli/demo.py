@@ -20,7 +20,7 @@ from tci.errors import MissingExtraError, UnknownNameError
 from tci.messages import Mode
 from tci.model.catalogue import load_robot
 from tci.model.description import Robot
-from tci.runtime.registry import load_server
+from tci.trials.elsewhere import try_server
 from tci.trials.experiment import SIDES, Report, run_experiment, with_skin_rate
 from tci.trials.measure import Trial
 from tci.trials.pictures import draw_demo
@@ -43,14 +43,14 @@ def demo(
     """Run every trial on every robot, then print, draw and write what was measured.
 
     Raises UnknownNameError for a mode that the reflex does not have, and for a middleware that does not
-    reach a robot.
+    reach a robot; what `try_server` raises.
     """
     robots = load_robots(names)
     if via is not None:
         middleware = via.partition(":")[0]
-        load_server(middleware)
         for robot in robots:
             robot.binding(middleware)
+        try_server(robots[0], via)
     if skin_rate is not None:
         robots = [with_skin_rate(robot, skin_rate) for robot in robots]
     reflex = WithdrawalReflex(mode=_mode(mode))

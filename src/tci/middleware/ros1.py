@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 from xmlrpc.client import ServerProxy, Transport
 
-from tci.errors import LinkError
+from tci.errors import LinkError, MissingExtraError
 from tci.middleware.link import Link
 from tci.middleware.ros.link import WAIT, RosLink
 from tci.middleware.ros.node import Hear, Publish, RosNode, namespace_of
@@ -30,6 +30,10 @@ from tci.recording.cdr import MessageType
 
 PLACES = ("/opt/ros/noetic/lib/python3/dist-packages", "/usr/lib/python3/dist-packages")
 """Where ROS 1 and Debian put their Python packages."""
+HOW = (
+    "install ROS 1, or on Debian: apt-get install python3-rospy python3-sensor-msgs python3-trajectory-msgs, "
+    "with a Python of the system's version"
+)
 MASTER_TIMEOUT = 3.0
 """Time [s] that the master or a node has to answer. Ours."""
 BUFFER = 1 << 20
@@ -40,20 +44,23 @@ on the wire. Ours."""
 
 
 def _rospy() -> Any:
-    """The module. Raises ModuleNotFoundError where ROS 1 is not installed."""
+    """The module. Raises MissingExtraError where ROS 1 is not installed."""
     if find_spec("rospy") is None:
         for place in PLACES:
             if Path(place, "rospy").is_dir():
                 sys.path.append(place)  # at the end: nothing of ours is replaced
                 break
-    return import_module("rospy")
+    try:
+        return import_module("rospy")
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("the link 'ros1'", str(error.name), HOW) from error
 
 
 class Ros1Node(RosNode):
     """A share in this process's node: rospy has one per process, which ends with it."""
 
     def __init__(self, name: str) -> None:
-        """Raises LinkError without a master, ModuleNotFoundError without rospy."""
+        """Raises LinkError without a master, MissingExtraError without rospy."""
         super().__init__()
         self._rospy = _rospy()
         self._master = import_module("rosgraph").Master("/tci")

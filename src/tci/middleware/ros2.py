@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from importlib.util import find_spec
 
 from tci.middleware.link import Link
@@ -10,19 +11,18 @@ from tci.middleware.ros.node import RosNode, namespace_of
 from tci.middleware.ros.server import RosServer
 from tci.model.description import Robot
 
+open_node: Callable[[str, str], RosNode]
+"""Opens a node by its name and namespace: of rclpy where that is installed, else of cyclonedds. Raises LinkError
+for settings of the environment that can't be."""
 
-def open_node(name: str, namespace: str) -> RosNode:
-    """A node of rclpy where that is installed, else of cyclonedds.
+if find_spec("rclpy") is not None:
+    from tci.middleware.ros2_rclpy import RclpyNode
 
-    Raises LinkError for settings of the environment that can't be, ModuleNotFoundError with neither.
-    """
-    if find_spec("rclpy") is not None:
-        from tci.middleware.ros2_rclpy import RclpyNode
-
-        return RclpyNode(name, namespace)
+    open_node = RclpyNode
+else:
     from tci.middleware.ros2_dds import DdsNode
 
-    return DdsNode(name, namespace)
+    open_node = DdsNode
 
 
 class Ros2Link(RosLink):

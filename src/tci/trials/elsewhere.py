@@ -48,6 +48,16 @@ class TrialLink(SimulatedLink):
             yield now
 
 
+def try_server(robot: Robot, via: str) -> None:
+    """Opens and closes a server, so that what is missing is told before any trial.
+
+    Raises MissingExtraError without its library, LinkError without what it needs: a master, a name server, a
+    free port.
+    """
+    with SimulatedLink(robot) as link, open_server(link, via):
+        pass
+
+
 class Elsewhere:
     """The other process, with the withdrawal reflex for one robot. It serves any number of pokes."""
 

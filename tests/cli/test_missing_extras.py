@@ -1,0 +1,127 @@
+"""Every command that needs an extra says how to install it, at once, where none is installed."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from tci.cli.demo import demo
+from tci.errors import TciError
+from tci.installed import advice
+from tci.model.generic_arm import JOINTS
+
+ROOT = Path(__file__).parents[2]
+EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+HIDDEN = (
+    "qi cyclonedds rosbags roslibpy pyarrow viser av py_trees lcm zenoh gymnasium trimesh collada rclpy rospy yarp "
+    "icub-models example-robot-data"
+).split()
+ELSEWHERE = {
+    "ros1": "apt-get install python3-rospy",
+    "yarp:bindings": "conda install -c conda-forge yarp-python",
+}
+"""What to do about libraries that are not on PyPI."""
+VIAS = {**ELSEWHERE, **{name: advice(name) for name in ("naoqi", "ros2", "rosbridge", "lcm", "zenoh")}}
+WITH_VIA = (
+    "demo --robot nao --headless --via {}",
+    "run withdrawal --robot nao --via {}",
+    "record new.mcap --robot nao --via {}",
+    "serve nao --via {}",
+    "serve nao --from {} --via player",
+    "check nao --hardware --via {}",
+    "doctor --robot nao --via {}",
+    "skin calibrate nao --patch left_forearm --via {}",
+    "gesture record new.csv --robot nao --via {}",
+    "gesture play wave.csv --robot nao --via {}",
+)
+WITH_ROBOT = (
+    "demo --robot {} --headless",
+    "describe {}",
+    "run withdrawal --robot {}",
+    "doctor --robot {}",
+    "skin check {}",
+    "serve {} --via player",
+)
+ALONE = {
+    "demo --view --headless": "viewer",
+    "view --headless": "viewer",
+    "run withdrawal --robot nao --film a.mp4": "video",
+    "zenoh secure keys --endpoint tls/here:1 --robot nao": "zenoh",
+    "zenoh router wave.csv": "zenoh",
+    "log export one.mcap a.parquet --format parquet": "parquet",
+    "log import bag a.mcap --robot nao": "ros2",
+    "new-robot arm.urdf": "robots",
+    "run tci.capabilities.behaviours:BehaviourTree --robot nao": "behaviours",
+    "run tci.trials.withdrawal_env:WithdrawalEnv --robot nao": "gym",
+}
+CASES = {
+    **{words.format(via): told for words in WITH_VIA for via, told in VIAS.items()},
+    **{words.format("icub"): advice("icub") for words in WITH_ROBOT},
+    **{words.format(name): advice("robots") for words in WITH_ROBOT for name in ("g1", "talos", "alex")},
+    **{words: advice(extra) for words, extra in ALONE.items()},
+}
+RECORD = "record one.mcap --robot nao --duration 0.1"
+GESTURE = f"time_s,{','.join(f'left_arm.{joint}_deg' for joint in JOINTS)}\n0,0,0,0,10,0\n1,0,0,0,20,0\n"
+URDF = '<robot name="arm"><link name="a"><visual><geometry><mesh filename="a.dae"/></geometry></visual></link></robot>'
+
+
+@pytest.fixture(scope="module")
+def said(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[object, str]]:
+    """Exit status and words of every case, all in one process."""
+    folder = tmp_path_factory.mktemp("bare")
+    (folder / "wave.csv").write_text(GESTURE)
+    (folder / "bag").mkdir()
+    (folder / "bag" / "metadata.yaml").touch()
+    (folder / "arm.urdf").write_text(URDF)
+    (folder / "a.dae").touch()
+    words = [RECORD, *CASES]
+    done = subprocess.run(
+        [sys.executable, str(Path(__file__).with_name("bare.py")), ",".join(HIDDEN)],
+        input=json.dumps([command.split() for command in words]), capture_output=True, text=True, check=False,
+        cwd=folder, env={**os.environ, "COLUMNS": "500"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    found = dict(zip(words, json.loads(done.stdout), strict=True))
+    assert found[RECORD][0] == 0, found[RECORD]
+    assert not (folder / "new.mcap").exists()
+    return found
+
+
+def test_every_extra_is_needed_by_some_command() -> None:
+    told = set(CASES.values())
+    assert {extra for extra in EXTRAS if advice(extra) not in told} == set()
+
+
+@pytest.mark.parametrize("words", CASES)
+def test_it_ends_with_what_to_install(words: str, said: dict[str, tuple[object, str]]) -> None:
+    status, text = said[words]
+    assert status == 1, text
+    assert CASES[words] in text
+    assert text.count("needs ") == 1
+    assert "building the worlds" not in text
+
+
+@pytest.mark.parametrize(
+    ("via", "told"),
+    [
+        ("ros1", "no ROS master at http://127.0.0.1:1|apt-get install python3-rospy"),
+        ("rosbridge:127.0.0.1:1", "no rosbridge server at ws://127.0.0.1:1"),
+        ("player:no.such.host", "Player at no.such.host:6665: .*valid: a free port"),
+        ("zenoh:nao@/no/file.json5", "No such file"),
+    ],
+)
+def test_a_demo_looks_first_for_what_serves_it(
+    via: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:1")
+    monkeypatch.setattr("tci.cli.demo.run_experiment", lambda *words, **options: pytest.fail("trials begin"))
+    words = {"mode": "position", "seed": 0, "headless": True, "skin_rate": None, "as_json": False}
+    with pytest.raises(TciError, match=told):
+        demo(["nao"], out=tmp_path / "out", via=via, **words)
+    assert not (tmp_path / "out").exists()

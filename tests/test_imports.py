@@ -6,8 +6,10 @@ import subprocess
 import sys
 
 import pytest
+from typer.testing import CliRunner
 
 import tci
+from tci.cli.main import app
 
 HEAVY = ("pydantic", "lxml", "mujoco", "scipy", "matplotlib", "ruckig", "typer", "rich")
 
@@ -31,6 +33,11 @@ def test_help_and_completion_load_no_simulation(program: str) -> None:
 @pytest.mark.parametrize("name", dir(tci))
 def test_every_public_name_exists(name: str) -> None:
     assert getattr(tci, name) is not None
+
+
+def test_the_command_tells_its_version() -> None:
+    done = CliRunner().invoke(app, ["--version"])
+    assert (done.exit_code, done.output) == (0, f"tci {tci.__version__}\n")
 
 
 def test_unknown_name_is_an_attribute_error() -> None:

@@ -19,9 +19,10 @@ from tci.model.generic_arm import JOINTS
 ROOT = Path(__file__).parents[2]
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
 HIDDEN = (
-    "qi cyclonedds rosbags roslibpy pyarrow viser av py_trees lcm zenoh gymnasium trimesh collada rclpy rospy yarp "
-    "icub-models example-robot-data"
-).split()
+    "qi", "cyclonedds", "rosbags", "roslibpy", "pyarrow", "viser", "av", "py_trees", "lcm", "zenoh",
+    "gymnasium", "trimesh", "collada", "rclpy", "rospy", "yarp", "icub-models", "example-robot-data",
+)  # fmt: skip
+"""Modules, and distributions of models."""
 ELSEWHERE = {
     "ros1": "apt-get install python3-rospy",
     "yarp:bindings": "conda install -c conda-forge yarp-python",
@@ -29,36 +30,36 @@ ELSEWHERE = {
 """What to do about libraries that are not on PyPI."""
 VIAS = {**ELSEWHERE, **{name: advice(name) for name in ("naoqi", "ros2", "rosbridge", "lcm", "zenoh")}}
 WITH_VIA = (
-    "demo --robot nao --headless --via {}",
-    "run withdrawal --robot nao --via {}",
-    "record new.mcap --robot nao --via {}",
+    "demo nao --headless --via {}",
+    "run withdrawal nao --via {}",
+    "record new.mcap nao --via {}",
     "serve nao --via {}",
     "serve nao --from {} --via player",
     "check nao --hardware --via {}",
-    "doctor --robot nao --via {}",
+    "doctor nao --via {}",
     "skin calibrate nao --patch left_forearm --via {}",
-    "gesture record new.csv --robot nao --via {}",
-    "gesture play wave.csv --robot nao --via {}",
+    "gesture record new.csv nao --via {}",
+    "gesture play wave.csv nao --via {}",
 )
 WITH_ROBOT = (
-    "demo --robot {} --headless",
+    "demo {} --headless",
     "describe {}",
-    "run withdrawal --robot {}",
-    "doctor --robot {}",
+    "run withdrawal {}",
+    "doctor {}",
     "skin check {}",
     "serve {} --via player",
 )
 ALONE = {
     "demo --view --headless": "viewer",
     "view --headless": "viewer",
-    "run withdrawal --robot nao --film a.mp4": "video",
-    "zenoh secure keys --endpoint tls/here:1 --robot nao": "zenoh",
+    "run withdrawal nao --film a.mp4": "video",
+    "zenoh secure keys --endpoint tls/here:1 nao": "zenoh",
     "zenoh router wave.csv": "zenoh",
     "log export one.mcap a.parquet --format parquet": "parquet",
-    "log import bag a.mcap --robot nao": "ros2",
+    "log import bag a.mcap nao": "ros2",
     "new-robot arm.urdf": "robots",
-    "run tci.capabilities.behaviours:BehaviourTree --robot nao": "behaviours",
-    "run tci.trials.withdrawal_env:WithdrawalEnv --robot nao": "gym",
+    "run tci.capabilities.behaviours:BehaviourTree nao": "behaviours",
+    "run tci.trials.withdrawal_env:WithdrawalEnv nao": "gym",
 }
 CASES = {
     **{words.format(via): told for words in WITH_VIA for via, told in VIAS.items()},
@@ -66,9 +67,12 @@ CASES = {
     **{words.format(name): advice("robots") for words in WITH_ROBOT for name in ("g1", "talos", "alex")},
     **{words: advice(extra) for words, extra in ALONE.items()},
 }
-RECORD = "record one.mcap --robot nao --duration 0.1"
+RECORD = "record one.mcap nao --duration 0.1"
 GESTURE = f"time_s,{','.join(f'left_arm.{joint}_deg' for joint in JOINTS)}\n0,0,0,0,10,0\n1,0,0,0,20,0\n"
-URDF = '<robot name="arm"><link name="a"><visual><geometry><mesh filename="a.dae"/></geometry></visual></link></robot>'
+URDF = (
+    '<robot name="arm"><link name="a"><visual><geometry><mesh filename="a.dae"/></geometry></visual></link>'
+    "</robot>"
+)
 
 
 @pytest.fixture(scope="module")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -175,6 +176,23 @@ def test_this_machine_names_links_robots_and_its_clock() -> None:
     assert found["link sim"].level is Level.OK
     assert found["robot nao"].level is Level.OK
     assert found["clock"].figures["late_p99_us"] >= found["clock"].figures["late_p50_us"] >= 0.0
+
+
+def test_another_package_in_the_same_folder_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`tci` on PyPI brings a package and a command `tci`; MuJoCo 3 and mujoco-core 4 share a folder."""
+    there = [("tci", "0.1.4", "tci"), ("tactile-capabilities", "0.2.0", "tci"),
+             ("mujoco", "3.17.0", "mujoco"), ("mujoco-core", "4.0.1", "mujoco")]  # fmt: skip
+    for name, version, module in there:
+        folder = tmp_path / f"{name.replace('-', '_')}-{version}.dist-info"
+        folder.mkdir()
+        (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n")
+        (folder / "top_level.txt").write_text(f"{module}\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    found = {finding.subject: finding for finding in examine_machine(duration=0.1)}
+    assert found["package tci"].level is Level.WARNING
+    assert "tactile-capabilities 0.2.0 and tci 0.1.4 write into the same folder" in found["package tci"].what
+    assert "mujoco 3.17.0 and mujoco-core 4.0.1" in found["package mujoco"].what
+    assert found["package mujoco"].advice.startswith("pip uninstall mujoco mujoco-core, then")
 
 
 def test_a_robot_without_patches_has_only_joints() -> None:

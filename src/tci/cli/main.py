@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 import signal
 import sys
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 
+import tci
 from tci.cli.fault import app as fault_app
 from tci.cli.gesture import app as gesture_app
 from tci.cli.log import app as log_app
@@ -33,6 +34,21 @@ app.add_typer(fault_app, name="fault")
 app.add_typer(gesture_app, name="gesture")
 app.add_typer(log_app, name="log")
 app.add_typer(zenoh_app, name="zenoh")
+
+
+def _print_version(asked: bool) -> None:
+    if asked:
+        print(f"tci {tci.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def main_options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print TCI's version.")
+    ] = False,
+) -> None:
+    """Options before any command."""
 
 
 INTERRUPTED = 130

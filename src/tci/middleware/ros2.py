@@ -12,8 +12,8 @@ from tci.middleware.ros.server import RosServer
 from tci.model.description import Robot
 
 open_node: Callable[[str, str], RosNode]
-"""Opens a node by its name and namespace: of rclpy where that is installed, else of cyclonedds. Raises LinkError
-for settings of the environment that can't be."""
+"""Opens a node by its name and namespace: of rclpy where that is installed, else of cyclonedds. Raises
+LinkError for settings of the environment that can't be."""
 
 if find_spec("rclpy") is not None:
     from tci.middleware.ros2_rclpy import RclpyNode

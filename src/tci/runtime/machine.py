@@ -6,6 +6,7 @@ import os
 import platform
 import sys
 from collections.abc import Iterator
+from importlib.metadata import distribution, packages_distributions
 
 import numpy as np
 
@@ -28,11 +29,27 @@ def examine_machine(*, duration: float = 0.4) -> tuple[Finding, ...]:
     system = f"TCI {tci.__version__}, Python {platform.python_version()}, {platform.platform(terse=True)}"
     return (
         Finding(Level.OK, "machine", f"{system}, {os.cpu_count()} processors"),
+        *_shared_folders(),
         *_links(),
         *_robots(),
         *_lease(),
         *_timing(duration),
     )
+
+
+def _shared_folders() -> Iterator[Finding]:
+    """Distributions of different releases in one folder: another's `tci`, MuJoCo 3 beside mujoco-core 4."""
+    found = packages_distributions()
+    for module in ("tci", "mujoco"):
+        releases = {name: distribution(name).version for name in sorted(found.get(module, ()))}
+        if len(set(releases.values())) > 1:
+            said = " and ".join(f"{name} {version}" for name, version in releases.items())
+            yield Finding(
+                Level.WARNING,
+                f"package {module}",
+                f"{said} write into the same folder: the last one installed counts",
+                f"pip uninstall {' '.join(releases)}, then install again the one that you need",
+            )
 
 
 def _links() -> Iterator[Finding]:

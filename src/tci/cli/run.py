@@ -73,6 +73,8 @@ def _from_module(module: str, name: str) -> object:
     """What a module has by that name; the module may be in this folder."""
     sys.path.insert(0, "")
     try:
+        if module.startswith("."):  # to Python the name of a neighbour, and nobody asks from inside a package
+            raise ImportError("a path is no module")
         return getattr(import_module(module), name)
     except (ImportError, AttributeError, ValueError) as error:
         raise CommandError(f"{module}:{name}: {error}; valid: MODULE:CLASS, as in my_file:Shrug") from error

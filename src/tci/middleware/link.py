@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from types import TracebackType
 from typing import Self
 
@@ -23,6 +23,9 @@ class Link(ABC):
     A subclass talks to the robot in `_receive`, `_send` and `_close`; it owns units and order of the
     robot. Reading is always allowed; writing needs an armed link and a command made by `gate`.
     """
+
+    before_write: Callable[[], None] | None = None
+    """Raises LinkError where this process may no longer command the robot; asked before each command."""
 
     def __init__(
         self,
@@ -97,14 +100,16 @@ class Link(ABC):
     def write(self, safe: SafeCommand) -> SafeCommand:
         """Send a command of this link's gate, and return what was sent.
 
-        Raises LinkError when the link is closed or not armed, or when another gate, or nobody's
-        gate, made the command.
+        Raises LinkError when the link is closed or not armed, when another gate, or nobody's gate, made the
+        command, and when somebody else commands the robot.
         """
         self._check_open()
         if not self.armed:
             raise LinkError(
                 f"the link to {self.robot.name} is read-only; connect with arm=True (--arm) to move it"
             )
+        if self.before_write is not None:
+            self.before_write()
         self.gate.check_out(safe)
         self._send(safe)
         return safe

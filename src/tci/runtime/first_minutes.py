@@ -15,7 +15,7 @@ from tci.model.description import Patch, Robot, Servo
 from tci.runtime.doctor import judge
 from tci.runtime.hardware import ServoCheck
 from tci.runtime.hardware_skin import SkinCheck
-from tci.runtime.lease import lease
+from tci.runtime.lease import commanding
 from tci.runtime.operator import Operator
 from tci.runtime.streams import observe
 
@@ -51,7 +51,7 @@ def first_minutes(
             tell(finding)
 
     check = ServoCheck(link, operator)
-    with lease(link.lease_name):
+    with commanding(link):
         note(finding for finding in judge(link, observe(link, LOOK)) if finding.level is not Level.OK)
         names = {servo.name for servo in link.robot.servos}
         if any(finding.level is Level.FAULT and finding.subject not in names for finding in found):

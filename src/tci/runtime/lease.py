@@ -12,55 +12,158 @@ from __future__ import annotations
 import fcntl
 import hashlib
 import os
+import re
 import stat
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from tci.errors import LinkError
+from tci.middleware.link import Link
 
 FOLDER = "TCI_LEASES"
 """Environment variable: another folder, such as one that containers share."""
 VALID = f"valid: a folder of your own; {FOLDER} names another, the same for all who command the robot"
+_HOLDER = re.compile(rb"process [0-9]{1,10}")
 
 
-@contextmanager
-def lease(name: str) -> Iterator[None]:
-    """Hold the lease called `name` inside the block.
+class Lease:
+    """A held lease. A forked child does not inherit it, and who removes its file does not end it."""
 
-    Raises LinkError when somebody holds it already, and for a folder that others may write to.
-    """
-    folder = _folder()
-    path = folder / f"{hashlib.sha256(name.encode()).hexdigest()[:24]}.lease"
-    with (
-        _opened(folder, os.O_RDONLY | os.O_DIRECTORY) as place,
-        _opened(path, os.O_RDWR | os.O_CREAT) as handle,
-    ):
-        # systemd clears old files out of /tmp, but not out of a folder that somebody has locked.
-        fcntl.flock(place, fcntl.LOCK_SH)
+    def __init__(self, name: str) -> None:
+        """Raises LinkError when somebody holds it already, for a folder that others may write to, and for a
+        file that can't be locked."""
+        self._name = name
+        self._path = _folder() / f"{hashlib.sha256(name.encode()).hexdigest()[:24]}.lease"
+        self._owner = os.getpid()
+        self._handles: list[int] = []
+        self._take()
+
+    def check(self) -> None:
+        """To call before each write. Where the file was removed or its folder renamed, take the lease anew.
+
+        Raises LinkError when somebody else was faster, in a forked child, and as the constructor.
+        """
+        if os.getpid() != self._owner:
+            raise LinkError(
+                f"{self._name} is commanded by process {self._owner}, which this one was forked from; "
+                "valid: a link of its own in each process"
+            )
+        if not self._handles or not _is_at(self._path, self._found):
+            self.close()
+            self._take()
+
+    def close(self) -> None:
+        """Let go of it. A second call does nothing."""
+        with _LOCK:
+            _HELD.discard(self)
+            while self._handles:
+                os.close(self._handles.pop())
+
+    def _take(self) -> None:
+        try:
+            while not self._lock():
+                self.close()  # it was removed meanwhile
+        except OSError as error:
+            self.close()
+            raise LinkError(
+                f"the lease {self._path}: {error.strerror}; valid: a plain file, or none"
+            ) from error
+        except LinkError:
+            self.close()
+            raise
+
+    def _lock(self) -> bool:
+        """Lock the file; false where that is no longer the one at its path."""
+        _make(self._path.parent)
+        place = self._opened(self._path.parent, os.O_RDONLY | os.O_DIRECTORY)
+        handle = self._opened(self._path, os.O_RDWR | os.O_CREAT | os.O_NONBLOCK)
+        self._found = os.fstat(handle)
+        if not stat.S_ISREG(self._found.st_mode):
+            raise LinkError(f"the lease {self._path} is no plain file; valid: a plain file, or none")
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            holder = os.read(handle, 64).decode(errors="replace") or "another process"
+            said = os.pread(handle, 64, 0)
+            holder = said.decode() if _HOLDER.fullmatch(said) else "another process"
             raise LinkError(
-                f"{name} is commanded by {holder} already; valid: one commander at a time"
+                f"{self._name} is commanded by {holder} already; valid: one commander at a time"
             ) from None
+        # systemd clears old files out of /tmp, but not out of a folder that somebody has locked.
+        fcntl.flock(place, fcntl.LOCK_SH)
+        if not _is_at(self._path, self._found):
+            return False
         os.ftruncate(handle, 0)
         os.pwrite(handle, f"process {os.getpid()}".encode(), 0)
-        yield
+        return True
+
+    def _opened(self, path: Path, flags: int) -> int:
+        with _LOCK:
+            _HELD.add(self)
+            handle = os.open(path, flags | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+            self._handles.append(handle)
+            return handle
+
+
+def _is_at(path: Path, found: os.stat_result) -> bool:
+    """Tells if a path leads to the file that was found there before."""
+    try:
+        return os.path.samestat(os.lstat(path), found)
+    except OSError:
+        return False
+
+
+_HELD: set[Lease] = set()
+_LOCK = threading.Lock()
+"""Nobody forks while handles change."""
+
+
+def _let_go() -> None:
+    """For a forked child: as long as it keeps the files open, it shares its parent's locks."""
+    for held in tuple(_HELD):
+        held.close()
+
+
+os.register_at_fork(before=_LOCK.acquire, after_in_parent=_LOCK.release, after_in_child=_LOCK.release)
+os.register_at_fork(after_in_child=_let_go)
 
 
 @contextmanager
-def _opened(path: Path, flags: int) -> Iterator[int]:
-    handle = os.open(path, flags | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+def lease(name: str) -> Iterator[Lease]:
+    """Hold the lease called `name` inside the block. Raises LinkError as `Lease` does."""
+    held = Lease(name)
     try:
-        yield handle
+        yield held
     finally:
-        os.close(handle)
+        held.close()
+
+
+@contextmanager
+def commanding(link: Link) -> Iterator[None]:
+    """Hold the lease on the robot of `link` inside the block; its `write` makes sure of it each time.
+
+    Raises LinkError as `Lease` does.
+    """
+    with lease(link.lease_name) as held:
+        link.before_write = held.check
+        try:
+            yield
+        finally:
+            link.before_write = None
 
 
 def _folder() -> Path:
     folder = Path(os.environ.get(FOLDER) or f"/tmp/tci-{os.getuid()}")
+    if not folder.is_absolute():
+        raise LinkError(
+            f"{FOLDER} is {str(folder)!r}; valid: an absolute path, wherever a program is started"
+        )
+    return folder
+
+
+def _make(folder: Path) -> None:
+    """Make a folder that is not there. Raises LinkError for one that is not the user's own."""
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         found = folder.lstat()
@@ -72,4 +175,3 @@ def _folder() -> Path:
         raise LinkError(f"leases lie in {folder}, which belongs to somebody else; {VALID}")
     if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
         raise LinkError(f"leases lie in {folder}, which others may write to; {VALID}")
-    return folder

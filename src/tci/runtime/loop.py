@@ -23,7 +23,7 @@ from tci.interface.gate.gate import GateState, SafeCommand
 from tci.messages import JointReading, Order, Perception, PlatformOrder, Reading, SkinState
 from tci.middleware.link import Link
 from tci.runtime.guards import Silence, frozen_garbage, interruptions
-from tci.runtime.lease import lease
+from tci.runtime.lease import commanding
 from tci.runtime.loop_report import LoopReport
 from tci.runtime.result import Account, RunResult
 
@@ -90,7 +90,7 @@ def run(
     """
     loop = _Loop(link, capability, observe, guard, report if report is not None else LoopReport(), write)
     loop.sensed = sensed
-    with lease(link.lease_name), interruptions() as interruption, frozen_garbage():
+    with commanding(link), interruptions() as interruption, frozen_garbage():
         try:
             start = link.clock.now()
             loop.begin(start)

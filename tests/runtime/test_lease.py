@@ -1,0 +1,203 @@
+"""Two commanders of one robot, whatever is done to the file that says who commands it."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+import tci
+from tci.errors import LinkError
+from tci.middleware.simulated import SimulatedLink
+from tci.runtime.lease import _let_go, commanding, lease
+
+NAME = "the robot of these tests"
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder for leases of a test's own."""
+    folder = tmp_path / "leases"
+    monkeypatch.setenv("TCI_LEASES", str(folder))
+    return folder
+
+
+def file_in(folder: Path) -> Path:
+    """The file of the only lease that was ever taken there."""
+    (file,) = folder.iterdir()
+    return file
+
+
+def refused(words: str) -> None:
+    with pytest.raises(LinkError, match=words), lease(NAME):
+        pytest.fail("the lease was given")
+
+
+@pytest.fixture
+def forked() -> Iterator[Callable[[Callable[[], None]], int]]:
+    """Forks a child that does something and then waits; the child is killed in the end."""
+    children: list[int] = []
+
+    def fork(act: Callable[[], None]) -> int:
+        child = os.fork()
+        if child == 0:  # nothing of pytest may go on in here
+            try:
+                act()
+                time.sleep(60.0)
+            finally:
+                os._exit(1)
+        children.append(child)
+        return child
+
+    yield fork
+    for child in children:
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+
+
+def test_26_a_forked_child_does_not_keep_the_lease_of_its_killed_parent(
+    folder: Path, forked: Callable[[Callable[[], None]], int]
+) -> None:
+    read_end, write_end = os.pipe()
+
+    def command_and_fork() -> None:
+        with lease(NAME):
+            if os.fork() == 0:
+                os.write(write_end, b"%d" % os.getpid())
+                time.sleep(60.0)
+                os._exit(0)
+            time.sleep(60.0)
+
+    parent = forked(command_and_fork)
+    child = int(os.read(read_end, 20))
+    try:
+        refused(f"commanded by process {parent} already")
+        os.kill(parent, signal.SIGKILL)
+        os.waitid(os.P_PID, parent, os.WEXITED | os.WNOWAIT)
+        with lease(NAME):
+            os.kill(child, 0)  # it still lives
+    finally:
+        os.kill(child, signal.SIGKILL)
+
+
+def test_26_a_forked_child_does_not_command_beside_its_parent(folder: Path) -> None:
+    link = SimulatedLink(tci.load_robot("nao"))
+
+    def write() -> None:
+        link.write(link.gate.step((), link.read().joints, link.clock.now()))
+
+    read_end, write_end = os.pipe()
+    with commanding(link):
+        child = os.fork()
+        if child == 0:
+            try:
+                write()
+            except LinkError as error:
+                os.write(write_end, str(error).encode())
+            finally:
+                os._exit(0)
+        os.waitpid(child, 0)
+        os.close(write_end)
+        with os.fdopen(read_end) as said:
+            assert f"process {os.getpid()}, which this one was forked from; valid: a link" in said.read()
+        write()
+        with pytest.raises(LinkError, match=f"commanded by process {os.getpid()}"), commanding(link):
+            pytest.fail("the child's end gave the lease away")
+
+
+@pytest.mark.parametrize("make", [
+    lambda path, other: path.symlink_to(other),
+    lambda path, other: os.mkfifo(path),
+    lambda path, other: path.mkdir(),
+])  # fmt: skip
+def test_26_a_lease_file_that_is_none_is_refused_in_words(
+    make: Callable[[Path, Path], None], folder: Path, tmp_path: Path
+) -> None:
+    with lease(NAME):
+        file = file_in(folder)
+    file.unlink()
+    make(file, tmp_path / "elsewhere")
+    refused(f"the lease {file}.*; valid: a plain file, or none")
+    assert not (tmp_path / "elsewhere").exists()
+
+
+@pytest.mark.parametrize("whole_folder", [False, True])
+def test_26_a_lease_whose_file_is_taken_away_stays_with_its_holder(folder: Path, whole_folder: bool) -> None:
+    with lease(NAME) as held:
+        if whole_folder:
+            folder.rename(folder.with_name("elsewhere"))
+        else:
+            file_in(folder).unlink()
+        held.check()
+        refused(f"commanded by process {os.getpid()} already")
+    with lease(NAME):
+        pass
+
+
+@pytest.mark.parametrize("whole_folder", [False, True])
+def test_26_who_is_quicker_than_the_holder_of_a_removed_file_commands_alone(
+    folder: Path, whole_folder: bool
+) -> None:
+    link = SimulatedLink(tci.load_robot("nao"))
+    with commanding(link):
+        safe = link.write(link.gate.step((), link.read().joints, link.clock.now()))
+        if whole_folder:
+            folder.rename(folder.with_name("elsewhere"))
+        else:
+            file_in(folder).unlink()
+        with lease(link.lease_name) as second:
+            for _ in range(2):
+                safe = link.gate.step((), link.read().joints, link.clock.now())
+                with pytest.raises(LinkError, match=f"commanded by process {os.getpid()} already"):
+                    link.write(safe)
+            second.check()
+
+
+def test_26_a_lease_that_is_removed_while_it_is_taken_is_taken_anew(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lock, removed = fcntl.flock, []
+
+    def remove_first(handle: int, how: int) -> None:
+        if not removed:
+            removed.append(file_in(folder))
+            removed[0].unlink()
+        lock(handle, how)
+
+    monkeypatch.setattr(fcntl, "flock", remove_first)
+    with lease(NAME):
+        assert file_in(folder) == removed[0]
+        refused(f"commanded by process {os.getpid()} already")
+
+
+def test_26_what_a_forked_child_lets_go_is_all_of_a_lease(folder: Path) -> None:
+    before = set(os.listdir("/proc/self/fd"))
+    with lease(NAME):
+        _let_go()
+        assert set(os.listdir("/proc/self/fd")) == before
+        with lease(NAME):
+            pass
+
+
+@pytest.mark.parametrize("said", [b"\x1b[2J\x1b]0;owned\x07", "process \u0661".encode(), b"process 1\n", b""])
+def test_26_a_holder_is_named_by_its_number_and_by_nothing_else_that_stands_there(
+    folder: Path, said: bytes
+) -> None:
+    with lease(NAME):
+        file_in(folder).write_bytes(said)
+        refused("commanded by another process already")
+
+
+@pytest.mark.parametrize("value", ["leases", "./leases", "~/leases", "../leases"])
+def test_26_a_folder_that_differs_by_where_one_stands_is_refused(
+    value: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("TCI_LEASES", value)
+    refused("TCI_LEASES is .*; valid: an absolute path")
+    assert not list(tmp_path.iterdir())

@@ -82,6 +82,7 @@ def test_help_shows_every_unit(name: str) -> None:
         (["run", "withdrawal", "nao", "--duration", "nan"], "valid: above 0 s"),
         (["run", "withdrawal", "nao", "--film", "none/shrug.gif"], "none is no folder"),
         (["run", "nowhere:Shrug", "nao"], "valid: MODULE:CLASS"),
+        (["run", "../../x:y", "nao"], "../../x:y: a path is no module; valid: MODULE:CLASS"),
         (["run", "math:pi", "nao"], "valid: a subclass of tci.Capability"),
         (["view", "--port", "99999"], "less than or equal to 65535"),
         (["describe", "nao.txt"], "or the path of a description (.xml)"),

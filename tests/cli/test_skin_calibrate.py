@@ -137,6 +137,8 @@ def pressed() -> World:
         ("time,force\n0,1\n0,1\n", "line 3"),
         ("time,force\n0,1\nnan,1\n", "line 3"),
         ("time,force\n0,1\n1,2,3\n", "line 3"),
+        ("time,force\n0,1\n1_0,2\n", "line 3"),
+        ("time,force\n0,1\n\u0661,2\n", "line 3"),
     ],
 )
 def test_a_bad_log_is_one_error(text: str, words: str, tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from time import process_time
 
 import numpy as np
 import pytest
@@ -65,15 +66,71 @@ def test_empty_lines_in_a_csv_are_passed_over(tmp_path: Path) -> None:
         ("time_s,a.b_deg\n0,1\n1\n", "line 3: 1 values; valid: 2 numbers"),
         ("time_s,a.b_deg\n0,1\n1,x\n", "line 3: 2 values; valid: 2 numbers"),
         ("time_s,a.b_deg\n0,1\n0,1\n", "rising from 0"),
-        ("time_s,a.b_deg\n0,1\n1,nan\n", "finite"),
+        ("time_s,a.b_deg\n0,1\n1,1e999\n", "finite"),
         ("time_s,a.b_deg\n\n0,1\n\n1\n", "line 5: 1 values"),
-        ("time_s,a.b_deg\n0," + "1" * 200_000, "is no CSV: field larger"),
+        ("time_s,a." + "b" * 200_000 + "_deg\n0,1\n1,1\n", "is no CSV: field larger"),
+        ("time_s,a.b_deg,a.b_deg\n0,1,1\n1,2,2\n", "line 1: second column 'a.b_deg'; valid: each joint once"),
+        ("time_s,a.b_deg,c.d_deg,a.e_deg\n0,1,1,1\n", "'a.e_deg'; valid: the columns of a part together"),
+        ("time_s,\x1b[2Ja.b_deg\n0,1\n1,2\n", r"column '\\x1b\[2Ja.b_deg'; valid: part.joint_deg"),
+        ("time_s" + ",a.b_deg" * 1000 + "\n0,1\n", "at most 1000 columns"),
     ],
 )
 def test_a_damaged_csv_is_refused(tmp_path: Path, text: str, told: str) -> None:
     (tmp_path / "g.csv").write_text(text)
     with pytest.raises(DescriptionError, match=told):
         read_csv(tmp_path / "g.csv")
+
+
+@pytest.mark.parametrize(
+    "word",
+    ["1_0", "\u0661", "\uff11", " 1", "1 ", "0x1", "nan", "inf", '"1"', "1e", ".", "+-1", "1\u2028", "1\x1c"],
+)
+def test_numbers_of_a_gesture_are_read_as_strictly_as_those_of_a_robot(tmp_path: Path, word: str) -> None:
+    (tmp_path / "g.csv").write_text(f"time_s,a.b_deg\n0,1\n1,{word}\n")
+    with pytest.raises(DescriptionError, match=r"line 3: \d values; valid: 2 numbers"):
+        read_csv(tmp_path / "g.csv")
+    if word == word.strip():  # BVH separates its numbers by spaces
+        text = bvh(waving()[:3], rest=0.0)
+        for place in ("0.000000000", "90.000000000", "0.05", "Frames: 3"):
+            at = text.rindex(place)
+            damaged = text[:at] + text[at:].replace(place.split()[-1], word, 1)
+            (tmp_path / "g.bvh").write_text(damaged)
+            with pytest.raises(DescriptionError, match=r"line \d+: .*valid: "):
+                read_bvh(tmp_path / "g.bvh")
+
+
+def repeated(rows: list[str], size: int) -> str:
+    """Rows again and again, until they are `size` [bytes] long."""
+    block = "\n".join(rows) + "\n"
+    return block * (size // len(block))
+
+
+@pytest.mark.timeout(200)
+def test_a_large_gesture_is_read_or_refused_soon(tmp_path: Path) -> None:
+    begin = process_time()
+    joints = [f"part{number // 5}.joint{number % 5}_deg" for number in range(25)]
+    rows = [f"{number * 0.016:.3f}" + ",-12.34567" * 25 for number in range(56_000_000 // 258)]
+    (tmp_path / "wide.csv").write_text("\n".join([",".join(["time_s", *joints]), *rows]))
+    gesture, names = read_csv(tmp_path / "wide.csv")
+    write_csv(gesture, tmp_path / "again.csv", names)
+    assert gesture.postures["part4"].shape == (len(rows), 5)
+    (tmp_path / "narrow.csv").write_text("time_s,a.b_deg\n" + repeated(["0.001,-12.34567"], 56_000_000))
+    with pytest.raises(DescriptionError, match="line 500002: too large; valid: at most 500000 rows"):
+        read_csv(tmp_path / "narrow.csv")
+    assert process_time() - begin < 20.0
+
+
+@pytest.mark.timeout(200)
+def test_large_motion_capture_is_read_or_refused_soon(tmp_path: Path) -> None:
+    head, mark, rows = bvh(np.tile(waving(), (5, 1)), rest=0.0).partition("Frame Time: 0.05\n")
+    (tmp_path / "long.bvh").write_text(head + mark + repeated(rows.split("\n"), 18_000_000))
+    begin = process_time()
+    assert read_bvh(tmp_path / "long.bvh").duration == pytest.approx(2111.0, abs=10.0)
+    assert process_time() - begin < 10.0
+    many = "JOINT x{}\n{{\nOFFSET 0 0 0\n"
+    (tmp_path / "deep.bvh").write_text("HIERARCHY\n" + "".join(many.format(n) for n in range(400_000)))
+    with pytest.raises(DescriptionError, match="line 752: too large; valid: at most 250 joints"):
+        read_bvh(tmp_path / "deep.bvh")
 
 
 def test_a_recording_is_in_the_torso_frame() -> None:
@@ -252,7 +309,11 @@ def test_a_motion_that_begins_with_straight_arms_to_the_sides(tmp_path: Path) ->
             "hang on nothing in common",
         ),
         (("Xrotation", "Wrotation"), "valid: Xposition"),
-        (("OFFSET 0 40 0", "OFFSET 0 nan 0"), "line 8: 'nan'; valid: a finite number"),
+        (("Xrotation", "Zrotation"), "valid: Xposition, .*, each once, after their number"),
+        (("CHANNELS 3", "CHANNELS 2"), "valid: Xposition, .*, each once, after their number"),
+        ((":LeftArm", ":LeftHand"), "second joint 'mixamorig:LeftHand'; valid: .* each of its own name"),
+        (("CHANNELS", "}\n{ CHANNELS"), "no HIERARCHY with CHANNELS and a MOTION"),
+        (("OFFSET 0 40 0", "OFFSET 0 nan 0"), "line 8: 'nan'; valid: a finite decimal number"),
     ],
 )
 def test_damaged_motion_capture_is_refused(tmp_path: Path, change: tuple[str, str], told: str) -> None:

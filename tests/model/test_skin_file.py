@@ -99,6 +99,7 @@ DAMAGE = {
     "list longer than the rows": (HEAD + f"taxel2Repr ({13 * '3 '})\n" + 12 * ROW, 15, "row 12"),
     "list cut off": (HEAD + "taxel2Repr ( 3 3\n" + 12 * ROW, 3, "cut off"),
     "bad representative": (HEAD + f"taxel2Repr ( x {11 * '3 '})\n" + 12 * ROW, 3, "'x'"),
+    "underscore": (HEAD + 11 * ROW + "0.01 0.0_1 0 0 0 1\n", 14, "y is '0.0_1'"),
     "nan": (HEAD + 11 * ROW + "0.01 nan 0 0 0 1\n", 14, "y is 'nan'"),
     "infinite": (HEAD + "inf 0 0 0 0 1\n" + 11 * ROW, 3, "x is 'inf'"),
     "millimetres": (HEAD + "10 20 30 0 0 1\n" + 11 * ROW, 3, "x is '10'"),

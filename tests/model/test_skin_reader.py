@@ -65,6 +65,7 @@ DAMAGE = {
     "half a normal": ("x [m], y [m], z [m], nx\n0,0,0,1\n", 1, "only nx"),
     "rows missing": (HEAD, 1, "no taxels"),
     "cut in a row": (HEAD + ROWS + "5, 10", 6, "2 cells"),
+    "underscore": (HEAD + ROWS.replace("15, 0, 0", "1_5, 0, 0"), 3, "x is '1_5'"),
     "nan": (HEAD + ROWS.replace("15, 0, 0", "nan, 0, 0"), 3, "x is 'nan'"),
     "huge": (HEAD + ROWS.replace("15, 0, 0", "15e9, 0, 0"), 3, "x is '15e9'"),
     "metres as millimetres": (HEAD.replace("mm]", "m]") + ROWS, 2, "x is '10'"),

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import os
 import struct
+import time
 from pathlib import Path
 
 import numpy as np
@@ -112,6 +114,26 @@ def test_58_a_bomb_is_refused_before_it_unpacks(tmp_path: Path) -> None:
     assert path.stat().st_size < LARGEST // 1000
     with pytest.raises(RecordingError, match="at most"):
         list(Recording(path).ticks())
+
+
+@pytest.mark.timeout(120)
+@pytest.mark.parametrize("chunks", [0, 47])
+def test_58_gigabytes_of_nothing_end_soon(chunks: int, tmp_path: Path) -> None:
+    """A recording that goes on as a hole of 3 GB, with and without chunks that lie in it."""
+    path = tmp_path / "a.mcap"
+    write(path, 30, closed=False)
+    with path.open("r+b") as file:
+        file.seek(0, os.SEEK_END)
+        for _ in range(chunks):
+            size = LARGEST - 100
+            file.write(struct.pack("<BQQQQIIQ", 6, size + 40, 0, 0, size, 0, 0, size))
+            file.seek(size, os.SEEK_CUR)
+        file.truncate(3 << 30)
+    begin = time.process_time()
+    recording = Recording(path)
+    assert len(list(recording.ticks())) == 30
+    assert not recording.complete
+    assert time.process_time() - begin < 10.0
 
 
 def test_a_file_of_another_kind_is_named(tmp_path: Path) -> None:

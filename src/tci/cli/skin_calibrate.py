@@ -33,6 +33,7 @@ from tci.model.skin.calibration import (
     write_calibration,
 )
 from tci.model.surfaces import Surface, build_surface
+from tci.model.xml.values import decimal
 from tci.runtime.registry import connect
 from tci.simulation.finger import STIFFNESS
 
@@ -190,12 +191,12 @@ def read_force_log(path: Path) -> tuple[Array, Array]:
     values: list[tuple[float, float]] = []
     for line, row in enumerate(rows[1:], start=2):
         try:
-            time, force = (float(cell) for cell in row)
+            time, force = (decimal(cell.strip(" ")) for cell in row)
         except ValueError:
             raise TciError(
                 f"{path}: line {line}: {row}; valid: two numbers, time [s] and force [N]"
             ) from None
-        if not (np.isfinite(time) and np.isfinite(force)) or (values and time <= values[-1][0]):
+        if values and time <= values[-1][0]:
             raise TciError(f"{path}: line {line}: {row}; valid: finite numbers, times that rise")
         values.append((time, force))
     if len(values) < 2:

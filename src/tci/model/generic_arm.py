@@ -42,16 +42,17 @@ def upper_arm_rotation(posture: Array, side: Side, *, axial: bool) -> Array:
 
 
 def shoulder_angles(R_MU: Array, side: Side) -> Array:
-    """Generic angles (3,) [rad] of an upper arm at `R_MU` (3, 3): the inverse of `upper_arm_rotation`.
+    """Generic angles (..., 3) [rad] of upper arms at `R_MU` (..., 3, 3): the inverse of `upper_arm_rotation`.
 
     Straight to the side pitch and yaw turn about one line; then pitch is 0.
     """
     s = side_sign(side)
-    roll = np.arcsin(np.clip(-R_MU[1, 2], -1.0, 1.0))
-    if np.hypot(R_MU[0, 2], R_MU[2, 2]) < SIDEWAYS:
-        return np.array([0.0, s * roll, -s * np.arctan2(-R_MU[0, 1], R_MU[0, 0])])
-    pitch, yaw = np.arctan2(-R_MU[0, 2], R_MU[2, 2]), -s * np.arctan2(R_MU[1, 0], R_MU[1, 1])
-    return np.array([pitch, s * roll, yaw])
+    roll = np.arcsin(np.maximum(np.minimum(-R_MU[..., 1, 2], 1.0), -1.0))
+    sideways = np.hypot(R_MU[..., 0, 2], R_MU[..., 2, 2]) < SIDEWAYS
+    pitch = np.where(sideways, 0.0, np.arctan2(-R_MU[..., 0, 2], R_MU[..., 2, 2]))
+    sine = np.where(sideways, -R_MU[..., 0, 1], R_MU[..., 1, 0])
+    cosine = np.where(sideways, R_MU[..., 0, 0], R_MU[..., 1, 1])
+    return np.stack([pitch, s * roll, -s * np.arctan2(sine, cosine)], axis=-1)
 
 
 def forearm_rotation(posture: Array, side: Side, *, axial: bool) -> Array:

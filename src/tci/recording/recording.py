@@ -10,14 +10,15 @@ import io
 import struct
 from collections import Counter
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import zstandard
 from mcap.exceptions import EndOfFile, McapError
-from mcap.records import Channel, Chunk, Footer, Message, Metadata, Schema
-from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
+from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Metadata, Schema
+from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_stream
 
 from tci.errors import RecordingError
 from tci.messages import JointReading, Reading, SkinFrame
@@ -163,9 +164,7 @@ class Recording:
         with _Bounded(io.FileIO(self.path)) as file:
             limit = min(LARGEST, self.path.stat().st_size)
             # Channels and schemas come again after the data; that does no harm.
-            records = StreamReader(
-                file, emit_chunks=True, validate_crcs=False, record_size_limit=limit
-            ).records
+            records = _Records(file, emit_chunks=True, record_size_limit=limit).records
             try:
                 yield from self._unpacked(records)
             except (EndOfFile, struct.error):
@@ -179,10 +178,22 @@ class Recording:
         for record in records:
             if isinstance(record, Chunk):
                 _check_chunk(record)
-                yield from breakup_chunk(record, validate_crc=True)
+                stream, _ = get_chunk_data_stream(record, validate_crc=True)
+                with suppress(EndOfFile):
+                    yield from _Records(stream, skip_magic=True, emit_chunks=True).records
             else:
                 yield record
                 self.complete |= isinstance(record, Footer)
+
+
+class _Records(StreamReader):
+    """The records of a file or a chunk, up to where it is zeros: a system that crashed leaves such files, and
+    of a hole of gigabytes every nine bytes would be a record."""
+
+    def _read_record(self, opcode: int, length: int) -> McapRecord | None:
+        if opcode == 0:  # no record has it
+            raise EndOfFile
+        return super()._read_record(opcode, length)
 
 
 class _Bounded(io.BufferedReader):

@@ -7,21 +7,27 @@ the file's rest pose, as it does with the arms hanging or stretched out sideways
 
 from __future__ import annotations
 
+import io
 import re
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from tci.errors import DescriptionError, Fault, TciError
-from tci.frames import Array, angle_between, read_only, rotation_x, rotation_y, rotation_z
+from tci.errors import TciError
+from tci.frames import Array, angle_between, read_only
 from tci.interface.gestures.gesture import Gesture
-from tci.model.generic_arm import Side, forearm_rotation, shoulder_angles, side_sign
-from tci.model.xml.document import read_bytes
+from tci.interface.gestures.rows import LARGEST, read_rows
+from tci.model.generic_arm import Side, shoulder_angles, side_sign
+from tci.model.xml.document import read_bytes, refuse, shown
+from tci.model.xml.values import InvalidValueError, decimal
 
-LARGEST = 64 << 20
-"""Largest file [bytes]."""
+BONES = 250
+"""Most joints of a skeleton. Assumed: one with all fingers has about 60."""
+BLOCK = 4096
+"""Frames that are worked out at a time."""
 STRAIGHT = 0.1
 """Sine of the elbow's angle below which it does not tell how the upper arm is turned. Ours."""
 NONE = 1e-6
@@ -34,8 +40,7 @@ ROLES = {
     "hand": r"(hand|wrist)",
 }
 """What joints of an arm are called, after their side."""
-TURNS = {"X": rotation_x, "Y": rotation_y, "Z": rotation_z}
-CHANNELS = tuple(f"{axis}{what}" for what in ("position", "rotation") for axis in TURNS)
+CHANNELS = tuple(f"{axis}{what}" for what in ("position", "rotation") for axis in "XYZ")
 
 
 @dataclass(slots=True)
@@ -56,27 +61,20 @@ def read_bvh(path: Path) -> Gesture:
     """
     source = str(path)
     text = read_bytes(path, limit=LARGEST).decode("utf-8", errors="replace")
+    bones, period, frames = _parse(source, list(io.StringIO(text, newline=None)))
     try:
-        bones, period, frames = _parse(text.splitlines())
         return _gesture(bones, period, frames)
-    except _BadLineError as error:
-        raise DescriptionError(source, [Fault(error.line, str(error))]) from None
     except TciError as error:
-        raise DescriptionError(source, [Fault(0, str(error))]) from error
+        raise refuse(source, 0, str(error)) from error
 
 
-class _BadLineError(Exception):
-    def __init__(self, line: int, message: str) -> None:
-        super().__init__(message)
-        self.line = line
-
-
-def _parse(lines: list[str]) -> tuple[list[Bone], float, Array]:
+def _parse(source: str, lines: list[str]) -> tuple[list[Bone], float, Array]:
     """The bones, the time [s] between frames, and the channels' values (frames, channels)."""
     bones: list[Bone] = []
     stack: list[int] = []
     current, channels, start = -1, 0, -1
     end_site = False
+    taken: set[str] = set()
     for number, line in enumerate(lines, start=1):
         words = line.split()
         if not words or words[0] in ("HIERARCHY",):
@@ -85,7 +83,12 @@ def _parse(lines: list[str]) -> tuple[list[Bone], float, Array]:
             start = number
             break
         if words[0] in ("ROOT", "JOINT") and len(words) >= 2:
-            bones.append(Bone(" ".join(words[1:]), stack[-1] if stack else -1, np.zeros(3)))
+            name = " ".join(words[1:])
+            if len(bones) == BONES or name in taken:
+                reason = f"second joint {shown(name)}" if name in taken else "too large"
+                raise refuse(source, number, f"{reason}; valid: at most {BONES} joints, each of its own name")
+            taken.add(name)
+            bones.append(Bone(name, stack[-1] if stack else -1, np.zeros(3)))
             current = len(bones) - 1
         elif words[:2] == ["End", "Site"]:
             end_site = True
@@ -96,46 +99,40 @@ def _parse(lines: list[str]) -> tuple[list[Bone], float, Array]:
             end_site = False
         elif words[0] == "OFFSET" and len(words) == 4:
             if not end_site and bones:
-                bones[current].offset = np.array([_number(word, number) for word in words[1:]])
+                bones[current].offset = np.array([_number(source, word, number) for word in words[1:]])
         elif words[0] == "CHANNELS" and bones:
             names = tuple(words[2:])
-            if any(name not in CHANNELS for name in names):
-                raise _BadLineError(number, f"channels {' '.join(names)}; valid: {', '.join(CHANNELS)}")
+            if words[1:2] != [str(len(names))] or len({*names} & {*CHANNELS}) != len(names):
+                told = shown(" ".join(words[1:]))
+                valid = f"{', '.join(CHANNELS)}, each once, after their number"
+                raise refuse(source, number, f"channels {told}; valid: {valid}")
             bones[current].channels, bones[current].first = names, channels
             channels += len(names)
         else:
-            raise _BadLineError(
-                number, f"{words[0][:20]!r}; valid: ROOT, JOINT, End Site, OFFSET, CHANNELS, {{ }}"
+            raise refuse(
+                source, number, f"{words[0][:20]!r}; valid: ROOT, JOINT, End Site, OFFSET, CHANNELS, {{ }}"
             )
-    if start < 0 or not bones:
-        raise _BadLineError(0, "no HIERARCHY with a MOTION after it; valid: a BVH file")
+    if start < 0 or not channels:
+        raise refuse(source, 0, "no HIERARCHY with CHANNELS and a MOTION after it; valid: a BVH file")
     head = [line.split() for line in lines[start : start + 2]]
-    if len(head) < 2 or head[0][:1] != ["Frames:"] or head[1][:2] != ["Frame", "Time:"]:
-        raise _BadLineError(start + 1, "valid after MOTION: 'Frames: N' and 'Frame Time: SECONDS'")
-    declared, period = _number(head[0][-1], start + 1), _number(head[1][-1], start + 2)
-    rows = []
-    for number, line in enumerate(lines[start + 2 :], start=start + 3):
-        if words := line.split():
-            if len(words) != channels:
-                raise _BadLineError(number, f"{len(words)} values; valid: {channels}, one for each channel")
-            rows.append([_number(word, number) for word in words])
+    if [words[:-1] for words in head] != [["Frames:"], ["Frame", "Time:"]]:
+        raise refuse(source, start + 1, "valid after MOTION: 'Frames: N' and 'Frame Time: SECONDS'")
+    declared, period = _number(source, head[0][-1], start + 1), _number(source, head[1][-1], start + 2)
+    rows = read_rows(source, lines, start + 2, channels, mark=None)
     if len(rows) < declared:
-        raise _BadLineError(
-            start + 1, f"{declared:g} frames, of which {len(rows)} are there; valid: a whole file"
+        raise refuse(
+            source, start + 1, f"{declared:g} frames, of which {len(rows)} are there; valid: a whole file"
         )
     if len(rows) < 2 or not 0.0 < period < 10.0:
-        raise _BadLineError(start + 1, f"{len(rows)} frames of {period} s; valid: 2 or more, each above 0 s")
-    return bones, period, np.array(rows)
+        raise refuse(source, start + 1, f"{len(rows)} frames of {period} s; valid: 2 or more, each above 0 s")
+    return bones, period, rows
 
 
-def _number(word: str, line: int) -> float:
+def _number(source: str, word: str, line: int) -> float:
     try:
-        value = float(word)
-    except ValueError:
-        value = np.nan
-    if not np.isfinite(value):
-        raise _BadLineError(line, f"{word[:20]!r}; valid: a finite number")
-    return value
+        return decimal(word)
+    except InvalidValueError as error:
+        raise refuse(source, line, f"{word[:20]!r}; valid: {error}") from None
 
 
 def _gesture(bones: list[Bone], period: float, frames: Array) -> Gesture:
@@ -145,22 +142,24 @@ def _gesture(bones: list[Bone], period: float, frames: Array) -> Gesture:
     chest = next((bone for bone in lines[0] if bone in lines[1]), None)
     if chest is None:
         raise TciError("the arms hang on nothing in common; valid: one skeleton with one ROOT")
-    rest_rotations, rest = _pose(bones, np.zeros(frames.shape[1]))
-    R_RT = _torso(rest, arms["left"][0], arms["right"][0])
+    rest_rotations, rest = _pose(bones, np.zeros((1, frames.shape[1])))
+    R_RT = _torso(rest[0], arms["left"][0], arms["right"][0])
     postures: dict[str, list[Array]] = {f"{side}_arm": [] for side in sides}
     bends = {side: np.zeros(3) for side in sides}  # nothing is known yet
-    for frame in frames[1:] if _begins_with_rest(bones, arms, chest, period, frames) else frames:
-        rotations, places = _pose(bones, frame)
-        R_WT = rotations[chest] @ R_RT
-        for side, (upper, fore, hand) in arms.items():
-            points = np.array([places[upper], places[fore], places[hand]]) @ R_WT
-            thumb = R_WT.T @ rotations[hand] @ rest_rotations[hand].T @ R_RT[:, 0]
-            posture, bends[side] = _posture(points, thumb, side, bends[side])
-            postures[f"{side}_arm"].append(posture)
+    begin = int(_begins_with_rest(bones, arms, chest, period, frames))
+    for block in range(begin, len(frames), BLOCK):
+        rotations, places = _pose(bones, frames[block : block + BLOCK])
+        R_WT = rotations[:, chest] @ R_RT
+        for side, arm in arms.items():
+            points = places[:, arm] @ R_WT
+            hand = rotations[:, arm[2]] @ rest_rotations[0, arm[2]].T @ R_RT[:, 0]
+            thumb = np.einsum("kji,kj->ki", R_WT, hand)
+            angles, bends[side] = _postures(points, thumb, side, bends[side])
+            postures[f"{side}_arm"].append(angles)
     # No angle jumps by a turn from one frame to the next.
-    angles = {part: np.unwrap(np.array(rows), axis=0) for part, rows in postures.items()}
-    times = period * np.arange(len(angles["left_arm"]))
-    return Gesture(read_only(times), {part: read_only(rows) for part, rows in angles.items()})
+    angles_of = {part: np.unwrap(np.concatenate(rows), axis=0) for part, rows in postures.items()}
+    times = period * np.arange(len(frames) - begin)
+    return Gesture(read_only(times), {part: read_only(rows) for part, rows in angles_of.items()})
 
 
 def _begins_with_rest(
@@ -170,11 +169,11 @@ def _begins_with_rest(
     faster than anybody's to the second one."""
     if len(frames) < 3:
         return False
-    limbs = []
-    for frame in frames[:2]:
-        rotations, places = _pose(bones, frame)
-        ends = [(places[b] - places[a]) @ rotations[chest] for arm in arms.values() for a, b in pairwise(arm)]
-        limbs.append(np.array(ends))
+    rotations, places = _pose(bones, frames[:2])
+    limbs = [
+        np.array([(place[b] - place[a]) @ rotation[chest] for arm in arms.values() for a, b in pairwise(arm)])
+        for rotation, place in zip(rotations, places, strict=True)
+    ]
     turned = [angle_between(one, other) for one, other in zip(*limbs, strict=True)]
     return max(turned) / period > FASTEST
 
@@ -207,34 +206,36 @@ def _line(bones: list[Bone], bone: int) -> list[int]:
     return line[1:]
 
 
-def _pose(bones: list[Bone], values: Array) -> tuple[list[Array], list[Array]]:
-    """Rotation (3, 3) and place (3,) of every bone in the file's world."""
-    rotations: list[Array] = []
-    places: list[Array] = []
-    for bone in bones:
-        rotation, shift = np.eye(3), np.array(bone.offset)
-        for index, channel in enumerate(bone.channels):
-            value = float(values[bone.first + index])
-            if channel.endswith("rotation"):
-                rotation = rotation @ TURNS[channel[0]](np.deg2rad(value))
-            elif bone.parent < 0:
-                shift["XYZ".index(channel[0])] += value
+def _pose(bones: list[Bone], frames: Array) -> tuple[Array, Array]:
+    """Rotations (k, bones, 3, 3) and places (k, bones, 3) in the file's world, in k frames."""
+    rotations, places = np.empty((len(frames), len(bones), 3, 3)), np.empty((len(frames), len(bones), 3))
+    for number, bone in enumerate(bones):
+        values = frames[:, bone.first : bone.first + len(bone.channels)]
+        turns = [index for index, channel in enumerate(bone.channels) if channel.endswith("rotation")]
+        rotation: Array = np.eye(3)
+        if turns:
+            order = "".join(bone.channels[index][0] for index in turns)
+            rotation = Rotation.from_euler(order, values[:, turns], degrees=True).as_matrix()
         if bone.parent >= 0:
-            base = rotations[bone.parent]
-            shift, rotation = places[bone.parent] + base @ shift, base @ rotation
-        rotations.append(rotation)
-        places.append(shift)
+            base = rotations[:, bone.parent]
+            places[:, number] = places[:, bone.parent] + base @ bone.offset
+            rotations[:, number] = base @ rotation
+        else:
+            places[:, number], rotations[:, number] = bone.offset, rotation
+            for index, channel in enumerate(bone.channels):
+                if index not in turns:
+                    places[:, number, "XYZ".index(channel[0])] += values[:, index]
     return rotations, places
 
 
-def _torso(rest: list[Array], left: int, right: int) -> Array:
+def _torso(rest: Array, left: int, right: int) -> Array:
     """The torso frame seen from the file's world in the rest pose (3, 3): the shoulders say what is left, and
     up is the axis of the file along which the skeleton is longest across it."""
     y = rest[left] - rest[right]
     if np.linalg.norm(y) < 1e-6:
         raise TciError("both shoulders are at one place in the rest pose; valid: a skeleton with its offsets")
     y = y / np.linalg.norm(y)
-    extent = np.ptp(np.array(rest), axis=0) * (np.abs(y) < 0.7)
+    extent = np.ptp(rest, axis=0) * (np.abs(y) < 0.7)
     up = np.eye(3)[int(np.argmax(extent))]
     middle = (rest[left] + rest[right]) / 2.0
     up = up * np.sign(up @ (middle - rest[0]) or 1.0)
@@ -243,29 +244,37 @@ def _torso(rest: list[Array], left: int, right: int) -> Array:
     return np.column_stack([np.cross(y, z), y, z])
 
 
-def _posture(points: Array, thumb: Array, side: Side, before: Array) -> tuple[Array, Array]:
-    """Generic angles (5,) [rad] with shoulder, elbow and wrist at `points` (3, 3); -axis of flexion (3,).
+def _postures(points: Array, thumb: Array, side: Side, before: Array) -> tuple[Array, Array]:
+    """Generic angles (k, 5) [rad] with shoulder, elbow and wrist at `points` (k, 3, 3); the last -axis of
+    flexion (3,).
 
-    Where the elbow is straight that is the one of `before`, or what would bend the forearm forward.
+    Where the elbow is straight that is the one of the frame before, at first `before`, or what would bend the
+    forearm forward.
     """
-    steps = np.diff(points, axis=0)
-    lengths = np.linalg.norm(steps, axis=1, keepdims=True)
+    steps = np.diff(points, axis=1)
+    lengths = np.linalg.norm(steps, axis=2, keepdims=True)
     if not lengths.all():
         raise TciError(f"two joints of the {side} arm are at one place; valid: a skeleton with its offsets")
-    upper, fore = steps / lengths
-    forward, left = np.eye(3)[:2]
-    choices = (np.cross(fore, upper), before - upper * float(before @ upper), np.cross(forward, upper), left)
-    across = next(
-        one
-        for one, least in zip(choices, (STRAIGHT, NONE, NONE, 0.0), strict=True)
-        if np.linalg.norm(one) > least
-    )
-    y = across / np.linalg.norm(across)
+    upper, fore = np.moveaxis(steps / lengths, 1, 0)
+    across = np.cross(fore, upper)
+    sine = np.linalg.norm(across, axis=1)
+    flexion = np.arctan2(sine, np.einsum("ki,ki->k", upper, fore))
+    y = across / np.maximum(sine, NONE)[:, None]
+    for index in np.flatnonzero(sine <= STRAIGHT):
+        y[index] = _bend(upper[index], y[index - 1] if index else before)
     z = -upper
-    shoulder = shoulder_angles(np.column_stack([np.cross(y, z), y, z]), side)
-    flexion = float(np.arctan2(np.linalg.norm(np.cross(upper, fore)), upper @ fore))
-    posture = np.array([*shoulder, flexion, 0.0])
-    R_TF = forearm_rotation(posture, side, axial=False)
-    seen = R_TF.T @ thumb
-    posture[4] = -side_sign(side) * float(np.arctan2(seen[1], seen[0]))
-    return posture, y
+    x = np.cross(y, z)
+    shoulder = shoulder_angles(np.stack([x, y, z], axis=-1), side)
+    flexor = np.cos(flexion)[:, None] * x + np.sin(flexion)[:, None] * z  # the forearm's x without pronation
+    pronation = np.arctan2(np.einsum("ki,ki->k", y, thumb), np.einsum("ki,ki->k", flexor, thumb))
+    return np.column_stack([shoulder, flexion, -side_sign(side) * pronation]), y[-1]
+
+
+def _bend(upper: Array, before: Array) -> Array:
+    """-axis of flexion (3,) of an elbow that is straight, or nearly so."""
+    forward, left = np.eye(3)[:2]
+    choices = (before - upper * float(before @ upper), np.cross(forward, upper), left)
+    lengths = [float(np.linalg.norm(choice)) for choice in choices]
+    best = next(index for index, length in enumerate(lengths) if length > NONE)
+    bend: Array = choices[best] / lengths[best]
+    return bend

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import csv
+import io
 from pathlib import Path
 
 import numpy as np
 
-from tci.errors import DescriptionError, Fault, TciError
+from tci.errors import TciError
 from tci.frames import read_only
 from tci.interface.gestures.gesture import Gesture
-from tci.model.xml.document import read_bytes
+from tci.interface.gestures.rows import COLUMNS, LARGEST, read_rows
+from tci.model.xml.document import read_bytes, refuse, shown
 
-LARGEST = 64 << 20
-"""Largest file [bytes]."""
 TIME = "time_s"
 UNIT = "_deg"
 
@@ -25,11 +25,11 @@ def write_csv(gesture: Gesture, path: Path, names: dict[str, list[str]]) -> None
     """
     columns = [f"{part}.{joint}{UNIT}" for part in gesture.postures for joint in names[part]]
     angles = np.rad2deg(np.hstack(list(gesture.postures.values())))
+    form = ",".join(["%.9g", *["%.7g"] * angles.shape[1]]) + "\r\n"
     with path.open("x", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow([TIME, *columns])
-        for time, row in zip(gesture.times, angles, strict=True):
-            writer.writerow([f"{time:.9g}", *(f"{angle:.7g}" for angle in row)])
+        csv.writer(file).writerow([TIME, *columns])
+        rows = np.column_stack([gesture.times, angles]).tolist()
+        file.writelines(form % tuple(row) for row in rows)
 
 
 def read_csv(path: Path) -> tuple[Gesture, dict[str, list[str]]]:
@@ -40,30 +40,15 @@ def read_csv(path: Path) -> tuple[Gesture, dict[str, list[str]]]:
     source = str(path)
     try:
         text = read_bytes(path, limit=LARGEST).decode("utf-8-sig")
-        rows = [(line, row) for line, row in enumerate(csv.reader(text.splitlines()), start=1) if row]
+        lines = list(io.StringIO(text, newline=None))
+        first = next((number for number, line in enumerate(lines) if not line.isspace()), 0)
+        head = next(csv.reader(lines[first : first + 1]), [])
     except UnicodeDecodeError as error:
-        raise DescriptionError(source, [Fault(0, f"is not UTF-8: {error.reason}")]) from error
+        raise refuse(source, 0, f"is not UTF-8: {error.reason}") from error
     except csv.Error as error:
-        raise DescriptionError(source, [Fault(0, f"is no CSV: {error}")]) from error
-    head = rows[0][1] if rows else []
-    if not head or head[0] != TIME or len(head) < 2:
-        raise DescriptionError(source, [Fault(1, f"the first line is {TIME},part.joint{UNIT},...")])
-    names: dict[str, list[str]] = {}
-    for column in head[1:]:
-        part, dot, joint = column.removesuffix(UNIT).partition(".")
-        if not dot or not column.endswith(UNIT) or (names and part in names and part != list(names)[-1]):
-            fault = f"column {column!r}; valid: part.joint{UNIT}, those of a part together"
-            raise DescriptionError(source, [Fault(1, fault)])
-        names.setdefault(part, []).append(joint)
-    numbers = np.zeros((len(rows) - 1, len(head)))
-    for number, (line, row) in enumerate(rows[1:]):
-        try:
-            if len(row) != len(head):
-                raise ValueError
-            numbers[number] = [float(value) for value in row]
-        except ValueError:
-            fault = f"{len(row)} values; valid: {len(head)} numbers"
-            raise DescriptionError(source, [Fault(line, fault)]) from None
+        raise refuse(source, 0, f"is no CSV: {error}") from error
+    names = _names(source, head)
+    numbers = read_rows(source, lines, first + 1, len(head), mark=",")
     postures, begin = {}, 1
     for part, joints in names.items():
         end = begin + len(joints)
@@ -72,4 +57,23 @@ def read_csv(path: Path) -> tuple[Gesture, dict[str, list[str]]]:
     try:
         return Gesture(read_only(numbers[:, 0]), postures), names
     except TciError as error:
-        raise DescriptionError(source, [Fault(0, str(error))]) from error
+        raise refuse(source, 0, str(error)) from error
+
+
+def _names(source: str, head: list[str]) -> dict[str, list[str]]:
+    """The joints' names by part, of a first line."""
+    if head[:1] != [TIME] or not 2 <= len(head) <= COLUMNS:
+        raise refuse(source, 1, f"the first line is {TIME},part.joint{UNIT},... of at most {COLUMNS} columns")
+    names: dict[str, list[str]] = {}
+    last = ""
+    for column in head[1:]:
+        part, dot, joint = column.removesuffix(UNIT).partition(".")
+        if not dot or not column.endswith(UNIT) or not column.isprintable():
+            raise refuse(source, 1, f"column {shown(column)}; valid: part.joint{UNIT}")
+        if part in names and part != last:
+            raise refuse(source, 1, f"column {shown(column)}; valid: the columns of a part together")
+        if joint in names.setdefault(part, []):
+            raise refuse(source, 1, f"second column {shown(column)}; valid: each joint once")
+        names[part].append(joint)
+        last = part
+    return names

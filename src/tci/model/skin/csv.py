@@ -21,6 +21,7 @@ from tci.model.skin.layout import SkinLayout, hexagons, make_layout
 from tci.model.skin.text import MAX_DISTANCE, MAX_ROWS, read_lines
 from tci.model.xml.document import Faults, refuse, shown
 from tci.model.xml.node import listed, nearest
+from tci.model.xml.values import InvalidValueError, decimal
 
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 LENGTHS = ("x", "y", "z")
@@ -175,8 +176,8 @@ def _row(
 
 def _number(text: str) -> float:
     try:
-        return float(text)
-    except ValueError:
+        return decimal(text)
+    except InvalidValueError:
         return math.nan
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from tci.errors import DescriptionError
 from tci.model.xml.document import Faults, read_bytes, refuse, shown
+from tci.model.xml.values import InvalidValueError, decimal
 
 MAX_BYTES = 1 << 21
 """Largest file [bytes] that is read. The largest known has 90 kB."""
@@ -105,8 +106,8 @@ def parse_row(words: list[str], number: int, faults: Faults) -> list[float]:
     values = []
     for place, word in enumerate(words):
         try:
-            value = float(word)
-        except ValueError:
+            value = decimal(word)
+        except InvalidValueError:
             value = math.nan
         most = MAX_DISTANCE if place < 3 else 1.001
         if not abs(value) <= most:

@@ -19,7 +19,9 @@ Unit = Literal["deg", "rad"]
 MAX_ANGLE = 4.0 * math.pi
 """Two turns [rad]: no joint goes further, so a larger angle is in the wrong unit (ours)."""
 
-_NUMBER = re.compile(r"[+-]?([0-9]+(\.[0-9]*)?|\.[0-9]+)([eE][+-]?[0-9]{1,3})?")
+NUMBER = r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?"
+"""Pattern of a plain ASCII decimal."""
+_NUMBER = re.compile(NUMBER)
 _INTEGER = re.compile(r"[0-9]{1,9}")
 
 

@@ -20,3 +20,12 @@ def test_example(path: Path) -> None:
 def test_the_reflex_answers_in_the_long_example() -> None:
     run = subprocess.run([sys.executable, str(EXAMPLES[1])], capture_output=True, text=True, check=True)
     assert "left_arm withdraws" in run.stdout
+
+
+def test_a_move_takes_as_long_whatever_rate_a_loop_has() -> None:
+    (example,) = (path for path in EXAMPLES if path.stem == "09_own_rate")
+    run = subprocess.run([sys.executable, str(example)], capture_output=True, text=True, check=True)
+    times = [float(line.split()[-2]) for line in run.stdout.splitlines()]
+    assert len(times) == 4
+    assert max(times) - min(times) <= 0.03, run.stdout
+    assert "gate.step is called" not in run.stderr

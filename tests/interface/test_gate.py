@@ -426,3 +426,43 @@ def test_what_lies_ahead_is_where_the_robot_then_is() -> None:
     for _ in range(50):
         driven.step()
     assert driven.angles[safe.servos] == pytest.approx(ahead, abs=1e-9)
+
+
+def called_at(times: list[float], caplog: pytest.LogCaptureFixture) -> list[str]:
+    """What is logged when the gate is called at these times [s], with fresh joints and nothing to do."""
+    gate = Gate(make_robot(), period=PERIOD, stale_after=10.0)
+    for now in times:
+        gate.step((), reading(ZERO, now), now)
+    said = [record.getMessage() for record in caplog.records if record.name == "tci"]
+    caplog.clear()
+    return said
+
+
+def test_a_loop_at_a_rate_of_its_own_is_told_at_its_second_late_call(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    late = [0.0, 0.02, 0.0401]
+    assert not called_at(late[:2], caplog)
+    (said,) = called_at(late, caplog)
+    assert "called every 20.1 ms and plans for 2 ms: motions take 10 times as long; valid: " in said
+    assert "a step in each of link.ticks(), or connect to 'sim' with rate=49.75" in said
+    assert len(called_at([0.02 * number for number in range(100)], caplog)) == 1
+
+
+@pytest.mark.parametrize(
+    "times",
+    [
+        [PERIOD * number for number in range(50)],
+        [1.04 * PERIOD * number for number in range(50)],
+        [0.1 * PERIOD * number for number in range(50)],
+        [0.0, 0.02, 0.022, 0.042, 0.044],
+        [0.0, 0.02, 0.05, 0.06, 0.1],
+        [0.0, 0.002, *(0.02 * number for number in range(1, 50))],
+        [0.0, 0.02, -1.0, -0.98],
+    ],
+    ids=["in time", "a little slow", "quick", "now and then", "busy machine", "delayed", "time goes back"],
+)
+def test_a_loop_at_the_gates_rate_is_told_nothing(
+    times: list[float], caplog: pytest.LogCaptureFixture
+) -> None:
+    assert not called_at(times, caplog)

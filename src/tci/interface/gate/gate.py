@@ -8,6 +8,7 @@ and the robot's own body (`self_collision`).
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Sequence
 from types import MappingProxyType
@@ -32,7 +33,11 @@ EARLY = 0.05
 """Share of a period by which a step may come early and still move. Ours."""
 CATCH_UP = 0.5
 """Share of a period that a late call may make up for in the next. Ours: timers jitter, bursts don't pass."""
+STEADY = 0.1
+"""Share by which two late calls may differ and still come from a loop at a rate of its own. Assumed: what a
+busy machine delays comes at odd times."""
 SHARES = (Mode.STIFFNESS, Mode.DAMPING)
+_log = logging.getLogger("tci")
 _NONE: MappingProxyType[int, float] = MappingProxyType({})
 
 
@@ -67,6 +72,7 @@ class Gate:
         self._told = self._motion.reference
         self._stopped = self._held = ""
         self._credit, self._before = 1.0, -np.inf
+        self._pace = 0.0
 
     @property
     def robot(self) -> Robot:
@@ -148,7 +154,8 @@ class Gate:
         """What may be written at time `now` [s], given new `commands` and the latest `joints`.
 
         Call it once per period, also without commands: motions go on. A late call takes one step, and a
-        call before its time none, so that what is written is never faster than the limits. A command
+        call before its time none, so that what is written is never faster than the limits; a loop that is
+        late each time is warned of once. A command
         that can't be accepted does not raise, since the robot needs a next position all the same: it is
         refused whole, counted, and named in `refusals`; what was running goes on. An argument of another
         type is a mistake in the program and raises what Python raises. `refused` are reasons why others did
@@ -233,12 +240,32 @@ class Gate:
             return False
         if self._before > -np.inf:
             passed = max(0.0, now - self._before) / self.period
+            self._look_at_rate(passed)
             self._credit = min(self._credit + passed, 1.0 + CATCH_UP)
         self._before = max(self._before, now)
         if self._credit < 1.0 - EARLY:
             return False
         self._credit -= 1.0
         return True
+
+    def _look_at_rate(self, passed: float) -> None:
+        """Warn of a loop at a rate of its own, at its second late call; `passed` [periods] since the last.
+
+        A loop that was ever in time is only delayed, and told of that by who runs it.
+        """
+        if passed <= 1.0 + CATCH_UP:
+            self._pace = math.nan
+        elif abs(passed - self._pace) <= STEADY * passed:
+            self._pace = math.nan
+            rate = 1.0 / (passed * self.period)
+            _log.warning(
+                f"{self.robot.name}: gate.step is called every {1e3 / rate:.4g} ms and plans for "
+                f"{1e3 * self.period:.4g} ms: motions take {passed:.3g} times as long; valid: a step in each "
+                f"of link.ticks(), or connect to 'sim' with rate={rate:.4g}; other links have the rate of "
+                "their binding in the robot's description"
+            )
+        elif not math.isnan(self._pace):
+            self._pace = passed
 
     def _set_share(self, command: PlatformCommand, shares: dict[int, float]) -> list[str]:
         """Stiffness or damping: shares 0..1, clamped and reported. Raises CommandError."""

@@ -178,9 +178,10 @@ class Recording:
         for record in records:
             if isinstance(record, Chunk):
                 _check_chunk(record)
-                stream, _ = get_chunk_data_stream(record, validate_crc=True)
+                stream, length = get_chunk_data_stream(record, validate_crc=True)
                 with suppress(EndOfFile):
-                    yield from _Records(stream, skip_magic=True, emit_chunks=True).records
+                    data = io.BytesIO(stream.read(length))
+                    yield from _Records(data, skip_magic=True, emit_chunks=True).records
             else:
                 yield record
                 self.complete |= isinstance(record, Footer)

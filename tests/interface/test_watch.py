@@ -80,6 +80,7 @@ def test_21_a_stalled_servo_is_told_within_its_patience() -> None:
     found = first_fault(one_servo(stalled), turning)
     assert found is not None
     assert "joint2 does not follow" in found[1]
+    assert found[1].endswith("from its reference; held or pushed, blocked, stalled or limp")
     assert 0.3 < found[0] < 1.0
 
 
@@ -104,7 +105,10 @@ def test_19_a_motion_against_its_command_is_told_after_a_tenth_of_a_second() -> 
     for joints in readings(one_servo(reversed_)):
         if fault := watch.step(joints, reference(turning, joints.stamp)):
             break
-    assert "joint2 moves against its command; check the sign of its scale" in fault
+    assert (
+        "joint2 moves against its command; pushed or pulled; if nothing touches it, the sign of its gamma"
+        in fault
+    )
     assert settings.opposing < joints.stamp < settings.opposing + 3 * PERIOD
 
 

@@ -159,9 +159,11 @@ class Watch:
             return ""
         name, way = self._names[servos[int(self._worst[0])]], np.rad2deg(self._worst[1])
         if found == LATE:
-            return f"{name} does not follow: {way:.1f} degrees from its reference; stalled, blocked or limp"
+            causes = "held or pushed, blocked, stalled or limp"
+            return f"{name} does not follow: {way:.1f} degrees from its reference; {causes}"
         if found == OPPOSED:
-            return f"{name} moves against its command; check the sign of its scale (gamma)"
+            causes = "pushed or pulled; if nothing touches it, the sign of its gamma is wrong"
+            return f"{name} moves against its command; {causes}"
         return f"the encoder of {name} stands still while its reference moved by {way:.1f} degrees"
 
     def _judges(self, modes: tuple[Mode, ...]) -> NDArray[np.bool_]:

@@ -11,6 +11,7 @@ import tci
 class Shrug(tci.Capability[dict[str, tuple[np.ndarray, float]]]):
     """Lifts a touched arm to the side. Memory: where each arm was [rad], and when it was touched [s]."""
 
+    parts: tuple[str, ...] = ("left_arm", "right_arm")  # a touch may also be on NAO's head
     threshold: float = 0.5  # [N]
     lift: float = np.deg2rad(20.0)  # [rad] of shoulder roll
     wait: float = 0.4  # [s] after the last touch
@@ -20,7 +21,7 @@ class Shrug(tci.Capability[dict[str, tuple[np.ndarray, float]]]):
 
     def step(self, memory, perception):
         memory, commands = dict(memory), []
-        touched = {c.part for c in perception.contacts if c.force > self.threshold}
+        touched = {c.part for c in perception.contacts if c.part in self.parts and c.force > self.threshold}
         for part, posture in perception.posture.items():
             if part in touched:
                 if part not in memory:

@@ -14,6 +14,7 @@ WORDS = ("errors", "installed", "clock", "frames", "messages")
 LAYERS = (
     "model",
     "interface",
+    "testing",
     "capabilities",
     "recording",
     "simulation",

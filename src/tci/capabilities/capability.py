@@ -35,6 +35,10 @@ class Capability(ABC, Generic[Memory]):
 
         Commands are given when they change: the gate goes on towards the last one. Neither argument
         is changed.
+
+        A contact may be on any part of any robot, also on one that this behaviour does not know, such as the
+        switches on NAO's head. Pass over it: keep the contacts whose `part` is among the parts that you move,
+        and look others up with `.get`.
         """
 
     def notes(self, memory: Memory) -> tuple[str, ...]:

@@ -1,0 +1,24 @@
+"""Test a capability without a robot and without a simulation: what does it want when it is touched?"""
+
+import numpy as np
+
+import tci
+from tci.testing import TouchedRobot, perception
+
+reflex = tci.WithdrawalReflex()
+
+nothing, memory = reflex.step(reflex.init(), perception("nao"))
+assert nothing == ()
+
+(command,), memory = reflex.step(memory, perception("nao", "left_forearm", force=4.0))
+assert command.part == "left_arm"
+print("touched on its left forearm it wants", np.round(np.rad2deg(command.values), 1), "degrees")
+
+commands, _ = reflex.step(reflex.init(), perception("nao", "head"))
+assert commands == (), "it knows nothing of heads, and passes over the touch"
+
+robot = TouchedRobot("nao", posture={"right_arm": np.deg2rad([40.0, 20.0, 0.0, 70.0, 0.0])})
+for touch in ("right_forearm", "right_forearm", None):
+    seen = robot.perceive(touch, force=4.0)
+    contacts = [(contact.patch, round(contact.force, 1), contact.identity) for contact in seen.contacts]
+    print(f"{seen.stamp:.2f} s: {contacts}, ended: {seen.ended}")

@@ -1,0 +1,106 @@
+"""Perceptions for tests of capabilities: a robot stays where it is, and feels what it is told to feel."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tci.errors import CommandError, UnknownNameError
+from tci.frames import Array, read_only
+from tci.interface.body import Body
+from tci.interface.part import to_platform
+from tci.interface.skin.shear import normal_channels
+from tci.messages import GenericCommand, JointReading, Mode, Perception, Reading, SkinFrame
+from tci.model.catalogue import load_robot
+from tci.model.description import Patch, Robot
+from tci.model.surfaces import Surface
+
+PERIOD = 0.02
+"""Time [s] from one perception to the next. Assumed: a skin of 50 Hz, the slowest of our robots."""
+
+
+def perception(
+    robot: Robot | str | os.PathLike[str],
+    touch: str | None = None,
+    *,
+    taxel: int | None = None,
+    force: float = 2.0,
+    posture: Mapping[str, ArrayLike] | None = None,
+) -> Perception:
+    """Returns what a capability perceives of a robot that is touched on the patch `touch`, or nowhere.
+
+    See `TouchedRobot` for the other arguments, and for more than one perception of the same touch.
+    """
+    return TouchedRobot(robot, posture=posture).perceive(touch, taxel=taxel, force=force)
+
+
+class TouchedRobot:
+    """A robot that stays where it is and feels what it is told to feel, without a simulation.
+
+    Raw frames go through the same conditioning and search for contacts as those of a robot, so that a
+    contact keeps its identity from one perception to the next, and all that a perception answers is there.
+    """
+
+    def __init__(
+        self, robot: Robot | str | os.PathLike[str], *, posture: Mapping[str, ArrayLike] | None = None
+    ) -> None:
+        """`posture` gives the generic angles (n,) [rad] of some parts by name; the other parts are in their
+        initial posture. Raises UnknownNameError, CommandError for a posture, and what `load_robot` raises.
+        """
+        self.robot = robot if isinstance(robot, Robot) else load_robot(robot)
+        self.body = Body(self.robot)
+        self._position = np.array(self.robot.initial_position)
+        for part, angles in (posture or {}).items():
+            command = GenericCommand(part, Mode.POSITION, read_only(angles))
+            own = to_platform(self.robot, command, position=self._position)
+            self._position[own.servos] = own.values
+        self._count = -1
+        self.perceive()  # a first frame tells the skin how its taxels read at rest
+
+    def perceive(
+        self, touch: str | None = None, *, taxel: int | None = None, force: float = 2.0
+    ) -> Perception:
+        """Returns what a capability perceives one `PERIOD` later, touched on the patch `touch` or nowhere.
+
+        The touch is centred on `taxel`, or on the taxel nearest to the middle of the patch; it presses that
+        taxel and its neighbours with `force` [N], as nearly as the sensor can tell: a switch is only on or
+        off, and a force below a taxel's threshold makes no contact. Raises UnknownNameError for an unknown
+        patch or taxel, CommandError for a force that is none.
+        """
+        self._count += 1
+        now = self._count * PERIOD
+        patches = self.robot.patches if touch is None else (self.robot.patch(touch), *self.robot.patches)
+        values = {patch.name: np.full(patch.channels, patch.sensor.rest) for patch in patches}
+        if touch is not None:
+            self._press(values[touch], patches[0], taxel, force)
+        frames = (SkinFrame(name, now, self._count, read_only(raw)) for name, raw in values.items())
+        still = read_only(np.zeros(len(self._position)))
+        joints = JointReading(now, self._count, read_only(self._position), still)
+        return self.body.perceive(Reading(joints, tuple(frames)), now)
+
+    def _press(self, values: Array, patch: Patch, taxel: int | None, force: float) -> None:
+        """Adds a touch to the raw `values` (channels,) of a patch."""
+        if not 0.0 <= force < np.inf:
+            raise CommandError(f"a touch of {force} N; valid: 0 or more, finite")
+        surface, sensor = self.body.skin.surfaces[patch.name], patch.sensor
+        pressed = _around(patch, surface, taxel)
+        counts = sensor.counts(np.array([force / surface.areas[pressed].sum()]))[0]
+        values[normal_channels(patch, surface)[pressed]] += np.sign(sensor.pascal_per_count) * max(
+            1.0, round(counts)
+        )
+        np.clip(values, sensor.lowest, sensor.highest, out=values)
+
+
+def _around(patch: Patch, surface: Surface, taxel: int | None) -> NDArray[np.intp]:
+    """Returns the indices (k,) of a taxel and its neighbours."""
+    count = len(surface.positions)
+    if taxel is None:
+        middle = surface.positions.mean(axis=0)
+        taxel = int(np.argmin(np.linalg.norm(surface.positions - middle, axis=1)))
+    elif not 0 <= taxel < count:
+        raise UnknownNameError(f"taxel of {patch.name}", str(taxel), [f"0 to {count - 1}"])
+    beside = surface.neighbours[(surface.neighbours == taxel).any(axis=1)]
+    return np.unique([taxel, *beside.ravel()])

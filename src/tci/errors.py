@@ -36,14 +36,24 @@ class DescriptionError(TciError):
         super().__init__("\n".join([f"{source}: {count}", *(f"  {fault}" for fault in self.faults)]))
 
 
+def meant(name: str, valid: Iterable[str]) -> str:
+    """Returns `; did you mean ...?` with the valid name nearest to an unknown one; empty if none is near."""
+    from difflib import get_close_matches  # only when something is wrong: `import tci` is quick
+
+    names = {one.lower(): one for one in [*valid][:1000]}
+    close = get_close_matches(name[:60].lower(), names, n=1)
+    return f"; did you mean {names[close[0]]!r}?" if close else ""
+
+
 class UnknownNameError(TciError):
-    """A name that does not exist; the message lists those that do."""
+    """A name that does not exist; the message lists those that do, and the nearest of them."""
 
     def __init__(self, kind: str, name: str, valid: Iterable[str]) -> None:
         self.kind = kind
         self.name = name
         self.valid = tuple(valid)
-        super().__init__(f"no {kind} named {name!r}; valid: {', '.join(self.valid) or '(none)'}")
+        listed = ", ".join(self.valid) or "(none)"
+        super().__init__(f"no {kind} named {name!r}{meant(name, self.valid)}; valid: {listed}")
 
 
 class CommandError(TciError):

@@ -21,8 +21,8 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.errors import TciError
-from tci.frames import Array
+from tci.errors import CommandError, TciError, UnknownNameError
+from tci.frames import Array, read_only
 
 
 class Mode(Enum):
@@ -40,6 +40,16 @@ class Mode(Enum):
     """Share 0..1 of the servo's full stiffness."""
     DAMPING = "damping"
     """Share 0..1 of the servo's full damping."""
+
+    @classmethod
+    def of(cls, mode: Mode | str) -> Mode:
+        """Returns a mode, or the mode of that name. Raises UnknownNameError."""
+        if isinstance(mode, Mode):
+            return mode
+        names = {one.value: one for one in cls}
+        if not isinstance(mode, str) or mode.lower() not in names:
+            raise UnknownNameError("mode", str(mode), names)
+        return names[mode.lower()]
 
 
 CONTROL_MODES = (Mode.POSITION, Mode.VELOCITY, Mode.TORQUE, Mode.IMPEDANCE)
@@ -234,6 +244,12 @@ class Perception:
     """Of a leg that went to generic angles (n,) [rad]; None where nothing is known of the robot."""
 
 
+def _take_mode(command: GenericCommand | SwitchMode | PlatformSwitch | PlatformCommand) -> None:
+    """Lets a command have its mode by name, as in "position". Raises UnknownNameError."""
+    if not isinstance(command.mode, Mode):
+        object.__setattr__(command, "mode", Mode.of(command.mode))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class GenericCommand:
     """What a capability wants a generic part to do."""
@@ -244,6 +260,14 @@ class GenericCommand:
     """What `values` are."""
     values: Array
     """One value per generic joint (n,)."""
+
+    def __post_init__(self) -> None:
+        _take_mode(self)
+        if not isinstance(self.values, np.ndarray):
+            try:
+                object.__setattr__(self, "values", read_only(self.values))
+            except (TypeError, ValueError) as error:
+                raise CommandError(f"{self.mode.value} of {self.part}: {error}; valid: numbers") from error
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -269,6 +293,9 @@ class SwitchMode:
     mode: Mode
     """One of CONTROL_MODES."""
 
+    def __post_init__(self) -> None:
+        _take_mode(self)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlatformSwitch:
@@ -278,6 +305,9 @@ class PlatformSwitch:
     """Indices (k,) into `Robot.servos`."""
     mode: Mode
     """One of CONTROL_MODES."""
+
+    def __post_init__(self) -> None:
+        _take_mode(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -292,6 +322,9 @@ class PlatformCommand:
     """One value per servo (k,), in the unit of the mode."""
     speed: Array
     """Speed limit (k,) [rad/s] asked for by the description; the gate's limit holds beside it."""
+
+    def __post_init__(self) -> None:
+        _take_mode(self)
 
 
 Command = GenericCommand | CartesianCommand | SwitchMode

@@ -143,7 +143,7 @@ def test_a_capability_that_fails_is_told_with_its_place(
     [
         (("run", "withdrawl", "nao"), "withdrawal"),
         (("run", "withdrawal", "nao", "--fault", "plague@1"), "stall"),
-        (("run", "withdrawal", "nao", "--fault", "stal@1"), "did you mean stall?"),
+        (("run", "withdrawal", "nao", "--fault", "stal@1"), "did you mean 'stall'?"),
         (("run", "withdrawal", "nao", "--fault", "stall"), "NAME@TIME:DURATION"),
         (("run", "withdrawal", "nao", "--via", "nowhere"), "sim"),
     ],

@@ -79,7 +79,9 @@ def test_connect_lists_what_there_is() -> None:
         tci.connect(robot, "telepathy://nao")
     with pytest.raises(LinkError, match="no address"):
         tci.connect(robot, "sim:10.0.0.5")
-    with pytest.raises(UnknownNameError, match="no option of the link 'sim' named 'armed'; valid: arm"):
+    with pytest.raises(
+        UnknownNameError, match="no option of the link 'sim' named 'armed'; did you mean 'arm'\\?; valid: arm"
+    ):
         tci.connect(robot, "sim", armed=True)
     with tci.connect(robot, "sim", skin=False) as link:
         assert not link.read().skin
@@ -97,7 +99,10 @@ def test_every_link_and_server_refuses_an_option_that_it_lacks(name: str) -> Non
     if name == "naoqi":
         needs_qi()
     robot = tci.load_robot("nao")
-    with pytest.raises(UnknownNameError, match=f"no option of the link '{name}' named 'amr'; valid: .*arm"):
+    with pytest.raises(
+        UnknownNameError,
+        match=f"no option of the link '{name}' named 'amr'; did you mean 'arm'\\?; valid: .*arm",
+    ):
         tci.connect(robot, name, amr=True)
     if name in server_names():
         with tci.connect(robot, "sim") as link, pytest.raises(UnknownNameError, match="option of the server"):

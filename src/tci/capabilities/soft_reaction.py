@@ -57,6 +57,7 @@ class SoftReaction(Capability[Postures]):
     """Force [N] from which a contact counts."""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "mode", Mode.of(self.mode))
         if self.mode not in MODES:
             valid = ", ".join(mode.value for mode in MODES)
             raise TciError(f"a soft reaction in {self.mode.value} mode; valid: {valid}")

@@ -93,6 +93,7 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "fields", tuple(self.fields))
+        object.__setattr__(self, "mode", Mode.of(self.mode))
         if not 0.0 < self.refractory < np.inf:
             raise TciError(f"refractory period {self.refractory} s; valid: above 0 and finite")
         if self.distance_discount not in DISCOUNTS:

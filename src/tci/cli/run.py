@@ -98,7 +98,7 @@ def run_capability(
 
     A `rehearsal` is as long as its faults need, and the simulated skin flickers as a real one does.
 
-    Raises UnknownNameError, LinkError, CommandError for a fault or a poke that can't be, and what the
+    Raises UnknownNameError, LinkError, CommandError for a fault's times or a poke that can't be, and what the
     capability raises.
     """
     capability = load_capability(name)

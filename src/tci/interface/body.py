@@ -121,12 +121,14 @@ class Body:
         moved = self.skin.kinematics.jacobian(position, link, point=contact.p_L)[:3]
         return read_only(generic_columns(self.robot, contact.part, moved, position))
 
-    def to_platform(self, orders: Iterable[Order], joints: JointReading) -> list[PlatformOrder]:
-        """The same orders in the robot's own joints, which are as `joints` says (inverse of eqs 1-2).
+    def to_platform(self, orders: Iterable[Order] | Order, joints: JointReading) -> list[PlatformOrder]:
+        """The same orders, or a single one, in the robot's own joints, which are as `joints` says (inverse of
+        eqs 1-2).
 
         Raises CommandError.
         """
-        return [order_to_platform(self.robot, order, joints.position) for order in orders]
+        several = (orders,) if isinstance(orders, Order) else orders
+        return [order_to_platform(self.robot, order, joints.position) for order in several]
 
 
 def order_to_platform(robot: Robot, order: Order, position: Array) -> PlatformOrder:

@@ -12,6 +12,9 @@ from tci.messages import GenericCommand, JointReading, Mode, PlatformCommand, Pl
 from tci.model.description import GenericPart, Robot
 from tci.model.joint_map import joint_map, postures
 
+ANGLES = (Mode.POSITION, Mode.IMPEDANCE)
+"""Modes whose values are joint angles [rad]."""
+
 
 def generic_posture(robot: Robot, joints: JointReading) -> dict[str, Array]:
     """Generic angles (n,) [rad] of every part, by name (eq. 2).
@@ -44,8 +47,8 @@ def to_platform(robot: Robot, command: GenericCommand, *, position: Array | None
 
     `position` (n_servos,) [rad] is where the servos are, by default their initial posture; linear
     transforms don't look at it. Raises CommandError for a wrong number of values, one that is not
-    finite, a velocity or torque where a transform has no slope, or a part of which the robot has no joint
-    at all; UnknownNameError for an unknown part.
+    finite, an angle beyond a full turn, a velocity or torque where a transform has no slope, or a part of
+    which the robot has no joint at all; UnknownNameError for an unknown part.
     """
     joints = joint_map(robot, command.part)
     values = np.asarray(command.values, dtype=np.float64)
@@ -58,6 +61,12 @@ def to_platform(robot: Robot, command: GenericCommand, *, position: Array | None
         part, bad = robot.part(command.part), np.flatnonzero(~np.isfinite(values))
         names = ", ".join(f"{part.servos[i].name} = {values[i]}" for i in bad)
         raise CommandError(f"{command.mode.value} of {part.name}: {names}; valid: finite numbers")
+    if command.mode in ANGLES and max(map(abs, values.tolist()), default=0.0) > 2.0 * math.pi:
+        part, worst = robot.part(command.part), int(np.argmax(np.abs(values)))
+        raise CommandError(
+            f"{command.mode.value} of {part.name}: {part.servos[worst].name} at {values[worst]:g} rad is "
+            "more than a full turn; degrees? valid: radians, as from np.deg2rad"
+        )
     if not joints.servos.size:
         part = robot.part(command.part)
         lacks = ", ".join(joint.name for joint in part.servos)
@@ -67,7 +76,7 @@ def to_platform(robot: Robot, command: GenericCommand, *, position: Array | None
         )
     here = robot.initial_position if position is None else position
     speeds = joints.unlimited
-    if command.mode in (Mode.POSITION, Mode.IMPEDANCE):
+    if command.mode in ANGLES:
         values, speeds = joints.to_robot(values, here), joints.speeds(here)
     elif command.mode is Mode.VELOCITY:
         values = np.array(np.linalg.solve(joints.slope(here), values[joints.ids]))

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 
 import numpy as np
 
-from tci.errors import CommandError
+from tci.errors import CommandError, UnknownNameError
 from tci.frames import read_only
 from tci.interface.gate.gate import SafeCommand
 from tci.messages import Reading, SkinFrame
@@ -43,14 +42,12 @@ class FaultPlan:
 def parse_fault(text: str) -> FaultPlan:
     """A fault written as NAME@TIME or NAME@TIME:DURATION, both [s].
 
-    Raises CommandError that lists what is valid.
+    Raises UnknownNameError for a fault that there is not, CommandError for times that are none.
     """
     name, _, times = text.partition("@")
     at, _, lasts = times.partition(":")
     if name not in INJECTORS:
-        alike = get_close_matches(name, INJECTORS, n=1)
-        guess = f"; did you mean {alike[0]}?" if alike else ""
-        raise CommandError(f"no fault named {name!r}{guess}; valid: {', '.join(INJECTORS)}")
+        raise UnknownNameError("fault", name, INJECTORS)
     try:
         plan = FaultPlan(name, float(at), float(lasts) if lasts else float("inf"))
     except ValueError:

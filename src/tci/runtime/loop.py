@@ -22,6 +22,7 @@ from tci.interface.body import Body
 from tci.interface.gate.gate import GateState, SafeCommand
 from tci.messages import JointReading, Order, Perception, PlatformOrder, Reading, SkinState
 from tci.middleware.link import Link
+from tci.runtime.arguments import as_capability, as_link, as_orders, check_duration
 from tci.runtime.guards import Silence, frozen_garbage, interruptions
 from tci.runtime.lease import commanding
 from tci.runtime.loop_report import LoopReport
@@ -84,10 +85,13 @@ def run(
     However it ends, the robot is brought to rest, for at most `REST`; motions that were not over are cut
     short. SIGINT and SIGTERM do so and raise KeyboardInterrupt or SystemExit. Raises
     CommandError, before anything moves, when the robot refuses what the capability begins with;
+    TciError for a duration or arguments that are none, also before anything moves;
     CommandError, once the robot is at rest, for a step that gives no pair of commands and memory;
     LinkError when somebody else commands the robot; and what link, capability, observer and threads
     raise, after the gate has stopped and the robot is at rest.
     """
+    check_duration(duration)
+    link, capability = as_link(link), as_capability(capability)
     loop = _Loop(link, capability, observe, guard, report if report is not None else LoopReport(), write)
     loop.sensed = sensed
     with commanding(link), interruptions() as interruption, frozen_garbage():
@@ -134,6 +138,7 @@ class _Loop(Generic[Memory]):
         self.write = write
         self.body = Body(link.robot, keep_alive=link.keep_alive)
         self.memory = capability.init()
+        self._name = type(capability).__name__
         self.account = Account(link)
         self._begun = False
         self._before: float | None = None
@@ -165,7 +170,7 @@ class _Loop(Generic[Memory]):
         opening = False
         if seen is not None:
             if not self._begun:
-                commands = self.capability.begin(seen)
+                commands = as_orders(self.capability.begin(seen), f"{self._name}: begin")
                 opening = bool(commands)
             if not opening:
                 commands, self.memory = self._step(seen)
@@ -177,7 +182,7 @@ class _Loop(Generic[Memory]):
             self.link.write(sent)
         self.account.see(seen, reading.joints.position, sent, opening=opening)
         if opening and sent.refusals:
-            raise CommandError(f"{type(self.capability).__name__} can't begin: {'; '.join(sent.refusals)}")
+            raise CommandError(f"{self._name} can't begin: {'; '.join(sent.refusals)}")
         self._begun |= seen is not None
         if self.observe is not None and self._perception is not None:
             self.observe(Tick(now, reading, self._perception, commands, sent, self.body.skin.state))
@@ -188,9 +193,11 @@ class _Loop(Generic[Memory]):
         """What the capability answers. Raises CommandError for what is no pair of commands and memory."""
         answer: object = self.capability.step(self.memory, seen)
         if isinstance(answer, tuple) and len(answer) == 2:
-            return answer
-        what = f"step gave {type(answer).__name__}; valid: its commands, and the memory"
-        raise CommandError(f"{type(self.capability).__name__}: {what}")
+            commands, memory = answer
+            if not (isinstance(commands, Order) and isinstance(memory, Order)):
+                return as_orders(commands, f"{self._name}: step"), memory
+        gave = "two commands" if isinstance(answer, tuple) and len(answer) == 2 else type(answer).__name__
+        raise CommandError(f"{self._name}: step gave {gave}; valid: its commands, and the memory")
 
     def end(self, duration: float | None) -> None:
         """Count what was missed of `duration` [s] after the last period that was served."""

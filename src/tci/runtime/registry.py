@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import inspect
+import os
 from collections.abc import Callable, Iterable
 from importlib.metadata import entry_points
 from typing import Any
 
-from tci.errors import LinkError, UnknownNameError
+from tci.errors import LinkError, TciError, UnknownNameError
 from tci.installed import needs
 from tci.middleware.joined import JoinedLink
 from tci.middleware.link import Link
 from tci.middleware.server import Server
 from tci.model.description import Robot
+from tci.runtime.arguments import as_robot
 
 LINKS = "tci.links"
 JOIN = " + "
@@ -45,14 +47,23 @@ def load_server(name: str) -> Callable[..., Server]:
     return factory
 
 
-def connect(robot: Robot, via: str = "sim", *, arm: bool | None = None, **options: Any) -> Link:
-    """Open a link to `robot`: "sim", or "NAME:ADDRESS" for those that need an address.
+def connect(
+    robot: Robot | str | os.PathLike[str], via: str = "sim", *, arm: bool | None = None, **options: Any
+) -> Link:
+    """Open a link to `robot`, or to the one of that name or path: "sim", or "NAME:ADDRESS" for those that
+    need an address.
 
     With "LINK + LINK" the joints come over the first link, the skin over the others. A simulated robot is
     armed from the start, a real one only by `arm=True`. `options` go to the link, or to that of the joints.
     Raises UnknownNameError for a link that is not installed or an option that it does not have,
-    MissingExtraError when its library is not installed, LinkError when the robot can't be reached.
+    MissingExtraError when its library is not installed, LinkError when the robot can't be reached, and what
+    `load_robot` raises.
     """
+    robot = as_robot(robot)
+    if not isinstance(via, str):
+        raise TciError(
+            f"connect: a {type(via).__name__} as the name of a link; valid: {', '.join(link_names())}"
+        )
     first, *others = via.split(JOIN)
     if arm is not None:
         options["arm"] = arm

@@ -23,6 +23,9 @@ NEEDED = ("lower", "upper", "velocity", "acceleration", "jerk")
 """Limits without which no servo is moved."""
 OUTSIDE = float(np.deg2rad(20.0))
 """How far [rad] outside its limits a servo may be measured when it comes under command. Ours."""
+FAR_OFF = 1.0
+"""Angles [rad] that are all this far outside their limits may be degrees. Assumed: a behaviour that
+overshoots asks for less, and not of all joints at once."""
 SLOWEST = 1e-3
 """Smallest speed [rad/s] that may be asked for. Ours: a slower way across a joint's range takes longer than
 the two hours that ruckig plans."""
@@ -84,6 +87,17 @@ def _refuse_wrong(robot: Robot, command: PlatformCommand) -> None:
         _refuse_each(robot, command, finite, f"{mode} of", values, "finite numbers")
     if not (fast := command.speed >= SLOWEST).all():  # false for NaN
         _refuse_each(robot, command, fast, "speed of", command.speed, f"at least {SLOWEST:g} rad/s")
+
+
+def refuse_degrees(robot: Robot, command: PlatformCommand) -> NoReturn:
+    """Raises CommandError for angles that are so far off that they may be degrees."""
+    names = [robot.servos[servo].name for servo in command.servos]
+    worst = int(np.argmax(np.abs(command.values)))
+    limits = robot.servos[command.servos[worst]].limits
+    raise CommandError(
+        f"{command.mode.value} of {', '.join(names)}: {names[worst]} at {command.values[worst]:g} rad, "
+        f"limits {limits.lower:.2f} .. {limits.upper:.2f} rad; degrees? valid: radians, as from np.deg2rad"
+    )
 
 
 def check_switch(robot: Robot, switch: PlatformSwitch) -> None:

@@ -145,13 +145,13 @@ class Gate:
 
     def step(
         self,
-        commands: Sequence[PlatformOrder],
+        commands: Sequence[PlatformOrder] | PlatformOrder,
         joints: JointReading,
         now: float,
         *,
         refused: Sequence[str] = (),
     ) -> SafeCommand:
-        """What may be written at time `now` [s], given new `commands` and the latest `joints`.
+        """What may be written at time `now` [s], given new `commands` or a single one, and latest `joints`.
 
         Call it once per period, also without commands: motions go on. A late call takes one step, and a
         call before its time none, so that what is written is never faster than the limits; a loop that is
@@ -168,10 +168,13 @@ class Gate:
         taken: list[PlatformOrder] = []
         stiffness: dict[int, float] = {}
         damping: dict[int, float] = {}
-        for command in commands:
+        for command in (commands,) if isinstance(commands, PlatformOrder) else commands:
             try:
                 if reason:
                     raise CommandError(f"{self.state.value}: {reason}")
+                if not isinstance(command, PlatformOrder):
+                    kind = type(command).__name__
+                    raise CommandError(f"a {kind} is in no robot's joints; valid: what tci.to_platform gives")
                 if isinstance(command, PlatformCommand) and command.mode in SHARES:
                     shares = stiffness if command.mode is Mode.STIFFNESS else damping
                     clamped += self._set_share(command, shares)

@@ -10,7 +10,14 @@ from numpy.typing import NDArray
 
 from tci.errors import CommandError
 from tci.frames import Array, frozen
-from tci.interface.gate.acceptance import check_command, check_limits, check_start, check_switch
+from tci.interface.gate.acceptance import (
+    FAR_OFF,
+    check_command,
+    check_limits,
+    check_start,
+    check_switch,
+    refuse_degrees,
+)
 from tci.interface.gate.body_guard import BodyGuard
 from tci.interface.gate.bounds import MARGIN
 from tci.interface.gate.chain import Chain, groups_of, make_chain
@@ -22,7 +29,7 @@ from tci.interface.gate.stopper import Stop
 from tci.interface.gate.torque import TorqueLimiter
 from tci.interface.gate.watch import Reference
 from tci.interface.kernels.motion import largest_change
-from tci.interface.kernels.targets import pick_out
+from tci.interface.kernels.targets import is_far_off, pick_out
 from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch
 from tci.model.description import Robot
 
@@ -47,6 +54,9 @@ class Motion:
         self._period = period
         self._settings = settings
         self._tally = tally
+        limits = [servo.limits for servo in robot.servos]
+        self._lower = np.array([limit.lower for limit in limits], dtype=float)
+        self._upper = np.array([limit.upper for limit in limits], dtype=float)
         self._groups = groups_of(robot)
         self._chains: dict[int, Chain] = {}
         self._torque = TorqueLimiter(robot, period, speed_share=settings.speed_share)
@@ -144,6 +154,8 @@ class Motion:
                     f"a {mode.value}; valid: switch the mode first"
                 )
         if mode in TARGETS:
+            if is_far_off(servos, values, self._lower, self._upper, FAR_OFF):
+                refuse_degrees(self.robot, command)
             clamped = self._aim(command, servos, values, speeds)
         else:
             clamped = self._push(command) if mode is Mode.TORQUE else self._drive(command)

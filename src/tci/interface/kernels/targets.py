@@ -24,6 +24,19 @@ def is_acceptable(servos: NDArray[np.intp], values: Array, speeds: Array, count:
     return len(servos) > 0
 
 
+@compiled(boolean(reads(1, int64), reads(1), reads(1), reads(1), float64))
+def is_far_off(servos: NDArray[np.intp], values: Array, lower: Array, upper: Array, far: float) -> bool:
+    """Whether one of the angles `values` (k,) [rad] of `servos` (k,) is outside `lower` .. `upper`
+    (n_servos,) [rad] and beyond a full turn, or all of at least two are outside by more than `far` [rad]."""
+    near = len(servos) < 2
+    for k in range(len(servos)):
+        outside = max(lower[servos[k]] - values[k], values[k] - upper[servos[k]])
+        if outside > 0.0 and abs(values[k]) > 2.0 * np.pi:
+            return True
+        near = near or outside <= far
+    return not near
+
+
 @compiled(
     void(
         reads(1, int64), reads(1, int64), reads(1), reads(1), views(1), views(1), views(1), float64,

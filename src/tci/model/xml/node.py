@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from typing import Any
 
 from lxml import etree
 
+from tci.errors import meant
 from tci.model.xml.document import Faults, shown
 from tci.model.xml.grammar import UNIT, Element
 from tci.model.xml.values import InvalidValueError, Unit, Value
@@ -73,9 +73,7 @@ def listed(names: Iterable[str], *, most: int = 40) -> str:
 def nearest(name: str, valid: Iterable[str]) -> str:
     """`; did you mean ...?; valid: ...`, for a name that does not exist."""
     valid = list(valid)
-    close = get_close_matches(name[:60], valid[:1000], n=1)
-    meant = f"; did you mean {close[0]!r}?" if close else ""
-    return f"{meant}; valid: {listed(valid)}"
+    return f"{meant(name, valid)}; valid: {listed(valid)}"
 
 
 class _Reader:

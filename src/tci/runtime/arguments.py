@@ -1,0 +1,87 @@
+"""Arguments of programs: accepted where their meaning is clear, otherwise refused with what is valid."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterable
+from typing import Any
+
+from tci.capabilities.capability import Capability
+from tci.errors import CommandError, TciError
+from tci.messages import Order
+from tci.middleware.link import Link
+from tci.model.catalogue import load_robot
+from tci.model.description import Robot
+
+
+def as_robot(given: object) -> Robot:
+    """Returns a robot that is loaded already, or loads one by its name or path.
+
+    Raises TciError for anything else, and what `load_robot` raises.
+    """
+    if isinstance(given, Robot):
+        return given
+    if isinstance(given, str | os.PathLike):
+        return load_robot(given)
+    raise TciError(
+        f"connect: {_kind(given)} in place of a robot; valid: tci.load_robot('nao'), or just 'nao'"
+    )
+
+
+def as_link(given: object) -> Link:
+    """Returns a connection to a robot. Raises TciError for a robot, a name or anything else."""
+    if isinstance(given, Link):
+        return given
+    raise TciError(
+        f"run: {_kind(given)} in place of the connection to a robot; "
+        "valid: link, from `with tci.connect('nao', 'sim') as link:`"
+    )
+
+
+def as_capability(given: Any) -> Capability[Any]:
+    """Returns a capability; from its class one with its default settings. Raises TciError."""
+    if isinstance(given, Capability):
+        return given
+    if isinstance(given, type) and issubclass(given, Capability):
+        try:
+            return given()
+        except TypeError as error:
+            raise TciError(
+                f"run: {_kind(given)} needs settings: {error}; valid: {given.__name__}(...)"
+            ) from error
+    raise TciError(
+        f"run: {_kind(given)} in place of a capability; valid: tci.WithdrawalReflex(), "
+        "or an instance of your own subclass of tci.Capability"
+    )
+
+
+def as_orders(given: object, source: str) -> tuple[Order, ...]:
+    """Returns the commands of a capability as a tuple, also a single one. `source` says who gave them.
+
+    Raises CommandError for what is no command.
+    """
+    if isinstance(given, tuple) and not given:
+        return given
+    orders = (given,) if isinstance(given, Order) or not isinstance(given, Iterable) else tuple(given)
+    for order in orders:
+        if not isinstance(order, Order):
+            raise CommandError(
+                f"{source} gave {_kind(order)} as a command; valid: a tuple of commands, () for none"
+            )
+    return orders
+
+
+def check_duration(duration: float | None) -> None:
+    """Raises TciError for a duration [s] that is none."""
+    if duration is not None and not (0.0 <= duration < math.inf):
+        raise TciError(f"run: duration {duration} s; valid: 0 or more and finite, or None for ever")
+
+
+def _kind(given: object) -> str:
+    """Names what was given: `the class Shrug`, `a Robot`, `the word 'nao'`."""
+    if isinstance(given, type):
+        return f"the class {given.__name__}"
+    if isinstance(given, str):
+        return f"the word {given!r}"
+    return "None" if given is None else f"a {type(given).__name__}"

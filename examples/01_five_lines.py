@@ -1,7 +1,7 @@
-"""The withdrawal reflex on a simulated NAO: the whole program."""
+"""The withdrawal reflex on a simulated NAO that is poked: the whole program."""
 
 import tci
 
-robot = tci.load_robot("nao")
-with tci.connect(robot, "sim") as link:
-    tci.run(link, tci.WithdrawalReflex(), duration=1.0)
+with tci.connect("nao", "sim") as link:
+    link.world.finger.poke("left_forearm", 150)
+    print(tci.run(link, tci.WithdrawalReflex(), duration=1.0))

@@ -44,6 +44,8 @@ def test_a_move_takes_as_long_whatever_rate_a_loop_has() -> None:
     assert len(times) == 4
     assert max(times) - min(times) <= 0.03, run.stdout
     assert "gate.step is called" not in run.stderr
+
+
 def test_the_five_lines_of_the_readme_are_the_first_example() -> None:
     program = README.split("```python\n")[1].split("```")[0]
     assert EXAMPLES[0].read_text().split('"""\n\n', 1)[1] == program

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from tci.messages import PlatformCommand as PlatformCommand
     from tci.messages import Reading as Reading
     from tci.messages import SkinFrame as SkinFrame
+    from tci.messages import SwitchMode as SwitchMode
     from tci.middleware.link import Link as Link
     from tci.model.catalogue import load_robot as load_robot
     from tci.model.catalogue import robot_names as robot_names
@@ -65,6 +66,7 @@ _NAMES = {
         "PlatformCommand",
         "Reading",
         "SkinFrame",
+        "SwitchMode",
     ),
     "tci.middleware.link": ("Link",),
     "tci.model.catalogue": ("load_robot", "robot_names"),

@@ -10,7 +10,8 @@ import pytest
 
 import tci
 from cli.test_cli import tci as told_by
-from tci.cli.run import run_capability
+from tci.cli.run import load_capability, run_capability
+from tci.errors import UnknownNameError
 from tci.interface.body import Body
 from tci.messages import Spot
 from tci.middleware.fault_list import FAULTS
@@ -85,6 +86,55 @@ def test_what_is_refused_while_the_robot_is_away_is_told_once(capsys: pytest.Cap
     refused = [event["words"] for event in told["events"] if event["kind"] == "refused"]
     assert len(refused) == 1
     assert "ms old" in refused[0]
+
+
+class Lost(Nod):
+    """Is refused in every period."""
+
+    def step(self, memory: None, perception: tci.Perception) -> tuple[tuple[tci.Order, ...], None]:
+        return (tci.GenericCommand("head", tci.Mode.POSITION, np.array([np.nan, 0.0, 0.0])),), None
+
+
+class Far(Nod):
+    """Is clamped in every period."""
+
+    def step(self, memory: None, perception: tci.Perception) -> tuple[tuple[tci.Order, ...], None]:
+        return (tci.GenericCommand("head", tci.Mode.POSITION, np.array([1.5, 0.0, 0.0])),), None
+
+
+def test_a_capability_that_is_refused_in_every_period_is_told_and_ends_with_a_status(
+    capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    with pytest.raises(SystemExit) as end:
+        run_capability("cli.test_run:Lost", "nao", duration=0.1, as_json=True)
+    assert end.value.code == 1
+    captured = capsys.readouterr()
+    told = json.loads(captured.out)
+    assert [(one["count"], one["time_s"]) for one in told["refusals"]] == [(50, 0.0)]
+    assert "pitch = nan; valid: finite numbers" in told["refusals"][0]["words"]
+    assert kinds(told) == ["refused", "refused"]
+    assert told["events"][-1]["words"].startswith("every command was refused")
+    assert len(caplog.records) == 1, "it is logged for programs"
+    assert captured.err == "", "and not told twice to a person"
+
+
+def test_clamps_are_told_as_refusals_are(capsys: pytest.CaptureFixture[str]) -> None:
+    run_capability("cli.test_run:Far", "nao", duration=0.1, as_json=True)
+    told = json.loads(capsys.readouterr().out)
+    assert [one["count"] for one in told["clamps"]] == [50]
+    assert kinds(told)[:2] == ["clamped", "command"]
+    assert "HeadPitch: 85.94 degrees asked, clamped to" in told["events"][0]["words"]
+    run_capability("cli.test_run:Far", "nao", duration=0.1)
+    text = " ".join(capsys.readouterr().out.split())
+    assert "0.000 s clamped HeadPitch: 85.94 degrees asked" in text
+    assert "clamped 50 x, first at 0.000 s: HeadPitch: 85.94 degrees asked" in text
+
+
+def test_a_class_that_is_not_in_its_module_is_answered_with_those_that_are() -> None:
+    with pytest.raises(
+        UnknownNameError, match=r"in cli.test_run named 'Nodd'; did you mean 'Nod'\?; valid: Nod, Lost"
+    ):
+        load_capability("cli.test_run:Nodd")
 
 
 def test_a_rehearsal_lasts_until_the_fault_can_show() -> None:

@@ -49,7 +49,7 @@ def test_the_first_step_continues_where_the_robot_was_measured() -> None:
 
 def test_position_is_clamped_reported_and_what_is_sent_is_the_clamped_value() -> None:
     driven = Driven(make_robot(), ZERO)
-    safe = driven.step(position_command([3], [9.0]))
+    safe = driven.step(position_command([3], [6.0]))
     assert "joint3" in safe.clamped[0]
     assert "114.59" in safe.clamped[0]
     driven.settle()
@@ -369,7 +369,7 @@ def test_speeds_that_do_not_fit_the_servos_are_refused() -> None:
 
 def test_targets_are_where_the_servos_go_whatever_was_asked_for() -> None:
     driven = Driven(make_robot(), ZERO)
-    safe = driven.step(position_command([2, 3], [0.5, 9.0]))
+    safe = driven.step(position_command([2, 3], [0.5, 6.0]))
     going = dict(zip(safe.servos.tolist(), driven.gate.targets.tolist(), strict=True))
     assert going[2] == pytest.approx(0.5)
     assert 2.0 - 1e-5 < going[3] <= 2.0
@@ -466,3 +466,20 @@ def test_a_loop_at_the_gates_rate_is_told_nothing(
     times: list[float], caplog: pytest.LogCaptureFixture
 ) -> None:
     assert not called_at(times, caplog)
+
+
+@pytest.mark.parametrize("values", [[30.0, 0.0], [-6.5, 0.0], [5.0, -5.0], [3.2, 3.2]])
+def test_angles_that_look_like_degrees_are_refused_whole(values: list[float]) -> None:
+    driven = Driven(make_robot(), ZERO)
+    safe = driven.step(position_command([2, 3], values))
+    assert "degrees? valid: radians" in safe.refusals[0]
+    assert not safe.servos.size
+    assert not driven.gate.counts.clamps
+
+
+@pytest.mark.parametrize("values", [[6.2], [-6.2], [5.0, 2.9], [2.9, 2.9], [0.1, 6.2]])
+def test_angles_that_are_only_too_far_are_clamped(values: list[float]) -> None:
+    driven = Driven(make_robot(), ZERO)
+    safe = driven.step(position_command([2, 3][: len(values)], values))
+    assert not safe.refusals
+    assert safe.clamped

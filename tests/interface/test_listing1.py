@@ -44,7 +44,7 @@ def test_array_of_the_wrong_length() -> None:
 
 def test_the_clamped_value_is_the_one_that_is_sent() -> None:
     driven = Driven(make_robot(), [0.0] * 6)
-    assert driven.step(position_command([2], [7.0])).clamped
+    assert driven.step(position_command([2], [6.0])).clamped
     driven.settle()
     assert driven.angles[2] <= 2.0
 

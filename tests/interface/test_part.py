@@ -64,7 +64,7 @@ def test_a_joint_that_the_robot_lacks_reads_as_fixed_and_is_dropped() -> None:
     )
     posture = generic_posture(robot, reading([0, 0, 0, 0.7, 0, 0]))
     np.testing.assert_array_equal(posture["left_arm"], [0.7, 0.4])
-    command = to_platform(robot, GenericCommand("left_arm", Mode.POSITION, np.array([0.1, 9.0])))
+    command = to_platform(robot, GenericCommand("left_arm", Mode.POSITION, np.array([0.1, 2.0])))
     assert command.servos.tolist() == [3]
 
 

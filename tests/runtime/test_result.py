@@ -1,4 +1,4 @@
-"""What a run says of itself: its result, and the log."""
+"""The account that a run gives of itself: its result, and the log."""
 
 from __future__ import annotations
 

@@ -75,9 +75,13 @@ def _from_module(module: str, name: str) -> object:
     try:
         if module.startswith("."):  # to Python the name of a neighbour, and nobody asks from inside a package
             raise ImportError("a path is no module")
-        return getattr(import_module(module), name)
-    except (ImportError, AttributeError, ValueError) as error:
+        found = vars(import_module(module))
+    except (ImportError, ValueError) as error:
         raise CommandError(f"{module}:{name}: {error}; valid: MODULE:CLASS, as in my_file:Shrug") from error
+    if name not in found:
+        own = [word for word, one in found.items() if isinstance(one, type) and issubclass(one, Capability)]
+        raise UnknownNameError(f"capability in {module}", name, own)
+    return found[name]
 
 
 def run_capability(

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import zstandard
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
@@ -122,10 +123,14 @@ def test_58_gigabytes_of_nothing_end_soon(chunks: int, tmp_path: Path) -> None:
     """A recording that goes on as a hole of 3 GB, with and without chunks that lie in it."""
     path = tmp_path / "a.mcap"
     write(path, 30, closed=False)
+    raw, end = path.read_bytes(), 8
+    while raw[end] != Opcode.DATA_END:
+        end += 9 + struct.unpack_from("<Q", raw, end + 1)[0]
     with path.open("r+b") as file:
-        file.seek(0, os.SEEK_END)
+        file.truncate(end)
+        file.seek(end)
         for _ in range(chunks):
-            size = LARGEST - 100
+            size = (LARGEST - 100) // 9 * 9  # whole records of nothing
             file.write(struct.pack("<BQQQQIIQ", 6, size + 40, 0, 0, size, 0, 0, size))
             file.seek(size, os.SEEK_CUR)
         file.truncate(3 << 30)

@@ -10,7 +10,6 @@ import io
 import struct
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -179,9 +178,12 @@ class Recording:
             if isinstance(record, Chunk):
                 _check_chunk(record)
                 stream, length = get_chunk_data_stream(record, validate_crc=True)
-                with suppress(EndOfFile):
-                    data = io.BytesIO(stream.read(length))
+                data = io.BytesIO(stream.read(length))
+                try:
                     yield from _Records(data, skip_magic=True, emit_chunks=True).records
+                except EndOfFile:
+                    if data.tell() < length:
+                        raise
             else:
                 yield record
                 self.complete |= isinstance(record, Footer)

@@ -33,6 +33,8 @@ def test_a_poke_is_answered() -> None:
     assert told["faults"] == []
     assert told["loop"]["ticks"] == 350
     assert not told["loop"]["cut_short"]
+    assert [*told["touched_N"]] == ["left_forearm"]
+    assert max(told["moved_rad"].values()) > np.deg2rad(3.0)
     assert told["gate"]["refusals"] == 0
 
 
@@ -124,9 +126,11 @@ def test_clamps_are_told_as_refusals_are(capsys: pytest.CaptureFixture[str]) -> 
     assert [one["count"] for one in told["clamps"]] == [50]
     assert kinds(told)[:2] == ["clamped", "command"]
     assert "HeadPitch: 85.94 degrees asked, clamped to" in told["events"][0]["words"]
+    assert [*told["moved_rad"]] == ["HeadPitch"]
     run_capability("cli.test_run:Far", "nao", duration=0.1)
     text = " ".join(capsys.readouterr().out.split())
     assert "0.000 s clamped HeadPitch: 85.94 degrees asked" in text
+    assert "nao: touched nowhere; moved HeadPitch" in text
     assert "clamped 50 x, first at 0.000 s: HeadPitch: 85.94 degrees asked" in text
 
 

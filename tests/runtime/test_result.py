@@ -12,7 +12,8 @@ import pytest
 import tci
 from tci.interface.gate.gate import GateState
 from tci.middleware.simulated import SimulatedLink
-from tci.runtime.reasons import MOST, OTHERS, Reasons
+from tci.runtime.loop_report import LoopReport
+from tci.runtime.reasons import MOST, OTHERS, Notice, Reasons
 from tci.simulation.world import World
 
 
@@ -174,3 +175,26 @@ def test_further_kinds_than_anybody_reads_are_counted_together() -> None:
     last = reasons.notices()[-1]
     assert (last.words, last.time, last.count) == (OTHERS, 70.0, 2)
     assert len(reasons.notices()) == MOST + 1
+
+
+def test_more_than_anybody_reads_is_only_counted() -> None:
+    notices = tuple(Notice(f"no part named {name}", 0.1, 2) for name in "abcdefgh")
+    moved = {f"joint_{name}": 0.5 for name in "abcdefgh"}
+    result = tci.RunResult(
+        memory=None, report=LoopReport(ended="done"), robot="nao", state=GateState.HOLD, reason="no data",
+        touched={"left_forearm": 1.25, "head": 1.0}, moved=moved, accepted=1, refusals=notices, clamps=(),
+        holds=notices[:1],
+    )  # fmt: skip
+    first, *others = str(result).splitlines()
+    assert first == (
+        "nao: touched left_forearm (1.2 N), head (1.0 N); moved joint_a 29, joint_b 29, joint_c 29, "
+        "joint_d 29, joint_e 29, joint_f 29 degrees and 2 more"
+    )
+    assert others[0] == "refused 2 x, first at 0.100 s: no part named a"
+    assert others[5:] == [
+        "refused 2 x, first at 0.100 s: no part named f",
+        "refused 4 x for 2 further reasons",
+        "held 2 x, first at 0.100 s: no part named a",
+        "HOLD at the end: no data",
+    ]
+    assert result, "a robot that holds is not stopped"

@@ -182,6 +182,8 @@ def run_capability(
                  "clamps": dict(counts.clamps), "near_misses": counts.near_misses},
         "loop": report.to_json(),
     }  # fmt: skip
+    if result is not None:
+        told |= {"touched_N": dict(result.touched), "moved_rad": dict(result.moved)}
     if recorder is not None:
         told["recording"] = summary(recorder)
     if isinstance(inner, ReplayLink):
@@ -192,6 +194,8 @@ def run_capability(
         print_json(told)
     else:
         teller.conclude()
+        if result is not None:
+            console.print(result.summary, highlight=False, markup=False)
         console.print(
             f"{report.ticks} periods, {report.overruns} overruns ({report.missed} missed); "
             f"work p50 {report.work.quantile(0.5) * 1e3:.2f}, "

@@ -21,7 +21,7 @@ from tci.runtime.reasons import Notice, Reasons
 MOVED = float(np.deg2rad(1.0))
 """Travel [rad] from which a servo counts as moved. Assumed: less is how far gravity makes a servo sag."""
 SHOWN = 6
-"""Number of servos and kinds of notices that are printed; Assumed: more is no longer read."""
+"""Number of servos, and of notices of each kind, that are printed. Assumed: more is no longer read."""
 
 Memory = TypeVar("Memory")
 _log = logging.getLogger("tci")
@@ -71,17 +71,21 @@ class RunResult(Generic[Memory]):
     def __bool__(self) -> bool:
         return self.state is not GateState.STOP and not self.refused_all
 
-    def __repr__(self) -> str:
+    @property
+    def summary(self) -> str:
+        """One line: where the robot was touched, and which of its joints moved."""
         touched = ", ".join(f"{patch} ({force:.1f} N)" for patch, force in self.touched.items())
         moved = ", ".join(f"{name} {np.rad2deg(way):.0f}" for name, way in [*self.moved.items()][:SHOWN])
         more = f" and {len(self.moved) - SHOWN} more" if len(self.moved) > SHOWN else ""
-        lines = [
-            f"{self.robot}: touched {touched or 'nowhere'}; "
-            + (f"moved {moved} degrees{more}" if moved else "nothing moved")
-        ]
+        moves = f"moved {moved} degrees{more}" if moved else "nothing moved"
+        return f"{self.robot}: touched {touched or 'nowhere'}; {moves}"
+
+    def __repr__(self) -> str:
+        lines = [self.summary]
         for kind, notices in (("refused", self.refusals), ("clamped", self.clamps), ("held", self.holds)):
             lines += [f"{kind} {notice}" for notice in notices[:SHOWN]]
-            if (others := notices[SHOWN:]) and (count := sum(notice.count for notice in others)):
+            if others := notices[SHOWN:]:
+                count = sum(notice.count for notice in others)
                 lines.append(f"{kind} {count} x for {len(others)} further reasons")
         if self.state is not GateState.RUN:
             lines.append(f"{self.state.name} at the end: {self.reason}")

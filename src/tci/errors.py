@@ -53,7 +53,7 @@ class UnknownNameError(TciError):
         self.name = name
         self.valid = tuple(valid)
         listed = ", ".join(self.valid) or "(none)"
-        super().__init__(f"no {kind} named {name!r}{meant(name, self.valid)}; valid: {listed}")
+        super().__init__(f"no {kind} named {name!r}{meant(str(name), self.valid)}; valid: {listed}")
 
 
 class CommandError(TciError):

@@ -229,6 +229,8 @@ def test_11_names_that_are_nearly_right() -> None:
         tci.load_robot("zzz")
     with pytest.raises(UnknownNameError, match="no generic part named 'leftarm'; did you mean 'left_arm'\\?"):
         tci.load_robot("nao").part("leftarm")
+    with pytest.raises(UnknownNameError, match="no generic part named 3; valid: left_arm"):
+        tci.load_robot("nao").part(3)
 
 
 @pytest.mark.parametrize("name", ["nao", "nao-whole"])

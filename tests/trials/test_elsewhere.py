@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
@@ -27,6 +28,8 @@ VIAS: dict[str, Callable[[], str]] = {
     "ros2": lambda: f"ros2:{anywhere()}",
     "ros1": lambda: f"ros1:{anywhere()}",
 }
+EVERY_POKE = "zenoh"
+"""All ten pokes of a robot go through this one; others differ in their wire only: one poke of each arm."""
 TRIES = 4
 """A busy machine may keep two processes from being real time: then the robot holds, as it should."""
 
@@ -42,7 +45,7 @@ def answered(trial: Trial) -> bool:
 
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("name", VIAS)
-def test_every_poke_of_the_demo_is_answered_from_another_process(name: str) -> None:
+def test_pokes_of_the_demo_are_answered_from_another_process(name: str) -> None:
     if name == "naoqi":
         needs_qi()
     if name == "ros2":
@@ -50,6 +53,8 @@ def test_every_poke_of_the_demo_is_answered_from_another_process(name: str) -> N
     if name == "ros1":
         roscore()
     reflex = tci.WithdrawalReflex()
+    if name != EVERY_POKE:
+        reflex = replace(reflex, fields=reflex.fields[:1])
     for robot in (patient("icub"), patient("nao")):
         if name not in {binding.middleware for binding in robot.bindings}:
             continue

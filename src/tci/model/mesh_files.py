@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,12 @@ def binary_stl(path: Path) -> bytes:
 
     Raises DescriptionError for a file that holds no mesh, MissingExtraError without trimesh.
     """
+    # Each of a robot's parts reads its model again, and a COLLADA file takes 30 ms.
+    return _converted(path, path.stat().st_mtime_ns if path.exists() else 0)
+
+
+@lru_cache(maxsize=256)
+def _converted(path: Path, _: int) -> bytes:
     with needs(f"reading the mesh {path.name}", "robots"):
         import trimesh
 

@@ -2,9 +2,11 @@
 PYTHON ?= python3
 VENV := .venv/bin
 export OPENBLAS_NUM_THREADS ?= 1
+# Else every process of the tests compiles all of TCI and all tests anew.
+unexport PYTHONDONTWRITEBYTECODE
 OUT ?= out
 
-.PHONY: help demo test test-real lint docs pictures bench middleware soak fuzz reliability lock clean run-env dev-env
+.PHONY: help demo test test-real quick lint docs pictures bench middleware soak fuzz reliability lock clean run-env dev-env
 
 help:  ## show this list
 	@grep -E '^[a-z-]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 8
@@ -18,10 +20,14 @@ dev-env: run-env
 demo: run-env  ## set up, then poke a simulated NAO and a simulated iCub; writes out/
 	@$(VENV)/tci demo --out "$(OUT)"
 
-test: dev-env lint docs  ## set up, then lint, docs and all tests
+test: dev-env  ## set up, then lint, docs and all tests
+	@$(MAKE) --no-print-directory --jobs 2 --output-sync lint docs
 	@$(PYTHON) tools/peers.py
-	@$(VENV)/python -m pytest -n auto --dist loadgroup -m "not live" && apart=0 || apart=1; \
-	  $(VENV)/python -m pytest -n 2 --dist loadgroup -m live && exit $$apart
+	@$(VENV)/python -m pytest -n auto --dist loadgroup --durations 10 -m "not live" && apart=0 || apart=1; \
+	  $(VENV)/python -m pytest -n 2 --dist loadgroup --durations 10 -m live && exit $$apart
+
+quick: dev-env  ## lint, types and the tests of what changed since main, within a minute
+	@$(VENV)/python tools/quick.py
 
 test-real: dev-env  ## tests on genuine skin files and recordings (DATA=FOLDER, not part of this repository)
 	@$(VENV)/python -m pytest -q -m data --data "$(DATA)"

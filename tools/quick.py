@@ -1,0 +1,105 @@
+"""Lint, types and the tests of what changed since main, within a minute.
+
+    python tools/quick.py
+
+A test file belongs to a change when it changed itself, or imports a changed module or a changed helper of the
+tests. For a module that no test imports, those count that import whatever uses it. Live tests are left out,
+and so is what no time is left for: `make test` runs everything.
+"""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+BUDGET = 40.0
+"""Time [s] after which no further test begins. Types take as long, beside them."""
+
+
+def changed() -> set[Path]:
+    """Files that differ from where the branch left main, and new ones."""
+    base = _git("merge-base", "HEAD", "main") or ["HEAD"]
+    names = _git("diff", "--name-only", base[0]) + _git("ls-files", "--others", "--exclude-standard")
+    return {ROOT / name for name in names}
+
+
+def _git(*words: str) -> list[str]:
+    return subprocess.run(
+        ["git", *words], cwd=ROOT, capture_output=True, text=True, check=False
+    ).stdout.split()
+
+
+def imports(path: Path) -> set[str]:
+    """Dotted names that a file imports; `from a import b` may mean the module `a.b`."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            found |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return found
+
+
+def module(path: Path) -> str:
+    """Name under which tests import a file of src or of tests, or ''."""
+    for root in (ROOT / "src", ROOT / "tests"):
+        if path.is_relative_to(root) and path.suffix == ".py":
+            return ".".join(path.relative_to(root).with_suffix("").parts).removesuffix(".__init__")
+    return ""
+
+
+def tests_of(files: set[Path]) -> list[Path]:
+    uses = {path: imports(path) for folder in ("src", "tests") for path in (ROOT / folder).rglob("*.py")}
+    found = {path for path in files if path in uses and _is_test(path)}
+    for path in files:
+        names, seen = {module(path)} - {""}, set[str]()
+        while names and not (tests := {path for path in uses if _is_test(path) and uses[path] & names}):
+            seen |= names
+            names = {module(path) for path in uses if uses[path] & names} - seen
+        found |= tests if names else set()
+    return sorted(found)
+
+
+def _is_test(path: Path) -> bool:
+    return path.name.startswith("test_")
+
+
+class Budget:
+    """Runs tests until the time is over, and says how many are left."""
+
+    def __init__(self) -> None:
+        self.end, self.left = time.monotonic() + BUDGET, 0
+
+    def pytest_runtest_protocol(self) -> bool | None:
+        if time.monotonic() < self.end:
+            return None
+        self.left += 1
+        return True
+
+    def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
+        if self.left:
+            terminalreporter.line(f"{self.left} tests are left to make test: {BUDGET:.0f} s are over")
+
+
+def main() -> int:
+    tools = [["ruff", "check", "."], ["ruff", "format", "--check", "."], ["mypy"]]
+    started = [subprocess.Popen([sys.executable, "-m", *words], cwd=ROOT) for words in tools]
+    files = [str(path) for path in tests_of(changed())]
+    print(f"{len(files)} test files import what changed", flush=True)
+    status = 0
+    if files:
+        words = ["-q", "-x", "-m", "not live", "--rootdir", str(ROOT), *files]
+        status = int(pytest.main(words, plugins=[Budget()]))
+    if status == pytest.ExitCode.NO_TESTS_COLLECTED:
+        status = 0
+    return max([status, *(tool.wait() for tool in started)])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -101,3 +101,30 @@ def test_rows_that_need_no_clock_are_sound_at_the_size_of_ci(
     monkeypatch.setenv("JOBS", "1")
     done = getattr(tool(file), row)(False)
     assert done.met == "so far", done.figure
+
+
+@pytest.mark.parametrize(("slowest", "met"), [(0.33e-3, "yes"), (0.37e-3, "no")])
+def test_the_loop_is_judged_by_its_threads_time_and_told_beside_a_bare_loop(
+    tool: Any, monkeypatch: pytest.MonkeyPatch, slowest: float, met: str
+) -> None:
+    timing = tool("timing")
+
+    def times(usual: float, most: float) -> list[int]:
+        histogram = timing.Histogram()
+        for number in range(10_000):
+            histogram.add(most if number % 500 == 0 else usual)
+        counts: list[int] = histogram.counts.tolist()
+        return counts
+
+    piece = {
+        "seconds": 3600.0, "how": "", "own": times(40e-6, slowest), "late": times(1e-6, 20e-3),
+        "bare_own": times(10e-6, 0.1e-3), "bare_late": times(1e-6, 20e-3), "faults": 0.25, "slope": 0.5,
+        "moving": 0.1, "missed": 3, "unreported": 0, "usual_kb": 2.0, "most_kb": 40.0, "kept": 0.0,
+    }  # fmt: skip
+    monkeypatch.setattr(timing, "gather", lambda *_, **__: [piece])
+    row = timing.one_kilohertz(full=True)
+    assert row.met == met
+    assert "4.0 and 3." in row.figure
+    assert (
+        "takes 2.0 kB of memory at once, 40 at most, and keeps 0.000 blocks; 0.25 page faults" in row.figure
+    )

@@ -1,7 +1,9 @@
 """A bare loop at 1 kHz in a process of its own: what the machine does to any loop.
 
-It sleeps, and then does the same piece of plain NumPy work in every period, about as long as most of ours.
-`bare_loop.py SECONDS` prints how late it was and how long its work took, as counts of a `Histogram`.
+In every period it moves the data that the other loop gets and gives, in plain NumPy: joint angles and speeds;
+and of each new frame of the skin the raw bytes, the pressures and which of them are above 0.
+`bare_loop.py SECONDS FRAMES SERVOS CHANNELS...` prints how late it was and how long its work took, as counts
+of a `Histogram`; FRAMES come per second, each with one patch for each of CHANNELS.
 """
 
 from __future__ import annotations
@@ -20,25 +22,29 @@ from tci.runtime.loop_report import Histogram
 from tci.runtime.real_time import real_time
 
 PERIOD = 0.001
-PIECES = 100
-"""Additions of 64 numbers in a period."""
 
 
-def main(seconds: float) -> None:
+def main(seconds: float, frames: float, servos: int, channels: list[int]) -> None:
     late, own = Histogram(), Histogram()
-    start, numbers = None, np.zeros(64)
+    start, number = None, -1
+    joints, raw = np.zeros(servos), [np.full(count, 5, np.uint8) for count in channels]
     with ExitStack() as stack:
         with suppress(TciError):
             stack.enter_context(real_time(processor=min(os.sched_getaffinity(0))))
         for now in ticks(MonotonicClock(), PERIOD, duration=seconds):
             start = now if start is None else start
             begin = time.thread_time()
-            for _ in range(PIECES):
-                numbers = numbers + 1.0
+            told = joints.copy(), np.zeros(servos)
+            joints = told[0] + PERIOD * told[1]
+            if int((now - start) * frames) != number:
+                number = int((now - start) * frames)
+                pressures = [np.float32(10.0) * (values.copy() - np.float32(5.0)) for values in raw]
+                active = [np.flatnonzero(pressure > 0.0) for pressure in pressures]
+                del pressures, active
             own.add(time.thread_time() - begin)
             late.add((now - start + 1e-9) % PERIOD)
     print(json.dumps({"late": late.counts.tolist(), "own": own.counts.tolist()}))
 
 
 if __name__ == "__main__":
-    main(float(sys.argv[1]))
+    main(float(sys.argv[1]), float(sys.argv[2]), int(sys.argv[3]), [int(word) for word in sys.argv[4:]])

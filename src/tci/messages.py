@@ -200,6 +200,10 @@ def _no_kinematics(contact: Contact) -> Array:
     raise TciError(f"no Jacobian of the contact on {contact.patch}: this perception comes without a robot")
 
 
+def _no_motion(contacts: Sequence[Contact], part: str, target: Array, mode: Mode) -> Array:
+    raise TciError(f"nothing is known of a motion of {part}: this perception comes without a robot")
+
+
 Covered = Callable[[str, str, float, float, float], float]
 """Of a part and segment, the share 0..1 of the taxels around u, theta [rad] that are used, within a radius
 [limb lengths]."""
@@ -231,6 +235,10 @@ class Perception:
     jacobian: Callable[[Contact], Array] = _no_kinematics
     """Of one of them: how its point moves (3, n) [m/rad], seen from the torso, with each generic joint of
     its part. Worked out when asked for."""
+    retreat: Callable[[Sequence[Contact], str, Array, Mode], Array] = _no_motion
+    """Of some of them (c,): how far [m] the point of each would be from where it is, (0, k, c) along its
+    inward normal, below 0 where it is pressed, and (1, k, c) across it, at k moments while a part goes to
+    generic angles (n,) in a mode, as the robot's limits let it. Worked out when asked for."""
     apart: Callable[[Contact, Spot], float] = _no_skin
     """Geodesic distance [m] along the skin of one of them from a spot of its part; infinite where the spot is
     on other skin. Worked out when asked for."""

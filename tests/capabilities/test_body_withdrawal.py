@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from capabilities.touches import touch
+from capabilities.touches import away, touch
 from tci.capabilities.body_fields import JOINTS, BodyFields, default_body_fields, load_body_fields
 from tci.capabilities.body_withdrawal import BodyMemory, BodyWithdrawal
 from tci.errors import DescriptionError, TciError
@@ -26,7 +26,7 @@ def see(
 ) -> Perception:  # fmt: skip
     """What is seen when every contact lies `distance` [m] from one spot and on no other."""
     return Perception(
-        stamp=stamp, posture=POSTURE, contacts=contacts, movable=movable or {},
+        stamp=stamp, posture=POSTURE, contacts=contacts, movable=movable or {}, retreat=away,
         apart=lambda contact, spot: distance if spot == at else np.inf,
     )  # fmt: skip
 

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from capabilities.touches import BOTH_ARMS, POSTURE, one_field, poke, see, touch
 from tci.capabilities.fields import ReceptiveField, default_fields
-from tci.capabilities.withdrawal import Withdrawal, WithdrawalMemory, WithdrawalReflex
+from tci.capabilities.withdrawal import WithdrawalMemory, WithdrawalReflex
+from tci.capabilities.withdrawing import Withdrawal
 from tci.errors import CommandError, TciError
 from tci.frames import Array
 from tci.interface.gate.gate import Gate
@@ -232,7 +233,7 @@ def test_8_no_response_without_a_force_at_a_place(contact: Contact, measure: str
     reflex = WithdrawalReflex(fields=(one_field(measure=measure),))
     commands, memory = reflex.step(reflex.init(), see(contact))
     assert commands == ()
-    assert memory == {}
+    assert not memory
 
 
 def test_8_no_contact_no_response() -> None:
@@ -358,7 +359,7 @@ def test_two_arms_are_independent(one: list[Contact], other: list[Contact]) -> N
 
 
 def bits(memory: WithdrawalMemory) -> dict[str, tuple[object, ...]]:
-    def one(w: Withdrawal) -> tuple[object, ...]:
+    def one(w: Withdrawal[ReceptiveField]) -> tuple[object, ...]:
         return w.field, w.origin.tobytes(), w.gain, w.started, w.touched
 
     return {part: one(withdrawal) for part, withdrawal in memory.items()}

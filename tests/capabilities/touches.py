@@ -9,7 +9,7 @@ import numpy as np
 
 from tci.capabilities.fields import ReceptiveField
 from tci.frames import Array, read_only
-from tci.messages import Contact, Perception
+from tci.messages import Contact, Mode, Perception
 
 POSTURE = read_only(np.deg2rad([25.0, 25.0, 0.0, 60.0, 0.0]))
 BOTH_ARMS = {"left_arm": POSTURE, "right_arm": POSTURE}
@@ -56,9 +56,14 @@ def poke(field: ReceptiveField, force: float, *, part: str = "left_arm", sequenc
     return touch(field.u, field.theta, [force], part=part, segment=field.segment, sequence=sequence)
 
 
+def away(contacts: Sequence[Contact], part: str, target: Array, mode: Mode) -> Array:
+    """`Perception.retreat` where every motion leads away from all contacts."""
+    return np.ones((2, 1, len(contacts)))
+
+
 def see(*contacts: Contact, stamp: float = 0.0, posture: Mapping[str, Array] = BOTH_ARMS) -> Perception:
-    """What a capability sees at `stamp` [s]."""
-    return Perception(stamp=stamp, posture=posture, contacts=contacts)
+    """What a capability sees at `stamp` [s], on a robot all of whose motions lead away."""
+    return Perception(stamp=stamp, posture=posture, contacts=contacts, retreat=away)
 
 
 def one_field(**changes: Any) -> ReceptiveField:

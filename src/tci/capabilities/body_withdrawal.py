@@ -8,7 +8,7 @@ weight, and its centre of mass would stay above them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Literal
@@ -19,9 +19,10 @@ from tci.capabilities.body_fields import JOINTS, BodyField, BodyFields, default_
 from tci.capabilities.capability import Capability
 from tci.capabilities.discounts import phi, psi
 from tci.capabilities.withdrawal import LEAST_COVERAGE
+from tci.capabilities.withdrawing import Wish, Withdrawal, Withdrawals, told, withdraw
 from tci.errors import TciError
-from tci.frames import Array, read_only
-from tci.messages import Contact, GenericCommand, Mode, Order, Perception, Spot
+from tci.frames import Array
+from tci.messages import Contact, GenericCommand, Mode, Order, Perception
 from tci.model.description import SOLE
 
 ALONE = (
@@ -30,45 +31,8 @@ ALONE = (
 )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class BodyMotion:
-    """One part that withdraws."""
-
-    field: BodyField
-    """Field that started it."""
-    origin: Array
-    """Generic posture (n,) [rad] when it started."""
-    gain: float
-    """Largest gain so far."""
-    started: float
-    """When it started [s]."""
-    touched: float
-    """When a touch of this part last answered [s]."""
-    quiet: bool = False
-    """Whether a step without an answer has come since."""
-
-    @property
-    def target(self) -> Array:
-        """Where the part goes (n,) [rad]."""
-        return read_only(self.origin + self.gain * np.array(self.field.motion))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class BodyMemory(Mapping[str, BodyMotion]):
-    """What goes on, by part; and why legs did not answer."""
-
-    motions: Mapping[str, BodyMotion]
-    refused: Mapping[str, str]
-    """Why a touched leg stays, by part: the latest touch."""
-
-    def __getitem__(self, part: str) -> BodyMotion:
-        return self.motions[part]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.motions)
-
-    def __len__(self) -> int:
-        return len(self.motions)
+BodyMemory = Withdrawals[BodyField]
+"""The withdrawal of each part that has one, by name; and why touched parts stay."""
 
 
 @dataclass(frozen=True)
@@ -100,39 +64,40 @@ class BodyWithdrawal(Capability[BodyMemory]):
             raise TciError(f"body withdrawal: stance {self.stance!r}; valid: standing, supported")
 
     def init(self) -> BodyMemory:
-        return BodyMemory({}, {})
+        return Withdrawals({}, {})
 
     def step(self, memory: BodyMemory, perception: Perception) -> tuple[tuple[Order, ...], BodyMemory]:
         """One command for each part whose target changed."""
         commands: list[Order] = []
-        motions: dict[str, BodyMotion] = {}
-        refused = dict(memory.refused)
+        motions: dict[str, Withdrawal[BodyField]] = {}
+        refused = memory.refused
         heavy = self._heavy(perception.contacts)
-        # What a sole feels while the robot stands is the ground.
-        contacts = [contact for contact in perception.contacts if not (heavy and contact.segment == SOLE)]
-        for part, posture in perception.posture.items():
-            touches = [contact for contact in contacts if contact.part == part]
-            answers = self._answers(touches, part, perception)
+        if heavy:  # what a sole feels while the robot stands is the ground
+            contacts = [contact for contact in perception.contacts if contact.segment != SOLE]
+            perception = replace(perception, contacts=contacts)
+        for part in perception.posture:
+            wishes = self._wishes(part, perception)
             before = memory.motions.get(part)
-            after = self._next(before, answers, posture, perception.stamp)
-            if answers and answers[0][0].kind == "leg" and after is not None:
-                if reason := self._carries(part, after.target, heavy, perception):
-                    refused[part] = reason
-                    # The touch that a leg has answered goes on, though it may not move further.
-                    same = before is not None and before.started == after.started
-                    after = replace(after, gain=before.gain) if same and before is not None else None
-                else:
-                    refused.pop(part, None)
+            after, reason = withdraw(before, wishes, perception, part, refractory=self.refractory)
+            carries = ""
+            if wishes and wishes[0].field.kind == "leg" and after is not None:
+                carries = self._carries(part, after.target, heavy, perception)
+            if carries and after is not None:
+                reason = carries
+                # The touch that a leg has answered goes on, though it may not move further.
+                same = before is not None and before.started == after.started
+                after = replace(after, gain=before.gain) if same and before is not None else None
+            refused = told(refused, part, after, reason)
             if after is None:
                 continue
             motions[part] = after
-            if before is None or (after.started, after.gain) != (before.started, before.gain):
+            if not after.goes_as(before):
                 commands.append(GenericCommand(part, Mode.POSITION, after.target))
-        return tuple(commands), BodyMemory(motions, refused)
+        return tuple(commands), Withdrawals(motions, refused)
 
     def notes(self, memory: BodyMemory) -> tuple[str, ...]:
-        """Which legs stay though they were touched, and why."""
-        return tuple(f"{part} was touched and stays: {reason}" for part, reason in memory.refused.items())
+        """Which parts stay though they were touched, and why."""
+        return memory.notes
 
     def fault(self, perception: Perception) -> str:
         """Which field has lost most of the skin that it feels with."""
@@ -155,17 +120,17 @@ class BodyWithdrawal(Capability[BodyMemory]):
             return False
         return bool((np.array(candidate.motion) * perception.movable.get(part, 1.0)).any())
 
-    def _answers(
-        self, touches: Sequence[Contact], part: str, perception: Perception
-    ) -> list[tuple[BodyField, float]]:
+    def _wishes(self, part: str, perception: Perception) -> list[Wish[BodyField]]:
         """What each touch of a part asks for: the closest of the fields that it lies in, and its gain."""
-        answers = []
-        for touch in touches:
+        wishes = []
+        for index, touch in enumerate(perception.contacts):
+            if touch.part != part:
+                continue
             closest: tuple[float, BodyField] | None = None
             for candidate in self.fields.field:
                 if not self._can_answer(candidate, part, perception, touch.segment):
                     continue
-                distance = perception.apart(touch, Spot(candidate.segment, candidate.towards))
+                distance = perception.apart(touch, candidate.spot)
                 if distance < candidate.radius_m and (closest is None or distance < closest[0]):
                     closest = distance, candidate
             if closest is None:
@@ -174,8 +139,8 @@ class BodyWithdrawal(Capability[BodyMemory]):
             force = self.fields.force
             gain = phi(touch.force, force.threshold_n, force.saturation_n) * psi(distance, found.radius_m)
             if gain > 0.0:
-                answers.append((found, gain))
-        return answers
+                wishes.append(Wish(found, gain, index))
+        return wishes
 
     def _heavy(self, contacts: Sequence[Contact]) -> dict[str, float]:
         """Legs on which the robot stands, and what their soles feel [N]."""
@@ -201,22 +166,6 @@ class BodyWithdrawal(Capability[BodyMemory]):
             return told
         where = f"{abs(margin) * 1e3:.0f} mm {'inside' if margin >= 0.0 else 'outside'}"
         return f"{told}, whose centre of mass would be {where} of it; valid: {self.margin * 1e3:g} mm inside"
-
-    def _next(
-        self, before: BodyMotion | None, answers: list[tuple[BodyField, float]], posture: Array, now: float
-    ) -> BodyMotion | None:
-        """The part's withdrawal after this instant: the same rules as an arm's."""
-        if before is not None and (before.quiet or not answers) and now - before.touched >= self.refractory:
-            before = None
-        if not answers:
-            return before if before is None or before.quiet else replace(before, quiet=True)
-        if before is not None:
-            gains = [gain for found, gain in answers if found == before.field]
-            return replace(before, gain=max([before.gain, *gains]), touched=now, quiet=False)
-        if not np.isfinite(posture).all():
-            return None
-        found, gain = max(answers, key=lambda answer: (answer[1], answer[0].name))
-        return BodyMotion(found, read_only(posture), gain, now, now)
 
 
 def _is_of(candidate: BodyField, part: str, posture: Array, segment: str) -> bool:

@@ -6,7 +6,6 @@ the gesture stopped, and it goes on from there.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
@@ -54,7 +53,7 @@ class PlayGesture(Capability[GestureMemory]):
 
     fitted: Fitted
     """The gesture, fitted to the robot (`tci.interface.gestures.gesture.fit`)."""
-    reflex: Capability[Mapping[str, Any]] | None = None
+    reflex: Capability[Any] | None = None
     """Moves parts away from what touches them: its memory names the parts that it moves now."""
     near: float = float(np.deg2rad(1.0))
     """Distance [rad] of every joint at which the gesture begins, or goes on."""

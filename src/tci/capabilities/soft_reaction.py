@@ -13,10 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from tci.capabilities.capability import Capability
+from tci.capabilities.retreat import why_not
 from tci.errors import TciError
 from tci.frames import Array, read_only
 from tci.messages import Command, GenericCommand, Mode, Perception, SwitchMode
 
+AHEAD = 0.1
+"""Time [s] of a motion that is judged: what is felt is known again long before."""
 MODES = (Mode.VELOCITY, Mode.TORQUE)
 """Forms of the soft reaction."""
 
@@ -31,6 +34,8 @@ class Posture:
     """Generic angles (n,) [rad] then."""
     home: Array
     """Generic angles (n,) [rad] that torque mode holds; where the last touch left it."""
+    refused: str = ""
+    """Why it stays though it is touched; empty when it goes along."""
 
 
 Postures = Mapping[str, Posture]
@@ -85,14 +90,27 @@ class SoftReaction(Capability[Postures]):
             ]
             for touch in touches:
                 torque += perception.jacobian(touch).T @ touch.f_T
+            velocity = self.mobility * torque
+            target = angles + AHEAD * velocity
+            reason = why_not(perception, part, target, mode=self.mode) if velocity.any() else ""
+            if reason:  # between two touches
+                torque, velocity = np.zeros(angles.size), np.zeros(angles.size)
             before = memory.get(part, Posture(perception.stamp, angles, angles))
             home = angles if touches else before.home
             if self.mode is Mode.VELOCITY:
-                values = self.mobility * torque
+                values = velocity
             else:
                 elapsed = perception.stamp - before.stamp
                 speed = (angles - before.angles) / elapsed if elapsed > 0.0 else np.zeros(angles.size)
                 values = self.gain * torque + self.stiffness * (home - angles) - self.damping * speed
             commands.append(GenericCommand(part, self.mode, read_only(values)))
-            postures[part] = Posture(perception.stamp, angles, home)
+            postures[part] = Posture(perception.stamp, angles, home, reason)
         return tuple(commands), postures
+
+    def notes(self, memory: Postures) -> tuple[str, ...]:
+        """Which parts stay though they are touched, and why."""
+        return tuple(
+            f"{part} was touched and stays: {posture.refused}"
+            for part, posture in memory.items()
+            if posture.refused
+        )

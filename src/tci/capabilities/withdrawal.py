@@ -1,15 +1,12 @@
 """The protective withdrawal reflex (§4): a touched arm moves away from what touches it (eqs 5-7).
 
-A touch that answers in a field starts a *withdrawal* of that arm. Until the arm's skin has been quiet
-for the refractory period, every touch of it counts as the same one: the gain may still grow, at most
-to 1, but no other field answers and nothing is added twice.
+Once per touch, and never towards it: see `withdrawing`.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
 from typing import Literal
@@ -19,8 +16,9 @@ import numpy as np
 from tci.capabilities.answer import field_table, find_answers
 from tci.capabilities.capability import Capability
 from tci.capabilities.fields import ReceptiveField, default_fields
+from tci.capabilities.withdrawing import Wish, Withdrawals, told, withdraw
 from tci.errors import CommandError, TciError
-from tci.frames import Array, frozen, read_only
+from tci.frames import Array, read_only
 from tci.interface.skin.contact_table import ContactTable
 from tci.messages import Command, Contact, GenericCommand, Mode, Perception, SwitchMode
 from tci.model.generic_arm import JOINTS
@@ -43,31 +41,8 @@ class Answer:
     """phi(F) psi(d), above 0 and at most 1 (eq. 5)."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Withdrawal:
-    """One arm that withdraws."""
-
-    field: ReceptiveField
-    """Field that started it."""
-    origin: Array
-    """Generic posture (5,) [rad] when it started."""
-    gain: float
-    """Largest gain so far."""
-    started: float
-    """When it started [s]."""
-    touched: float
-    """When a touch of this arm last answered [s]."""
-    quiet: bool = False
-    """Whether a step without an answer has come since."""
-
-    @property
-    def target(self) -> Array:
-        """Where the arm goes (5,) [rad]: one gain for all joints keeps the direction of Theta_i."""
-        return frozen(self.origin + self.gain * np.array(self.field.motion))
-
-
-WithdrawalMemory = Mapping[str, Withdrawal]
-"""The withdrawal of each arm that has one, by generic part."""
+WithdrawalMemory = Withdrawals[ReceptiveField]
+"""The withdrawal of each arm that has one, by generic part; and why touched arms stay."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +95,7 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         return tuple(commands)
 
     def init(self) -> WithdrawalMemory:
-        return {}
+        return Withdrawals({}, {})
 
     def step(
         self, memory: WithdrawalMemory, perception: Perception
@@ -132,19 +107,32 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         """
         commands: list[Command] = []
         withdrawals = {}
-        answers = self._answers(perception.contacts) if perception.contacts else {}
+        refused = memory.refused
+        wishes = self._wishes(perception.contacts) if perception.contacts else {}
         for part, posture in perception.posture.items():
-            before = memory.get(part)
-            after = self._next(before, answers.get(part, ()), part, posture, perception.stamp)
+            before, own = memory.motions.get(part), wishes.get(part, ())
+            if before is None and not own:
+                continue
+            if own and posture.size != len(own[0].field.motion):
+                valid = len(own[0].field.motion)
+                raise CommandError(f"{part} has {posture.size} joints; a base motion has {valid}")
+            after, reason = withdraw(
+                before, own, perception, part, refractory=self.refractory, mode=self.mode
+            )
+            refused = told(refused, part, after, reason)
             if after is None:
                 continue
             withdrawals[part] = after
             if self.mode is Mode.VELOCITY:
                 velocity = (after.target - posture) / self.approach
                 commands.append(GenericCommand(part=part, mode=Mode.VELOCITY, values=read_only(velocity)))
-            elif before is None or (after.started, after.gain) != (before.started, before.gain):
+            elif not after.goes_as(before):
                 commands.append(GenericCommand(part=part, mode=self.mode, values=after.target))
-        return tuple(commands), withdrawals
+        return tuple(commands), Withdrawals(withdrawals, refused)
+
+    def notes(self, memory: WithdrawalMemory) -> tuple[str, ...]:
+        """Which arms stay though they were touched, and why."""
+        return memory.notes
 
     def fault(self, perception: Perception) -> str:
         """Which field has lost most of the skin that it feels with."""
@@ -169,7 +157,7 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         return Answer(self.fields[closest], gain) if gain > 0.0 else None
 
     def _find(self, table: ContactTable) -> Iterable[tuple[int, int, float]]:
-        """Of each contact its patch, the field that is nearest, and the gain; 0: no answer."""
+        """Of each row its patch, the field that is nearest, and the gain; 0: no answer."""
         closest, gains = np.empty(len(table), np.int64), np.empty(len(table))
         find_answers(
             self._table, self.distance_discount == "cosine", table.segments, table.patch, table.bounds,
@@ -177,53 +165,16 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         )  # fmt: skip
         return zip(table.patch.tolist(), closest.tolist(), gains.tolist(), strict=True)
 
-    def _answers(self, contacts: Sequence[Contact]) -> dict[str, list[tuple[int, float]]]:
-        """Field and gain of each contact that has an answer, by part."""
+    def _wishes(self, contacts: Sequence[Contact]) -> dict[str, list[Wish[ReceptiveField]]]:
+        """What each contact asks for that has an answer, by part."""
         table = ContactTable.of(contacts)
-        answers: dict[str, list[tuple[int, float]]] = {}
-        for patch, nearest, gain in self._find(table):
+        wishes: dict[str, list[Wish[ReceptiveField]]] = {}
+        for row, (patch, nearest, gain) in enumerate(self._find(table)):
             if gain > 0.0:
-                answers.setdefault(table.sites[patch].part, []).append((nearest, gain))
-        return answers
+                wish = Wish(self.fields[nearest], gain, table.order.index(row))
+                wishes.setdefault(table.sites[patch].part, []).append(wish)
+        return wishes
 
     @cached_property
     def _table(self) -> Array:
         return field_table(self.fields)
-
-    def _next(
-        self,
-        before: Withdrawal | None,
-        answers: Sequence[tuple[int, float]],
-        part: str,
-        posture: Array,
-        now: float,
-    ) -> Withdrawal | None:
-        """The arm's withdrawal after this instant."""
-        # What answers in every step is one touch, however far apart the steps are.
-        if before is not None and (before.quiet or not answers) and now - before.touched >= self.refractory:
-            before = None
-        if not answers:
-            return before if before is None or before.quiet else replace(before, quiet=True)
-        if before is not None:
-            gains = [gain for index, gain in answers if self._is_same(index, before.field)]
-            gain = max([before.gain, *gains])
-            return Withdrawal(before.field, before.origin, gain, before.started, now)
-        motion = self.fields[answers[0][0]].motion
-        if posture.shape != (len(motion),):
-            raise CommandError(f"{part} has {posture.size} joints; a base motion has {len(motion)}")
-        if not all(map(math.isfinite, posture.tolist())):
-            return None
-        # Names settle a draw, so that the order of contacts plays no part.
-        nearest, gain = max(answers, key=lambda answer: (answer[1], self.fields[answer[0]].name))
-        return Withdrawal(
-            field=self.fields[nearest],
-            origin=frozen(posture.copy()),
-            gain=gain,
-            started=now,
-            touched=now,
-        )
-
-    def _is_same(self, index: int, other: ReceptiveField) -> bool:
-        mine = self.fields[index]
-        # Whole fields take long to compare.
-        return mine is other or (mine.name == other.name and mine == other)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 from tci.frames import Array, read_only
 from tci.interface.cartesian import cartesian_to_platform
@@ -12,6 +13,7 @@ from tci.interface.skin.contact_table import identities
 from tci.interface.skin.contacts import ContactSettings, find_contacts
 from tci.interface.skin.coverage import Coverage
 from tci.interface.skin.events import FilledFrames
+from tci.interface.skin.retreat import Retreat
 from tci.interface.skin.skin import Skin
 from tci.interface.skin.spots import Spots
 from tci.interface.skin.support import Balance
@@ -59,6 +61,8 @@ class Body:
         self.spots = Spots(self.skin)
         """Distances along the skin where there is no limb."""
         self._balance = Balance(self.skin)
+        self.retreat = Retreat(self.skin).along
+        """Where motions of generic parts lead: see `Retreat.along`."""
         self._covered: Covered | None = None
 
     def perceive(self, reading: Reading, now: float) -> Perception:
@@ -86,6 +90,7 @@ class Body:
             contacts=self._contacts,
             ended=ended,
             jacobian=lambda contact: self.jacobian(contact, position),
+            retreat=partial(self.retreat, position),
             apart=self.spots.distance,
             movable=self._movable,
             covered=self._covered,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -70,7 +71,12 @@ def answer(body: Body, part: str, field: ReceptiveField) -> Array:
     target, targets = posture[part], []
     for sequence, force in enumerate(FORCES):
         contact = touch(body, part, field, joints, force=float(force), sequence=sequence)
-        perception = Perception(stamp=contact.stamp, posture=posture, contacts=(contact,))
+        perception = Perception(
+            stamp=contact.stamp,
+            posture=posture,
+            contacts=(contact,),
+            retreat=partial(body.retreat, joints.position),
+        )
         commands, memory = reflex.step(memory, perception)
         for command in commands:
             if isinstance(command, GenericCommand):

@@ -8,27 +8,15 @@ from numpy.typing import NDArray
 
 from tci.frames import Array
 from tci.interface.kernels.arrays import reads, writes
-from tci.interface.kernels.compiled import compiled
+from tci.interface.kernels.compiled import compiled, inlined
 
 BEFORE, SERVO, SLIDES = range(3)
 """Columns of `steps`, see `tci.model.steps`."""
 
 
-@compiled(void(reads(1), reads(2, int64), reads(4), reads(1, int64), int64, writes(3), writes(3)))
-def link_poses(
-    position: Array,
-    steps: NDArray[np.int64],
-    sums: Array,
-    ends: NDArray[np.int64],
-    torso: int,
-    work: Array,
-    poses: Array,
-) -> None:
-    """Write `T_TL` (l, 4, 4) of the links after the steps `ends` (l,), seen from that after step `torso`.
-
-    `position` (n_servos,) [rad]; `steps` (s, 3) and `sums` (s, 3, 3, 4) see `tci.model.steps`; `work`
-    (s, 3, 4) is room for the pose after each step, seen from the world.
-    """
+@inlined
+def take_steps(position: Array, steps: NDArray[np.int64], sums: Array, work: Array) -> None:
+    """Write the pose after each step into `work` (s, 3, 4), seen from the world; else as `link_poses`."""
     for s in range(len(steps)):
         before, servo = steps[s, BEFORE], steps[s, SERVO]
         x = y = 0.0
@@ -47,6 +35,24 @@ def link_poses(
             for i in range(3):
                 T = work[before, i]
                 work[s, i, j] = T[0] * a + T[1] * b + T[2] * c + (T[3] if j == 3 else 0.0)
+
+
+@compiled(void(reads(1), reads(2, int64), reads(4), reads(1, int64), int64, writes(3), writes(3)))
+def link_poses(
+    position: Array,
+    steps: NDArray[np.int64],
+    sums: Array,
+    ends: NDArray[np.int64],
+    torso: int,
+    work: Array,
+    poses: Array,
+) -> None:
+    """Write `T_TL` (l, 4, 4) of the links after the steps `ends` (l,), seen from that after step `torso`.
+
+    `position` (n_servos,) [rad]; `steps` (s, 3) and `sums` (s, 3, 3, 4) see `tci.model.steps`; `work`
+    (s, 3, 4) is room for the pose after each step, seen from the world.
+    """
+    take_steps(position, steps, sums, work)
     T_WT = work[torso]
     for link in range(len(ends)):
         T_WL, T_TL = work[ends[link]], poses[link]
@@ -57,3 +63,45 @@ def link_poses(
             for i in range(3):
                 T_TL[i, j] = T_WT[0, i] * a + T_WT[1, i] * b + T_WT[2, i] * c
             T_TL[3, j] = 1.0 if j == 3 else 0.0
+
+
+@compiled(
+    void(
+        reads(2), reads(2, int64), reads(4), reads(1, int64), reads(2), reads(2), writes(3), writes(3),
+        writes(3),
+    )
+)  # fmt: skip
+def retreats(
+    way: Array,
+    steps: NDArray[np.int64],
+    sums: Array,
+    after: NDArray[np.int64],
+    points: Array,
+    normals: Array,
+    work: Array,
+    first: Array,
+    out: Array,
+) -> None:
+    """Write how far [m] points of links are from where they were at first, (0, k, c) along the inward normals
+    that they had there and (1, k, c) across, seen from the world.
+
+    `way` (k + 1, n_servos) [rad] begins there. Of each point (c, 3) [m] with its outward normal (c, 3) the
+    link is the one `after` (c,) a step; `first` (c, 3, 2) is room for both.
+    """
+    for k in range(len(way)):
+        take_steps(way[k], steps, sums, work)
+        for c in range(len(after)):
+            T, p, n = work[after[c]], points[c], normals[c]
+            inwards = square = 0.0
+            for i in range(3):
+                x = T[i, 0] * p[0] + T[i, 1] * p[1] + T[i, 2] * p[2] + T[i, 3]
+                if k == 0:
+                    first[c, i, 0] = x
+                    first[c, i, 1] = T[i, 0] * n[0] + T[i, 1] * n[1] + T[i, 2] * n[2]
+                else:
+                    x -= first[c, i, 0]
+                    inwards -= first[c, i, 1] * x
+                    square += x * x
+            if k > 0:
+                out[0, k - 1, c] = inwards
+                out[1, k - 1, c] = np.sqrt(max(square - inwards * inwards, 0.0))

@@ -55,7 +55,8 @@ class ContactTable(Sequence[Contact]):
         """Force [N], and u, y, z on the generic limb (4, k) of each of them."""
         self.told = told
         """Identity, begin [s] and way [m] (c, 3)."""
-        self._order: list[int] = rows[2, :-1].tolist()
+        self.order: list[int] = rows[2, :-1].tolist()
+        """The row of each contact."""
         self._made: dict[int, Contact] = {}
         self.identities: list[float] = told[:, 0].tolist()
         """The number of each."""
@@ -90,7 +91,7 @@ class ContactTable(Sequence[Contact]):
         return table
 
     def __len__(self) -> int:
-        return len(self._order)
+        return len(self.order)
 
     @overload
     def __getitem__(self, index: int) -> Contact: ...
@@ -98,8 +99,8 @@ class ContactTable(Sequence[Contact]):
     def __getitem__(self, index: slice) -> tuple[Contact, ...]: ...
     def __getitem__(self, index: int | slice) -> Contact | tuple[Contact, ...]:
         if isinstance(index, slice):
-            return tuple(self._make(row) for row in self._order[index])
-        return self._make(self._order[index])
+            return tuple(self._make(row) for row in self.order[index])
+        return self._make(self.order[index])
 
     @cached_property
     def _lists(self) -> tuple[list[int], list[int], list[list[float]], list[list[float]], Array]:

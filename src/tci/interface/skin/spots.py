@@ -29,8 +29,8 @@ TURNED = 0.5
 """Least cosine between their normals: of a thin limb, the other side is near and yet not there. Ours."""
 STEPS = 3
 """Edges that one step of a way may cross. Ours: with 1 a way is up to 15 % too long, with 3 some percent."""
-FAR = 1.0
-"""Distance [m] from which a surface is looked at from outside."""
+FACING = 0.2
+"""Least cosine between the normal at a spot and its direction. Assumed: a palm has no back of the hand."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,9 +91,11 @@ class Spots:
             surface = self._skin.surfaces[patch.name]
             direction = self._direction(part, patch, spot)
             middle = (surface.positions.min(axis=0) + surface.positions.max(axis=0)) / 2.0
-            # A sheet has no inside: its spot is what is nearest to one who looks from outside.
+            # A sheet has no inside: its spot is its middle, for one who comes from its outer side.
             reach = leave_surface(surface, middle, direction)
-            points, normals = surface.project((middle + (reach or FAR) * direction)[None])
+            points, normals = surface.project((middle + (reach or 0.0) * direction)[None])
+            if normals[0] @ direction <= FACING:
+                continue
             out = float((points[0] - middle) @ direction)
             if best is None or out > best[0]:
                 best = out, patch, points[0], normals[0]

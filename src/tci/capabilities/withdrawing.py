@@ -1,0 +1,184 @@
+"""The rules of a withdrawal, of whatever part: once per touch, and never towards what touches.
+
+A touch that answers in a field starts a *withdrawal* of its part. Until the part's skin has been quiet
+for the refractory period, every touch of it counts as the same one: the gain may still grow, at most
+to 1, but no other field answers and nothing is added twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Generic, NamedTuple, Protocol, TypeVar
+
+import numpy as np
+
+from tci.capabilities.retreat import why_not
+from tci.frames import Array, frozen
+from tci.interface.skin.contact_table import identities
+from tci.messages import Mode, Perception
+
+
+class Field(Protocol):
+    """A receptive field with its base motion."""
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+
+    @property
+    def motion(self) -> tuple[float, ...]:
+        """Theta_i [rad] of every generic joint."""
+
+
+F = TypeVar("F", bound=Field)
+
+
+class Wish(NamedTuple, Generic[F]):
+    """What one contact asks for."""
+
+    field: F
+    """The closest of the fields that it lies in."""
+    gain: float
+    """phi(F) psi(d), above 0 and at most 1 (eq. 5)."""
+    contact: int
+    """Its place in `Perception.contacts`."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Withdrawal(Generic[F]):
+    """One part that withdraws."""
+
+    field: F
+    """Field that started it."""
+    origin: Array
+    """Generic posture (n,) [rad] when it started."""
+    gain: float
+    """Largest gain so far."""
+    started: float
+    """When it started [s]."""
+    touched: float
+    """When a touch of this part last answered [s]."""
+    quiet: bool = False
+    """Whether a step without an answer has come since."""
+    met: frozenset[int] = frozenset()
+    """Identities of the contacts that it is known not to press."""
+    ended: Array | None = None
+    """Generic posture (n,) [rad] where something came into its way; None: nothing did."""
+
+    @property
+    def target(self) -> Array:
+        """Where the part goes (n,) [rad]: one gain for all joints keeps the direction of Theta_i."""
+        if self.ended is not None:
+            return self.ended
+        return frozen(self.origin + self.gain * np.array(self.field.motion))
+
+    def goes_as(self, before: Withdrawal[F] | None) -> bool:
+        """Whether it goes where it went `before`."""
+        if before is None or before.ended is not self.ended:
+            return False
+        return (before.started, before.gain) == (self.started, self.gain)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Withdrawals(Mapping[str, Withdrawal[F]]):
+    """What goes on, by part; and why others stay."""
+
+    motions: Mapping[str, Withdrawal[F]]
+    refused: Mapping[str, str]
+    """Why a touched part stays, by name: the latest touch."""
+
+    def __getitem__(self, part: str) -> Withdrawal[F]:
+        return self.motions[part]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.motions)
+
+    def __len__(self) -> int:
+        return len(self.motions)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a person should know of parts that stay."""
+        return tuple(f"{part} was touched and stays: {reason}" for part, reason in self.refused.items())
+
+
+def withdraw(
+    before: Withdrawal[F] | None,
+    wishes: Sequence[Wish[F]],
+    perception: Perception,
+    part: str,
+    *,
+    refractory: float,
+    mode: Mode = Mode.POSITION,
+) -> tuple[Withdrawal[F] | None, str]:
+    """The withdrawal of a part after this instant, and why it stays where a touch asks for more; or empty."""
+    now = perception.stamp
+    # What answers in every step is one touch, however far apart the steps are.
+    if before is not None and (before.quiet or not wishes) and now - before.touched >= refractory:
+        before = None
+    if before is None:
+        return _begin(wishes, perception, part, mode) if wishes else (None, "")
+    after, reason = before, ""
+    if wishes:
+        after = replace(before, touched=now, quiet=False)
+        if before.ended is None:
+            same = [wish for wish in wishes if _is_same(wish.field, before.field)]
+            best = max(same, key=lambda wish: wish.gain, default=None)
+            if best is not None and best.gain > before.gain:
+                grown = replace(after, gain=best.gain)
+                if not (reason := why_not(perception, part, grown.target, mode=mode)):
+                    after = grown
+    elif not before.quiet:
+        after = replace(before, quiet=True)
+    return _meet(after, perception, part, mode, reason)
+
+
+def told(
+    refused: Mapping[str, str], part: str, withdrawal: Withdrawal[F] | None, reason: str
+) -> Mapping[str, str]:
+    """What is `refused`, by part, after a part has gone on with a `withdrawal` or stays for a reason."""
+    if reason:
+        return {**refused, part: reason}
+    if part not in refused or withdrawal is None or withdrawal.quiet or withdrawal.ended is not None:
+        return refused
+    return {name: one for name, one in refused.items() if name != part}
+
+
+def _begin(
+    wishes: Sequence[Wish[F]], perception: Perception, part: str, mode: Mode
+) -> tuple[Withdrawal[F] | None, str]:
+    """The strongest wish that leads away; why the strongest does not where none does."""
+    posture, first = perception.posture[part], ""
+    if not np.isfinite(posture).all():
+        return None, ""
+    origin, now, met = frozen(posture.copy()), perception.stamp, _identities(perception)
+    # Names settle a draw, so that the order of contacts plays no part.
+    for field, gain, contact in sorted(wishes, key=lambda wish: (wish.gain, wish.field.name), reverse=True):
+        begun = Withdrawal(field, origin, gain, now, now, met=met)
+        reason = why_not(perception, part, begun.target, mode=mode, answers=contact)
+        if not reason:
+            return begun, ""
+        first = first or reason
+    return None, first
+
+
+def _meet(
+    withdrawal: Withdrawal[F], perception: Perception, part: str, mode: Mode, reason: str
+) -> tuple[Withdrawal[F], str]:
+    """The same, ended where the part is if the rest of it would press something that it has met since."""
+    met = _identities(perception)
+    if withdrawal.ended is not None or met <= withdrawal.met:
+        return withdrawal, reason
+    if reason := why_not(perception, part, withdrawal.target, mode=mode):
+        return replace(withdrawal, ended=frozen(perception.posture[part].copy())), reason
+    return replace(withdrawal, met=withdrawal.met | met), ""
+
+
+def _identities(perception: Perception) -> frozenset[int]:
+    return frozenset(map(int, identities(perception.contacts)))
+
+
+def _is_same(one: F, other: F) -> bool:
+    # Whole fields take long to compare.
+    return one is other or (one.name == other.name and one == other)

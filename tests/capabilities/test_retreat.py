@@ -1,0 +1,123 @@
+"""What leads towards a touch is not given, and what comes into the way of a withdrawal ends it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from capabilities.touches import POSTURE, one_field, poke, see
+from tci.capabilities.soft_reaction import SoftReaction
+from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.frames import Array
+from tci.messages import Contact, Mode, Perception
+
+FIELD = one_field()
+REFLEX = WithdrawalReflex(fields=(FIELD,))
+
+
+@dataclass(frozen=True)
+class Room:
+    """How far [m] each contact gets away on any motion, by its identity, and how far it is dragged."""
+
+    away: Mapping[int, Sequence[float]]
+    across: float = 0.0
+
+    def retreat(self, contacts: Sequence[Contact], part: str, target: Array, mode: Mode) -> Array:
+        """As `Perception.retreat`."""
+        inwards = np.array([self.away[contact.identity] for contact in contacts]).T
+        return np.stack([inwards, np.full_like(inwards, self.across)])
+
+
+def touches(*identities: int, force: float = 5.0) -> list[Contact]:
+    """Contacts at the centre of the field."""
+    return [replace(poke(FIELD, force), identity=one) for one in identities]
+
+
+def seen(room: Room, *contacts: Contact, stamp: float = 0.0, posture: Array = POSTURE) -> Perception:
+    """What a capability sees of them."""
+    return replace(see(*contacts, stamp=stamp, posture={"left_arm": posture}), retreat=room.retreat)
+
+
+def test_a_motion_into_the_touch_is_refused_and_told() -> None:
+    for away, told in (
+        ((-0.001, 0.02), "press left_arm_forearm 1 mm into what touches it"),
+        ((0.001, -0.02), "press left_arm_forearm 20 mm"),
+        ((0.0, 0.0001), "would take left_arm_forearm 0.1 mm away from what touches it; valid: 1 mm"),
+    ):
+        commands, memory = REFLEX.step(REFLEX.init(), seen(Room({1: away}), *touches(1)))
+        assert commands == ()
+        assert not memory
+        (note,) = REFLEX.notes(memory)
+        assert note.startswith("left_arm was touched and stays: its motion would")
+        assert told in note
+    commands, memory = REFLEX.step(REFLEX.init(), seen(Room({1: (0.001, 0.02)}), *touches(1)))
+    assert len(commands) == 1
+    assert not REFLEX.notes(memory)
+
+
+def test_a_motion_along_the_skin_is_no_withdrawal() -> None:
+    for across, given in ((0.09, True), (0.11, False)):
+        room = Room({1: (0.02, 0.02)}, across)
+        commands, memory = REFLEX.step(REFLEX.init(), seen(room, *touches(1)))
+        assert bool(commands) is given
+        assert ("drag left_arm_forearm" in "".join(REFLEX.notes(memory))) is not given
+
+
+def test_of_two_touches_at_opposite_sides_none_is_answered() -> None:
+    commands, memory = REFLEX.step(
+        REFLEX.init(), seen(Room({1: (0.001, 0.02), 2: (-0.001, -0.02)}), *touches(1, 2))
+    )
+    assert commands == ()
+    assert "press" in memory.refused["left_arm"]
+
+
+def test_a_withdrawal_ends_where_it_meets_something_and_stays_there_until_nothing_touches() -> None:
+    free, blocked = Room({1: (0.01, 0.02)}), Room({1: (0.01, 0.02), 2: (-0.01, -0.02)})
+    memory, sent = REFLEX.init(), []
+    for tick, (room, contacts) in enumerate(
+        [(free, touches(1))] * 2 + [(blocked, touches(1, 2))] * 3 + [(free, touches(1, force=2.0))] * 3
+    ):
+        here = POSTURE + 0.01 * tick
+        commands, memory = REFLEX.step(memory, seen(room, *contacts, stamp=0.01 * tick, posture=here))
+        sent += [(tick, command.values) for command in commands]
+    assert [tick for tick, _ in sent] == [0, 2]
+    np.testing.assert_allclose(sent[1][1], POSTURE + 0.02)
+    assert "left_arm was touched and stays" in REFLEX.notes(memory)[0]
+    for stamp in (1.0, 2.0):
+        commands, memory = REFLEX.step(memory, seen(free, stamp=stamp))
+        assert not commands
+    assert not memory
+    again, memory = REFLEX.step(memory, seen(free, *touches(1), stamp=3.0))
+    assert len(again) == 1
+    assert not REFLEX.notes(memory)
+
+
+def test_in_velocity_mode_an_ended_withdrawal_drives_no_further() -> None:
+    reflex = replace(REFLEX, mode=Mode.VELOCITY)
+    free, blocked = Room({1: (0.01, 0.02)}), Room({1: (0.01, 0.02), 2: (-0.01, -0.02)})
+    _, memory = reflex.step(reflex.init(), seen(free, *touches(1)))
+    ((command,), memory) = reflex.step(memory, seen(blocked, *touches(1, 2), stamp=0.01))
+    assert not command.values.any()
+
+
+def test_a_withdrawal_does_not_grow_into_a_touch() -> None:
+    free, blocked = Room({1: (0.01, 0.02)}), Room({1: (0.01, -0.02)})
+    first, memory = REFLEX.step(REFLEX.init(), seen(free, *touches(1, force=2.0)))
+    more, after = REFLEX.step(memory, seen(blocked, *touches(1), stamp=0.01))
+    assert len(first) == 1
+    assert not more
+    assert after["left_arm"].gain == memory["left_arm"].gain
+    assert REFLEX.notes(after)
+
+
+def test_a_soft_arm_between_two_touches_stays_and_says_so() -> None:
+    jacobian = np.eye(3, 5)
+    for mode in (Mode.VELOCITY, Mode.TORQUE):
+        reaction = SoftReaction(parts=("left_arm",), mode=mode)
+        for room, moves in ((Room({1: (0.01,), 2: (0.01,)}), True), (Room({1: (0.01,), 2: (-0.01,)}), False)):
+            view = replace(seen(room, *touches(1, 2)), jacobian=lambda contact: jacobian)
+            ((command,), memory) = reaction.step({}, view)
+            assert bool(command.values.any()) is moves
+            assert bool(reaction.notes(memory)) is not moves

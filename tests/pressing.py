@@ -1,0 +1,187 @@
+"""A finger rests on the skin of a robot in any posture; a capability answers; the physics tells the force.
+
+The judge is MuJoCo's contact with the finger: it knows no normal of TCI's, no Jacobian and no limit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import tci
+from tci.capabilities.body_withdrawal import BodyWithdrawal
+from tci.capabilities.capability import Capability
+from tci.capabilities.soft_reaction import SoftReaction
+from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.frames import Array
+from tci.interface.body import Body
+from tci.messages import Mode
+from tci.middleware.simulated import SimulatedLink
+from tci.model.description import GenericPart, Patch, Robot
+from tci.model.description.patch import Table
+from tci.model.joint_map import joint_map
+from tci.model.kinematics import Kinematics
+from tci.simulation.world import World
+
+RESTS = 0.2
+"""Time [s] after which a finger that came at 0.25 m/s rests on the skin."""
+NEXT = 0.02
+"""Time [s] after the first command in which the force must not rise."""
+RISE = 1e-3
+"""Rise of the force [N] that is none: the arm's servos still settle."""
+AT_LIMIT = 0.1
+"""Share of the servos that stand at each of their two limits."""
+SHEET, SPACING = 5, 0.01
+"""Taxels along each edge of a pad, and the distance [m] between them."""
+
+
+@dataclass(frozen=True)
+class Touched:
+    """What came of one touch."""
+
+    answered: bool
+    notes: tuple[str, ...]
+    rise: float = 0.0
+    """How much [N] the force rose within NEXT of the first command."""
+
+
+def press(
+    world: World, patch: str, taxel: int, capability: Capability[Any], *, depth: float, watch: float = NEXT
+) -> Touched:
+    """Let a finger come to rest `depth` [m] in the skin over a taxel, then a capability see it; for as long
+    as `watch` [s] after its first command. Raises TciError where the finger has no room."""
+    world.reset()
+    surface = world.surfaces[patch]
+    place = surface.positions[taxel], surface.normals[taxel]
+    world.finger.poke(patch, *place, speed=0.25, depth=depth, gap=0.002)
+    link, body, memory = SimulatedLink(world.robot, world=world), Body(world.robot), capability.init()
+    first, before, rise, notes = None, 0.0, 0.0, dict[str, None]()
+    with link:
+        for now in link.ticks(duration=RESTS + 0.1 + watch):
+            if first is not None:
+                if now > first + watch:
+                    break
+                rise = max(rise, world.finger.force - before)
+            reading = link.read()
+            seen = body.perceive(reading, now)
+            orders: Sequence[Any] = ()
+            if now >= RESTS:
+                orders = capability.begin(seen) if not notes and first is None else ()
+                more, memory = capability.step(memory, seen)
+                orders = (*orders, *more)
+                notes |= dict.fromkeys(capability.notes(memory))
+                if first is None and any(_moves(order) for order in more):
+                    first, before = now, world.finger.force
+            link.write(link.gate.step(body.to_platform(orders, reading.joints), reading.joints, now))
+    return Touched(first is not None, tuple(notes), rise)
+
+
+def _moves(order: Any) -> bool:
+    return bool(order.mode is Mode.POSITION or np.any(order.values))
+
+
+def capability_for(part: str) -> Capability[Any]:
+    """The reflex that answers touches of a part."""
+    return WithdrawalReflex() if part.endswith("_arm") else BodyWithdrawal(stance="supported")
+
+
+def any_posture(robot: Robot, chance: np.random.Generator) -> dict[str, Array]:
+    """Generic angles of all parts, with some servos at their limits."""
+    position = np.array(robot.initial_position)
+    for servo in robot.servos:
+        lower, upper = servo.limits.lower, servo.limits.upper
+        if lower is not None and upper is not None:
+            share = chance.uniform(-AT_LIMIT, 1.0 + AT_LIMIT)
+            position[servo.index] = np.clip(lower + share * (upper - lower), lower, upper)
+    return {part.name: joint_map(robot, part.name).to_generic(position) for part in robot.parts}
+
+
+def with_pad(
+    robot: Robot, part: str, link: str, folder: Path, *, centre: Array, normal: Array, segment: str = ""
+) -> Robot:
+    """The same robot with one more patch: a sheet of taxels on a link of a part, `centre` (3,) [m] off its
+    origin and facing any direction (3,)."""
+    across = np.linalg.svd(normal[None])[2][1:]
+    grid = SPACING * (np.arange(SHEET) - SHEET // 2)
+    lines = ["x [m], y [m], z [m], nx, ny, nz, area [m2]"]
+    for one in grid:
+        for other in grid:
+            row = [*(centre + one * across[0] + other * across[1]), *normal]
+            lines.append(", ".join(f"{value:.9f}" for value in row) + ", 1e-4")
+    file = folder / "pad.csv"
+    file.write_text("\n".join(lines) + "\n")
+    pad = Patch(
+        name="pad", part=part, segment=segment, link=link, rate=100.0, channels=SHEET * SHEET,
+        sensor=robot.patches[0].sensor, surface=Table(file=str(file), format="csv"),
+    )  # fmt: skip
+    return robot.model_copy(update={"patches": (*robot.patches, pad)})
+
+
+def any_pad(robot: Robot, chance: np.random.Generator, folder: Path) -> Robot:
+    """The same robot with a pad on any of its parts but the arms, on a link that the part moves."""
+    kinematics = Kinematics(robot)
+    places: list[tuple[GenericPart, str, str]] = []
+    for part in robot.parts:
+        own = set(joint_map(robot, part.name).servos.tolist())
+        if not own or part.kind == "arm":
+            continue
+        links = [link for link in kinematics.links if set(kinematics.chain(link)[-1:]) & own]
+        if part.kind == "torso":
+            assert robot.model is not None
+            links = [robot.model.torso_link]
+        segments = ("thigh", "shank", "foot") if part.kind == "leg" else ("",)
+        places += [(part, link, segment) for link in links for segment in segments]
+    part, link, segment = places[chance.integers(len(places))]
+    normal = chance.normal(size=3)
+    normal /= np.linalg.norm(normal)
+    centre = 0.05 * normal + chance.uniform(-0.03, 0.03, size=3)
+    return with_pad(robot, part.name, link, folder, centre=centre, normal=normal, segment=segment)
+
+
+@dataclass(frozen=True)
+class Tally:
+    """What came of many touches."""
+
+    touches: int
+    answered: int
+    refused: int
+    rises: tuple[str, ...]
+    """Those whose force rose, in words."""
+    worst: float
+    """Largest rise [N]."""
+
+
+def tally(name: str, seed: int, count: int, folder: Path) -> Tally:
+    """Touches of any taxels of a robot, in any postures; every second robot has a pad anywhere."""
+    chance = np.random.default_rng([seed, *name.encode()])
+    answered = refused = touches = 0
+    worst, rises = 0.0, []
+    while touches < count:
+        robot = tci.load_robot(name)
+        padded = touches % 2 == 0
+        if padded:
+            robot = any_pad(robot, chance, folder)
+        worn = ["pad"] if padded else [patch.name for patch in robot.patches]
+        posture = any_posture(robot, chance)
+        world = World(robot, posture=posture)
+        for _ in range(5):
+            patch = robot.patch(worn[chance.integers(len(worn))])
+            taxel = int(chance.integers(len(world.surfaces[patch.name].positions)))
+            soft = chance.random() < 0.2
+            reflex = SoftReaction(parts=(patch.part,)) if soft else capability_for(patch.part)
+            try:
+                told = press(world, patch.name, taxel, reflex, depth=chance.uniform(0.002, 0.01))
+            except tci.TciError:  # no room for the finger
+                continue
+            touches += 1
+            answered += told.answered
+            refused += bool(told.notes)
+            worst = max(worst, told.rise)
+            if told.rise > RISE:
+                what = f"{name} {seed}: {patch.name} of {patch.part} on {patch.link}, taxel {taxel}"
+                rises.append(f"{what}, {type(reflex).__name__}: {told.rise:.3g} N")
+    return Tally(touches, answered, refused, tuple(rises), worst)

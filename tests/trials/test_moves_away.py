@@ -1,0 +1,32 @@
+"""No capability moves what is touched towards what touches it; the physics judges."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tci
+from pressing import RISE, press, tally, with_pad
+from tci.capabilities.body_withdrawal import BodyWithdrawal
+from tci.simulation.world import World
+
+PALM = {"centre": np.array([0.07, -0.02, 0.0]), "normal": np.array([0.0, -1.0, 0.0])}
+"""Of G1's left palm, in the link of its wrist."""
+
+
+def test_a_pad_on_the_palm_alone_is_never_pushed_into_the_touch(tmp_path: Path) -> None:
+    """The back of the hand has no skin, so no field of it may answer."""
+    robot = with_pad(tci.load_robot("g1"), "left_hand", "left_wrist_yaw_link", tmp_path, **PALM)
+    world = World(robot)
+    told = [press(world, "pad", taxel, BodyWithdrawal(), depth=0.005, watch=0.2) for taxel in range(0, 25, 3)]
+    assert max(one.rise for one in told) <= RISE, told
+    assert any(one.answered for one in told)
+
+
+@pytest.mark.parametrize("name", tci.robot_names())
+def test_no_answer_raises_the_force(name: str, tmp_path: Path) -> None:
+    found = tally(name, seed=1, count=6, folder=tmp_path)
+    print(f"{found.answered} of {found.touches} answered, {found.refused} refused")
+    assert not found.rises

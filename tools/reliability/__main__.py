@@ -16,6 +16,7 @@ HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE), str(HERE.parents[1] / "tests")]
 
 from attacks import bodies, limits
+from away import moves_away
 from bytes_in import descriptions, guided, heartbeats
 from day import false_reflexes
 from death import heartbeat
@@ -37,8 +38,8 @@ from wires import wires
 ROWS: dict[str, Callable[[bool], Row]] = {
     one.__name__: one
     for one in (
-        limits, bodies, non_finite, heartbeat, one_kilohertz, loop, false_reflexes, descriptions, guided,
-        heartbeats, wires, dropped, killed, minute, yarp_skin, yarp_kills,
+        limits, bodies, moves_away, non_finite, heartbeat, one_kilohertz, loop, false_reflexes, descriptions,
+        guided, heartbeats, wires, dropped, killed, minute, yarp_skin, yarp_kills,
         mutation, branches,
     )
 }  # fmt: skip

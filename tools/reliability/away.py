@@ -1,0 +1,36 @@
+"""Touches anywhere on any robot in any posture: does any answer press what touches?"""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from pool import gather
+from row import Row
+
+import tci
+from pressing import NEXT, tally
+
+
+def moves_away(full: bool) -> Row:
+    """Reflexes and the soft reaction, on own skin and on pads that sit and face anywhere."""
+    per_job = 50 if full else 5
+    jobs = [(name, seed, per_job) for seed in range(30 if full else 1) for name in tci.robot_names()]
+    done = gather("moves_away", _touch, jobs, full=full)
+    touches, answered, refused = (sum(one[key] for one in done) for key in ("touches", "answered", "refused"))
+    rises = [rise for one in done for rise in one["rises"]]
+    worst = max((one["worst"] for one in done), default=0.0)
+    words = f"{answered} answered, {refused} told why not; {len(rises)} raised the force"
+    words += f", {worst:.2g} N at most"
+    print(*rises, sep="\n")
+    return Row(
+        f"reflexes move away, {len(tci.robot_names())} robots", touches, 10000, "touches", words,
+        f"0 raise the force within {NEXT * 1e3:.0f} ms", not rises and answered > 0,
+    )  # fmt: skip
+
+
+def _touch(name: str, seed: int, count: int) -> dict[str, Any]:
+    with tempfile.TemporaryDirectory() as folder:
+        return asdict(tally(name, seed, count, Path(folder)))

@@ -5,44 +5,19 @@ Tests are named by the fault's number in the catalogue.
 
 from __future__ import annotations
 
-import math
 import time
 
 import numpy as np
 import pytest
 
 import tci
+from faults.rehearsal import AT, Rehearsal
 from tci.errors import CommandError, LinkError
 from tci.interface.gate.gate import GateState
-from tci.messages import GenericCommand, Mode, Perception
-from tci.middleware.faulty import FaultPlan, FaultyLink, parse_fault
+from tci.middleware.faulty import FaultPlan, parse_fault
 from tci.middleware.injectors import INJECTORS
 from tci.middleware.simulated import SimulatedLink
-from tci.runtime.loop import Tick, run
-from tci.runtime.loop_report import LoopReport
 from tci.simulation.world import World
-
-AT = 0.2
-
-
-class Sway(tci.Capability[None]):
-    """Both arms swing all the time."""
-
-    def init(self) -> None:
-        return None
-
-    def step(self, memory: None, perception: Perception) -> tuple[tuple[GenericCommand, ...], None]:
-        swing = 0.3 * math.sin(6.0 * perception.stamp)
-        commands = []
-        for part in ("left_arm", "right_arm"):
-            target = self.home[part].copy()
-            target[0] += swing
-            commands.append(GenericCommand(part, Mode.POSITION, target))
-        return tuple(commands), None
-
-    def begin(self, perception: Perception) -> tuple[GenericCommand, ...]:
-        self.home = {name: np.array(angles) for name, angles in perception.posture.items()}
-        return ()
 
 
 @pytest.fixture(scope="module")
@@ -55,32 +30,6 @@ def link(world: World) -> SimulatedLink:
     world.reset()
     world.set_power(np.arange(len(world.robot.servos)), on=True)
     return SimulatedLink(world.robot, world=world)
-
-
-class Rehearsal:
-    """A run with one fault: its ticks and its report."""
-
-    def __init__(self, link: SimulatedLink, name: str, *, lasts: float = math.inf) -> None:
-        self.report = LoopReport()
-        self.ticks: list[Tick] = []
-        self.faulty = FaultyLink(link, [FaultPlan(name, AT, lasts)])
-        run(self.faulty, Sway(), duration=0.8, observe=self.ticks.append, report=self.report)
-        assert [plan.name for plan in self.faulty.begun] == [name]
-        before = {tick.sent.state for tick in self.ticks if tick.now < AT - 1e-9}
-        assert before == {GateState.RUN}, "it must be well before the fault"
-
-    @property
-    def states(self) -> set[GateState]:
-        return {tick.sent.state for tick in self.ticks}
-
-    def stopped_after(self) -> float:
-        """Time [s] from the fault to the stop, which lasts; and the robot's references are at rest then."""
-        first = next(i for i, tick in enumerate(self.ticks) if tick.sent.state is GateState.STOP)
-        assert all(tick.sent.state is GateState.STOP for tick in self.ticks[first:])
-        assert np.abs(self.ticks[-1].sent.velocity).max() < 1e-9
-        last = self.ticks[-1]
-        assert len(last.sent.refusals) == len(last.commands), "commands are refused while it is stopped"
-        return self.ticks[first].now - AT
 
 
 def test_04_nan_taxel(link: SimulatedLink) -> None:

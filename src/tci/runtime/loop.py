@@ -34,6 +34,9 @@ PERSISTS = 0.1
 """How long [s] skin frames may not fit the robot before it stops. Ours."""
 REST = 0.5
 """Longest time [s] that the loop waits for the robot to come to rest when it ends. Ours."""
+LET_GO = 0.1
+"""Last part of that time [s], in which nothing is read: the gate ends torques that are made of no fresh data,
+and a joint in torque mode keeps what it was sent last."""
 STILL = 1e-6
 """Speed [rad/s] of a reference that counts as rest."""
 
@@ -283,9 +286,11 @@ class _Loop(Generic[Memory]):
         link = self.link
         if not self.write or not link.armed or link.recorded or self._joints is None:
             return
+        begin = link.clock.now()
         for now in link.ticks(duration=REST):
-            with suppress(Exception):  # the last reading will do: references need none to stop
-                self._joints = link.read().joints
+            with suppress(Exception):  # references need no reading to stop; torques end without one
+                if now - begin < REST - LET_GO:
+                    self._joints = link.read().joints
             if halt is not None:
                 halt()
             yield link.write(link.gate.step((), self._joints, now))

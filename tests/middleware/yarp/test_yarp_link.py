@@ -16,9 +16,9 @@ from middleware.yarp.show import Show, until
 from tci.capabilities.fields import default_fields
 from tci.errors import CommandError, LinkError, UnknownNameError
 from tci.frames import Array
-from tci.interface.gate.gate import GateState
+from tci.interface.gate.gate import GateState, SafeCommand
 from tci.interface.skin.places import Place, find_place
-from tci.messages import Mode, Order, PlatformCommand, SwitchMode
+from tci.messages import Mode, Order, PlatformCommand, PlatformOrder, PlatformSwitch, SwitchMode
 from tci.middleware.diagnosis import Level
 from tci.middleware.yarp import link as yarp_link
 from tci.middleware.yarp.board import Stream
@@ -353,3 +353,44 @@ def test_28_34_a_robot_that_starts_again_is_found_again_and_nothing_jumps(
         for one in (show, again):
             if one is not None:
                 one.close()
+
+
+def test_28_a_board_whose_state_stays_away_is_sent_torques_until_they_have_ended(
+    show: Show, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It may still hear: a joint in torque mode keeps what it was sent last."""
+    elbow = next(servo for servo in show.link.robot.servos if "elbow" in servo.name.lower())
+    if Mode.TORQUE not in elbow.modes:
+        pytest.skip("did not run: this robot has no torque mode")
+    torques: list[float] = []
+    stream_on, state_of = BoardLink._stream, BoardLink.state
+
+    def note(board: BoardLink, stream: Stream, joints: Sequence[int], values: Array) -> None:
+        if stream is Stream.TORQUE:
+            torques.append(float(values[0]))
+        stream_on(board, stream, joints, values)
+
+    monkeypatch.setattr(BoardLink, "_stream", note)
+    with link_to(show) as link:
+        index = np.array([elbow.index])
+
+        def step(*orders: PlatformOrder) -> SafeCommand:
+            safe = link.write(link.gate.step(orders, link.read().joints, link.clock.now()))
+            time.sleep(link.period)
+            return safe
+
+        def pushes() -> bool:
+            step(PlatformCommand(Mode.TORQUE, index, np.array([1.0]), np.ones(1)))
+            return bool(torques) and torques[-1] > 0.5
+
+        assert until(lambda: step(PlatformSwitch(index, Mode.TORQUE)).modes == (Mode.TORQUE,))
+        assert until(pushes)
+        board = link.boards[elbow.robot_part]
+        last = state_of(board)
+        monkeypatch.setattr(BoardLink, "state", lambda b, at=None: last if b is board else state_of(b, at))
+        assert until(lambda: step().state is GateState.HOLD)
+        for _ in range(5):
+            step()
+        assert torques[-1] == 0.0
+        monkeypatch.undo()
+        assert until(lambda: step(PlatformSwitch(index, Mode.POSITION)).modes == (Mode.POSITION,))

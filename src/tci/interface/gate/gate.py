@@ -69,7 +69,7 @@ class Gate:
         self._tally = Tally()
         self._motion = Motion(robot, period=period, settings=self._settings, tally=self._tally)
         self._watch = Watch(robot, self._settings.watch) if self._settings.watch is not None else None
-        self._told = self._motion.reference
+        self._told, self._pushed = self._motion.reference, np.zeros(0)
         self._stopped = self._held = ""
         self._credit, self._before = 1.0, -np.inf
         self._pace = 0.0
@@ -142,6 +142,7 @@ class Gate:
             self._watch.reset()
         self._motion.drop()
         self._told = self._motion.reference
+        self._pushed = np.zeros(len(self._told.servos))
 
     def step(
         self,
@@ -187,6 +188,7 @@ class Gate:
         if self._is_due(now):
             clamped += self._motion.step(now)
         told = self._told = self._motion.reference
+        self._pushed = self._motion.torques(now)
         self._issued = SafeCommand(
             seal=self._seal,
             stamp=now,
@@ -195,7 +197,7 @@ class Gate:
             modes=told.modes,
             position=told.position,
             velocity=told.velocity,
-            torque=self._motion.torques(),
+            torque=self._pushed,
             stiffness=MappingProxyType(stiffness) if stiffness else _NONE,
             damping=MappingProxyType(damping) if damping else _NONE,
             clamped=tuple(clamped),
@@ -221,10 +223,12 @@ class Gate:
             self._before = now - self.period
         reason = fault_of_reading(self.robot, joints, now, self.stale_after)
         if not reason:
-            self._motion.see(joints)
-            watch = None if self._stopped else self._watch
-            if watch is not None and (fault := watch.step(joints, self._told)):
+            watch = self._watch  # also while it is stopped: what brakes a joint must not believe a lie
+            if watch is not None and (fault := watch.step(joints, self._told, self._pushed)):
                 self.stop(fault)
+            if watch is None or not watch.misled:
+                self._motion.see(joints, now)
+            reason = self._motion.fault_of_age(now, self.stale_after)
         reason, self._held = reason or self._held, ""
         if self._stopped:
             self.state, reason = GateState.STOP, self._stopped

@@ -21,6 +21,7 @@ from tci.interface.gate.acceptance import (
 from tci.interface.gate.body_guard import BodyGuard
 from tci.interface.gate.bounds import MARGIN
 from tci.interface.gate.chain import Chain, groups_of, make_chain
+from tci.interface.gate.freshness import Freshness
 from tci.interface.gate.limiter import Guard
 from tci.interface.gate.self_collision import SelfCollision
 from tci.interface.gate.settings import GateSettings, Tally
@@ -62,6 +63,7 @@ class Motion:
         self._torque = TorqueLimiter(robot, period, speed_share=settings.speed_share)
         self._fed = np.full(len(robot.servos), -np.inf)
         self._measured = self._velocity = self._speed = np.zeros(len(robot.servos))
+        self._freshness = Freshness(period)
         self._speeds = Speeds(len(robot.servos))
         self._switched: set[int] = set()
         self._known: set[int] = set()
@@ -119,18 +121,25 @@ class Motion:
         """Whether any servo is told to move now."""
         return any((np.abs(chain.limiter.state[1]) > STILL).any() for chain in self._chains.values())
 
-    def see(self, joints: JointReading) -> None:
-        """Where all servos were measured, and how fast they were."""
+    def see(self, joints: JointReading, now: float) -> None:
+        """Where all servos were measured, and how fast they were, if that is new at `now` [s]."""
+        if not self._freshness.see(joints, now):
+            return
         self._measured, self._velocity = joints.position, joints.velocity
         self._speed = self._speeds.step(joints)
         for chain in self._chains.values():
             chain.look_outside(joints.position)
 
+    def fault_of_age(self, now: float, stale_after: float) -> str:
+        """Why nothing may move at `now` [s], if what is known is older than `stale_after` [s]."""
+        age = self._freshness.age(now)
+        return "" if age <= stale_after else f"no new joint data for {age * 1e3:.0f} ms"
+
     def halt(self) -> None:
         """Stop all servos within their limits; targets, velocities and torques are forgotten."""
         for chain in self._chains.values():
             chain.limiter.halt()
-        self._torque.relax()
+        self._torque.halt()
 
     def drop(self) -> None:
         """No servo is under command any more but those in torque mode, which get none; modes stay."""
@@ -181,14 +190,17 @@ class Motion:
         self._tally.near_misses += len(near)
         return near
 
-    def torques(self) -> Array:
-        """Torque (k,) [N m] of each servo of `reference`; 0 for those in another mode."""
+    def torques(self, now: float) -> Array:
+        """Torque (k,) [N m] of each servo of `reference` at `now` [s]; 0 for those in another mode."""
         if not self._torque.servos.size:
             if len(self._none) != (others := len(self.reference.servos)):
                 self._none = frozen(np.zeros(others))
             return self._none
         others = sum(len(chain.servos) for chain in self._chains.values())
-        torque = self._torque.step(self._measured, self._velocity)
+        age = self._freshness.age(now)
+        torque = self._torque.step(
+            self._measured, self._velocity, age=min(age, 1.0), trust=self._freshness.trust(age)
+        )
         return frozen(np.concatenate([np.zeros(others), torque]))
 
     def _push(self, command: PlatformCommand) -> list[str]:

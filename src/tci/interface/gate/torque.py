@@ -2,6 +2,8 @@
 
 A torque has no reference that could be kept inside limits, so the servo is watched instead: the nearer
 it is to a limit, or the faster it is, the more a braking torque takes the place of the one asked for.
+Watching takes joint data: as that ages, every torque ends, the braking one too. A braking torque that stays
+when its joint has come to rest drives it the other way.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ from numpy.typing import NDArray
 
 from tci.frames import Array
 from tci.interface.gate.bounds import APPROACH, MARGIN
+from tci.interface.gate.limiter import CREEP
 from tci.model.description import Robot
 
 RISE = 0.02
@@ -21,8 +24,8 @@ RISE = 0.02
 BAND = 0.1
 """Share of the allowed speed over which braking takes over beyond it. Ours."""
 SETTLE = 2.0
-"""Speeds that could be taken away in this many periods are braked in proportion: with all of its torque a
-servo that rests at a limit would tremble with the noise of its velocity. Ours."""
+"""Speeds that could be taken away in this many times the delay are braked in proportion: with all its torque
+a servo that rests at a limit would tremble with the noise of its velocity. Ours."""
 FADE = float(np.deg2rad(2.0))
 """Distance [rad] before a limit over which a torque towards it fades out. Ours."""
 
@@ -48,6 +51,7 @@ class TorqueLimiter:
         self._share = speed_share
         self._wanted = np.zeros(len(robot.servos))
         self._sent = np.zeros(len(robot.servos))
+        self._halts = False
         self.set_servos([])
 
     @property
@@ -80,30 +84,40 @@ class TorqueLimiter:
         """Want no torque from some servos, or from all; braking goes on."""
         self._wanted[slice(None) if servos is None else servos] = 0.0
 
-    def step(self, position: Array, velocity: Array) -> Array:
-        """Torques (k,) [N m] to send now, from measured `position` and `velocity` (n_servos,).
+    def halt(self) -> None:
+        """Want no torque, and brake any motion in the next step: what should stand still does not coast."""
+        self.relax()
+        self._halts = True
+
+    def step(self, position: Array, velocity: Array, *, age: float = 0.0, trust: float = 1.0) -> Array:
+        """Torques (k,) [N m] to send now, from `position` and `velocity` (n_servos,) measured `age` [s] ago.
 
         At rest far from limits it is what was asked for, which rises within RISE. A servo that is faster
         than it could stop before its limit, by what it may accelerate, is braked at once with up to its
         full torque, in proportion where it is nearly at rest; near a limit a torque towards it fades out,
-        and beyond there is none. A velocity that is not finite counts as no torque wanted.
+        and beyond there is none, but for a slow way back. A velocity that is not finite counts as no torque
+        wanted. No torque is more than its share of `trust` (0..1), and what was lost rises again within RISE.
         """
         s = self._servos
         q, v, wanted = position[s.index], velocity[s.index], self._wanted[s.index]
         wanted = np.where(np.isfinite(v), wanted, 0.0)
         v = np.nan_to_num(v)
         above, below = np.maximum(s.upper - q, 0.0), np.maximum(q - s.lower, 0.0)
-        # What is left of the way after this period counts, less what slow speeds take to settle.
-        slow = SETTLE * s.acceleration * self._period
-        way = np.abs(v) * self._period + slow * SETTLE * self._period
+        # What is left of the way when this torque has worked counts, less what slow speeds take to settle.
+        late = age + self._period
+        slow = SETTLE * s.acceleration * late
+        way = np.abs(v) * late + slow * SETTLE * late
         room = np.maximum(np.where(v > 0.0, above, below) - way, 0.0)
-        most = np.minimum((1.0 - BAND) * s.velocity, np.sqrt(2.0 * APPROACH * s.acceleration * room))
+        fastest = s.velocity * np.where((q < s.lower) | (q > s.upper), CREEP, 1.0)
+        most = np.minimum((1.0 - BAND) * fastest, np.sqrt(2.0 * APPROACH * s.acceleration * room))
+        if self._halts:
+            most, self._halts = np.zeros(len(most)), False
         braking = np.clip((np.abs(v) - most) / np.maximum(BAND * most, MARGIN), 0.0, 1.0)
         rise = s.torque * self._period / RISE
         before = self._sent[s.index]
-        self._sent[s.index] = rising = np.clip(wanted, before - rise, before + rise)
+        self._sent[s.index] = rising = trust * np.clip(wanted, before - rise, before + rise)
         wanted = rising * np.minimum(np.where(rising > 0.0, above, below) / FADE, 1.0)
-        against = np.clip(v / slow, -1.0, 1.0) * s.torque
+        against = trust * np.clip(v / slow, -1.0, 1.0) * s.torque
         result: Array = (1.0 - braking) * wanted - braking * against
         return result
 

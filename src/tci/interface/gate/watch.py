@@ -14,12 +14,21 @@ from numpy.typing import NDArray
 
 from tci.errors import TciError
 from tci.frames import Array
-from tci.interface.kernels.motion import FOLLOWS, LATE, OPPOSED, judge_motion, largest_change
+from tci.interface.kernels.motion import (
+    DISAGREES,
+    FOLLOWS,
+    LATE,
+    OPPOSED,
+    judge_motion,
+    judge_velocity,
+    largest_change,
+)
 from tci.messages import JointReading, Mode
 from tci.model.description import Robot
 
 JUDGED = (Mode.POSITION, Mode.VELOCITY)
-"""Modes in which the measured motion must be the commanded one. Elsewhere a joint yields legitimately."""
+"""Modes in which the measured motion must be the commanded one. Elsewhere a joint yields legitimately, and
+its angle is judged by its velocity and its torque."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +51,11 @@ class WatchSettings:
     """How long [s] one angle may repeat to the bit, or a reading come again under fresh stamps."""
     frozen_travel: float = np.deg2rad(3.0)
     """A reference that moves this far [rad] while the angle repeats shows that the encoder stands still."""
+    drift: float = 2.0
+    """Time [s] in which it is forgotten how far a velocity led away from its angle: sensors have offsets."""
+    push: float = 0.3
+    """A torque that changes by this share of its limit moves every joint by a bit, also one that is pressed
+    against something: joints, links and what they touch give way. Under a constant one it may repeat."""
     mode_change: float = 0.5
     """How long [s] a robot may take to report the mode that it was switched to."""
 
@@ -76,9 +90,15 @@ class Watch:
         speeds = [servo.limits.velocity for servo in robot.servos]
         s = self.settings
         self._numbers = np.array([
-            s.following_error, s.lag, s.patience, s.opposing, s.least_speed, s.frozen, s.frozen_travel
+            s.following_error, s.lag, s.patience, s.opposing, s.least_speed, s.frozen, s.frozen_travel,
+            s.drift, s.push,
         ])  # fmt: skip
         self._worst = np.zeros(2)
+        limits = [servo.limits for servo in robot.servos]
+        # Without a limit there is no torque mode.
+        self._limits = np.array(
+            [[x.torque or np.inf for x in limits], [x.acceleration or 0.0 for x in limits]]
+        )
         self._fastest = np.array([np.inf if speed is None else speed for speed in speeds])
         self.reset()
 
@@ -87,16 +107,20 @@ class Watch:
         never = np.full(len(self._names), np.inf)
         self._before: JointReading | None = None
         self._modes: tuple[Mode, ...] = ()
-        self._judged = np.zeros(0, dtype=bool)
+        self._judged = self._loose = np.zeros(0, dtype=bool)
         self._fresh = np.inf
         self._memory = np.array([never, never, never, np.zeros(len(never))])
+        self._drifts = np.array([np.zeros(len(never)), never, -never, never])
         self._other_mode = never
         self._well: tuple[object, ...] = ()
+        self.misled = False
+        """Whether a fault said that the joint data can't be believed. That stays until `reset`."""
 
-    def step(self, joints: JointReading, reference: Reference) -> str:
+    def step(self, joints: JointReading, reference: Reference, torque: Array | None = None) -> str:
         """Why the robot must stop, given a usable reading; empty while it does what it is told.
 
-        `reference` is what was handed out for this reading's time. Call it once per control period.
+        `reference` and `torque` (k,) [N m] are what was handed out for this reading's time. Call it once per
+        control period.
         """
         before, self._before = self._before, joints
         if before is None or joints.stamp <= before.stamp:
@@ -105,9 +129,11 @@ class Watch:
         if joints.sequence != before.sequence:
             self._fresh = joints.stamp
         elif joints.stamp - self._fresh > self.settings.frozen:
+            self.misled = True
             return f"joint data is frozen: reading {joints.sequence} comes again under fresh stamps"
         return (
             self._fault_of_encoders(joints, before)
+            or self._fault_of_velocities(joints, before, reference, torque)
             or self._fault_of_state(joints, reference)
             or self._fault_of_motion(joints, before, reference)
         )
@@ -119,6 +145,7 @@ class Watch:
         allowed = self._fastest * (joints.stamp - before.stamp) + self.settings.encoder_step
         if (change > allowed).any():
             worst = int(np.argmax(change - allowed))
+            self.misled = True
             return (
                 f"the angle of {self._names[worst]} jumped by {np.rad2deg(change[worst]):.1f} degrees; "
                 f"possible: {np.rad2deg(allowed[worst]):.1f}"
@@ -151,7 +178,7 @@ class Watch:
     def _fault_of_motion(self, joints: JointReading, before: JointReading, reference: Reference) -> str:
         servos = reference.servos
         found = judge_motion(
-            servos, self._judges(reference.modes), joints.position, before.position, reference.position,
+            servos, self._judged, joints.position, before.position, reference.position,
             reference.velocity, self._numbers, joints.stamp, joints.stamp - before.stamp, self._memory,
             self._worst,
         )  # fmt: skip
@@ -164,11 +191,31 @@ class Watch:
         if found == OPPOSED:
             causes = "pushed or pulled; if nothing touches it, the sign of its gamma is wrong"
             return f"{name} moves against its command; {causes}"
+        self.misled = True
         return f"the encoder of {name} stands still while its reference moved by {way:.1f} degrees"
 
-    def _judges(self, modes: tuple[Mode, ...]) -> NDArray[np.bool_]:
-        """Which servos (k,) are in modes that are judged."""
+    def _fault_of_velocities(
+        self, joints: JointReading, before: JointReading, reference: Reference, torque: Array | None
+    ) -> str:
+        """Angles that are not those of the joints, told by velocities and torques, in any mode."""
+        servos = reference.servos
+        self._sort(reference.modes)
+        found = judge_velocity(
+            servos, self._loose, joints.position, before.position, joints.velocity, before.velocity,
+            np.zeros(len(servos)) if torque is None else torque, self._limits, self._numbers, joints.stamp,
+            joints.stamp - before.stamp, self._drifts, self._worst,
+        )  # fmt: skip
+        if found == FOLLOWS:
+            return ""
+        self.misled = True
+        name, way = self._names[servos[int(self._worst[0])]], np.rad2deg(self._worst[1])
+        if found == DISAGREES:
+            return f"the angle of {name} is {way:.1f} degrees from where its velocity leads"
+        return f"the encoder of {name} stands still while its torque changes; free it moves {way:.1f} degrees"
+
+    def _sort(self, modes: tuple[Mode, ...]) -> None:
+        """Which servos (k,) are in modes that are judged by the reference, and which in torque mode."""
         if modes != self._modes:
             self._modes = modes
             self._judged = np.array([mode in JUDGED for mode in modes], dtype=bool)
-        return self._judged
+            self._loose = np.array([mode is Mode.TORQUE for mode in modes], dtype=bool)

@@ -8,13 +8,19 @@ from tci.frames import Array
 from tci.interface.kernels.arrays import reads, views, writes
 from tci.interface.kernels.compiled import compiled
 
-FOLLOWS, LATE, OPPOSED, FROZEN = range(4)
-"""What was found: nothing; a servo far from its reference, moving against it, or standing still."""
-FOLLOWING_ERROR, LAG, PATIENCE, OPPOSING, LEAST_SPEED, LONGEST_REPEAT, TRAVEL = range(7)
+FOLLOWS, LATE, OPPOSED, FROZEN, DISAGREES, DEAF = range(6)
+"""What was found: nothing; a servo far from its reference, moving against it, or standing still; an angle
+that goes elsewhere than its velocity leads; one that no change of torque moves by a bit."""
+FOLLOWING_ERROR, LAG, PATIENCE, OPPOSING, LEAST_SPEED, LONGEST_REPEAT, TRAVEL, FORGETS, PUSH = range(9)
 """Places of the settings."""
 LATE_SINCE, OPPOSED_SINCE, REPEATS_SINCE, ORIGIN = range(4)
 """Rows of the memory (4, n_servos): since when [s] a condition has held without a break, or infinity; where
 the reference was [rad] when the angle began to repeat."""
+DRIFT, WEAKEST, STRONGEST, PUSHED_SINCE = range(4)
+"""Rows of the memory of velocities (4, n_servos): how far they lead away from the angle [rad]; the least and
+the largest torque [N m] since both repeat, and since when [s] these differ."""
+TORQUE_LIMIT, ACCELERATION = range(2)
+"""Rows of what joints may do (2, n_servos)."""
 
 
 @compiled(boolean(views(1)))
@@ -92,4 +98,65 @@ def judge_motion(
         way = abs(position[k] - memory[ORIGIN, servo])
         if found == FOLLOWS and now - begin > settings[LONGEST_REPEAT] and way > settings[TRAVEL]:
             found, worst[0], worst[1] = FROZEN, k, way
+    return found
+
+
+@compiled(
+    int64(
+        views(1, int64), views(1, boolean), views(1), views(1), views(1), views(1), views(1), reads(2),
+        reads(1), float64, float64, writes(2), writes(1),
+    )
+)  # fmt: skip
+def judge_velocity(
+    servos: Array,
+    loose: Array,
+    measured: Array,
+    before: Array,
+    velocity: Array,
+    velocity_before: Array,
+    torque: Array,
+    limits: Array,
+    settings: Array,
+    now: float,
+    elapsed: float,
+    memory: Array,
+    worst: Array,
+) -> int:
+    """What is wrong with the angles of `servos` (k,), judged by their velocities and by what pushes them.
+
+    `measured` and `before` (n_servos,) [rad] are `elapsed` [s] apart, and so are both velocities [rad/s]; NaN
+    tells nothing. `torque` (k,) [N m] was sent to those that are `loose` (k,), in torque mode. Updates the
+    memory, and writes into `worst` (2,) the place of the worst servo and the way [rad] that is not seen.
+    """
+    keeps = max(1.0 - elapsed / settings[FORGETS], 0.0)
+    found, worst[1] = FOLLOWS, 0.0
+    for k in range(len(servos)):
+        servo = servos[k]
+        speed, change = velocity[servo], measured[servo] - before[servo]
+        drift = 0.0
+        if abs(speed) < float("inf") and elapsed <= settings[LAG]:
+            drift = keeps * memory[DRIFT, servo]
+            if abs(speed) > settings[LEAST_SPEED]:
+                drift += speed * elapsed - change
+        memory[DRIFT, servo] = drift
+        allowed = settings[FOLLOWING_ERROR] + settings[LAG] * max(abs(speed), abs(change) / elapsed)
+        if abs(drift) > max(allowed, worst[1]):
+            found, worst[0], worst[1] = DISAGREES, k, abs(drift)
+    if found != FOLLOWS:
+        return found
+    for k in range(len(servos)):
+        servo = servos[k]
+        repeats = measured[servo] == before[servo] and velocity[servo] == velocity_before[servo]
+        if not (loose[k] and repeats):
+            memory[WEAKEST, servo] = memory[PUSHED_SINCE, servo] = float("inf")
+            memory[STRONGEST, servo] = -float("inf")
+            continue
+        memory[WEAKEST, servo] = min(memory[WEAKEST, servo], torque[k])
+        memory[STRONGEST, servo] = max(memory[STRONGEST, servo], torque[k])
+        push = (memory[STRONGEST, servo] - memory[WEAKEST, servo]) / limits[TORQUE_LIMIT, servo]
+        begin = min(memory[PUSHED_SINCE, servo], now) if push > settings[PUSH] else float("inf")
+        memory[PUSHED_SINCE, servo] = begin
+        way = 0.5 * push * limits[ACCELERATION, servo] * (now - begin) ** 2
+        if begin < now and way > max(settings[TRAVEL], worst[1]):
+            found, worst[0], worst[1] = DEAF, k, way
     return found

@@ -43,15 +43,17 @@ class StaleEncoder(_Angles):
         return self.first.joints.position.copy()
 
 
-class Stall(_Angles):
-    """Angles that only tremble."""
+class Stall(Injector):
+    """Joints that only tremble."""
 
     number = 21
     says = "all joints are blocked where they are, and tremble"
 
-    def angles(self, position: Array, age: float) -> Array:
-        trembling: Array = self.first.joints.position + 1e-5 * np.sin(300.0 * age)
-        return trembling
+    def joints(self, joints: JointReading) -> JointReading:
+        age = joints.stamp - self.first.joints.stamp
+        angles = self.first.joints.position + 1e-5 * np.sin(300.0 * age)
+        speeds = np.full(len(angles), 3e-3 * np.cos(300.0 * age))
+        return replace(joints, position=read_only(angles), velocity=read_only(speeds))
 
 
 class EncoderStep(_Angles):
@@ -102,7 +104,8 @@ class ModeMismatch(Injector):
     """Another mode than the commanded one."""
 
     number = 23
-    says = "all servos report torque mode"
+    says = "all servos report torque mode; those in torque mode report position"
 
     def joints(self, joints: JointReading) -> JointReading:
-        return replace(joints, modes=(Mode.TORQUE,) * len(joints.position))
+        loose = (mode is Mode.TORQUE for mode in self.link.gate.modes)
+        return replace(joints, modes=tuple(Mode.POSITION if one else Mode.TORQUE for one in loose))

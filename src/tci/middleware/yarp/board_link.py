@@ -160,6 +160,17 @@ class BoardLink:
             # What came before the board had the new modes moved nothing.
             self._stream_all(safe, ahead, obeying, mine)
 
+    def let_go(self, safe: SafeCommand) -> None:
+        """Send the torques of its servos in torque mode, and nothing else: to a board whose state does not
+        come. It may still hear, and would keep the last ones; the gate ends torques that nobody watches."""
+        mine = {servo.index: axis for servo, axis in zip(self.servos, self.axis, strict=True)}
+        loose = [
+            (place, servo)
+            for place, (servo, mode) in enumerate(zip(safe.servos.tolist(), safe.modes, strict=True))
+            if mode is Mode.TORQUE and servo in mine
+        ]
+        self._stream_all(safe, safe.position, loose, mine)
+
     def halt(self) -> None:
         """The board's own stop, in position mode: its joints stay where they are. Raises LinkError."""
         self.board.set_modes(list(self.axis), POSITION)

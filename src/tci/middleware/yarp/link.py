@@ -181,6 +181,7 @@ class YarpLink(Link):
                 self._away.add(part)
                 self._refused.pop(part, None)
             if part in self._away:
+                board.let_go(safe)
                 continue
             try:
                 board.send(safe, ahead)

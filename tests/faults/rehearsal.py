@@ -1,0 +1,71 @@
+"""A run with one fault: arms that swing, in any mode, and an injector that spoils what is read."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+import tci
+from tci.interface.gate.gate import GateState
+from tci.messages import GenericCommand, Mode, Order, Perception, SwitchMode
+from tci.middleware.faulty import FaultPlan, FaultyLink
+from tci.middleware.simulated import SimulatedLink
+from tci.runtime.loop import Tick, run
+from tci.runtime.loop_report import LoopReport
+
+AT = 0.2
+ARMS = ("left_arm", "right_arm")
+PUSH = 3.0
+"""Torque [N m] of the first joint of each arm."""
+
+
+class Sway(tci.Capability[None]):
+    """Both arms swing all the time."""
+
+    def __init__(self, mode: Mode = Mode.POSITION) -> None:
+        self.mode = mode
+
+    def init(self) -> None:
+        return None
+
+    def begin(self, perception: Perception) -> tuple[Order, ...]:
+        self.home = {name: np.array(angles) for name, angles in perception.posture.items()}
+        return () if self.mode is Mode.POSITION else tuple(SwitchMode(part, self.mode) for part in ARMS)
+
+    def step(self, memory: None, perception: Perception) -> tuple[tuple[GenericCommand, ...], None]:
+        swing = math.sin(6.0 * perception.stamp)
+        commands = []
+        for part in ARMS:
+            values = np.zeros(len(self.home[part])) if self.mode is Mode.TORQUE else self.home[part].copy()
+            values[0] += (PUSH if self.mode is Mode.TORQUE else 0.3) * swing
+            commands.append(GenericCommand(part, self.mode, values))
+        return tuple(commands), None
+
+
+class Rehearsal:
+    """A run with one fault: its ticks and its report."""
+
+    def __init__(
+        self, link: SimulatedLink, name: str, *, lasts: float = math.inf, mode: Mode = Mode.POSITION
+    ) -> None:
+        self.report = LoopReport()
+        self.ticks: list[Tick] = []
+        self.faulty = FaultyLink(link, [FaultPlan(name, AT, lasts)])
+        run(self.faulty, Sway(mode), duration=0.8, observe=self.ticks.append, report=self.report)
+        assert [plan.name for plan in self.faulty.begun] == [name]
+        before = {tick.sent.state for tick in self.ticks if tick.now < AT - 1e-9}
+        assert before == {GateState.RUN}, "it must be well before the fault"
+
+    @property
+    def states(self) -> set[GateState]:
+        return {tick.sent.state for tick in self.ticks}
+
+    def stopped_after(self) -> float:
+        """Time [s] from the fault to the stop, which lasts; and the robot's references are at rest then."""
+        first = next(i for i, tick in enumerate(self.ticks) if tick.sent.state is GateState.STOP)
+        assert all(tick.sent.state is GateState.STOP for tick in self.ticks[first:])
+        assert np.abs(self.ticks[-1].sent.velocity).max() < 1e-9
+        last = self.ticks[-1]
+        assert len(last.sent.refusals) == len(last.commands), "commands are refused while it is stopped"
+        return self.ticks[first].now - AT

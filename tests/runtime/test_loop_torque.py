@@ -1,0 +1,109 @@
+"""How a run ends in torque mode: the last torque that is written is none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import tci
+from tci.errors import LinkError
+from tci.frames import read_only
+from tci.interface.gate.gate import GateState, SafeCommand
+from tci.messages import Mode, Perception, PlatformCommand, PlatformOrder, PlatformSwitch, Reading
+from tci.middleware.simulated import SimulatedLink
+from tci.runtime.loop import REST, Tick, run
+from tci.simulation.world import World
+
+ROBOT = tci.load_robot("icub")
+ELBOW = next(servo.index for servo in ROBOT.servos if servo.name == "l_elbow")
+END = 0.05
+"""Time [s] from the last reading within which torques end."""
+
+
+class Push(tci.Capability[None]):
+    """Pushes one joint until the gate brakes it, and on."""
+
+    def init(self) -> None:
+        return None
+
+    def begin(self, perception: Perception) -> tuple[PlatformOrder, ...]:
+        return (PlatformSwitch(np.array([ELBOW]), Mode.TORQUE),)
+
+    def step(self, memory: None, perception: Perception) -> tuple[tuple[PlatformOrder, ...], None]:
+        return (PlatformCommand(Mode.TORQUE, np.array([ELBOW]), np.array([2.0]), np.ones(1)),), None
+
+
+class Sent(list[tuple[float, float]]):
+    """Times [s] and torques [N m] that were written to the elbow, noted on the way to a link."""
+
+    def __init__(self, link: SimulatedLink, monkeypatch: pytest.MonkeyPatch) -> None:
+        write = link.write
+
+        def noted(safe: SafeCommand) -> SafeCommand:
+            place = safe.servos.tolist().index(ELBOW)
+            self.append((safe.stamp, float(safe.torque[place])))
+            return write(safe)
+
+        monkeypatch.setattr(link, "write", noted)
+
+    def since(self, time: float) -> np.ndarray:
+        """Torques that were written from `time` [s] on."""
+        return np.array([torque for stamp, torque in self if stamp >= time - 1e-9])
+
+
+@pytest.fixture(scope="module")
+def world() -> World:
+    return World(ROBOT)
+
+
+@pytest.fixture
+def link(world: World) -> SimulatedLink:
+    world.reset()
+    return SimulatedLink(world.robot, world=world)
+
+
+def test_28_reading_that_fails_where_writing_works_ends_with_no_torque(
+    link: SimulatedLink, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent, lost = Sent(link, monkeypatch), []
+
+    def cut() -> Reading:
+        lost.append(link.clock.now())
+        raise LinkError("reading fails, on purpose")
+
+    def observe(tick: Tick) -> None:
+        braked = bool(sent) and sent[-1][1] < -0.2
+        if braked:  # by the gate, against what was asked
+            monkeypatch.setattr(link, "_receive", cut)
+
+    with pytest.raises(LinkError, match="on purpose"):
+        run(link, Push(), duration=5.0, observe=observe)
+    begun = lost[0] - link.period
+    assert sent.since(begun)[0] < -0.2
+    assert not sent.since(begun + END).any()
+    assert sent[-1][1] == 0.0
+
+
+def test_joint_data_that_keeps_a_torque_up_does_not_outlive_the_run(
+    link: SimulatedLink, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A joint that never seems to come to rest is braked nearly as long as the loop waits for it."""
+    sent, receive = Sent(link, monkeypatch), link._receive
+
+    def restless() -> Reading:
+        joints = receive().joints
+        speed = 0.5 * np.sin(500.0 * joints.stamp)
+        joints = replace(joints, velocity=read_only(np.full(len(ROBOT.servos), speed)))
+        return Reading(joints, ())
+
+    def observe(tick: Tick) -> None:
+        if tick.now > 0.1:
+            monkeypatch.setattr(link, "_receive", restless)
+
+    run(link, Push(), duration=0.2, observe=observe)
+    ended = 0.2 + REST
+    assert np.abs(sent.since(ended - 0.2)).max() > 1.0, "it is braked"
+    assert sent[-1][1] == 0.0
+    assert link.gate.state is not GateState.STOP

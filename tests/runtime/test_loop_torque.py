@@ -92,17 +92,16 @@ def test_joint_data_that_keeps_a_torque_up_does_not_outlive_the_run(
     """A joint that never seems to come to rest is braked nearly as long as the loop waits for it."""
     sent, receive = Sent(link, monkeypatch), link._receive
 
+    home = read_only(link.world.joints().position.copy())
+
     def restless() -> Reading:
-        joints = receive().joints
+        joints = replace(receive().joints, position=home)
         speed = 0.5 * np.sin(500.0 * joints.stamp)
         joints = replace(joints, velocity=read_only(np.full(len(ROBOT.servos), speed)))
         return Reading(joints, ())
 
-    def observe(tick: Tick) -> None:
-        if tick.now > 0.1:
-            monkeypatch.setattr(link, "_receive", restless)
-
-    run(link, Push(), duration=0.2, observe=observe)
+    monkeypatch.setattr(link, "_receive", restless)
+    run(link, Push(), duration=0.2)
     ended = 0.2 + REST
     assert np.abs(sent.since(ended - 0.2)).max() > 1.0, "it is braked"
     assert sent[-1][1] == 0.0

@@ -92,8 +92,8 @@ def test_a_row_that_was_not_tried_stays_as_it_is_on_the_page(tool: Any, tmp_path
 
 @pytest.mark.parametrize(
     ("file", "row"),
-    [("attacks", "limits"), ("gate", "non_finite"), ("explore", "loop"), ("bytes_in", "descriptions"),
-     ("bytes_in", "heartbeats"), ("wires", "wires")],
+    [("attacks", "limits"), ("plant", "plant"), ("gate", "non_finite"), ("explore", "loop"),
+     ("bytes_in", "descriptions"), ("bytes_in", "heartbeats"), ("wires", "wires")],
 )  # fmt: skip
 def test_rows_that_need_no_clock_are_sound_at_the_size_of_ci(
     tool: Any, monkeypatch: pytest.MonkeyPatch, file: str, row: str

@@ -26,6 +26,7 @@ from gate import non_finite
 from kills import yarp_kills
 from mutation import branches, mutation
 from page import write_page
+from plant import plant
 from pool import COMMITS, commit
 from recordings import killed, minute
 from rich.console import Console
@@ -38,8 +39,8 @@ from wires import wires
 ROWS: dict[str, Callable[[bool], Row]] = {
     one.__name__: one
     for one in (
-        limits, bodies, moves_away, non_finite, heartbeat, one_kilohertz, loop, false_reflexes, descriptions,
-        guided, heartbeats, wires, dropped, killed, minute, yarp_skin, yarp_kills,
+        limits, plant, bodies, moves_away, non_finite, heartbeat, one_kilohertz, loop, false_reflexes,
+        descriptions, guided, heartbeats, wires, dropped, killed, minute, yarp_skin, yarp_kills,
         mutation, branches,
     )
 }  # fmt: skip

@@ -66,12 +66,16 @@ def _jobs(full: bool, robots: Sequence[str], chunks: int, *, body: bool) -> list
     return [(name, seed, body, CHUNK if full else 1_600) for seed in seeds for name in robots]
 
 
+def robot_of(name: str) -> Robot:
+    """A robot of the catalogue, or the `tester`: six servos that have every mode."""
+    if name == "tester":
+        return make_robot(limits=LIMITS.model_copy(update={"torque": 5.0}), modes=CONTROL_MODES)
+    return load_robot(name)
+
+
 def _one(name: str, seed: int, body: bool, cycles: int) -> Result:
     """What one attack came to."""
-    if name == "tester":
-        robot = make_robot(limits=LIMITS.model_copy(update={"torque": 5.0}), modes=CONTROL_MODES)
-    else:
-        robot = load_robot(name)
+    robot = robot_of(name)
     # Nobody controls where a servo in torque mode is.
     modes = tuple(mode for mode in CONTROL_MODES if mode is not Mode.TORQUE or not body)
     attack = Attack(robot, seed, body=body, modes=modes)

@@ -9,8 +9,9 @@ from tci.messages import JointReading
 LONGEST = 0.02
 """Age [s] up to which the latest data may count in full. Assumed: a joint under a fixed torque that is braked
 needs some 50 ms until it goes the other way, and robots send their joints every 10 ms at least."""
-FADE = 0.02
-"""Time [s] in which trust ends from there. Assumed: as long as a torque takes to rise."""
+FADE = 0.01
+"""Time [s] in which trust ends from there. Assumed: a light joint under its full torque gains a third of its
+speed limit in it."""
 USUAL = 1.5
 """Data counts in full up to so many times the age that it usually reaches, and a period. Assumed: jitter."""
 SHARE = 0.1

@@ -1,0 +1,66 @@
+"""Hostile commands and false readings around joints with masses that the gate does not know."""
+
+from __future__ import annotations
+
+from attacks import robot_of
+from pool import Job, Result, gather
+from row import Row
+
+from interface.closed_loop import ClosedLoop
+from tci.messages import CONTROL_MODES, Mode
+from tci.model.catalogue import robot_names
+
+CHUNK = 20_000
+"""Cycles of one attack; then a new one begins, with another seed and other masses."""
+
+
+def plant(full: bool) -> Row:
+    """True position, speed and energy, in each mode, whatever is asked for and read."""
+    done = gather("plant", _one, _jobs(full), full=full)
+    faults = [fault for result in done for fault in result["faults"]]
+    for fault in faults[:10]:
+        print(fault)
+    shares: dict[str, float] = {}
+    for result in done:
+        for what, share in result["largest"].items():
+            shares[what] = max(shares.get(what, 0.0), share)
+    nearest = max(shares, key=lambda what: shares[what], default="nothing")
+    wrong = sum(result["wrong"] for result in done)
+    return Row(
+        f"joints of unknown mass around the gate, {len(CONTROL_MODES)} modes",
+        sum(result["cycles"] for result in done),
+        4e6,
+        "cycles",
+        f"readings went wrong {wrong} times; {len(faults)} outside; "
+        f"nearest to its bound: {nearest}, {shares.get(nearest, 0.0):.0%}",
+        "0 outside what a joint may truly do",
+        not faults,
+    )
+
+
+def _jobs(full: bool) -> list[Job]:
+    """Robot, mode, seed, cycles; half of the cycles with the robot of the tests, which is quicker."""
+    cycles, count = (CHUNK, 25) if full else (1500, 1)
+    jobs: list[Job] = []
+    for mode in CONTROL_MODES:
+        others = ["icub"] if mode is Mode.TORQUE else robot_names()
+        for seed in range(count):
+            jobs += [
+                ("tester", mode.value, seed, cycles),
+                (others[seed % len(others)], mode.value, seed, cycles),
+            ]
+    return jobs
+
+
+def _one(name: str, mode: str, seed: int, cycles: int) -> Result:
+    """The result of one attack."""
+    loop = ClosedLoop(robot_of(name), seed, Mode(mode))
+    for _ in range(cycles):
+        loop.step()
+    faults = [f"{name}, {mode}, {seed}: {fault}" for fault in loop.true.faults]
+    return {
+        "cycles": loop.counts.steps,
+        "wrong": sum(count for fault, count in loop.tried.items() if fault not in ("none", "calm")),
+        "faults": faults,
+        "largest": loop.true.largest,
+    }

@@ -17,7 +17,7 @@ from tci.model.description import Robot
 
 BLIND = 0.05
 """Time [s] after the last fresh reading from which no torque may be sent."""
-OVER = 0.35
+OVER = 0.5
 """Share of its speed limit by which a joint may be too fast while its readings are sound or missing."""
 PRESSED = 0.02
 """How far [rad] a joint may run into its mechanical stops, which give way a little."""
@@ -68,7 +68,7 @@ class TrueJudge:
         self._torque = np.array([servo.limits.torque or np.inf for servo in robot.servos])
         self._energy: Array | None = None
         self._pushes = np.zeros((2, len(robot.servos)))
-        self._still = 0.0
+        self._still, self._stuck = 0.0, False
         self.faults: list[str] = []
         self.largest: dict[str, float] = {}
         """How near the largest values came to their bounds, as shares."""
@@ -78,9 +78,10 @@ class TrueJudge:
         plant, index = self.plant, safe.servos
         loose = np.array([mode is Mode.TORQUE for mode in safe.modes], dtype=bool)
         sent = plant.sent / self._torque
-        if shown.fault != "stuck" or not loose.any():
-            most = LIES if shown.lies else 1.0 + OVER
-            self._bound("speed", index, np.abs(plant.velocity) / self._speed, most)
+        self._stuck = shown.fault == "stuck" or (self._stuck and shown.lies)
+        if not (self._stuck and loose.any()):
+            what, most = ("speed from a wrong angle", LIES) if shown.lies else ("speed", 1.0 + OVER)
+            self._bound(what, index, np.abs(plant.velocity) / self._speed, most)
             self._bound("into a stop", index, plant.beyond, PRESSED * most)
         self._see_torque(index[loose], sent, shown)
         self._still = 0.0 if safe.state is GateState.RUN else self._still + period

@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pressing import with_pad
+from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.messages import GenericCommand, Mode, Order, Perception
 from tci.model.catalogue import load_robot
@@ -18,6 +20,7 @@ from tci.model.xml.model import packaged
 from tci.model.xml.writer import write_robot
 from tci.simulation.world import World
 from tci.trials.measure import measure
+from tci.trials.patch_trials import patch_trials_of
 from tci.trials.poke import Stimulus, poke
 from tci.trials.proof import compare_axes, limit_faults, prove, trial_faults
 
@@ -89,6 +92,34 @@ def test_a_motion_before_the_touch_is_found_out() -> None:
         faults.append(trial_faults(robot, trial))
     assert not faults[0]
     assert any("first motion after -" in fault for fault in faults[1])
+
+
+def test_every_patch_is_poked_and_a_motion_towards_the_finger_is_found_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A pad on a palm alone, with a motion of the wrist that presses it into what touches it."""
+    palm, towards = np.array([0.07, -0.02, 0.0]), np.array([0.0, -1.0, 0.0])
+    robot = with_pad(
+        load_robot("g1"), "left_hand", "left_wrist_yaw_link", tmp_path, centre=palm, normal=towards
+    )
+    robot = robot.model_copy(update={"patches": robot.patches[-1:]})
+    right = BodyWithdrawal()
+    fields = [
+        field.model_copy(update={"motion_deg": {"flexion": 25.0}}) if field.name == "palm" else field
+        for field in right.fields.field
+    ]
+    wrong = BodyWithdrawal(fields=right.fields.model_copy(update={"field": tuple(fields)}))
+    (away,) = patch_trials_of(robot, WithdrawalReflex(), right)
+    assert away.answered
+    assert not away.fault
+    (refused,) = patch_trials_of(robot, WithdrawalReflex(), wrong)
+    assert not refused.answered
+    assert "would press pad" in refused.reason
+    assert not refused.fault
+    monkeypatch.setattr("tci.capabilities.withdrawing.why_not", lambda *a, **options: "")
+    (pressed,) = patch_trials_of(robot, WithdrawalReflex(), wrong)
+    assert not pressed.answered
+    assert "left_hand moves towards the finger" in pressed.fault
 
 
 def test_limits_are_held_by_every_packaged_robot_that_is_sent_outside_them() -> None:

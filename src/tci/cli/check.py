@@ -33,7 +33,7 @@ def check(name: str, *, simulate: bool, as_json: bool) -> None:
 def _prove(robot: Robot, *, quiet: bool) -> Proof:
     columns = (TextColumn("{task.description:<32}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, disable=quiet, transient=True) as progress:
-        task = progress.add_task("reading the model", total=14)
+        task = progress.add_task("reading the model", total=14 + len(robot.patches))
         return prove(robot, progress=lambda what: progress.update(task, advance=1, description=what))
 
 
@@ -46,6 +46,12 @@ def _say_proof(proof: Proof) -> None:
         )
     answered = sum(trial.responded for trial in proof.trials)
     console.print(f"reflexes: {answered} of {len(proof.trials)} pokes answered", highlight=False)
+    moved = sum(patch.answered for patch in proof.patches)
+    console.print(f"skin: {moved} of {len(proof.patches)} patches move away from a poke in their middle")
+    for patch in proof.patches:
+        if not patch.answered:
+            why = escape(patch.reason or f"no field of {patch.part} moves it there")
+            console.print(f"  note: {patch.patch} stays: {why}", style="yellow", highlight=False)
     for fault in proof.faults:
         console.print(f"  [red]{escape(fault)}[/]", highlight=False)
     end = (

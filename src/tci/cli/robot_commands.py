@@ -101,7 +101,8 @@ def check(
     """Check a robot description: every fault at once, each with its line and what would be valid.
 
     With --simulate the axes of its arms are compared with the generic arm's, both arms are sent far outside
-    their limits, and every field of the withdrawal reflex is poked.
+    their limits, every field of the withdrawal reflexes is poked, and every patch in its middle: what is
+    touched must move away from the finger.
 
     With --hardware the robot itself is looked at; then each joint moves by 2 degrees, slowly, after you were
     asked, and you are asked what you saw; then you press its skin. Wrong signs, zeros, limits and units show.

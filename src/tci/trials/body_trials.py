@@ -32,21 +32,22 @@ def answerable(body: Body, field: BodyField) -> list[str]:
     return found
 
 
+def deaf(reflex: BodyWithdrawal) -> BodyWithdrawal:
+    """The same with fields that feel no force below 1 MN."""
+    force = reflex.fields.force.model_copy(update={"threshold_n": 1e6, "saturation_n": 2e6})
+    return replace(reflex, fields=reflex.fields.model_copy(update={"force": force}))
+
+
 def body_trials_of(
     robot: Robot, reflex: BodyWithdrawal, *, stimulus: Stimulus | None = None, seed: int = 0
 ) -> Iterator[Trial]:
-    """Poke the centre of every field that a part of the robot can answer in, with the reflex and without.
-
-    Without it the fields feel no force below 1 MN.
-    """
-    deaf = reflex.fields.model_copy(update={"force": reflex.fields.force.model_copy(
-        update={"threshold_n": 1e6, "saturation_n": 2e6})})  # fmt: skip
+    """Poke the centre of every field that a part of the robot can answer in, with the reflex and without."""
     world, body = World(robot, seed=seed), Body(robot)
     stimulus = stimulus or Stimulus()
     for field in reflex.fields.field:
         for part in answerable(body, field):
             place = body.spots.place(part, field.spot)
-            held = poke_place(world, place, stimulus, reflex=replace(reflex, fields=deaf), seed=seed)
+            held = poke_place(world, place, stimulus, reflex=deaf(reflex), seed=seed)
             acted = poke_place(world, place, stimulus, reflex=reflex, seed=seed)
             yield measure(robot, part, field.name, acted, held)
             seed += 1

@@ -13,6 +13,10 @@ from tci.trials.poke import Trace
 MOTION = float(np.deg2rad(0.05))
 """Smallest difference [rad] of a joint to the same trial without reflex that counts as motion."""
 
+AWAY = 1.0
+"""Least way [mm] of the skin along its inward normal, beyond that without reflex, that leads away from the
+finger. Assumed: more than servos yield."""
+
 
 @dataclass(frozen=True, slots=True)
 class Trial:
@@ -24,7 +28,7 @@ class Trial:
     taxels: int
     """Taxels of the poked patch."""
     responded: bool
-    """The reflex commanded this arm, and no other."""
+    """The reflex commanded this part, and no other, and its skin moved away from the finger."""
     trigger_ms: float | None
     """Until the reflex's first command."""
     first_motion_ms: float | None
@@ -55,6 +59,7 @@ def measure(robot: Robot, part: str, site: str, acted: Trace, held: Trace) -> Tr
     commanded = [stamp for stamp, _ in acted.commanded]
     violations: list[str] = []
     halts: dict[str, None] = {}
+    right = bool(commanded) and {name for _, name in acted.commanded} == {part}
     for trace in (acted, held):
         violations += command_violations(robot, trace.sent, trace.positions, period)
         violations += stray_servos(robot, part, trace.sent)
@@ -65,7 +70,7 @@ def measure(robot: Robot, part: str, site: str, acted: Trace, held: Trace) -> Tr
         side=robot.part(part).side or "",
         site=site,
         taxels=acted.taxels,
-        responded=bool(commanded) and {name for _, name in acted.commanded} == {part},
+        responded=right and _withdrawn(acted) - _withdrawn(held) >= AWAY,
         trigger_ms=_milliseconds(commanded[0] if commanded else None, contact),
         first_motion_ms=_milliseconds(_first_motion(acted, held), contact),
         contact_lost_ms=_milliseconds(acted.contact_lost, contact),

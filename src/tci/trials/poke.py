@@ -71,6 +71,8 @@ class Trace:
     """All that was written."""
     commanded: list[tuple[float, str]] = field(default_factory=list)
     """When the reflex gave a command [s], and to which part."""
+    notes: tuple[str, ...] = ()
+    """What the reflex told in the end; empty where it was in another process."""
     contacts: dict[float, Contact] = field(default_factory=dict)
     """The strongest contact that TCI found, by the time of its frame [s]."""
 
@@ -171,5 +173,6 @@ def poke_place(
         return trial.end()
     trial.begin(world.time)
     link = SimulatedLink(world.robot, world=world)
-    run(link, reflex, duration=stimulus.duration, observe=trial.see)
+    result = run(link, reflex, duration=stimulus.duration, observe=trial.see)
+    trial.trace.notes = reflex.notes(result.memory)
     return trial.end()

@@ -24,6 +24,7 @@ from tci.trials.body_trials import body_trials_of
 from tci.trials.checker import command_violations, physics_violations
 from tci.trials.experiment import SIDES, trials_of
 from tci.trials.measure import Trial
+from tci.trials.patch_trials import PatchTrial, patch_trials_of
 from tci.trials.poke import Stimulus
 
 RANGE = np.deg2rad([[-10, 95], [0, 75], [-30, 65], [15, 90], [-60, 60]])
@@ -58,6 +59,8 @@ class Proof:
     robot: str
     axes: tuple[Axes, ...]
     trials: tuple[Trial, ...]
+    patches: tuple[PatchTrial, ...]
+    """One poke of every patch, whichever part it is on."""
     faults: tuple[str, ...]
     """In words, each with what would be valid."""
 
@@ -74,7 +77,7 @@ def prove(robot: Robot, *, progress: Callable[[str], None] = lambda what: None) 
     faults: list[str] = []
     arms = [f"{side}_arm" for side in SIDES]
     if missing := [name for name in arms if name not in {part.name for part in robot.parts}]:
-        return Proof(robot.name, (), (), (f"no generic part {' and '.join(missing)}",))
+        return Proof(robot.name, (), (), (), (f"no generic part {' and '.join(missing)}",))
     axes = []
     for name in arms:
         progress(f"axes of {name}")
@@ -89,6 +92,12 @@ def prove(robot: Robot, *, progress: Callable[[str], None] = lambda what: None) 
             faults.append(f"{name}: an axis is {found.worst_deg:.1f} degrees off; valid: at most {AXIS}")
     progress("limits")
     faults += limit_faults(robot)
+    patches: list[PatchTrial] = []
+    body_reflex = BodyWithdrawal(stance="supported")
+    for touch in patch_trials_of(robot, WithdrawalReflex(), body_reflex):
+        patches.append(touch)
+        faults += filter(None, [touch.fault])
+        progress(f"skin, {touch.patch.replace('_', ' ')}")
     places = {(patch.part, patch.segment) for patch in robot.patches}
     reflex = WithdrawalReflex()
     bare = [
@@ -99,20 +108,20 @@ def prove(robot: Robot, *, progress: Callable[[str], None] = lambda what: None) 
     ]
     if bare:
         faults.append(f"no skin on {', '.join(dict.fromkeys(bare))}: nothing to poke")
-        return Proof(robot.name, tuple(axes), (), tuple(faults))
+        return Proof(robot.name, tuple(axes), (), tuple(patches), tuple(faults))
     trials = []
     progress("reflexes")
     try:
         for trial in chain(
             trials_of(robot, reflex, stimulus=Stimulus(), seed=0),
-            body_trials_of(robot, BodyWithdrawal(stance="supported")),
+            body_trials_of(robot, body_reflex),
         ):
             trials.append(trial)
             faults += [f"{trial.side} {trial.site}: {fault}" for fault in trial_faults(robot, trial)]
             progress(f"reflex, {trial.side} {trial.site.replace('_', ' ')}")
     except TciError as error:  # a place without skin, or without room for the finger
         faults.append(f"after {len(trials)} pokes: {error}")
-    return Proof(robot.name, tuple(axes), tuple(trials), tuple(faults))
+    return Proof(robot.name, tuple(axes), tuple(trials), tuple(patches), tuple(faults))
 
 
 def compare_axes(robot: Robot, part: GenericPart) -> Axes:
@@ -197,7 +206,7 @@ def trial_faults(robot: Robot, trial: Trial) -> list[str]:
     slowest = SLOWEST.get(rate, 23.0 + 1e3 / rate)
     never = float("inf")
     checks = {
-        "the reflex did not answer, or moved another part": trial.responded,
+        "the reflex did not move the skin away, or moved another part": trial.responded,
         f"first motion after {trial.first_motion_ms} ms; valid: above 0, at most {slowest:g}": (
             0.0 < (trial.first_motion_ms or never) <= slowest
         ),

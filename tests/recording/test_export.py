@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pyarrow import parquet
+from pyarrow.csv import read_csv
 
 from recording.recorded import record_poke, two_parts
 from tci.errors import RecordingError, UnknownNameError
@@ -15,11 +16,83 @@ from tci.recording.export import export, tables
 from tci.recording.names import distinct, inside
 from tci.recording.recorder import Recorder
 from tci.recording.recording import Recording
+from tci.runtime.loop import Tick
 
 
-def test_tables_hold_what_was_recorded_in_every_format(tmp_path: Path) -> None:
-    ticks = record_poke(tmp_path / "a.mcap", duration=0.4)
-    recording = Recording(tmp_path / "a.mcap")
+@pytest.fixture(scope="module")
+def poked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Recording, list[Tick]]:
+    path = tmp_path_factory.mktemp("export") / "a.mcap"
+    ticks = record_poke(path, duration=0.4)
+    return Recording(path), ticks
+
+
+def test_skin_is_a_matrix_of_frames_and_taxels_as_it_was_felt(poked: tuple[Recording, list[Tick]]) -> None:
+    recording, ticks = poked
+    found = tables(recording, load_robot("nao"))
+    states = {tick.skin.patches["left_forearm"].stamp: tick.skin.patches["left_forearm"] for tick in ticks}
+    skin = found["skin_left_forearm"]
+    assert skin["time_s"].tolist() == sorted(states)
+    assert np.array_equal(skin["force_n"], np.stack([states[stamp].force for stamp in sorted(states)]))
+    assert np.array_equal(skin["pressure_pa"], np.stack([states[stamp].pressure for stamp in sorted(states)]))
+    assert skin["force_n"].max() > 0.1
+    assert skin["raw"].shape == (len(states), load_robot("nao").patch("left_forearm").channels)
+    felt = {(c.stamp, c.identity): c.force for tick in ticks for c in tick.perception.contacts}
+    contacts = found["contacts"]
+    stamps = zip(contacts["time_s"].tolist(), contacts["identity"].tolist(), strict=True)
+    assert dict(zip(stamps, contacts["force_n"].tolist(), strict=True)) == felt
+    assert set(contacts["patch"]) == {"left_forearm"}
+
+
+@pytest.mark.parametrize("form", ["csv", "npz", "parquet"])
+def test_matrices_are_the_same_in_every_format(
+    form: str, poked: tuple[Recording, list[Tick]], tmp_path: Path
+) -> None:
+    recording, _ = poked
+    robot = load_robot("nao")
+    expected = tables(recording, robot)["skin_left_forearm"]["force_n"]
+    files = export(recording, tmp_path / "out", form, robot)
+    if form == "npz":
+        with np.load(files[0]) as arrays:
+            assert np.array_equal(arrays["skin_left_forearm.force_n"], expected)
+        return
+    assert {path.stem for path in files} >= {"joints", "decisions", "contacts", "skin_left_forearm"}
+    path = next(path for path in files if path.stem == "skin_left_forearm")
+    table = parquet.read_table(path) if form == "parquet" else read_csv(path)
+    forces = [name for name in table.column_names if name.startswith("force_n_")]
+    assert forces == [f"force_n_{taxel}" for taxel in range(expected.shape[1])]
+    assert np.array_equal(np.stack([table[name].to_numpy() for name in forces], axis=1), expected)
+
+
+def test_a_servo_has_one_name_in_all_tables(poked: tuple[Recording, list[Tick]]) -> None:
+    found = tables(poked[0])
+    decided = {name for name in found["decisions"] if name.endswith("_rad")}
+    assert decided
+    assert decided <= found["joints"].keys()
+    assert all("time_s" in table for table in found.values())
+
+
+def test_a_frame_that_does_not_fit_is_felt_as_nothing_known(tmp_path: Path) -> None:
+    robot = load_robot("nao")
+    patch = robot.patches[0]
+    rest = np.full(patch.channels, patch.sensor.rest)
+    joints = JointReading(0.0, 0, np.array(robot.initial_position), np.zeros(len(robot.servos)))
+    with Recorder(tmp_path / "a.mcap", robot) as recorder:
+        for number, values in enumerate((rest, np.full(patch.channels, np.nan), rest)):
+            frame = SkinFrame(patch.name, 0.01 * number, number, values)
+            recorder.tick(0.01 * number, Reading(joints, (frame,)))
+    table = tables(Recording(tmp_path / "a.mcap"), robot)[f"skin_{patch.name}"]
+    assert len(table["time_s"]) == len(table["force_n"]) == 3
+    assert tables(Recording(tmp_path / "a.mcap"))[f"skin_{patch.name}"].keys() == {
+        "time_s",
+        "sequence",
+        "raw",
+    }
+
+
+def test_tables_hold_what_was_recorded_in_every_format(
+    poked: tuple[Recording, list[Tick]], tmp_path: Path
+) -> None:
+    recording, ticks = poked
     where = 5
     column = f"{load_robot('nao').servos[where].name}_rad"
     angles = [tick.reading.joints.position[where] for tick in ticks]

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from tci.cli import completion
-from tci.cli.options import AsJson, Begin, End, RecordingFile
+from tci.cli.options import AsJson, Begin, End, RecordedRobot, RecordingFile
 
 app = typer.Typer(help="Recordings: what is in them, cut, export, import.", no_args_is_help=True)
 
@@ -97,21 +97,36 @@ def cut(
 def export(
     file: RecordingFile,
     out: Annotated[Path, typer.Argument(help="Folder to write; for npz the file.")],
+    robot: RecordedRobot = None,
     form: Annotated[str, typer.Option("--format", "-f", help="csv, npz or parquet.")] = "csv",
     as_json: AsJson = False,
 ) -> None:
-    """Write a recording as tables: joints, decisions, and the raw frames of each patch of skin.
+    """Write a recording as tables: joints, decisions, contacts, and of the skin a row for each frame.
+
+    A frame has the raw values as they came, and pressures \\[Pa] and forces \\[N] of all taxels.
 
     Example:  tci log export touch.mcap tables --format csv
     """
     from tci.cli.console import console, print_json
+    from tci.errors import TciError
     from tci.recording.export import export as command
+    from tci.recording.perceived import recorded_robot
     from tci.recording.recording import Recording
 
-    files = command(Recording(file), out, form)
+    recording, left_out = Recording(file), ""
+    try:
+        found = recorded_robot(recording, robot)
+        left_out = "" if found else "the recording has no robot"
+    except TciError as error:
+        if robot is not None:
+            raise
+        found, left_out = None, str(error)
+    files = command(recording, out, form, found)
     if as_json:
-        print_json({"files": [str(path) for path in files]})
+        print_json({"files": [str(path) for path in files], "left_out": left_out})
         return
+    if left_out:
+        typer.secho(f"raw values only, no forces: {left_out}", fg="yellow", err=True)
     for path in files:
         console.print(str(path), highlight=False, markup=False)
 

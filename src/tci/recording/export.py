@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,49 +12,70 @@ from numpy.typing import NDArray
 
 from tci.errors import RecordingError, UnknownNameError
 from tci.installed import needs
+from tci.messages import SkinFrame
+from tci.model.description import Robot
 from tci.recording.cdr import decode
 from tci.recording.names import distinct, inside
+from tci.recording.perceived import perceive
 from tci.recording.recording import Recording
 from tci.recording.schemas import DECISION, JOINTS, SKIN, to_frame
 
 FORMATS = ("csv", "npz", "parquet")
 Table = dict[str, NDArray[Any]]
-"""Columns by name, all of one length."""
+"""Columns by name, with a row (k,) for each instant; a column of a skin is a matrix (k, n)."""
+CONTACT = (
+    "time_s", "sequence", "patch", "part", "segment", "identity", "began_s", "force_n", "peak_force_n",
+    "area_m2", "taxels", "u", "theta_rad", "x_m", "y_m", "z_m", "force_x_n", "force_y_n", "force_z_n",
+)  # fmt: skip
+"""Columns of the table of contacts; places and forces are seen from the torso."""
 
 
-def tables(recording: Recording) -> dict[str, Table]:
-    """`joints`, `decisions` and `skin_PATCH`, each with a column `time_s` on the link's clock: when that was
-    measured or decided.
+def tables(recording: Recording, robot: Robot | None = None) -> dict[str, Table]:
+    """`joints`, `decisions`, `skin_PATCH` of each patch, and with its `robot` what the skin felt: `contacts`.
 
-    Angles [rad], speeds [rad/s], torques [N m]; skin as raw values. Raises RecordingError.
+    Every table has a column `time_s` on the link's clock: when that was measured or decided. Angles are in
+    [rad], speeds in [rad/s], torques in [N m]. Of a patch, `raw` (frames, channels) are the values as they
+    came; with a `robot`, `pressure_pa` and `force_n` (frames, taxels) are worked out again from them, NaN
+    where a frame did not fit. Raises RecordingError.
     """
     rows: dict[str, list[tuple[float, dict[str, Any]]]] = {}
+    frames: dict[str, list[SkinFrame]] = {}
+    names: list[str] = []
     for _, kind, _, data in recording.messages():
         if kind is JOINTS:
             fields = decode(kind, data)
+            names = names or distinct(fields["name"])
             measured = fields["sec"] + fields["nanosec"] / 1e9
-            rows.setdefault("joints", []).append((measured, _joints(fields)))
+            if row := _joints(fields):  # an imported skin has none
+                rows.setdefault("joints", []).append((measured, row))
         elif kind is SKIN:
             frame = to_frame(decode(kind, data))
-            values = {f"raw_{channel}": value for channel, value in enumerate(frame.values)}
-            row = {"sequence": frame.sequence, **values}
-            rows.setdefault(f"skin_{frame.patch}", []).append((float(frame.stamp), row))
+            frames.setdefault(frame.patch, []).append(frame)
         elif kind is DECISION:
             fields = decode(kind, data)
-            rows.setdefault("decisions", []).append((fields["stamp"], _decision(fields)))
-    return {name: _table(name, found) for name, found in rows.items()}
+            rows.setdefault("decisions", []).append((fields["stamp"], _decision(fields, names)))
+    found = {name: _table(some) for name, some in rows.items()}
+    found |= {f"skin_{patch}": _skin(patch, some) for patch, some in frames.items()}
+    if robot is not None:
+        felt, contacts = _felt(recording, robot, frames)
+        for patch, columns in felt.items():
+            found[f"skin_{patch}"] |= columns
+        found["contacts"] = contacts
+    return found
 
 
-def export(recording: Recording, out: Path, form: str) -> list[Path]:
-    """Write the tables: a file for each in the folder `out`, or one file `out` for npz (named so); what was
-    written.
+def export(recording: Recording, out: Path, form: str, robot: Robot | None = None) -> list[Path]:
+    """Write the tables: a file for each in the folder `out`, or one file `out` for npz (named so); the files.
+
+    NPZ holds a matrix under its name, as in `skin_left_forearm.force_n` (frames, taxels); in CSV and Parquet
+    its columns are `force_n_0`, `force_n_1` and so on.
 
     Raises UnknownNameError for a format, MissingExtraError for parquet without its library,
     RecordingError for a recording whose names could lead out of the folder.
     """
     if form not in FORMATS:
         raise UnknownNameError("format", form, FORMATS)
-    found = tables(recording)
+    found = tables(recording, robot)
     if form == "npz":
         columns = {f"{inside(Path(), name)}.{column}": values for name, table in found.items()
                    for column, values in table.items()}  # fmt: skip
@@ -65,7 +87,7 @@ def export(recording: Recording, out: Path, form: str) -> list[Path]:
     write = _parquet_writer() if form == "parquet" else _write_csv
     out.mkdir(parents=True, exist_ok=True)
     for name, path in paths.items():
-        write(path, found[name])
+        write(path, _wide(found[name]))
     return list(paths.values())
 
 
@@ -77,22 +99,71 @@ def _joints(fields: dict[str, Any]) -> dict[str, Any]:
     return row
 
 
-def _decision(fields: dict[str, Any]) -> dict[str, Any]:
+def _decision(fields: dict[str, Any], names: Sequence[str]) -> dict[str, Any]:
     row = {"state": fields["state"], "reason": fields["reason"]}
+    known = dict(enumerate(names))
     for what, unit in (("position", "rad"), ("velocity", "rad_s"), ("torque", "nm")):
-        row |= {f"servo{n}_{unit}": v for n, v in zip(fields["servos"], fields[what], strict=False)}
+        servos = zip(fields["servos"].tolist(), fields[what], strict=False)
+        row |= {f"{known.get(servo, f'servo{servo}')}_{unit}": value for servo, value in servos}
     return row
 
 
-def _table(name: str, rows: list[tuple[float, dict[str, Any]]]) -> Table:
+def _table(rows: list[tuple[float, dict[str, Any]]]) -> Table:
     """Rows as columns; what a row lacks is NaN, for servos that come under command later."""
     columns = dict.fromkeys(key for _, row in rows for key in row)
-    if name.startswith("skin_") and any(len(row) != len(columns) for _, row in rows):
-        raise RecordingError(f"frames of {name} have different numbers of values; valid: one number")
     table = {"time_s": np.array([stamp for stamp, _ in rows])}
     for column in columns:
         table[column] = np.array([row.get(column, np.nan) for _, row in rows])
     return table
+
+
+def _skin(patch: str, frames: list[SkinFrame]) -> Table:
+    if len({frame.values.size for frame in frames}) > 1:
+        raise RecordingError(f"frames of skin_{patch} have different numbers of values; valid: one number")
+    return {
+        "time_s": np.array([frame.stamp for frame in frames], dtype=float),
+        "sequence": np.array([frame.sequence for frame in frames]),
+        "raw": np.stack([frame.values for frame in frames]),
+    }
+
+
+def _felt(
+    recording: Recording, robot: Robot, frames: dict[str, list[SkinFrame]]
+) -> tuple[dict[str, Table], Table]:
+    """Pressure and force of each patch in its `frames`, and the contacts in them."""
+    row = {patch: {(f.stamp, f.sequence): k for k, f in enumerate(some)} for patch, some in frames.items()}
+    felt: dict[str, Table] = {}
+    contacts: dict[tuple[str, float, int, int], tuple[Any, ...]] = {}
+    for period in perceive(recording, robot):
+        for patch, state in period.skin.patches.items():
+            k = row.get(patch, {}).get((state.stamp, state.sequence))
+            if k is None:
+                continue  # a frame that was filled in, where the skin sends changes only
+            if patch not in felt:
+                shape = len(frames[patch]), state.pressure.size
+                felt[patch] = {name: np.full(shape, np.nan) for name in ("pressure_pa", "force_n")}
+            felt[patch]["pressure_pa"][k], felt[patch]["force_n"][k] = state.pressure, state.force
+        for c in period.perception.contacts:
+            contacts.setdefault(
+                (c.patch, c.stamp, c.sequence, c.identity),
+                (
+                    c.stamp, c.sequence, c.patch, c.part, c.segment, c.identity, c.began, c.force,
+                    c.peak_force, c.area, len(c.taxels), c.u, c.theta, *c.p_T, *c.f_T,
+                ),
+            )  # fmt: skip
+    columns = zip(*contacts.values(), strict=True) if contacts else [()] * len(CONTACT)
+    return felt, {name: np.array(values) for name, values in zip(CONTACT, columns, strict=True)}
+
+
+def _wide(table: Table) -> Table:
+    """The table with the columns of its matrices beside each other: `force_n` becomes `force_n_0`, ..."""
+    wide: Table = {}
+    for name, values in table.items():
+        if values.ndim == 1:
+            wide[name] = values
+        else:
+            wide |= {f"{name}_{index}": column for index, column in enumerate(values.T)}
+    return wide
 
 
 def _write_csv(path: Path, table: Table) -> None:

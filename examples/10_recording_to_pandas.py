@@ -1,0 +1,33 @@
+"""A recording as matrices for NumPy and pandas (`pip install pandas`): give its file, or one is made here."""
+
+import sys
+from pathlib import Path
+from tempfile import mkdtemp
+
+import pandas as pd
+
+import tci
+from tci.recording.export import tables
+from tci.recording.perceived import recorded_robot
+from tci.recording.recorder import Recorder
+from tci.recording.recording import Recording
+
+path = Path(sys.argv[1]) if sys.argv[1:] else Path(mkdtemp()) / "touch.mcap"
+if not sys.argv[1:]:
+    with tci.connect(tci.load_robot("nao"), "sim") as link, Recorder(path, link.robot) as recorder:
+        link.world.finger.poke("left_forearm", 100, speed=0.2, depth=0.008)
+        tci.run(
+            link,
+            tci.WithdrawalReflex(),
+            duration=0.5,
+            observe=lambda tick: recorder.tick(tick.now, tick.reading, tick.commands, tick.sent),
+        )
+
+recording = Recording(path)
+found = tables(recording, recorded_robot(recording))  # by name: arrays with a row for each instant
+skin = found["skin_left_forearm"]
+forces = pd.DataFrame(skin["force_n"], index=skin["time_s"])  # frames by taxels [N]
+contacts = pd.DataFrame(found["contacts"])
+
+print(f"{len(forces)} frames of {forces.shape[1]} taxels, {forces.sum(axis=1).max():.2f} N at most")
+print(contacts[["time_s", "patch", "force_n", "u", "theta_rad"]].head())

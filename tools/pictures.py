@@ -81,7 +81,7 @@ def viewer(folder: Path) -> None:
         Session(tci.connect(tci.load_robot(name), "sim", **SIMULATED), reflex, about={})
         for name in ("nao", "icub")
     ]
-    page_of = Viewer(sessions, fields=reflex.fields, port=0, folder=folder)
+    page_of = Viewer(sessions, port=0, folder=folder)
     for session in sessions:
         session.start()
     thread = threading.Thread(target=page_of.run)

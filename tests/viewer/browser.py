@@ -14,7 +14,7 @@ from playwright.sync_api import Locator, Page, sync_playwright
 
 from peers import needs_program
 from tci.capabilities.fields import default_fields
-from tci.frames import apply
+from tci.frames import Array, apply
 from tci.interface.skin.generic_limb import generic_limb_distance
 from tci.interface.skin.places import Place
 from tci.viewer.app import Viewer
@@ -71,15 +71,25 @@ def canvas_of(page: Page) -> tuple[float, float, float, float]:
     return box["x"], box["y"], box["width"], box["height"]
 
 
-def skin_on_screen(
-    viewer: Viewer, key: str, patch: str, canvas: Sequence[float]
-) -> tuple[float, float, Place]:
-    """A pixel of the page under which a receptive field on `patch` is seen, and the place there."""
+def on_screen(viewer: Viewer, points: Array, canvas: Sequence[float]) -> Array:
+    """Pixels (n, 2) of the page at which points (n, 3) [m] of the scene are."""
     camera = next(iter(viewer.server.get_clients().values())).camera
     left, top, width, height = canvas
-    figure = viewer.figures[key]
     rotation = np.zeros(9)
     mujoco.mju_quat2Mat(rotation, camera.wxyz)
+    seen = (points - camera.position) @ rotation.reshape(3, 3)
+    focal = height / 2.0 / np.tan(camera.fov / 2.0)
+    middle = np.array([left + width / 2.0, top + height / 2.0])
+    return np.asarray(middle + focal * seen[:, :2] / seen[:, 2:])
+
+
+def skin_on_screen(
+    viewer: Viewer, key: str, patch: str, canvas: Sequence[float], *, outside: bool = False
+) -> tuple[float, float, Place]:
+    """A pixel of the page under which a receptive field on `patch` is seen, or skin `outside` all of them,
+    and the place there."""
+    camera = next(iter(viewer.server.get_clients().values())).camera
+    figure = viewer.figures[key]
     surface = figure.skin.surfaces[patch]
     T_SL = figure.pose(surface.link)
     points, normals = apply(T_SL, surface.positions), surface.normals @ T_SL[:3, :3].T
@@ -87,19 +97,17 @@ def skin_on_screen(
     assert view is not None
     u, theta, _ = figure.skin.limb(patch, view.joints)
     fields = [field for field in default_fields() if field.segment == figure.robot.patch(patch).segment]
-    answers = np.min([generic_limb_distance(u, theta, f.u, f.theta) / f.radius for f in fields], axis=0) < 0.6
+    away = np.min([generic_limb_distance(u, theta, f.u, f.theta) / f.radius for f in fields], axis=0)
+    wanted = away > 1.15 if outside else away < 0.6
     for taxel in np.argsort(np.einsum("ij,ij->i", normals, points - camera.position)):
-        if not answers[taxel]:
+        if not wanted[taxel]:
             continue
-        seen = (points[taxel] - camera.position) @ rotation.reshape(3, 3)
         ray = (points[taxel] - camera.position) / np.linalg.norm(points[taxel] - camera.position)
         found = pick(figure, np.array(camera.position), ray)
         others = [pick(other, np.array(camera.position), ray) for other in _others(viewer, figure)]
         if found is None or found[0].patch != patch or any(others):
             continue
-        focal = height / 2.0 / np.tan(camera.fov / 2.0)
-        x = left + width / 2.0 + focal * seen[0] / seen[2]
-        y = top + height / 2.0 + focal * seen[1] / seen[2]
+        x, y = on_screen(viewer, points[taxel][None], canvas)[0]
         return float(x), float(y), found[0]
     raise AssertionError(f"{patch} of {key} is not seen from here")
 

@@ -70,6 +70,15 @@ def test_53_only_the_loopback_listens_by_default(local: Opened) -> None:
         assert elsewhere.connect_ex(("127.0.0.2", local.port)) != 0
 
 
+def test_a_page_can_ask_whether_its_server_is_there(local: Opened) -> None:
+    assert local.get("/alive").status == 204
+    for packed in ({}, {"Accept-Encoding": "gzip"}):
+        page = local.get(**packed)
+        body = page.read()
+        assert int(page.headers["Content-Length"]) == len(body)
+        assert b"The viewer has ended" in body
+
+
 def test_53_elsewhere_a_token_is_needed(remote: Opened) -> None:
     token = remote.address.split("token=")[1]
     assert len(token) >= 32

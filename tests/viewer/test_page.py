@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,11 +11,12 @@ import pytest
 from playwright.sync_api import Page
 
 import tci
+from tci.frames import apply
 from tci.interface.gate.gate import GateState
 from tci.recording.recording import Recording
 from tci.viewer.app import Viewer
 from tci.viewer.session import Session
-from viewer.browser import canvas_of, field, files, page_of, running, skin_on_screen, wait_for
+from viewer.browser import canvas_of, field, files, on_screen, page_of, running, skin_on_screen, wait_for
 
 pytestmark = pytest.mark.xdist_group("browser")
 ROBOTS = ("nao", "icub")
@@ -32,7 +34,7 @@ def viewer(folder: Path) -> Iterator[Viewer]:
     sessions = [
         Session(link, reflex, about={"middleware": "sim", "capability": "withdrawal"}) for link in links
     ]
-    with running(Viewer(sessions, fields=reflex.fields, port=0, folder=folder)) as viewer:
+    with running(Viewer(sessions, port=0, folder=folder)) as viewer:
         yield viewer
 
 
@@ -89,6 +91,18 @@ def test_the_same_place_is_poked_on_every_robot(viewer: Viewer, page: Page) -> N
     )
 
 
+def test_a_touch_outside_all_fields_is_told(viewer: Viewer, page: Page) -> None:
+    page.get_by_text("forearm flexor").first.wait_for()
+    wait_for(lambda: all(s.view and s.view.finger is None for s in viewer.sessions.values()), "all is quiet")
+    x, y, _ = skin_on_screen(viewer, "icub", "left_forearm", canvas_of(page), outside=True)
+    page.mouse.click(x, y)
+    session, figure = viewer.sessions["icub"], viewer.figures["icub"]
+    wait_for(lambda: session.view is not None and session.view.contacts, "the skin feels it")
+    page.get_by_text("touched outside all fields: left forearm").first.wait_for()
+    wait_for(lambda: figure._outside.visible, "it stands beside the finger")
+    wait_for(lambda: not figure._outside.visible, "it goes with the finger")
+
+
 def test_a_click_beside_the_robots_pokes_nobody(viewer: Viewer, page: Page) -> None:
     before = [session.pokes for session in viewer.sessions.values()]
     box = page.locator("canvas").first.bounding_box()
@@ -125,6 +139,7 @@ def test_a_fault_is_told_with_its_reason_and_reset(viewer: Viewer, page: Page) -
     assert session.view.reason
     page.get_by_text(session.view.reason).first.wait_for()
     page.get_by_text("STOP", exact=True).first.wait_for()
+    page.get_by_text(re.compile(r"encoder-step for 1 s.*: after \d+ ms STOP: ")).first.wait_for()
     other = viewer.sessions["icub"].view
     assert other is not None
     assert other.state is GateState.RUN
@@ -158,3 +173,30 @@ def test_a_recording_is_made_and_its_name_stays_in_the_folder(
     assert recording.counts()["/tci/tick"] > 20
     assert recording.complete
     assert recording.about["capability"] == "withdrawal"
+
+
+def test_a_narrow_window_shows_the_arms_of_all(viewer: Viewer, page: Page) -> None:
+    page.set_viewport_size({"width": 850, "height": 700})
+    wait_for(lambda: canvas_of(page)[2] > 400, "the plots make room")
+    page.set_viewport_size({"width": 390, "height": 700})
+
+    def shown() -> bool:
+        canvas = canvas_of(page)
+        for figure in viewer.figures.values():
+            for patch in ("left_forearm", "right_forearm"):
+                surface = figure.skin.surfaces[patch]
+                points = apply(figure.pose(surface.link), surface.positions)
+                across = on_screen(viewer, points, canvas)[:, 0]
+                if not (canvas[0] < across.min() and across.max() < canvas[0] + canvas[2]):
+                    return False
+        return canvas[2] == 390
+
+    wait_for(shown, "both arms of both robots are in the picture")
+
+
+def test_on_a_telephone_the_controls_begin_folded(viewer: Viewer, page: Page) -> None:
+    phone = page.context.browser.new_page(viewport={"width": 390, "height": 844})  # type: ignore[union-attr]
+    phone.goto(viewer.address)
+    phone.get_by_text("TCI", exact=True).first.wait_for()
+    wait_for(lambda: phone.get_by_text("TCI", exact=True).first.bounding_box()["y"] > 700, "they are folded")
+    phone.close()

@@ -12,6 +12,7 @@ import tci
 from recording.recorded import record_poke
 from tci.recording.recording import Recording
 from tci.viewer.app import Viewer
+from tci.viewer.guard import close_server
 from tci.viewer.player import Player
 from viewer.browser import field, page_of, running, wait_for
 
@@ -26,9 +27,14 @@ def player(tmp_path_factory: pytest.TempPathFactory) -> Player:
 
 
 @pytest.fixture(scope="module")
-def page(player: Player) -> Iterator[Page]:
-    viewer = Viewer([player], fields=tci.WithdrawalReflex().fields, port=0)
-    with running(viewer), page_of(viewer) as page:
+def viewer(player: Player) -> Iterator[Viewer]:
+    with running(Viewer([player], port=0)) as viewer:
+        yield viewer
+
+
+@pytest.fixture(scope="module")
+def page(viewer: Viewer) -> Iterator[Page]:
+    with page_of(viewer) as page:
         yield page
 
 
@@ -56,7 +62,8 @@ def test_play_pause_and_scrub(player: Player, page: Page) -> None:
     time.press("Enter")
     wait_for(lambda: player.time == player.begin, "it is at the begin")
     page.get_by_role("button", name="Next touch").click()
-    wait_for(lambda: abs(player.time - (touch.began - 0.2)) < 1e-6, "it is shortly before the touch")
+    wait_for(lambda: player.time == touch.began, "it is at the touch")
+    page.get_by_text("left forearm, flexor side").first.wait_for()
 
     field(page, "speed").click()
     page.get_by_role("option", name="0.1", exact=True).click()
@@ -67,3 +74,10 @@ def test_play_pause_and_scrub(player: Player, page: Page) -> None:
     page.get_by_role("button", name="Pause").click()
     wait_for(lambda: not player.playing, "it is paused")
     assert before < player.time <= player.end
+
+
+def test_the_page_says_when_its_server_has_ended(viewer: Viewer, page: Page) -> None:
+    told = page.get_by_role("alert").filter(has_text="The viewer has ended")
+    assert not told.is_visible()
+    close_server(viewer.server)
+    told.wait_for()

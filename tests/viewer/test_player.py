@@ -82,6 +82,13 @@ def test_plots_and_events_are_those_before_now(player: Player) -> None:
     assert time[-1] > player.begin + 0.5
 
 
+def test_at_the_begin_of_a_touch_it_is_shown(player: Player) -> None:
+    assert player.touches
+    for touch in player.touches:
+        player.seek(touch.began)
+        assert [contact.part for contact in player.view.contacts] == [touch.part]
+
+
 def test_it_can_not_be_touched(player: Player) -> None:
     with pytest.raises(CommandError, match="recording"):
         player.poke(None, force=1.0, speed=0.1)

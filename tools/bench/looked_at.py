@@ -32,7 +32,7 @@ def viewer() -> list[Measured]:
     reflex = tci.WithdrawalReflex()
     robots = [with_dense_skin(tci.load_robot("nao"), TAXELS), tci.load_robot("icub")]
     sessions = [Session(tci.connect(robot, "sim", **SIMULATED), reflex, about={}) for robot in robots]
-    shown = Viewer(sessions, fields=reflex.fields, port=0, folder=Path(tempfile.mkdtemp()))
+    shown = Viewer(sessions, port=0, folder=Path(tempfile.mkdtemp()))
     for session in sessions:
         session.start()
     thread = threading.Thread(target=shown.run)

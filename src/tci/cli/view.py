@@ -13,8 +13,6 @@ from typing import TYPE_CHECKING
 
 from rich.progress import Progress
 
-from tci.capabilities.fields import default_fields
-from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.cli.console import console, told_here
 from tci.cli.demo import load_robots
 from tci.cli.record import about_capability
@@ -61,12 +59,9 @@ def view(
     """
     needs_viewer()
     from tci.viewer.app import Viewer
-    from tci.viewer.session import Session
 
     sources = _sources(names, vias, capability, arm=arm)
-    behaviour = next((source.capability for source in sources if isinstance(source, Session)), None)
-    fields = behaviour.fields if isinstance(behaviour, WithdrawalReflex) else ()
-    viewer = Viewer(sources, fields=fields or default_fields(), host=host, port=port, folder=folder)
+    viewer = Viewer(sources, host=host, port=port, folder=folder)
     with suppress(KeyboardInterrupt), told_here(), interruptions() as interruption:
         try:
             for source in sources:

@@ -10,14 +10,15 @@ from pathlib import Path
 import numpy as np
 import viser
 
-from tci.capabilities.fields import ReceptiveField
 from tci.errors import TciError
 from tci.frames import Array, apply, invert
 from tci.interface.part import generic_posture
 from tci.interface.skin.places import Place, find_place
 from tci.model.generic_arm import limb_coordinates
 from tci.viewer.controls import Controls
+from tci.viewer.fields import legend
 from tci.viewer.figure import Figure
+from tci.viewer.framing import Framing
 from tci.viewer.guard import close_server, open_server
 from tci.viewer.pick import pick
 from tci.viewer.playback import Playback
@@ -36,8 +37,6 @@ SPACE = 0.25
 """Free space [m] between two robots."""
 SKY = (208, 218, 230), (250, 250, 250)
 """Colours of the background, from the top down: darker than a white robot."""
-FOV = 0.7
-"""Vertical angle of view [rad]."""
 Source = Session | Player
 """A robot that goes on, or one that was recorded."""
 HINT = "**Click the skin of an arm** to poke it there. Drag to turn, scroll to come nearer."
@@ -50,7 +49,6 @@ class Viewer:
         self,
         sources: Sequence[Source],
         *,
-        fields: Sequence[ReceptiveField] = (),
         host: str = "127.0.0.1",
         port: int = 8080,
         folder: Path = Path("recordings"),
@@ -65,8 +63,8 @@ class Viewer:
         self._stop = threading.Event()
         self._clicks: list[tuple[Array, Array]] = []
         self.figures = {key: Figure(self.server, source.robot, key) for key, source in self.sources.items()}
-        for figure in self.figures.values():
-            figure.show_fields(fields)
+        for key, source in self.sources.items():
+            self.figures[key].show_fields(source.fields)
         self._stand_side_by_side()
         self._set_scene()
         self._add_panels(folder)
@@ -99,6 +97,7 @@ class Viewer:
             self.playback.advance(now)
         if not self.server.get_clients():
             return  # a page that is opened gets what was drawn last, and the next picture
+        self._framing.update()
         for key, source in self.sources.items():
             if source.view is not None:
                 self.figures[key].show(source.view)
@@ -180,14 +179,6 @@ class Viewer:
             "/floor", width=12.0, height=12.0, cell_size=0.1, section_size=0.5,
             cell_color=(228, 230, 233), section_color=(205, 209, 214), shadow_opacity=0.0,
         )  # fmt: skip
-        tallest = max(figure.height for figure in self.figures.values())
-        distance = max(0.66 * tallest, 0.75 * self._width) / np.tan(FOV / 2.0)
-        aim = np.array([0.0, 0.0, 0.55 * tallest])
-        camera = self.server.initial_camera
-        camera.position = tuple(aim + distance * np.array([0.94, 0.15, 0.3]))
-        camera.look_at = tuple(aim)
-        camera.up = (0.0, 0.0, 1.0)
-        camera.fov = FOV
 
     def _add_panels(self, folder: Path) -> None:
         gui = self.server.gui
@@ -201,6 +192,10 @@ class Viewer:
         if players:
             with gui.add_folder("recording"):
                 self.playback = Playback(self.server, players)
+        fields = dict.fromkeys(field for source in self.sources.values() for field in source.fields)
+        if fields:
+            with gui.add_folder("receptive fields"):
+                gui.add_html(legend(tuple(fields)))
         with gui.add_folder("what happened"):
             self._events = gui.add_html("")
         self.controls: dict[str, Controls] = {}
@@ -221,6 +216,8 @@ class Viewer:
             self._plots = Plots(self.server, titles, tuple(arms))
         panel.dock_left()
         panel.set_width(300)
+        tallest = max(figure.height for figure in self.figures.values())
+        self._framing = Framing(self.server, panel, width=self._width, height=tallest)
 
     def _add_poke(self) -> None:
         gui = self.server.gui

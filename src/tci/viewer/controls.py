@@ -15,6 +15,7 @@ from tci.middleware.injectors import INJECTORS
 from tci.middleware.query import generic_limits
 from tci.model.generic_arm import JOINTS
 from tci.recording.names import inside
+from tci.viewer.rehearsal import description
 from tci.viewer.session import Session
 
 LEFT_OUT = ("sigterm",)
@@ -42,7 +43,10 @@ class Controls:
         self._add_recording()
 
     def update(self) -> None:
-        """Let the sliders follow the robot, unless a person has them."""
+        """Say how a fault is answered, and let the sliders follow the robot unless a person has them."""
+        rehearsal = self._session.rehearsal
+        if rehearsal is not None and self._answer.content != rehearsal.words:
+            self._answer.content = rehearsal.words
         view = self._session.view
         if view is None:
             return
@@ -103,12 +107,13 @@ class Controls:
         with self._gui.add_folder("faults", expand_by_default=False):
             menu = self._gui.add_dropdown("fault", names)
             lasts = self._gui.add_number("for [s]", 1.0, min=0.1, max=600.0, step=0.1)
-            says = self._gui.add_markdown(INJECTORS[names[0]].says)
+            says = self._gui.add_markdown(description(names[0]))
             button = self._gui.add_button("Inject", disabled=not self._session.armed)
+            self._answer = self._gui.add_markdown("")
 
         @menu.on_update
         def _(_: object) -> None:
-            says.content = INJECTORS[menu.value].says
+            says.content = description(menu.value)
 
         @button.on_click
         def _(_: object) -> None:

@@ -12,14 +12,14 @@ import viser
 from tci.capabilities.fields import ReceptiveField
 from tci.errors import DescriptionError, Fault
 from tci.frames import Array, apply, invert, rotation_z, transform
-from tci.interface.skin.generic_limb import generic_limb_distance
 from tci.interface.skin.skin import Skin
 from tci.messages import JointReading
 from tci.model.collisions import NO_MODEL, solid_spec
 from tci.model.description import Robot
 from tci.model.mujoco_model import compiled
 from tci.simulation.finger import RADIUS
-from tci.simulation.paint import FIELD_COLOURS, FULL_SCALE, SKIN_COLOUR, pressure_colours
+from tci.simulation.paint import FULL_SCALE, SKIN_COLOUR, pressure_colours
+from tci.viewer.fields import OUTSIDE, REST, is_outside, nearest_field, tints
 from tci.viewer.meshes import body_meshes, disc, quaternion, towards
 from tci.viewer.view import View
 
@@ -32,8 +32,6 @@ LONGEST = 0.15
 """Of an arrow [m]."""
 GAMMA = 2.2
 """viser takes the colours of a batch as linear light."""
-TINT = 0.6
-"""How strongly a receptive field tints its taxels."""
 COVER = 0.012
 """Highest cover [m] over a taxel. An iCub's forearm has one of up to 10 mm."""
 ABOVE = 0.0008
@@ -107,6 +105,9 @@ class Figure:
             f"/{key}/finger/shaft", RADIUS, 0.06, color=_FINGER, opacity=0.35, position=(0.0, 0.0, -0.03),
             cast_shadow=False,
         )  # fmt: skip
+        self._outside = server.scene.add_label(
+            f"/{key}/finger/outside", OUTSIDE, position=(0.0, 0.0, -0.07), visible=False
+        )
         name = (robot.title or robot.name).split()[0]
         above = self._turn.T @ np.array([middle[0], middle[1], high[2] + 0.06])
         server.scene.add_label(f"/{key}/name", name, position=above)
@@ -142,6 +143,8 @@ class Figure:
             self._draw_taxels(position)
             self._draw_contacts(view)
             self._finger.visible = view.finger is not None
+            outside = any(is_outside(self._fields, contact) for contact in view.contacts)
+            self._outside.visible = view.finger is not None and (outside or self._outside.visible)
             if view.finger is not None:
                 self._finger.position = view.finger[:3, 3]
                 self._finger.wxyz = quaternion(view.finger[:3, :3])
@@ -251,21 +254,13 @@ class Figure:
     def _tint(self, position: Array) -> None:
         """Colours of the taxels at rest: those of the receptive field that they lie in."""
         joints = JointReading(0.0, 0, position, np.zeros_like(position))
-        rest = np.array([0.42, 0.45, 0.50])
         for name, surface in self.skin.surfaces.items():
-            colours = self._tints[name] = np.repeat(rest[None], len(surface.positions), axis=0)
-            if not self.robot.limb_segment(self.robot.patch(name)):
-                continue
-            u, theta, _ = self.skin.limb(name, joints)
-            nearest = np.full(len(u), np.inf)
-            for index, field in enumerate(self._fields):
-                if field.segment != self.robot.patch(name).segment:
-                    continue
-                away = generic_limb_distance(u, theta, field.u, field.theta)
-                inside = (away < field.radius) & (away < nearest)
-                nearest[inside] = away[inside]
-                colour = np.array(FIELD_COLOURS[index % len(FIELD_COLOURS)])
-                colours[inside] = rest + TINT * (colour - rest)
+            patch = self.robot.patch(name)
+            if self.robot.limb_segment(patch):
+                u, theta, _ = self.skin.limb(name, joints)
+                self._tints[name] = tints(nearest_field(self._fields, patch.segment, u, theta))
+            else:
+                self._tints[name] = np.repeat(REST[None], len(surface.positions), axis=0)
         self._tinted = np.array(position)
 
     def _draw_contacts(self, view: View) -> None:

@@ -18,6 +18,7 @@ from collections.abc import Callable
 from contextlib import redirect_stdout
 from http import HTTPStatus
 from io import StringIO
+from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
@@ -29,6 +30,9 @@ from websockets.http11 import Request, Response
 from tci.errors import LinkError, TciError
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
+ALIVE = "/alive"
+"""Path that a page asks for, to know that its server is there."""
+SCRIPT = Path(__file__).with_name("page.js").read_text(encoding="utf-8")
 _patching = threading.Lock()
 
 Answer = Callable[[Any, Request], Response | None]
@@ -57,8 +61,13 @@ class Guard:
                 body = f"{reason}\n".encode()
                 headers = Headers({"Content-Type": "text/plain", "Content-Length": str(len(body))})
                 return Response(HTTPStatus.FORBIDDEN, "Forbidden", headers, body)
+            if urlsplit(request.path).path == ALIVE:
+                return Response(HTTPStatus.NO_CONTENT, "No Content", Headers())
+            if "Accept-Encoding" in request.headers:
+                del request.headers["Accept-Encoding"]  # a page comes unpacked, to be added to
             response = answer(connection, request)
             if response is not None:
+                _add_script(response)
                 response.headers["X-Frame-Options"] = "DENY"
                 response.headers["Referrer-Policy"] = "no-referrer"
                 if self.token and _query_token(request):
@@ -129,6 +138,16 @@ def close_server(server: viser.ViserServer) -> None:
     """Close the page without a word."""
     with redirect_stdout(StringIO()):
         server.stop()
+
+
+def _add_script(response: Response) -> None:
+    """Let a page say when its server has ended."""
+    if not response.headers.get("Content-Type", "").startswith("text/html"):
+        return
+    script = f"<script>{SCRIPT}</script></head>".encode()
+    response.body = response.body.replace(b"</head>", script, 1)
+    del response.headers["Content-Length"]
+    response.headers["Content-Length"] = str(len(response.body))
 
 
 def _query_token(request: Request) -> str:

@@ -15,8 +15,6 @@ from tci.viewer.player import Player
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "5")
 MINE = 0.5
 """How long [s] the slider stays where a person put it before it follows again. Ours."""
-BEFORE = 0.2
-"""How long [s] before a touch `Next touch` goes. Ours."""
 STEP = 0.01
 """Finest step of the slider [s]."""
 
@@ -80,10 +78,10 @@ class Playback:
             player.seek(player.begin + moment)
 
     def next_touch(self) -> None:
-        """Go shortly before the next touch, after the last one to the first."""
-        following = [moment for moment in self._began if moment - BEFORE > self.time + STEP]
+        """Go to the next touch, after the last one to the first."""
+        following = [moment for moment in self._began if moment > self.time + 1e-9]
         playing = self.playing
-        self.seek((following or self._began)[0] - BEFORE)
+        self.seek((following or self._began)[0])
         if playing:
             self._play(self._unfinished())
 

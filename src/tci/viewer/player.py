@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from tci.capabilities.fields import default_fields
 from tci.errors import CommandError, RecordingError
 from tci.interface.gate.gate import GateState
 from tci.interface.skin.places import Place
@@ -17,11 +18,12 @@ from tci.recording.perceived import Perceived, perceive
 from tci.recording.recording import Recording
 from tci.recording.touches import Touch, find_touches
 from tci.viewer.view import WINDOW, History, View
-from tci.viewer.words import moves
-from tci.viewer.words import touch as touch_words
+from tci.viewer.words import moves, touched
 
 FINEST = 0.01
 """Time [s] between two views that are kept. Ours."""
+REFLEX = "withdrawal"
+"""Name of the behaviour whose fields are shown, also where nobody said which it was."""
 LONGEST = 600.0
 """Length [s] of a recording that is played: all of it is kept in memory. Ours."""
 
@@ -42,6 +44,9 @@ class Player:
         Raises RecordingError for a recording without periods, or one that is too long.
         """
         self.robot = robot
+        known = recording.about.get("capability", REFLEX) == REFLEX
+        self.fields = default_fields() if known else ()
+        """Receptive fields that are shown. A recording names its behaviour and does not hold the fields."""
         self.history = History()
         self.playing = False
         self.speed = 1.0
@@ -136,6 +141,7 @@ class Player:
     def _keep(self, recording: Recording, progress: Callable[[float], None]) -> None:
         periods = []
         state: tuple[str, str] = ("", "")
+        felt: set[str] = set()
         last = -np.inf
         for period in perceive(recording, self.robot):
             if self._views and period.now - self._views[0].time > LONGEST:
@@ -147,10 +153,12 @@ class Player:
             if now_state[0] != state[0] and state[0]:
                 words = now_state[1] or "commands pass again"
                 self._happened.append((period.now, f"{now_state[0].upper()}: {words}"))
-            if period.now - last >= FINEST - 1e-9 or now_state != state or not self._views:
+            now_felt = {contact.part for contact in period.perception.contacts}
+            news = now_state != state or now_felt != felt or not self._views
+            if news or period.now - last >= FINEST - 1e-9:
                 self._views.append(_view(period))
                 last = period.now
-            state = now_state
+            state, felt = now_state, now_felt
             periods.append(period)
             progress(period.now)
         if not self._views:
@@ -162,7 +170,7 @@ class Player:
         by_time = {period.now: period for period in periods}
         for touch in self.touches:
             contacts = [c for c in by_time[touch.began].perception.contacts if c.part == touch.part]
-            self._happened.append((touch.began, f"touched: {touch_words(contacts[0])}"))
+            self._happened.append((touch.began, touched(contacts[0], self.fields)))
             if touch.commanded is not None:
                 for command in by_time[touch.commanded].commands:
                     if command["kind"] == GenericCommand.__name__ and command["part"] == touch.part:

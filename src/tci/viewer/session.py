@@ -26,10 +26,12 @@ from tci.recording.recorder import Recorder
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport
 from tci.simulation.finger import STIFFNESS
+from tci.viewer.fields import fields_of
 from tci.viewer.real_time import RealTime
+from tci.viewer.rehearsal import Rehearsal
 from tci.viewer.steered import Steered
 from tci.viewer.view import History, View
-from tci.viewer.words import moves, touch
+from tci.viewer.words import moves, touched
 
 FRESH = 0.01
 """Time [s] between two views, unless something happened."""
@@ -70,7 +72,10 @@ class Session:
         """Pokes that began."""
         self.recorder: Recorder | None = None
         self._about = about
-        self.capability = capability
+        self.rehearsal: Rehearsal | None = None
+        """The latest fault that a person made happen."""
+        self.fields = fields_of(capability)
+        """Receptive fields of its behaviour; empty for one that has none on limbs."""
         self._steered = Steered(capability)
         self._inbox: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._again, self._closing = threading.Event(), threading.Event()
@@ -138,10 +143,11 @@ class Session:
     def inject(self, name: str, *, lasts: float) -> None:
         """Let a fault happen now for `lasts` [s]."""
         plan = FaultPlan(name, 0.0, lasts)
+        self.rehearsal = rehearsal = Rehearsal(plan)
 
         def begin() -> None:
             self.link.inject(plan)
-            self.say(f"fault: {plan}")
+            self.say(f"fault for {rehearsal.plan.lasts:g} s: {plan}")
 
         self.post(begin)
 
@@ -196,6 +202,8 @@ class Session:
                 self._again.clear()
                 self.ended = f"{type(error).__name__}: {error}"
                 self.say(f"the loop ended: {self.ended}")
+                if self.rehearsal is not None and not self.rehearsal.over:
+                    self.rehearsal.end(self.ended)
                 while not (self._closing.is_set() or self._again.wait(IDLE)):
                     if self.world is not None:
                         self.world.advance(self.world.time + IDLE * self.pace)
@@ -227,6 +235,7 @@ class Session:
         for refusal in sent.refusals:
             if not sent.reason:
                 self.say(f"refused: {refusal}")
+        self._rehearse(tick)
         self._tell_moves(tick)
         changed, self._state = state != self._state, state
         if not changed and self.view is not None and 0.0 <= tick.now - self.view.time < FRESH:
@@ -247,11 +256,21 @@ class Session:
         )
         self._between(tick.now)
 
+    def _rehearse(self, tick: Tick) -> None:
+        """Note the gate's answer to a fault, and say it when the fault is over."""
+        rehearsal = self.rehearsal
+        if rehearsal is None or rehearsal.over:
+            return
+        active = any(plan.name == rehearsal.plan.name for plan in self.link.active)
+        rehearsal.see(tick.now, tick.sent, active=active)
+        if rehearsal.over:
+            self.say(rehearsal.words)
+
     def _tell_moves(self, tick: Tick) -> None:
         """Note a contact and a command that come after a pause."""
         for contact in tick.perception.contacts:
             if tick.now - self._noted.get(contact.patch, -np.inf) > QUIET:
-                self.say(f"touched: {touch(contact)}")
+                self.say(touched(contact, self.fields))
             self._noted[contact.patch] = tick.now
         for order in tick.commands:
             if isinstance(order, GenericCommand):

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
 
 import numpy as np
 
+from tci.capabilities.fields import ReceptiveField
 from tci.frames import Array
 from tci.interface.gate.gate import GateState
 from tci.messages import Contact
+from tci.viewer.fields import OUTSIDE, is_outside
 from tci.viewer.view import View
 
 COLOURS = {GateState.RUN: "#2b8a3e", GateState.HOLD: "#e8890c", GateState.STOP: "#c92a2a"}
@@ -41,6 +44,11 @@ def badge(title: str, view: View | None, ended: str, loop: str = "") -> str:
     if loop:
         lines.append(f'<span style="color:{GREY}">{escape(loop)}</span>')
     return f'<div style="font-size:13px;line-height:1.45;padding:3px 12px">{"<br>".join(lines)}</div>'
+
+
+def touched(contact: Contact, fields: Sequence[ReceptiveField]) -> str:
+    """The event of a touch: `touched: left forearm, flexor side: 3.1 N`, or that no field answers it."""
+    return f"{OUTSIDE if is_outside(fields, contact) else 'touched'}: {touch(contact)}"
 
 
 def touch(contact: Contact) -> str:

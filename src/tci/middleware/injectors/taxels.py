@@ -34,7 +34,7 @@ class StuckHigh(_Taxels):
     """One taxel."""
 
     number = 1
-    says = "one taxel of the first patch reports the hardest touch for ever"
+    says = "one taxel of the first patch reports the hardest touch"
     shows_after = 62.0
 
     def change(self, values: Array, pressed: float, rest: float) -> Array:
@@ -46,7 +46,7 @@ class StuckLow(_Taxels):
     """One taxel."""
 
     number = 2
-    says = "one taxel of the first patch reports rest for ever"
+    says = "one taxel of the first patch reports rest"
     shows_after = 62.0
 
     def change(self, values: Array, pressed: float, rest: float) -> Array:

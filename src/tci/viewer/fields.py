@@ -1,0 +1,67 @@
+"""Receptive fields on the page: the one that a place lies in, their colours and their legend."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tci.capabilities.capability import Capability
+from tci.capabilities.fields import ReceptiveField
+from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.frames import Array
+from tci.interface.skin.generic_limb import generic_limb_distance
+from tci.messages import Contact
+from tci.simulation.paint import FIELD_COLOURS
+
+OUTSIDE = "touched outside all fields"
+"""Words for a touch that no field answers."""
+REST = np.array([0.42, 0.45, 0.50])
+"""Colour of taxels at rest outside all fields."""
+TINT = 0.6
+"""How strongly a receptive field tints its taxels."""
+
+
+def fields_of(capability: Capability[Any]) -> tuple[ReceptiveField, ...]:
+    """Receptive fields of a behaviour; empty for one that has none on limbs."""
+    return tuple(capability.fields) if isinstance(capability, WithdrawalReflex) else ()
+
+
+def nearest_field(
+    fields: Sequence[ReceptiveField], segment: str, u: ArrayLike, theta: ArrayLike
+) -> NDArray[np.intp]:
+    """Index (...) of the nearest field that each place of a segment lies in, -1 where it lies in none."""
+    u = np.asarray(u, dtype=float)
+    found, least = np.full(u.shape, -1), np.full(u.shape, np.inf)
+    for index, field in enumerate(fields):
+        if field.segment == segment:
+            away = generic_limb_distance(u, theta, field.u, field.theta)
+            inside = (away < field.radius) & (away < least)
+            found[inside], least[inside] = index, away[inside]
+    return found
+
+
+def is_outside(fields: Sequence[ReceptiveField], contact: Contact) -> bool:
+    """Whether a contact lies in none of the fields; False where there are none."""
+    return bool(fields) and bool(nearest_field(fields, contact.segment, contact.u, contact.theta) < 0)
+
+
+def tints(fields: NDArray[np.intp]) -> Array:
+    """Colours (n, 3), 0 to 1, of taxels at rest in `fields` (n,), -1 for none."""
+    colours = REST + TINT * (np.array(FIELD_COLOURS)[fields % len(FIELD_COLOURS)] - REST)
+    return np.where(fields[:, None] < 0, REST, colours)
+
+
+def legend(fields: Sequence[ReceptiveField]) -> str:
+    """Each field's colour and name as HTML."""
+    names = [*(field.name.replace("_", " ") for field in fields), "outside all fields"]
+    colours = np.rint(255.0 * tints(np.array([*range(len(fields)), -1]))).astype(int)
+    rows = [
+        f'<span style="white-space:nowrap;margin-right:10px"><span style="display:inline-block;width:10px;'
+        f'height:10px;border-radius:5px;background:rgb{tuple(colour)}"></span> {escape(name)}</span>'
+        for name, colour in zip(names, colours.tolist(), strict=True)
+    ]
+    return f'<div style="font-size:12px;line-height:1.6;padding:3px 12px">{" ".join(rows)}</div>'

@@ -1,0 +1,52 @@
+"""The camera: all robots are in the picture, however narrow the window is."""
+
+from __future__ import annotations
+
+import numpy as np
+import viser
+
+FOV, USUAL = 0.7, 0.8
+"""Vertical angle of view [rad] of a picture that is `USUAL` times as wide as it is high."""
+AROUND = 1.32, 1.2
+"""Height and width of the picture at the robots, in theirs. Assumed: room for arms that move."""
+NARROW = 400
+"""Width of a picture [pixels] below which the panel beside it is folded, once. Assumed."""
+
+
+class Framing:
+    """Cameras of all who look. The angle of view follows the window's shape; the rest is theirs."""
+
+    def __init__(
+        self, server: viser.ViserServer, panel: viser.PanelHandle, *, width: float, height: float
+    ) -> None:
+        """Robots that stand around the origin are `width` [m] wide and `height` [m] tall; `panel` is beside
+        the picture."""
+        self._server, self._panel = server, panel
+        self._folded: set[int] = set()
+        self._reach = AROUND[1] * width / 2.0, AROUND[0] * height / 2.0
+        self._distance = self._half(USUAL) / np.tan(FOV / 2.0)
+        aim = np.array([0.0, 0.0, 0.55 * height])
+        camera = server.initial_camera
+        camera.position = tuple(aim + self._distance * np.array([0.94, 0.15, 0.3]))
+        camera.look_at = tuple(aim)
+        camera.up = (0.0, 0.0, 1.0)
+        camera.fov = FOV
+
+    def angle(self, aspect: float) -> float:
+        """Vertical angle of view [rad] that shows all, of a window `aspect` times as wide as it is high."""
+        return float(2.0 * np.arctan(self._half(aspect) / self._distance))
+
+    def update(self) -> None:
+        """Let every camera follow the shape of its window, and make room in narrow ones."""
+        for number, client in self._server.get_clients().items():
+            client.camera.fov = self.angle(client.camera.aspect)
+            if client.camera.image_width < NARROW and number not in self._folded:
+                self._folded.add(number)
+                handle = client.gui.main_panel
+                handle._placement_uuid = self._panel._placement_uuid  # viser itself folds for all only
+                handle.minimize()
+
+    def _half(self, aspect: float) -> float:
+        """Half the height [m] of the picture at the robots."""
+        across, up = self._reach
+        return max(up, across / aspect)

@@ -1,0 +1,60 @@
+"""One fault that a person makes happen, and the gate's answer to it."""
+
+from __future__ import annotations
+
+from tci.interface.gate.gate import GateState
+from tci.interface.gate.safe_command import SafeCommand
+from tci.middleware.fault_list import FAULTS
+from tci.middleware.faulty import FaultPlan
+from tci.middleware.injectors import INJECTORS
+
+
+def description(name: str) -> str:
+    """A fault in words, what is expected of TCI, and how long that takes where it takes long."""
+    injector = INJECTORS[name]
+    late = f"; it can be known after {injector.shows_after:g} s" if injector.shows_after else ""
+    return f"{injector.says}{late}.  \nExpected: {FAULTS[injector.number].expected}"
+
+
+class Rehearsal:
+    """A fault from the moment it is asked for. One thread tells it, another may ask for `words`."""
+
+    def __init__(self, plan: FaultPlan) -> None:
+        self.plan = plan
+        self.over = False
+        """Whether it has happened and is past."""
+        self._begun: float | None = None
+        self._answers: list[str] = []
+        self._state = GateState.RUN
+
+    def see(self, now: float, sent: SafeCommand, *, active: bool) -> None:
+        """What was sent in a period that begins at `now` [s], while the fault goes on or not."""
+        if self.over or not (active or self._begun is not None):
+            return
+        if self._begun is None:
+            self._begun = now
+        if sent.state is not self._state:
+            self._answer(now, f"{sent.state.name}{sent.reason and ': '}{sent.reason}")
+        elif sent.refusals and not sent.reason and not self._answers:
+            self._answer(now, f"refused: {sent.refusals[0]}")
+        self._state = sent.state
+        self.over = not active
+
+    def end(self, why: str) -> None:
+        """The loop ended."""
+        self._answers.append(f"the loop ended: {why}")
+        self.over = True
+
+    @property
+    def words(self) -> str:
+        """What it is and how the gate answers."""
+        answers = "; ".join(self._answers)
+        if not answers and self.over:
+            answers = "the gate let commands pass: nothing showed the fault"
+        elif not answers:
+            answers = "the gate lets commands pass" if self._begun is not None else "about to happen"
+        return f"{self.plan.name} for {self.plan.lasts:g} s{', over' * self.over}: {answers}"
+
+    def _answer(self, now: float, words: str) -> None:
+        assert self._begun is not None  # see
+        self._answers.append(f"after {1e3 * (now - self._begun):.0f} ms {words}")

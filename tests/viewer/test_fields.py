@@ -1,0 +1,55 @@
+"""Receptive fields on the page: which place lies in which, and what the legend names."""
+
+from __future__ import annotations
+
+import re
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+
+from tci.capabilities.body_withdrawal import BodyWithdrawal
+from tci.capabilities.fields import default_fields
+from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.viewer.fields import fields_of, is_outside, legend, nearest_field
+from tci.viewer.framing import Framing
+
+FIELDS = default_fields()
+
+
+def contact(**place: Any) -> Any:
+    known = {"segment": "forearm", "u": 0.5, "theta": 0.0}
+    return SimpleNamespace(**(known | place))
+
+
+def test_the_middle_of_each_field_lies_in_it_and_elsewhere_is_none() -> None:
+    for index, field in enumerate(FIELDS):
+        assert nearest_field(FIELDS, field.segment, field.u, field.theta) == index
+        assert not is_outside(FIELDS, contact(segment=field.segment, u=field.u, theta=field.theta))
+    assert is_outside(FIELDS, contact(u=5.0))
+    assert is_outside(FIELDS, contact(segment="", u=np.nan, theta=np.nan))
+    assert not is_outside((), contact(u=5.0))
+
+
+def test_only_fields_on_limbs_are_shown() -> None:
+    assert fields_of(WithdrawalReflex()) == FIELDS
+    assert fields_of(BodyWithdrawal()) == ()
+
+
+def test_the_legend_has_a_colour_of_its_own_for_each_field_and_one_for_none() -> None:
+    shown = legend(FIELDS)
+    assert len(set(re.findall(r"rgb\([^)]*\)", shown))) == len(FIELDS) + 1
+    assert all(field.name.replace("_", " ") in shown for field in FIELDS)
+    assert "outside all fields" in shown
+
+
+@pytest.mark.parametrize("aspect", [0.2, 0.46, 0.8, 1.3, 3.0])
+def test_all_robots_are_in_a_picture_of_any_shape(aspect: float) -> None:
+    server = Mock()
+    framing = Framing(server, Mock(), width=1.35, height=1.05)
+    away = np.linalg.norm(np.array(server.initial_camera.position) - np.array(server.initial_camera.look_at))
+    up = 2.0 * away * np.tan(framing.angle(aspect) / 2.0)
+    assert up > 1.05
+    assert up * aspect > 1.35

@@ -5,7 +5,13 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
+from typer.testing import CliRunner
+
 from cli.test_cli import tci
+from tci.cli.main import app
+from tci.messages import JointReading, Reading, SkinFrame
+from tci.recording.recorder import Recorder
 from tci.recording.recording import Recording
 
 
@@ -36,7 +42,19 @@ def test_record_look_cut_export_and_replay(tmp_path: Path) -> None:
     assert tci("log", "info", "no.mcap", status=1).strip() == "tci: no.mcap: No such file or directory"
     assert "valid: 0.000 to 0.598 s" in tci("log", "cut", path, f"{path}.x", "--from", "7", status=1)
     assert "valid: 0.000 to 0.598 s" in tci("plot", path, "--from", "7", "--to", "8", status=1)
-    assert "joints.csv" in tci("log", "export", path, str(tmp_path / "tables"))
+    written = tci("log", "export", path, str(tmp_path / "tables"))
+    assert "joints.csv" in written
+    assert "contacts.csv" in written
+
+
+def test_an_export_says_why_it_has_no_forces(tmp_path: Path) -> None:
+    with Recorder(tmp_path / "a.mcap", None) as recorder:
+        joints = JointReading(0.0, 0, np.zeros(0), np.zeros(0))
+        recorder.tick(0.0, Reading(joints, (SkinFrame("foot", 0.0, 0, np.zeros(3)),)))
+    words = ["log", "export", str(tmp_path / "a.mcap"), str(tmp_path / "tables")]
+    result = CliRunner().invoke(app, words)
+    assert "raw values only, no forces: the recording has no robot" in result.output
+    assert [path.name for path in (tmp_path / "tables").iterdir()] == ["skin_foot.csv"]
 
 
 def test_record_a_robot_that_nobody_commands(tmp_path: Path) -> None:

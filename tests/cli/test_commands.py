@@ -149,7 +149,7 @@ def test_a_robot_that_is_not_installed_is_no_part_of_the_json(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def load(name: str) -> Robot:
-        raise MissingExtraError(f"the robot {name!r}", name)
+        raise MissingExtraError(f"the robot {name!r}", name, "install it")
 
     monkeypatch.setattr("tci.cli.demo.load_robot", load)
     assert load_robots([]) == []

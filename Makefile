@@ -6,7 +6,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 unexport PYTHONDONTWRITEBYTECODE
 OUT ?= out
 
-.PHONY: help demo test test-real quick lint docs pictures bench middleware soak fuzz reliability lock clean run-env dev-env
+.PHONY: help demo test test-real quick lint docs pictures bench middleware soak fuzz reliability lock lowest clean run-env dev-env
 
 help:  ## show this list
 	@grep -E '^[a-z-]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 8
@@ -69,9 +69,17 @@ lock:  ## renew requirements/*.txt (needs uv)
 	  --extra icub --extra naoqi --extra viewer --no-header pyproject.toml requirements/build.in -o requirements/demo.txt
 	uv pip compile --universal --python-version 3.11 --generate-hashes --index-url https://pypi.org/simple --no-emit-index-url \
 	  --all-extras --group dev --no-header pyproject.toml -c requirements/demo.txt -o requirements/dev.txt
+	uv pip compile --universal --python-version 3.11 --generate-hashes --index-url https://pypi.org/simple --no-emit-index-url \
+	  --resolution lowest-direct --all-extras --group dev --no-header pyproject.toml requirements/build.in -o requirements/lowest.txt
 	for peer in requirements/peers/*.in requirements/bench/*.in; do uv pip compile --universal --python-version 3.11 --generate-hashes \
 	  --index-url https://pypi.org/simple --no-emit-index-url --no-header \
 	  $$(grep -q '^# alone' $$peer && echo --no-deps) $$peer -o $${peer%.in}.txt || exit 1; done
 
+lowest:  ## tests with the lowest versions that pyproject.toml allows, in .lowest (TESTS="tests/model ...": some)
+	@$(PYTHON) -m venv .lowest
+	@.lowest/bin/python -m pip install --quiet --require-hashes --requirement requirements/lowest.txt
+	@.lowest/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	@.lowest/bin/python -m pytest -n 2 --dist loadgroup $(TESTS)
+
 clean:  ## remove what was built
-	rm -rf .venv .peers out docs/_build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf .venv .lowest .peers out docs/_build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis

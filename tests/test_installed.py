@@ -7,10 +7,12 @@ import sys
 import tomllib
 from importlib.metadata import EntryPoint, PathDistribution
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
 from tci import installed
+from tci.cli import main
 from tci.errors import MissingExtraError
 from tci.installed import advice, needs, own_distribution
 
@@ -46,13 +48,13 @@ def test_the_distribution_is_the_one_that_brings_the_command() -> None:
 
 
 @pytest.mark.parametrize(
-    ("files", "valid"), [(PAGES, {PROJECT["name"]}), (SOURCES, set())], ids=["pages", "src"]
+    ("files", "valid"), [(PAGES, {PROJECT["name"], "mujoco"}), (SOURCES, set())], ids=["pages", "src"]
 )
 def test_nobody_is_told_to_install_anothers_package(files: list[Path], valid: set[str]) -> None:
     """Pages name the distribution; programs name none and ask for advice."""
     for path in files:
         text = path.read_text()
-        assert set(re.findall(r"pip install (?:-\S+ )*[\"']?([\w-]+)", text)) <= valid, path
+        assert set(re.findall(r"pip install\s+(?:-\S+\s+)*[\"']?([\w-]+)", text)) <= valid, path
         assert not re.search(r"\btci\\*\[[a-z]", text), path
 
 
@@ -84,6 +86,25 @@ def test_a_module_of_tci_that_is_missing_is_a_bug(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setitem(sys.modules, "tci.clock", None)
     with pytest.raises(ModuleNotFoundError), needs("a clock", "viewer"):
         import tci.clock  # noqa: F401
+
+
+def test_a_library_that_another_release_broke_is_told_with_the_cure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """mujoco-core 4 over MuJoCo 3: `import mujoco` loads a plugin of 3, whose library it does not have."""
+    for name, version in (("mujoco", "3.17.0"), ("mujoco-core", "4.0.1")):
+        folder = tmp_path / f"{name.replace('-', '_')}-{version}.dist-info"
+        folder.mkdir()
+        (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n")
+        (folder / "top_level.txt").write_text("mujoco\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["tci", "robots"])
+    monkeypatch.setattr(main, "app", Mock(side_effect=OSError("libmujoco.so.3.17.0: cannot open")))
+    with pytest.raises(SystemExit, match="1"):
+        main.main()
+    told = capsys.readouterr().err
+    assert told.startswith("tci: libmujoco.so.3.17.0: cannot open; mujoco 3.17.0 and mujoco-core ")
+    assert "pip uninstall mujoco mujoco-core, then install again the one that you need" in told
 
 
 def test_a_folder_that_was_never_installed_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

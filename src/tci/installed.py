@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from importlib.metadata import Distribution, entry_points
+from dataclasses import dataclass
+from importlib.metadata import Distribution, distribution, entry_points, packages_distributions
 
 from packaging.requirements import Requirement
 
@@ -45,6 +46,29 @@ def advice(extra: str, *, of: Distribution | None = None) -> str:
 def _names(need: Requirement, extra: str) -> bool:
     """Whether a requirement belongs to an extra, on any machine."""
     return f'extra == "{extra}"' in str(need.marker)
+
+
+@dataclass(frozen=True)
+class Clash:
+    """Distributions of different releases that install into the folder of one module."""
+
+    module: str
+    said: str
+    advice: str
+
+
+def clashes() -> tuple[Clash, ...]:
+    """Another's `tci` in the folder of TCI, MuJoCo 3 in that of mujoco-core 4."""
+    found = []
+    folders = packages_distributions()
+    for module in ("tci", "mujoco"):
+        releases = {name: distribution(name).version for name in sorted(folders.get(module, ()))}
+        if len(set(releases.values())) > 1:
+            names = " and ".join(f"{name} {version}" for name, version in releases.items())
+            said = f"{names} write into the same folder: the last one installed counts"
+            advice = f"pip uninstall {' '.join(releases)}, then install again the one that you need"
+            found.append(Clash(module, said, advice))
+    return tuple(found)
 
 
 @contextmanager

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import mujoco
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from tci.messages import Mode
 from tci.model.catalogue import load_robot
 from tci.model.collisions import LEFT, RIGHT
 from tci.model.kinematics import Kinematics
+from tci.simulation.stepping import find_library
 from tci.simulation.world import World, start_angles
 from tci.trials.experiment import with_skin_rate
 
@@ -234,6 +237,16 @@ def test_the_present_pose_is_told_not_that_of_the_step_before(nao: World) -> Non
     torso = fresh.body(nao.robot.model.torso_link).xpos
     assert abs(nao.joints().velocity[servo]) > 1.0
     assert told == pytest.approx(point - torso, abs=1e-12)
+
+
+def test_the_library_is_that_of_the_module_beside_another_release(tmp_path: Path) -> None:
+    """MuJoCo 3 and mujoco-core 4 install into one folder, and their libraries lie side by side."""
+    for version in ("3.17.0", "4.0.1"):
+        (tmp_path / f"libmujoco.so.{version}").touch()
+    for version in ("3.17.0", "4.0.1"):
+        assert find_library(tmp_path, version).name == f"libmujoco.so.{version}"
+    with pytest.raises(ImportError, match=r"no library of MuJoCo 4\.0\.0 in .*; install mujoco-core again"):
+        find_library(tmp_path, "4.0.0")
 
 
 def test_an_arm_that_is_driven_into_the_body_is_stopped_by_it(world: World) -> None:

@@ -6,13 +6,13 @@ import os
 import platform
 import sys
 from collections.abc import Iterator
-from importlib.metadata import distribution, packages_distributions
 
 import numpy as np
 
 import tci
 from tci.clock import MonotonicClock, ticks
 from tci.errors import MissingExtraError, TciError
+from tci.installed import clashes
 from tci.middleware.diagnosis import Finding, Level
 from tci.model.catalogue import load_robot, robot_names
 from tci.runtime.lease import FOLDER, lease
@@ -38,18 +38,8 @@ def examine_machine(*, duration: float = 0.4) -> tuple[Finding, ...]:
 
 
 def _shared_folders() -> Iterator[Finding]:
-    """Distributions of different releases in one folder: another's `tci`, MuJoCo 3 beside mujoco-core 4."""
-    found = packages_distributions()
-    for module in ("tci", "mujoco"):
-        releases = {name: distribution(name).version for name in sorted(found.get(module, ()))}
-        if len(set(releases.values())) > 1:
-            said = " and ".join(f"{name} {version}" for name, version in releases.items())
-            yield Finding(
-                Level.WARNING,
-                f"package {module}",
-                f"{said} write into the same folder: the last one installed counts",
-                f"pip uninstall {' '.join(releases)}, then install again the one that you need",
-            )
+    for clash in clashes():
+        yield Finding(Level.WARNING, f"package {clash.module}", clash.said, clash.advice)
 
 
 def _links() -> Iterator[Finding]:

@@ -39,14 +39,25 @@ JOINT, VELOCITY, MOTOR = range(3)
 """Rows of what is measured of all servos (3, n)."""
 
 
+def find_library(folder: Path, version: str) -> Path:
+    """The library of MuJoCo that its module uses: another release may have left one in the same folder.
+
+    Raises ImportError where it is missing.
+    """
+    for name in (f"libmujoco.so.{version}", f"libmujoco.{version}.dylib", "mujoco.dll"):
+        if (folder / name).exists():
+            return folder / name
+    raise ImportError(f"no library of MuJoCo {version} in {folder}; install mujoco-core again, or mujoco")
+
+
+_LIBRARY = ctypes.CDLL(str(find_library(Path(mujoco.__file__).parent, mujoco.__version__)))
+
+
 def _bring(name: str) -> Any:
-    """A function of MuJoCo for compiled loops. Raises ImportError where its library is missing."""
-    folder = Path(mujoco.__file__).parent
-    for file in sorted([*folder.glob("libmujoco*"), *folder.glob("mujoco.dll")]):
-        address = ctypes.cast(getattr(ctypes.CDLL(str(file)), name), ctypes.c_void_p).value
-        binding.add_symbol(name, address)
-        return types.ExternalFunction(name, types.void(types.intp, types.intp))
-    raise ImportError(f"no library of MuJoCo in {folder}")
+    """A function of MuJoCo for compiled loops."""
+    address = ctypes.cast(getattr(_LIBRARY, name), ctypes.c_void_p).value
+    binding.add_symbol(name, address)
+    return types.ExternalFunction(name, types.void(types.intp, types.intp))
 
 
 _step, _step1, _step2 = _bring("mj_step"), _bring("mj_step1"), _bring("mj_step2")

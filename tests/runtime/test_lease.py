@@ -175,6 +175,18 @@ def test_26_a_lease_that_is_removed_while_it_is_taken_is_taken_anew(
         refused(f"commanded by process {os.getpid()} already")
 
 
+def test_26_an_interrupted_start_leaves_no_lease(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "ftruncate", interrupt)
+        with pytest.raises(KeyboardInterrupt), lease(NAME):
+            pytest.fail("the lease was given")
+    with lease(NAME):
+        pass
+
+
 def test_26_what_a_forked_child_lets_go_is_all_of_a_lease(folder: Path) -> None:
     before = set(os.listdir("/proc/self/fd"))
     with lease(NAME):

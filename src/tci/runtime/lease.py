@@ -70,7 +70,7 @@ class Lease:
             raise LinkError(
                 f"the lease {self._path}: {error.strerror}; valid: a plain file, or none"
             ) from error
-        except LinkError:
+        except BaseException:
             self.close()
             raise
 

@@ -70,7 +70,7 @@ class BodyGuard:
         times = duration * SHARES
         if longest > duration:  # another one goes on when these rest
             times = np.concatenate([times, duration + (longest - duration) * SHARES[1:]])
-        path = np.tile(told, (1 + len(times), 1))
+        path = told[None].repeat(1 + len(times), axis=0)
         path[1:, index] = [stop.way.at_time(time)[0] for time in times.tolist()]
         for other in others:
             lead = self._period if other in self._waiting else 0.0

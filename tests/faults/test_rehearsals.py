@@ -12,7 +12,7 @@ import pytest
 
 import tci
 from faults.rehearsal import AT, Rehearsal
-from tci.errors import CommandError, LinkError
+from tci.errors import CommandError, LinkError, UnknownNameError
 from tci.interface.gate.gate import GateState
 from tci.middleware.faulty import FaultPlan, parse_fault
 from tci.middleware.injectors import INJECTORS
@@ -168,10 +168,15 @@ def test_injectors_of_open_faults_do_what_they_say(link: SimulatedLink, name: st
     assert spoilt[1] is sound.skin[1]
 
 
-@pytest.mark.parametrize("text", ["stall", "stall@", "stall@-1", "stall@nan", "stall@1:0", "plague@1"])
+@pytest.mark.parametrize("text", ["stall", "stall@", "stall@-1", "stall@nan", "stall@1:0"])
 def test_a_plan_that_makes_no_sense_is_refused(text: str) -> None:
     with pytest.raises(CommandError, match="valid"):
         parse_fault(text)
+
+
+def test_a_fault_that_there_is_not_is_answered_with_the_nearest() -> None:
+    with pytest.raises(UnknownNameError, match="no fault named 'stal'; did you mean 'stall'\\?; valid: "):
+        parse_fault("stal@1")
 
 
 def test_a_plan_is_read() -> None:

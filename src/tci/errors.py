@@ -40,9 +40,11 @@ def meant(name: str, valid: Iterable[str]) -> str:
     """Returns `; did you mean ...?` with the valid name nearest to an unknown one; empty if none is near."""
     from difflib import get_close_matches  # only when something is wrong: `import tci` is quick
 
-    names = {one.lower(): one for one in [*valid][:1000]}
-    close = get_close_matches(name[:60].lower(), names, n=1)
-    return f"; did you mean {names[close[0]]!r}?" if close else ""
+    names = [*valid][:1000]
+    lower = {one.lower(): one for one in names}
+    close = get_close_matches(name[:60], names, n=1)
+    close = close or [lower[one] for one in get_close_matches(name[:60].lower(), lower, n=1)]
+    return f"; did you mean {close[0]!r}?" if close else ""
 
 
 class UnknownNameError(TciError):

@@ -71,7 +71,7 @@ def test_a_poke_without_room_is_told(session: Session) -> None:
 
 
 def test_orders_of_a_person_pass_the_gate(session: Session) -> None:
-    target = session.view.posture["left_arm"] + np.array([0.0, 100.0, 0.0, 0.0, 0.0])
+    target = session.view.posture["left_arm"] + np.array([0.0, 3.0, 0.0, 0.0, 0.0])
     session.move("left_arm", target)
     upper = session.robot.servos[session.robot.part("left_arm").servos[1].servo].limits.upper
     wait_for(lambda: session.view.posture["left_arm"][1] > np.deg2rad(60.0))

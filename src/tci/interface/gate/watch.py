@@ -197,13 +197,14 @@ class Watch:
     def _fault_of_velocities(
         self, joints: JointReading, before: JointReading, reference: Reference, torque: Array | None
     ) -> str:
-        """Angles that are not those of the joints, told by velocities and torques, in any mode."""
-        servos = reference.servos
+        """Angles that are not the joints', told by velocities and torques where no reference does."""
+        servos, elapsed = reference.servos, joints.stamp - before.stamp
         self._sort(reference.modes)
+        pushed = np.zeros(len(servos)) if torque is None else torque
         found = judge_velocity(
-            servos, self._loose, joints.position, before.position, joints.velocity, before.velocity,
-            np.zeros(len(servos)) if torque is None else torque, self._limits, self._numbers, joints.stamp,
-            joints.stamp - before.stamp, self._drifts, self._worst,
+            servos, self._judged, self._loose, joints.position, before.position, joints.velocity,
+            before.velocity, pushed, self._limits, self._numbers, joints.stamp, elapsed, self._drifts,
+            self._worst,
         )  # fmt: skip
         if found == FOLLOWS:
             return ""

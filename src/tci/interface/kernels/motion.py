@@ -21,6 +21,8 @@ DRIFT, WEAKEST, STRONGEST, PUSHED_SINCE = range(4)
 the largest torque [N m] since both repeat, and since when [s] these differ."""
 TORQUE_LIMIT, ACCELERATION = range(2)
 """Rows of what joints may do (2, n_servos)."""
+SELDOM = 0.025
+"""Readings that are farther apart [s] tell nothing of the way between: a velocity may have changed twice."""
 
 
 @compiled(boolean(views(1)))
@@ -103,12 +105,13 @@ def judge_motion(
 
 @compiled(
     int64(
-        views(1, int64), views(1, boolean), views(1), views(1), views(1), views(1), views(1), reads(2),
-        reads(1), float64, float64, writes(2), writes(1),
+        views(1, int64), views(1, boolean), views(1, boolean), views(1), views(1), views(1), views(1),
+        views(1), reads(2), reads(1), float64, float64, writes(2), writes(1),
     )
 )  # fmt: skip
 def judge_velocity(
     servos: Array,
+    judged: Array,
     loose: Array,
     measured: Array,
     before: Array,
@@ -125,8 +128,9 @@ def judge_velocity(
     """What is wrong with the angles of `servos` (k,), judged by their velocities and by what pushes them.
 
     `measured` and `before` (n_servos,) [rad] are `elapsed` [s] apart, and so are both velocities [rad/s]; NaN
-    tells nothing. `torque` (k,) [N m] was sent to those that are `loose` (k,), in torque mode. Updates the
-    memory, and writes into `worst` (2,) the place of the worst servo and the way [rad] that is not seen.
+    tells nothing. Angles that are `judged` (k,) by their reference are not judged by velocities. `torque`
+    (k,) [N m] was sent to those that are `loose` (k,), in torque mode. Updates the memory, and writes into
+    `worst` (2,) the place of the worst servo and the way [rad] that is not seen.
     """
     keeps = max(1.0 - elapsed / settings[FORGETS], 0.0)
     found, worst[1] = FOLLOWS, 0.0
@@ -134,10 +138,11 @@ def judge_velocity(
         servo = servos[k]
         speed, change = velocity[servo], measured[servo] - before[servo]
         drift = 0.0
-        if abs(speed) < float("inf") and elapsed <= settings[LAG]:
+        mean = 0.5 * (speed + velocity_before[servo])
+        if not judged[k] and abs(mean) < float("inf") and elapsed <= SELDOM:
             drift = keeps * memory[DRIFT, servo]
             if abs(speed) > settings[LEAST_SPEED]:
-                drift += speed * elapsed - change
+                drift += mean * elapsed - change
         memory[DRIFT, servo] = drift
         allowed = settings[FOLLOWING_ERROR] + settings[LAG] * max(abs(speed), abs(change) / elapsed)
         if abs(drift) > max(allowed, worst[1]):

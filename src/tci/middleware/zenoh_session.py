@@ -10,10 +10,13 @@ import zenoh
 
 from tci.errors import LinkError
 from tci.middleware.remote_address import RemoteAddress, parse_remote
+from tci.middleware.visitors import PATIENCE
 
 ENDPOINT = "tcp/127.0.0.1:7447"
 """Where a robot is served unless the address says otherwise: this machine only."""
 VALID = "valid: [NAME@]PROTOCOL/HOST:PORT, as in tcp/10.0.0.5:7447, or [NAME@]FILE.json5"
+PENDING = 10_000
+"""Strangers that Zenoh lets wait, and then nobody: more than `Watch` leaves to it."""
 LEASE = 2000
 """Silence [ms] after which a connection counts as broken and is made anew. Ours."""
 
@@ -59,7 +62,11 @@ def _settings(endpoint: str, does: Literal["listen", "connect"]) -> dict[str, ob
         does: {"endpoints": [endpoint], "retry": {"period_init_ms": 100, "period_max_ms": 1000}},
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
         # Shared memory gains nothing for messages of this size, and Zenoh 1.10 leaves a segment behind.
-        "transport": {"link": {"tx": {"lease": LEASE}}, "shared_memory": {"enabled": False}},
+        "transport": {
+            "unicast": {"accept_pending": PENDING, "accept_timeout": int(1e3 * PATIENCE)},
+            "link": {"tx": {"lease": LEASE}},
+            "shared_memory": {"enabled": False},
+        },
     }
 
 

@@ -24,10 +24,12 @@ from urllib.parse import parse_qs, urlsplit
 
 import viser
 import websockets.asyncio.server
+from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers, MultipleValuesError
 from websockets.http11 import Request, Response
 
 from tci.errors import LinkError, TciError
+from tci.middleware.visitors import PATIENCE, Visitors
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
 ALIVE = "/alive"
@@ -56,6 +58,7 @@ class Guard:
 
         def judge(connection: Any, request: Request) -> Response | None:
             reason = self.refusal(request)
+            connection.visitor.known = not reason
             if reason:
                 self.refused += 1
                 body = f"{reason}\n".encode()
@@ -114,6 +117,30 @@ class Guard:
             if name == self._cookie:
                 given.append(value)
         return any(secrets.compare_digest(text.encode(), self.token.encode()) for text in given)
+
+
+def _bounded() -> type[ServerConnection]:
+    """Connections of one server, which count each other."""
+    visitors = Visitors()
+
+    class Bounded(ServerConnection):
+        """A connection that goes when there are too many; a stranger until its request may pass."""
+
+        def connection_made(self, transport: asyncio.BaseTransport) -> None:
+            super().connection_made(transport)
+            assert isinstance(transport, asyncio.WriteTransport)
+            self.visitor = visitors.welcome(transport.abort)
+
+        def data_received(self, data: bytes) -> None:
+            if self.visitor.known:
+                self.visitor.hear()
+            super().data_received(data)
+
+        def connection_lost(self, exc: Exception | None) -> None:
+            visitors.leave(self.visitor)
+            super().connection_lost(exc)
+
+    return Bounded
 
 
 class LoopEvent(asyncio.Event):
@@ -178,7 +205,10 @@ def open_server(host: str, port: int, *, label: str) -> tuple[viser.ViserServer,
         handler: Any, _host: str, _port: int, *, process_request: Answer, **options: Any
     ) -> Any:
         guarded.append(True)
-        return serve(handler, sock=listener, process_request=guard.wrap(process_request), **options)
+        return serve(
+            handler, sock=listener, process_request=guard.wrap(process_request), open_timeout=PATIENCE,
+            create_connection=_bounded(), **options,
+        )  # fmt: skip
 
     # viser has no place for a check of its own, and takes the next port when one is taken.
     with _patching:

@@ -11,6 +11,7 @@ import pytest
 
 from middleware.yarp.captures import NAMES, naming
 from tci.errors import LinkError, UnknownNameError
+from tci.middleware.visitors import Visitor
 from tci.middleware.yarp import names as yarp_names
 from tci.middleware.yarp.listener import Listener
 from tci.middleware.yarp.name_server import NameServer
@@ -97,7 +98,7 @@ def test_who_knows_the_key_is_answered_and_nobody_else() -> None:
 def test_an_answer_without_its_end_is_none(said: bytes) -> None:
     """A nonce of eight bytes and its check have a line feed now and then."""
 
-    def hang_up(sock: socket.socket, peer: str) -> None:
+    def hang_up(sock: socket.socket, visitor: Visitor) -> None:
         sock.recv(100)
         sock.sendall(said)
 

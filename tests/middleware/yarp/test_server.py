@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 
 import tci
+from middleware.links import free_port
 from middleware.yarp.show import Show, until
 from tci.errors import CommandError, LinkError
 from tci.interface.skin.places import find_place
 from tci.messages import Mode, PlatformCommand, PlatformSwitch
 from tci.middleware.simulated import SimulatedLink
-from tci.middleware.yarp import served_board, server
+from tci.middleware.yarp import names, served_board, server
 from tci.middleware.yarp.board import COMPLIANT, DIRECT, POSITION, VELOCITY, Stream, find_board
 from tci.middleware.yarp.dialect import DIALECTS, V3, V4
 from tci.middleware.yarp.incoming import Delivery
@@ -285,6 +286,20 @@ def test_55_a_link_that_is_not_armed_is_read_only(monkeypatch: pytest.MonkeyPatc
             board.set_modes([ELBOW], DIRECT)
         assert server.orders() == []
         assert board.axes() == 6
+
+
+def test_a_stranger_who_answers_for_the_name_server_is_not_told_of_any_port(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Without yarp.conf the server has a name server of its own: the network is not asked for one."""
+    monkeypatch.setenv("YARP_CONFIG_HOME", str(tmp_path))
+    here = ("127.0.0.1", free_port())
+    monkeypatch.setattr(server, "DEFAULT", here)
+    with NameServer() as stranger:
+        monkeypatch.setattr(names, "detect", lambda space: stranger.address)
+        with YarpServer(SimulatedLink(tci.load_robot("nao"))) as shown:
+            assert shown.network.address == here
+            assert len(Names(stranger.address).list()) == 1  # itself
 
 
 def test_29_a_name_server_that_restarts_hears_of_every_port_again(

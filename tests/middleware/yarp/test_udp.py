@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from middleware.yarp.show import until
+from tci.middleware.visitors import MOST
 from tci.middleware.yarp import message, outgoing
 from tci.middleware.yarp.bottle import encode_bottle
 from tci.middleware.yarp.carrier import UDP
 from tci.middleware.yarp.dialect import V3
 from tci.middleware.yarp.incoming import Delivery, Incoming
-from tci.middleware.yarp.listener import MOST_CONNECTIONS
 from tci.middleware.yarp.name_server import NameServer
 from tci.middleware.yarp.names import Names
 from tci.middleware.yarp.port import Port
@@ -110,7 +110,7 @@ def test_a_reader_that_is_gone_is_not_told_goodbye(
 @pytest.mark.parametrize("name", ["/dead", "dead"])
 def test_of_a_full_port_the_sender_goes_that_was_silent_the_longest(reader: Reader, name: str) -> None:
     quiet, busy = reader.dial("/quiet"), reader.dial("/busy")
-    for number in range(MOST_CONNECTIONS - 2):
+    for number in range(MOST - 2):
         reader.dial(f"{name}/{number}")
     for send in (quiet, busy):
         send(datagram("there"))

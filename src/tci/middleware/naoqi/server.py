@@ -19,6 +19,7 @@ from tci.middleware.link import Link
 from tci.middleware.naoqi import services
 from tci.middleware.naoqi.board import Board
 from tci.middleware.naoqi.session import PORT, first_line
+from tci.middleware.own_sockets import Watch
 from tci.middleware.server import Server
 
 LOCAL = "127.0.0.1"
@@ -44,6 +45,7 @@ class NaoqiServer(Server):
         except RuntimeError as error:
             reason = "the port is taken" if "in use" in str(error) else first_line(error)
             raise LinkError(f"can't listen at {url}: {reason}; valid: --via naoqi:HOST:PORT") from None
+        self._watch = Watch(int(self._session.endpoints()[0].rpartition(":")[2]))
 
     def where(self) -> str:
         return f"NAOqi at {', '.join(self._session.endpoints())}"
@@ -68,5 +70,6 @@ class NaoqiServer(Server):
         self._board.gate = ["refused", reason]
 
     def close(self) -> None:
+        self._watch.close()
         with suppress(RuntimeError):
             self._session.close()

@@ -15,6 +15,7 @@ import numpy as np
 
 from tci.errors import WireError
 from tci.frames import Array
+from tci.middleware.visitors import Visitor
 from tci.middleware.yarp import auth, message
 from tci.middleware.yarp.bottle import decode_bottle, decode_vector, encode_bottle
 from tci.middleware.yarp.carrier import BY_CODE, TEXT, TEXT_ACK, UDP, Carrier
@@ -70,17 +71,16 @@ class Incoming:
     """Reads one accepted connection until its end."""
 
     def __init__(
-        self, sock: socket.socket, host: str, *, dialect: Dialect, deliver: Callable[[Delivery], Answer]
-    ) -> None:
+        self, sock: socket.socket, visitor: Visitor, *, dialect: Dialect,
+        deliver: Callable[[Delivery], Answer],
+    ) -> None:  # fmt: skip
         self.sender = ""
         """Name of the port at the other end."""
         self.carrier: Carrier = TEXT
         """How it sends."""
         self.count = 0
         """Messages so far."""
-        self.latest = time.monotonic()
-        """When the last of them came [s]."""
-        self._socket, self._host = sock, host
+        self._socket, self._visitor = sock, visitor
         self._source = SocketSource(sock)
         self._dialect, self._deliver = dialect, deliver
         self._datagrams: socket.socket | None = None
@@ -189,7 +189,7 @@ class Incoming:
                     data, peer = sock.recvfrom(UDP_LARGEST)
                 except BlockingIOError:  # silent for so long: look whether it was closed
                     continue
-                if len(data) < 8 or peer[0] != self._host:  # empty, of nobody: it was closed
+                if len(data) < 8 or peer[0] != self._visitor.host:  # empty, of nobody: it was closed
                     continue
                 if struct.unpack_from("<I", data)[0] != zlib.crc32(data[8:]):
                     continue
@@ -222,8 +222,8 @@ class Incoming:
 
     def _handle(self, command: Command, body: bytes | str) -> Answer:
         self.count += 1
-        self.latest = time.monotonic()
-        return self._deliver(Delivery(command, self.sender, self.latest, body))
+        self._visitor.heard = now = time.monotonic()
+        return self._deliver(Delivery(command, self.sender, now, body))
 
 
 def _be_patient(sock: socket.socket) -> None:

@@ -1,4 +1,4 @@
-"""A TCP port that others connect to: one thread that accepts, one per connection, so many and no more."""
+"""A TCP port that others connect to: one thread that accepts, one per connection; `visitors` bounds them."""
 
 from __future__ import annotations
 
@@ -6,38 +6,26 @@ import contextlib
 import socket
 import threading
 from collections.abc import Callable
+from functools import partial
 
 from tci.errors import LinkError, TciError
-
-MOST_CONNECTIONS = 64
-"""Connections that one port holds at a time. Ours."""
+from tci.middleware.visitors import MOST, Visitor, Visitors
 
 
 class Listener:
-    """Accepts connections and gives each to `serve(socket, host)`, in a thread of its own."""
+    """Accepts connections and gives each to `serve(socket, visitor)`, in a thread of its own."""
 
     def __init__(
-        self,
-        host: str,
-        port: int,
-        serve: Callable[[socket.socket, str], None],
-        *,
-        name: str,
-        make_room: Callable[[], bool] = lambda: False,
+        self, host: str, port: int, serve: Callable[[socket.socket, Visitor], None], *, name: str
     ) -> None:
-        """`make_room` may end one connection for the next one, and says whether it did.
-
-        Raises LinkError when the port is taken.
-        """
-        self._name, self._serve, self._make_room = name, serve, make_room
-        self._lock = threading.Lock()
-        self._open: set[socket.socket] = set()
-        self.dropped = 0
-        """Connections that ended because what came was not allowed, or that were one too many."""
+        """Raises LinkError when the port is taken."""
+        self._name, self._serve = name, serve
+        self._visitors = Visitors()
+        self._wrong = 0
         self.last_error = ""
         """Why the last of them was dropped."""
         try:
-            self._socket = socket.create_server((host, port), backlog=MOST_CONNECTIONS)
+            self._socket = socket.create_server((host, port), backlog=MOST)
         except OSError as error:
             raise LinkError(
                 f"{name} can't listen at {host}:{port}: {error.strerror or error}; valid: a free port"
@@ -48,17 +36,18 @@ class Listener:
         self._closed = False
         threading.Thread(target=self._accept, name=f"yarp accept {name}", daemon=True).start()
 
+    @property
+    def dropped(self) -> int:
+        """Connections that ended because what came was not allowed, or that had to go for others."""
+        return self._wrong + self._visitors.ended
+
     def close(self) -> None:
         """Let go of the port and of every connection; shut down first, for the number is given out again."""
         self._closed = True
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
         self._socket.close()
-        with self._lock:
-            connections = list(self._open)
-        for sock in connections:
-            with contextlib.suppress(OSError):
-                sock.shutdown(socket.SHUT_RDWR)
+        self._visitors.end_all()
 
     def _accept(self) -> None:
         while not self._closed:
@@ -68,36 +57,32 @@ class Listener:
                 if self._closed:
                     return
                 continue
-            with self._lock:
-                full = len(self._open) >= MOST_CONNECTIONS
-            if full and not self._make_room():
-                self.dropped += 1
-                self.last_error = f"more than {MOST_CONNECTIONS} connections"
-                sock.close()
-                continue
-            with self._lock:
-                if self._closed:  # and does not know of this one
-                    sock.close()
-                    return
-                self._open.add(sock)
+            visitor = self._visitors.welcome(partial(_end, sock), str(address[0]))
+            if self._closed:  # and may not know of this one
+                _end(sock)
             threading.Thread(
-                target=self._run, args=(sock, str(address[0])), name=f"yarp serve {self._name}", daemon=True
+                target=self._run, args=(sock, visitor), name=f"yarp serve {self._name}", daemon=True
             ).start()
 
-    def _run(self, sock: socket.socket, host: str) -> None:
+    def _run(self, sock: socket.socket, visitor: Visitor) -> None:
         try:
             sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            self._serve(sock, host)
+            self._serve(sock, visitor)
         except (EOFError, TimeoutError, ConnectionError):
             pass
         except Exception as error:  # beyond this thread it would end the process
             if not self._closed:
-                self.dropped += 1
+                self._wrong += 1
                 self.last_error = told(error)
         finally:
-            with self._lock:
-                self._open.discard(sock)
+            self._visitors.leave(visitor)
             sock.close()
+
+
+def _end(sock: socket.socket) -> None:
+    """Who waits for it is told, which closing alone would not do."""
+    with contextlib.suppress(OSError):
+        sock.shutdown(socket.SHUT_RDWR)
 
 
 def told(error: Exception) -> str:

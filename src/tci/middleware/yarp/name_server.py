@@ -8,6 +8,7 @@ import socket
 import threading
 
 from tci.errors import LinkError, WireError
+from tci.middleware.visitors import Visitor
 from tci.middleware.yarp import auth
 from tci.middleware.yarp.listener import Listener
 from tci.middleware.yarp.names import END, PATIENCE, ROOT, Contact
@@ -46,15 +47,17 @@ class NameServer:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _serve(self, sock: socket.socket, peer: str) -> None:
+    def _serve(self, sock: socket.socket, visitor: Visitor) -> None:
         source = SocketSource(sock)
+        sock.settimeout(PATIENCE)
         if self._key is not None:
-            sock.settimeout(PATIENCE)
             auth.accept(sock, source, self._key)
-        sock.settimeout(60.0)
         while True:
             source.allow()
-            sock.sendall(self.answer(source.line(), peer).encode())
+            answer = self.answer(source.line(), visitor.host)
+            visitor.hear()
+            sock.settimeout(60.0)
+            sock.sendall(answer.encode())
 
     def answer(self, line: str, peer: str = "127.0.0.1") -> str:
         """What it says to one request that came from host `peer`."""

@@ -7,15 +7,17 @@ import os
 import socket
 import threading
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 from tci.errors import LinkError, UnknownNameError
 from tci.frames import Array
+from tci.middleware.visitors import MOST, Visitor
 from tci.middleware.yarp import message, outgoing
-from tci.middleware.yarp.carrier import FAST_TCP, TCP, UDP, find_carrier
+from tci.middleware.yarp.carrier import FAST_TCP, TCP, find_carrier
 from tci.middleware.yarp.dialect import Dialect
 from tci.middleware.yarp.incoming import Answer, Delivery, Incoming
-from tci.middleware.yarp.listener import MOST_CONNECTIONS, Listener, told
+from tci.middleware.yarp.listener import Listener, told
 from tci.middleware.yarp.message import Stamp
 from tci.middleware.yarp.names import Contact, Names
 from tci.middleware.yarp.outgoing import Outgoing
@@ -55,7 +57,7 @@ class Port:
         self._closed = False
         self._outputs: dict[str, Outgoing] = {}
         host = host if host is not None else own_host(names.address)
-        self._listener = Listener(host, 0, self._serve, name=f"the port {name}", make_room=self._make_room)
+        self._listener = Listener(host, 0, self._serve, name=f"the port {name}")
         self.contact = Contact(name, *self._listener.address)
         """Where it is."""
         try:
@@ -103,6 +105,8 @@ class Port:
 
     def connect(self, target: str, carrier: str = FAST_TCP.name) -> None:
         """Send to a port from now on. Raises LinkError, UnknownNameError."""
+        if target not in self._outputs and len(self._outputs) >= MOST:
+            raise LinkError(f"{self.name} sends to {MOST} ports already; valid: at most {MOST}")
         found = Outgoing(self.names.query(target), self.name, find_carrier(carrier), self.names.key)
         with self._lock:
             old, self._outputs[target] = self._outputs.get(target), found
@@ -121,22 +125,24 @@ class Port:
         """Unregister and let go of every connection. A second call does nothing."""
         with contextlib.suppress(LinkError):
             self.names.unregister(self.name)
-        self._listener.close()
         with self._lock:
             self._closed = True
             connections: set[Incoming | Outgoing] = {*self._served, *self._outputs.values()}
             self._inputs, self._outputs = {}, {}
+        self._listener.close()
         for connection in connections:
             connection.close()
 
-    def _serve(self, sock: socket.socket, host: str) -> None:
-        incoming = Incoming(sock, host, dialect=self.dialect, deliver=self._deliver)
+    def _serve(self, sock: socket.socket, visitor: Visitor) -> None:
+        incoming = Incoming(sock, visitor, dialect=self.dialect, deliver=self._deliver)
         with self._lock:
             if self._closed:  # and would not be ended
                 return
             self._served.add(incoming)
+        visitor.end = partial(self._let_go, incoming)
         try:
             incoming.greet(self.names.key, lambda name: self._add(name, incoming))
+            visitor.hear()
             self._run(incoming)
         finally:
             with self._lock:
@@ -154,19 +160,11 @@ class Port:
             self.last_error = f"{incoming.sender}: {told(error)}"
             raise
 
-    def _make_room(self) -> bool:
-        """Let the sender over udp go that was silent the longest: nothing tells that one is dead."""
-        with self._lock:
-            datagrams = (incoming for incoming in self._served if incoming.carrier is UDP)
-            silent = min(datagrams, key=lambda incoming: incoming.latest, default=None)
-            self._served.discard(silent)
-        if silent is None:
-            return False
-        self.last_error = (
-            f"more than {MOST_CONNECTIONS} connections: {silent.sender}, silent over udp, had to go"
-        )
-        silent.close()
-        return True
+    def _let_go(self, incoming: Incoming) -> None:
+        """Make room: nothing tells that a sender over udp is dead, and others may never say a word."""
+        if not self._closed:
+            self.last_error = f"{incoming.sender or 'one without a name'}, silent the longest, had to go"
+        incoming.close()
 
     def _add(self, name: str, incoming: Incoming) -> None:
         """As YARP does: a second connection of the same sender ends the first."""

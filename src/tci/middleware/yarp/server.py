@@ -149,6 +149,10 @@ class YarpServer(Server):
             self._own.close()
 
     def _name_server(self, options: YarpAddress) -> tuple[NameServer | None, Network]:
+        """The name server of the address or of yarp.conf, else one here: the network is not asked, since who
+        answers would be told of every port, and each would listen to where it is."""
+        if options.server is None and not config_file(namespace()).is_file():
+            options = replace(options, server=DEFAULT)
         where = options.server or DEFAULT
         try:
             network = options.network()

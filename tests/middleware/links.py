@@ -13,7 +13,6 @@ from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import lcm
 import pytest
 import zenoh
 
@@ -23,7 +22,7 @@ from middleware.ros_robots import anywhere, garbage_on, here_only, roscore
 from middleware.served import needs_qi
 from peers import bindings_dialect
 from tci.errors import LinkError
-from tci.middleware.lcm_datagrams import parse_url
+from tci.middleware.lcm_datagrams import Transmitter
 from tci.middleware.link import Link
 from tci.middleware.ros1 import Ros1Node
 from tci.middleware.ros2_dds import DdsNode
@@ -161,19 +160,16 @@ class Zenoh(Process):
 class Lcm(Process):
     """Over LCM."""
 
-    def __init__(self) -> None:
-        super().__init__(lambda: f"lcm:{lcm_url()}")
+    def __init__(self, ttl: int = 0) -> None:
+        super().__init__(lambda: f"lcm:{lcm_url(ttl)}")
 
     def disturb(self, messages: list[bytes]) -> None:
-        url = self.via.removeprefix("lcm:")
-        group, port = parse_url(url)
-        sound = lcm.LCM(url)
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as raw:
-            raw.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
-            for message in messages:
-                raw.sendto(message, (group, port))
-                for channel in ("state", "skin"):
-                    sound.publish(f"tci/nao/{channel}", message)
+        stranger = Transmitter(self.via.removeprefix("lcm:"))
+        for message in messages:
+            stranger.send_raw(message)
+            for channel in ("state", "skin"):
+                stranger.send(f"tci/nao/{channel}", message)
+        stranger.close()
 
 
 class Naoqi(Process):
@@ -334,9 +330,9 @@ def bindings_configured() -> Iterator[str]:
         yield bindings_server()
 
 
-def lcm_url() -> str:
-    """A group that nobody else is in, on this machine only."""
-    return f"udpm://239.255.76.67:{free_port()}?ttl=0"
+def lcm_url(ttl: int = 0) -> str:
+    """A group that nobody else is in, unless told otherwise on this machine only."""
+    return f"udpm://239.255.76.67:{free_port()}?ttl={ttl}"
 
 
 PEERS: dict[str, Callable[[], Peer]] = {

@@ -16,7 +16,7 @@ from tci.errors import FrameError
 from tci.interface.gate.gate import Gate
 from tci.messages import JointReading, Mode, PlatformCommand, PlatformSwitch, SkinFrame
 from tci.middleware.commanders import Commanders
-from tci.middleware.remote import MOST_COMMANDERS, MOST_WORDS, Commander, Orders, State
+from tci.middleware.remote import MOST_COMMANDERS, MOST_WORDS, Commander, Orders, SessionFrame, State
 from tci.middleware.remote_cdr import (
     ENVELOPE,
     frame_bytes,
@@ -35,7 +35,7 @@ JOINTS = JointReading(
     (Mode.POSITION, None) * (COUNT // 2), np.arange(COUNT) % 2 == 0,
 )  # fmt: skip
 STATE = State(11, 12, 100.25, 3.5, JOINTS, "hold", "why", (Commander(5, "a", 6, 2, "because"),))
-FRAME = SkinFrame("left_forearm", 3.25, 9, np.arange(240, dtype=np.uint8))
+FRAME = SessionFrame(11, SkinFrame("left_forearm", 3.25, 9, np.arange(240, dtype=np.uint8)))
 ORDERS = Orders(
     11, 100.25, 5, "a", 8, "", False, 3,
     (

@@ -11,8 +11,8 @@ import tci
 from tci.clock import ManualClock
 from tci.errors import LinkError
 from tci.interface.gate.safe_command import GateState, SafeCommand
-from tci.messages import JointReading, PlatformOrder, SkinFrame
-from tci.middleware.remote import Orders, State
+from tci.messages import JointReading, PlatformOrder
+from tci.middleware.remote import Orders, SessionFrame, State
 from tci.middleware.remote_link import WINDOW, RemoteLink
 
 
@@ -23,7 +23,7 @@ class Wire(RemoteLink):
         super().__init__(tci.load_robot("nao"), middleware="zenoh", place="here", arm=True)
         self.time = ManualClock(100.0)
         self.clock = self.time
-        self.inbox: list[State | SkinFrame] = []
+        self.inbox: list[State | SessionFrame] = []
         self.said: list[Orders] = []
         self.sequence = 0
         self.there = "run"
@@ -46,7 +46,7 @@ class Wire(RemoteLink):
         self.tell()
         return self.write(self.gate.step(orders, self.read().joints, self.time.now()))
 
-    def _poll(self) -> Iterable[State | SkinFrame]:
+    def _poll(self) -> Iterable[State | SessionFrame]:
         came, self.inbox = self.inbox, []
         return came
 

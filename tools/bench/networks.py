@@ -18,6 +18,7 @@ import tci
 from tci.messages import SkinFrame
 from tci.middleware import remote_cdr, remote_lcm
 from tci.middleware.lcm import _Bus
+from tci.middleware.remote import SessionFrame
 from tci.middleware.remote_address import parse_remote
 from tci.middleware.zenoh import QOS
 from tci.middleware.zenoh_session import close_session, open_session, parse_address
@@ -52,7 +53,7 @@ def over_lcm(where: str, there: bool) -> Ways:
     wanted = "there" if there else "back"
 
     def receive() -> Iterator[bytes]:
-        yield from (data for name, data in bus.poll() if name == wanted)
+        yield from (data for name, data, _ in bus.poll() if name == wanted)
 
     return lambda data: bus.put("back" if there else "there", data), receive, bus.close
 
@@ -71,7 +72,9 @@ def echo(name: str, where: str) -> None:
         time.sleep(0)
 
 
-def there_and_back(codec: Any, robot: tci.Robot, frame: SkinFrame, send: Any, receive: Any) -> SkinFrame:
+def there_and_back(
+    codec: Any, robot: tci.Robot, frame: SessionFrame, send: Any, receive: Any
+) -> SessionFrame:
     """The frame as it comes back."""
     send(codec.frame_bytes(robot, frame))
     end = time.perf_counter() + 2.0
@@ -84,7 +87,7 @@ def there_and_back(codec: Any, robot: tci.Robot, frame: SkinFrame, send: Any, re
 def networks() -> list[Measured]:
     robot = tci.load_robot("nao")
     values = np.random.default_rng(0).normal(size=SIZE)
-    frame = SkinFrame(robot.patches[0].name, 1.0, 1, values)
+    frame = SessionFrame(1, SkinFrame(robot.patches[0].name, 1.0, 1, values))
     raw = child(RAW, str(values.nbytes))
     sock = socket.create_connection(("127.0.0.1", int(line(raw))))
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -107,7 +110,7 @@ def networks() -> list[Measured]:
         send, receive, close = OVER[name](where, False)
         time.sleep(0.5)  # until both know of each other
         ours = partial(there_and_back, codec, robot, frame, send, receive)
-        np.testing.assert_array_equal(ours().values, values)
+        np.testing.assert_array_equal(ours().frame.values, values)
         peer()
         pairs = [(each(ours, calls=CALLS), each(peer, calls=CALLS)) for _ in range(ROUNDS)]
         note = f"{values.nbytes} bytes each way; both ends poll, encode, check and decode"

@@ -18,6 +18,7 @@ import tci
 from tci.messages import SkinFrame
 from tci.middleware import remote_cdr, remote_lcm
 from tci.middleware.player.wire import OPAQUE, STATE, Kind, Message, Stream, blob, to_blob
+from tci.middleware.remote import SessionFrame
 from tci.middleware.ros.messages import BYTES, NO_LAYOUT
 from tci.middleware.ros.node import RosNode
 from tci.middleware.ros1 import Ros1Node
@@ -195,7 +196,7 @@ def round_trip(name: str, where: str) -> dict[str, float]:
     """Medians and 99th percentiles [ms] of both ways, taken in turn."""
     robot, codec = tci.load_robot("nao"), remote_lcm if name == "lcm" else remote_cdr
     values = np.random.default_rng(0).normal(size=SIZE)
-    frame = SkinFrame(robot.patches[0].name, 1.0, 1, values)
+    frame = SessionFrame(1, SkinFrame(robot.patches[0].name, 1.0, 1, values))
     path = os.pathsep.join([str(Path(__file__).parents[1] / "bench"), os.environ.get("PYTHONPATH", "")])
     other = subprocess.Popen([sys.executable, __file__, name, where], env={**os.environ, "PYTHONPATH": path})
     raw = subprocess.Popen([sys.executable, "-c", TCP, str(values.nbytes)], stdout=subprocess.PIPE, text=True)
@@ -215,7 +216,7 @@ def round_trip(name: str, where: str) -> dict[str, float]:
         end = time.perf_counter() + patience
         while time.perf_counter() < end:
             for data in receive():
-                back = np.frombuffer(data) if name in PLAIN else codec.to_skin(robot, data).values
+                back = np.frombuffer(data) if name in PLAIN else codec.to_skin(robot, data).frame.values
                 assert np.array_equal(back, values)
                 return True
             time.sleep(0)

@@ -7,7 +7,8 @@
 | `tci/NAME/facts` | `tci_lcm.facts_t`: the run-time query, once a second | robot |
 | `tci/NAME/orders` | `tci_lcm.orders_t`: orders and heartbeat, in every period | behaviour |
 
-Whoever is in the multicast group may command: LCM knows no passwords. Over a network use Zenoh.
+Whoever is in the multicast group may command: LCM knows no passwords. It is joined on loopback; a URL with
+ttl=1 opens the robot to everybody on the local network. Over a network use Zenoh.
 """
 
 from __future__ import annotations
@@ -16,14 +17,12 @@ import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 
-import lcm
-
 from tci.errors import FrameError, LinkError
 from tci.messages import Reading, SkinFrame
 from tci.middleware.diagnosis import Finding, Level
-from tci.middleware.lcm_datagrams import URL, Receiver, parse_url
+from tci.middleware.lcm_datagrams import URL, Address, Receiver, Transmitter, parse_url
 from tci.middleware.link import Link
-from tci.middleware.remote import Orders, State
+from tci.middleware.remote import Orders, SessionFrame, State
 from tci.middleware.remote_address import RemoteAddress, parse_remote
 from tci.middleware.remote_lcm import (
     facts_bytes,
@@ -45,43 +44,38 @@ FACTS = 1.0
 
 
 class _Bus:
-    """One process in a multicast group: it sends through LCM, and receives by itself."""
+    """One process in a multicast group."""
 
     def __init__(self, address: RemoteAddress) -> None:
         """Raises LinkError."""
-        parse_url(address.where)
         self.receiver = Receiver(address.where)
+        self.transmitter = Transmitter(address.where)
         self._where, self._prefix = address, f"tci/{address.robot}"
         self._works = False
-        try:
-            self._lcm = lcm.LCM(address.where)
-        except RuntimeError as error:
-            self.receiver.close()
-            raise LinkError(f"{address}: {error}") from error
 
     def put(self, name: str, data: bytes) -> None:
         """Send a message to the channel of that name. When the network is gone for a while it is lost, as on
         the way. Raises LinkError where nothing could ever be sent."""
         try:
-            self._lcm.publish(f"{self._prefix}/{name}", data)
+            self.transmitter.send(f"{self._prefix}/{name}", data)
             self._works = True
         except OSError as error:
             if not self._works:
                 raise LinkError(f"{self._where}: nothing can be sent: {error.strerror}") from error
 
-    def poll(self) -> Iterable[tuple[str, bytes]]:
-        """Name of the channel and bytes of the latest that came, oldest first; a bounded number."""
-        latest: deque[tuple[str, bytes]] = deque(maxlen=PER_POLL)
-        for channel, data in self.receiver.poll():
+    def poll(self) -> Iterable[tuple[str, bytes, Address]]:
+        """Name of the channel, bytes and sender of the latest that came, oldest first; a bounded number."""
+        latest: deque[tuple[str, bytes, Address]] = deque(maxlen=PER_POLL)
+        for channel, data, sender in self.receiver.poll():
             prefix, _, name = channel.rpartition("/")
             if prefix == self._prefix:
-                latest.append((name, data))
+                latest.append((name, data, sender))
         return latest
 
     def close(self) -> None:
         """Let go of the sockets."""
         self.receiver.close()
-        del self._lcm  # LCM closes its own when nobody holds it
+        self.transmitter.close()
 
 
 class LcmLink(RemoteLink):
@@ -92,6 +86,7 @@ class LcmLink(RemoteLink):
         where = _parse(address, robot)
         super().__init__(robot, middleware="lcm", place=str(where), arm=arm)
         self._bus = _Bus(where)
+        self._home: Address | None = None
         self._why = ""
         try:
             self._wait()
@@ -114,17 +109,28 @@ class LcmLink(RemoteLink):
         assert self._state is not None
         return self.clock.now() - (self._state.now + self._shift) > self.gate.stale_after
 
-    def _poll(self) -> Iterator[State | SkinFrame]:
-        readers: dict[str, Callable[[Robot, bytes], State | SkinFrame]] = {
+    def _poll(self) -> Iterator[State | SessionFrame]:
+        """Of the session that the link is in only what comes from where its first state came from: anybody in
+        the group may read its number."""
+        readers: dict[str, Callable[[Robot, bytes], State | SessionFrame]] = {
             "state": to_state, "skin": to_skin
         }  # fmt: skip
-        for name, data in self._bus.poll():
-            if name in readers:
-                try:
-                    yield readers[name](self.robot, data)
-                except FrameError as error:
-                    self.rejected += 1
-                    self._why = str(error)
+        for name, data, sender in self._bus.poll():
+            if name not in readers:
+                continue
+            try:
+                message = readers[name](self.robot, data)
+            except FrameError as error:
+                self.rejected += 1
+                self._why = str(error)
+                continue
+            if self._home is None and isinstance(message, State):
+                self._home = sender
+            own = self._state is not None and message.session == self._state.session
+            if own and sender != self._home:
+                self.strangers += 1
+            else:
+                yield message
 
     def _put(self, orders: Orders) -> None:
         self._bus.put("orders", orders_bytes(self.robot, orders))
@@ -160,21 +166,34 @@ class LcmServer(RemoteServer):
         super().__init__(link, address, middleware="lcm")
         self._where = _parse(address, link.robot)
         self._bus = _Bus(self._where)
+        self._homes: dict[int, Address] = {}
         self.rejected = 0
-        """Messages that were no orders for this robot."""
+        """Messages that were no orders for this robot, or in the name of a commander that is elsewhere."""
         self._facts, self._due = facts_bytes(link.robot), -float("inf")
         self._open = True
 
     def where(self) -> str:
+        everybody = ", read and commanded by everybody on the local network"
+        return f"{self._where}{everybody if parse_url(self._where.where).ttl else ''}"
+
+    def reach(self) -> str:
         return str(self._where)
 
     def _poll(self) -> Iterable[Orders]:
-        for name, data in self._bus.poll():
-            if name == "orders":
-                try:
-                    yield to_orders(self.link.robot, data)
-                except FrameError:
-                    self.rejected += 1
+        there = {commander.client for commander in self.commanders.states()}
+        self._homes = {client: home for client, home in self._homes.items() if client in there}
+        for name, data, sender in self._bus.poll():
+            if name != "orders":
+                continue
+            try:
+                orders = to_orders(self.link.robot, data)
+            except FrameError:
+                self.rejected += 1
+                continue
+            if self._homes.setdefault(orders.client, sender) == sender:
+                yield orders
+            else:
+                self.rejected += 1
 
     def _show(self, state: State) -> None:
         self._bus.put("state", state_bytes(self.link.robot, state))
@@ -183,7 +202,7 @@ class LcmServer(RemoteServer):
             self._bus.put("facts", self._facts)
 
     def _show_skin(self, frame: SkinFrame) -> None:
-        self._bus.put("skin", frame_bytes(self.link.robot, frame))
+        self._bus.put("skin", frame_bytes(self.link.robot, SessionFrame(self.number, frame)))
 
     def close(self) -> None:
         if self._open:

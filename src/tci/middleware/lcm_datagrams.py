@@ -1,4 +1,5 @@
-"""LCM's datagrams, read without LCM's own receiver: damaged ones crash that.
+"""LCM's datagrams, sent and read without LCM's own library: damaged ones crash its receiver, and it joins
+the group on whichever interface has the default route, where anybody may be.
 
 A message is one datagram: `LC02`, its number, the channel and a zero, its bytes; or several: `LC03`, its
 number, its size, where this piece lies, which piece of how many; the first piece begins with the channel.
@@ -10,6 +11,7 @@ from __future__ import annotations
 import re
 import socket
 import struct
+import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -18,7 +20,7 @@ from tci.errors import LinkError
 
 URL = "udpm://239.255.76.67:7667?ttl=0"
 """LCM's own default: this machine only."""
-VALID = f"valid: {URL}, with ttl=1 for the local network"
+VALID = f"valid: {URL}; with ttl=1 everybody on the local network may read and command"
 PER_POLL = 1024
 """Datagrams looked at per call: more than can wait, so that the latest is found, but a flood costs a bounded
 time. Ours."""
@@ -30,15 +32,38 @@ SENDERS = 64
 """Senders whose numbers are followed, and whose pieces are kept. Ours."""
 PATIENCE = 0.1
 """Time [s] that the pieces of a message may take. Ours."""
+PIECE = 65_487 if sys.platform == "linux" else 1435
+"""Bytes of a message that one datagram carries, as LCM has it: other systems refuse longer ones."""
 _SHORT, _LONG = struct.Struct(">4sI"), struct.Struct(">4sIIIHH")
+IP_MULTICAST_ALL = 49
+"""Linux's option that Python has no name for: by default a socket also gets what comes in on interfaces on
+which another program joined the group."""
 
 
-def parse_url(url: str) -> tuple[str, int]:
-    """Group and port of an LCM URL. Raises LinkError."""
-    found = re.fullmatch(r"udpm://(\d+\.\d+\.\d+\.\d+):(\d{1,5})(\?ttl=\d{1,3})?", url)
+@dataclass(frozen=True, slots=True)
+class Group:
+    """A multicast group, and how far its datagrams go."""
+
+    address: str
+    port: int
+    ttl: int
+
+    @property
+    def interface(self) -> str:
+        """Address of the interface it is joined on: loopback, or for a network that of the default route."""
+        return "0.0.0.0" if self.ttl else "127.0.0.1"
+
+
+def parse_url(url: str) -> Group:
+    """The group of an LCM URL. Raises LinkError."""
+    found = re.fullmatch(r"udpm://(\d+\.\d+\.\d+\.\d+):(\d{1,5})(?:\?ttl=(\d{1,3}))?", url)
     if found is None or not 224 <= int(found[1].split(".")[0]) <= 239 or not 0 < int(found[2]) < 65536:
         raise LinkError(f"lcm: {url!r}; {VALID}")
-    return found[1], int(found[2])
+    return Group(found[1], int(found[2]), min(int(found[3] or 0), 255))
+
+
+Address = tuple[str, int]
+"""Address and port that datagrams come from."""
 
 
 @dataclass(slots=True)
@@ -131,12 +156,49 @@ def _split(data: bytes) -> tuple[str, bytes] | None:
     return channel.decode("ascii"), body
 
 
+class Transmitter:
+    """Messages that this process sends to a group."""
+
+    def __init__(self, url: str) -> None:
+        """Raises LinkError for a bad URL."""
+        self._group = parse_url(url)
+        self._number = 0
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        self._socket.bind((self._group.interface, 0))
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
+        self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, self._group.ttl)
+        interface = socket.inet_aton(self._group.interface)
+        self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, interface)
+
+    def send(self, channel: str, data: bytes) -> None:
+        """Send a message, in pieces where it is long. Raises OSError for what the network does not take."""
+        number, self._number = self._number, (self._number + 1) % (1 << 32)
+        whole = channel.encode("ascii") + b"\0" + data
+        if len(whole) <= PIECE:
+            self.send_raw(_SHORT.pack(b"LC02", number) + whole)
+            return
+        count, named = -(-len(whole) // PIECE), len(whole) - len(data)
+        for piece in range(count):
+            begin = piece * PIECE
+            head = _LONG.pack(b"LC03", number, len(data), max(begin - named, 0), piece, count)
+            self.send_raw(head + whole[begin : begin + PIECE])
+
+    def send_raw(self, datagram: bytes) -> None:
+        """Send one datagram as it is. Raises as `send`."""
+        self._socket.sendto(datagram, (self._group.address, self._group.port))
+
+    def close(self) -> None:
+        """Let go of the socket."""
+        self._socket.close()
+
+
 class Receiver:
     """Messages that others send to a group."""
 
     def __init__(self, url: str) -> None:
         """Raises LinkError for a bad URL, and where no multicast gets through."""
-        group, port = parse_url(url)
+        group = parse_url(url)
         self.datagrams = Datagrams()
         """What came, what was lost."""
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -146,18 +208,17 @@ class Receiver:
         try:
             if hasattr(socket, "SO_REUSEPORT"):
                 self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
-            self._socket.bind((group, port))
-            any_ = socket.inet_aton(group) + socket.inet_aton("0.0.0.0")
-            self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, any_)
+            if sys.platform == "linux":
+                self._socket.setsockopt(socket.IPPROTO_IP, IP_MULTICAST_ALL, 0)
+            self._socket.bind((group.address, group.port))
+            member = socket.inet_aton(group.address) + socket.inet_aton(group.interface)
+            self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
         except OSError as error:
             self._socket.close()
-            raise LinkError(
-                f"lcm: {url}: {error.strerror}; on a machine without a network, as root: "
-                "ip route add 224.0.0.0/4 dev lo"
-            ) from error
+            raise LinkError(f"lcm: {url}: {error.strerror}; {VALID}") from error
 
-    def poll(self) -> Iterator[tuple[str, bytes]]:
-        """Channel and bytes of what came, oldest first; a bounded number."""
+    def poll(self) -> Iterator[tuple[str, bytes, Address]]:
+        """Channel, bytes and sender of what came, oldest first; a bounded number."""
         for _ in range(PER_POLL):
             try:
                 data, sender = self._socket.recvfrom(65536)
@@ -165,7 +226,7 @@ class Receiver:
                 return
             whole = self.datagrams.take(data, sender)
             if whole is not None:
-                yield whole
+                yield *whole, sender
 
     def close(self) -> None:
         """Let go of the socket."""

@@ -3,14 +3,15 @@
 The robot's process sends a `State` in every period and each skin frame once. A behaviour's process answers
 with `Orders` in every period, also with none: that is its heartbeat. Orders carry the time of the state that
 they answer, so what was delayed on the way is found out without comparing clocks. They are repeated until a
-state acknowledges their number, so a lost datagram loses nothing.
+state acknowledges their number, so a lost datagram loses nothing. All three carry the session of the
+robot's process: what another one sends is counted and ignored.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tci.messages import JointReading, PlatformOrder
+from tci.messages import JointReading, PlatformOrder, SkinFrame
 
 MOST_ORDERS = 64
 """Orders that one message may carry. Ours."""
@@ -61,6 +62,15 @@ class State:
     reason: str
     """Why it holds or has stopped."""
     commanders: tuple[Commander, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SessionFrame:
+    """A frame of skin, and whose it is."""
+
+    session: int
+    """Number of the robot's process, as in its states."""
+    frame: SkinFrame
 
 
 @dataclass(frozen=True, slots=True, eq=False)

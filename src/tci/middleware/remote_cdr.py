@@ -1,6 +1,6 @@
 """The messages of `remote` as bytes: a checked envelope around ROS 2's CDR, which any ROS tool can read.
 
-Envelope: `TCI1`, kind (1 byte), 8 bytes of the description's SHA-256, CRC-32 of all that follows and of the
+Envelope: `TCI2`, kind (1 byte), 8 bytes of the description's SHA-256, CRC-32 of all that follows and of the
 13 bytes before. Anything that does not fit is refused before it is looked at.
 """
 
@@ -9,13 +9,13 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Sequence
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 import numpy as np
 
 from tci.errors import FrameError, RecordingError
 from tci.frames import read_only
-from tci.messages import Mode, PlatformCommand, PlatformOrder, PlatformSwitch, SkinFrame
+from tci.messages import Mode, PlatformCommand, PlatformOrder, PlatformSwitch
 from tci.middleware.remote import (
     HIGHEST,
     MOST_COMMANDERS,
@@ -23,15 +23,16 @@ from tci.middleware.remote import (
     MOST_WORDS,
     Commander,
     Orders,
+    SessionFrame,
     State,
     shown,
 )
 from tci.model.description import Robot
 from tci.recording.cdr import MessageType, decode, encode
-from tci.recording.schemas import MODES, SKIN, header, mode_number, skin_bytes, to_frame, to_joints
+from tci.recording.schemas import MODES, SKIN, header, mode_number, skin_values, to_frame, to_joints
 
 ENVELOPE = struct.Struct("<4sc8sI")
-MAGIC = b"TCI1"
+MAGIC = b"TCI2"
 LONGEST = 1 << 16
 """Bytes that a message may have. Ours."""
 Kind = Literal[b"S", b"F", b"O"]
@@ -49,6 +50,10 @@ STATE = MessageType(
         ("string[]", "reasons"),
     ),
     says="A served robot in one period: [s], [rad], [rad/s], [N m]; joints in the order of its description.",
+)  # fmt: skip
+FRAME = MessageType(
+    "tci_msgs/msg/SessionFrame", (("int64", "session"), *SKIN.fields),
+    says="A SkinFrame, and the session of the robot's process that sent it.",
 )  # fmt: skip
 ORDERS = MessageType(
     "tci_msgs/msg/Orders",
@@ -120,19 +125,21 @@ def to_state(robot: Robot, data: bytes) -> State:
     )  # fmt: skip
 
 
-def frame_bytes(robot: Robot, frame: SkinFrame) -> bytes:
+def frame_bytes(robot: Robot, message: SessionFrame) -> bytes:
     """A frame of skin, its patch by its number in the description."""
-    names = [patch.name for patch in robot.patches]
-    return seal(robot, b"F", skin_bytes(frame, names.index(frame.patch)))
+    frame, names = message.frame, [patch.name for patch in robot.patches]
+    seconds, nanoseconds, name, *values = skin_values(frame, names.index(frame.patch), frame.stamp)
+    body = encode(FRAME, (seconds, nanoseconds, name, message.session, *values))
+    return seal(robot, b"F", body)
 
 
-def to_skin(robot: Robot, data: bytes) -> SkinFrame:
+def to_skin(robot: Robot, data: bytes) -> SessionFrame:
     """The frame in a message. Raises FrameError; whether it fits its patch is for the skin to say."""
-    found = _decode(SKIN, unseal(robot, b"F", data))
-    frame = cast(SkinFrame, _checked(robot, to_frame, found))
+    found = _decode(FRAME, unseal(robot, b"F", data))
+    frame = _checked(robot, to_frame, found)
     if frame.patch not in {patch.name for patch in robot.patches}:
         raise FrameError(f"frame of a patch {frame.patch[:40]!r}, which {robot.name} lacks")
-    return frame
+    return SessionFrame(found["session"], frame)
 
 
 def orders_bytes(robot: Robot, message: Orders) -> bytes:

@@ -13,7 +13,7 @@ import numpy as np
 
 from tci.errors import FrameError, RecordingError
 from tci.frames import read_only
-from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch, SkinFrame
+from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch
 from tci.middleware.query import query
 from tci.middleware.remote import (
     HIGHEST,
@@ -22,6 +22,7 @@ from tci.middleware.remote import (
     MOST_WORDS,
     Commander,
     Orders,
+    SessionFrame,
     State,
     shown,
 )
@@ -88,28 +89,30 @@ def to_state(robot: Robot, data: bytes) -> State:
     )  # fmt: skip
 
 
-def frame_bytes(robot: Robot, frame: SkinFrame) -> bytes:
+def frame_bytes(robot: Robot, message: SessionFrame) -> bytes:
     """A skin_t."""
+    frame = message.frame
     data = np.ascontiguousarray(frame.values).tobytes()
     return _sealed(
-        skin_t, robot=robot_number(robot), patch=frame.patch, stamp=frame.stamp, sequence=frame.sequence,
-        dtype=frame.values.dtype.str, size=len(data), data=data,
+        skin_t, robot=robot_number(robot), session=message.session, patch=frame.patch, stamp=frame.stamp,
+        sequence=frame.sequence, dtype=frame.values.dtype.str, size=len(data), data=data,
     )  # fmt: skip
 
 
-def to_skin(robot: Robot, data: bytes) -> SkinFrame:
+def to_skin(robot: Robot, data: bytes) -> SessionFrame:
     """The frame in a skin_t. Raises FrameError; whether it fits its patch is for the skin to say."""
     found = _opened(robot, skin_t, data)
     if found.patch not in {patch.name for patch in robot.patches}:
         raise FrameError(f"frame of a patch {found.patch[:40]!r}, which {robot.name} lacks")
     raw = np.frombuffer(found.data, dtype=np.uint8)
     try:
-        return to_frame(
+        frame = to_frame(
             {"patch": found.patch, "stamp": found.stamp, "sequence": found.sequence, "dtype": found.dtype,
              "data": raw}
         )  # fmt: skip
     except RecordingError as error:
         raise FrameError(str(error)) from None
+    return SessionFrame(found.session, frame)
 
 
 def orders_bytes(robot: Robot, message: Orders) -> bytes:

@@ -18,9 +18,10 @@ from tci.errors import LinkError
 from tci.interface.gate.gate import GateSettings
 from tci.interface.gate.safe_command import GateState, SafeCommand
 from tci.messages import PlatformOrder, Reading, SkinFrame
+from tci.middleware.commanders import LEASE
 from tci.middleware.diagnosis import Finding, Level
 from tci.middleware.link import Link
-from tci.middleware.remote import MOST_ORDERS, Commander, Orders, State
+from tci.middleware.remote import MOST_ORDERS, Commander, Orders, SessionFrame, State
 from tci.model.description import Robot
 
 TIMEOUT = 3.0
@@ -56,6 +57,8 @@ class RemoteLink(Link):
         """What the robot's process refused, latest last."""
         self.rejected = 0
         """Messages that did not count: damaged, out of order, for another robot."""
+        self.strangers = 0
+        """Messages of another session or another sender than the robot's process; they are ignored."""
         self._state: State | None = None
         self._delays: deque[tuple[float, float]] = deque()
         self._shift = self._heard = 0.0
@@ -66,7 +69,7 @@ class RemoteLink(Link):
         self._next, self._sequence, self._refused = 1, 0, 0
 
     @abstractmethod
-    def _poll(self) -> Iterable[State | SkinFrame]:
+    def _poll(self) -> Iterable[State | SessionFrame]:
         """Messages that came, a bounded number of the latest."""
 
     @abstractmethod
@@ -100,6 +103,10 @@ class RemoteLink(Link):
             words = f"{self.rejected} messages did not count: damaged, out of order or for another robot"
             advice = "is somebody else using the same name there?"
             found.append(Finding(Level.WARNING, "messages", words, advice, {"rejected": self.rejected}))
+        if self.strangers:
+            words = f"{self.strangers} messages of another process than the robot's were ignored"
+            advice = "two robots of one name? give each a name of its own: NAME@"
+            found.append(Finding(Level.WARNING, "strangers", words, advice, {"strangers": self.strangers}))
         return tuple(found)
 
     def _wait(self) -> None:
@@ -187,18 +194,27 @@ class RemoteLink(Link):
 
     def _take(self) -> None:
         for message in self._poll():
-            if isinstance(message, SkinFrame):
-                before = self._skin.get(message.patch)
-                if before is not None and message.sequence <= before.sequence:
-                    self.rejected += 1
-                else:
-                    self._skin[message.patch] = message
-            elif self._state is not None and message.session != self._state.session:
-                self._lost = f"the process that owns {self.robot.name} was restarted; connect again"
-            elif self._state is not None and message.sequence <= self._state.sequence:
+            if self._state is None:
+                if isinstance(message, State):  # before that nobody can tell whose skin it is
+                    self._accept(message)
+            elif message.session != self._state.session:
+                self.strangers += 1
+                # Its own states end it only once the robot's process, which owns the robot, is silent.
+                if isinstance(message, State) and self.clock.now() - self._arrival > LEASE:
+                    self._lost = f"the process that owns {self.robot.name} was restarted; connect again"
+            elif isinstance(message, SessionFrame):
+                self._accept_skin(message.frame)
+            elif message.sequence <= self._state.sequence:
                 self.rejected += 1
             else:
                 self._accept(message)
+
+    def _accept_skin(self, frame: SkinFrame) -> None:
+        before = self._skin.get(frame.patch)
+        if before is not None and frame.sequence <= before.sequence:
+            self.rejected += 1
+        else:
+            self._skin[frame.patch] = frame
 
     def _accept(self, state: State) -> None:
         self._state = state

@@ -20,8 +20,9 @@ from tci.errors import FrameError, LinkError, TciError
 from tci.messages import SkinFrame
 from tci.middleware.diagnosis import Finding, Level
 from tci.middleware.link import Link
+from tci.middleware.own_sockets import Watch, listening
 from tci.middleware.query import query, read_facts
-from tci.middleware.remote import Orders, State
+from tci.middleware.remote import Orders, SessionFrame, State
 from tci.middleware.remote_cdr import frame_bytes, orders_bytes, state_bytes, to_orders, to_skin, to_state
 from tci.middleware.remote_link import RemoteLink
 from tci.middleware.remote_server import RemoteServer
@@ -73,8 +74,8 @@ class ZenohLink(RemoteLink):
         finally:
             close_session(session)
 
-    def _poll(self) -> Iterator[State | SkinFrame]:
-        for subscriber, read in ((self._frames, to_skin), (self._states, to_state)):
+    def _poll(self) -> Iterator[State | SessionFrame]:
+        for subscriber, read in ((self._states, to_state), (self._frames, to_skin)):
             for data in _received(subscriber):
                 try:
                     yield read(self.robot, data)
@@ -111,8 +112,10 @@ class ZenohServer(RemoteServer):
         self._where = parse_address(address, link.robot.name)
         self._key = f"tci/{self._where.robot}"
         facts = query(link.robot).model_dump_json()
+        before = listening()
         self.session = open_session(self._where, "listen")
         """The session."""
+        self._watches = [Watch(port) for port in listening() - before]
         self.rejected = 0
         """Messages that were no orders for this robot."""
         self._orders = self.session.declare_subscriber(
@@ -143,9 +146,11 @@ class ZenohServer(RemoteServer):
         self._states.put(state_bytes(self.link.robot, state))
 
     def _show_skin(self, frame: SkinFrame) -> None:
-        self._frames[frame.patch].put(frame_bytes(self.link.robot, frame))
+        self._frames[frame.patch].put(frame_bytes(self.link.robot, SessionFrame(self.number, frame)))
 
     def close(self) -> None:
+        for watch in self._watches:
+            watch.close()
         close_session(self.session)
 
 

@@ -31,7 +31,7 @@ from tci.middleware.player.wire import (
     to_blob,
 )
 from tci.middleware.player.wire import to_skin as to_raw
-from tci.middleware.remote import Orders, State
+from tci.middleware.remote import Orders, SessionFrame, State
 from tci.middleware.remote_cdr import orders_bytes, to_skin, to_state
 from tci.middleware.remote_link import RemoteLink
 from tci.middleware.source_clock import SourceClock
@@ -124,7 +124,7 @@ class PlayerLink(RemoteLink):
         super()._close()
         self._client.close()
 
-    def _poll(self) -> Iterator[State | SkinFrame]:
+    def _poll(self) -> Iterator[State | SessionFrame]:
         found = self._client.poll()
         latest = {m.index: m for m in found if (m.interface, m.kind) == (OPAQUE, Kind.DATA)}
         for message in latest.values():

@@ -51,14 +51,13 @@ from tci.middleware.player.wire import (
     to_floats,
 )
 from tci.middleware.query import query
-from tci.middleware.remote import Orders, State
+from tci.middleware.remote import Orders, SessionFrame, State
 from tci.middleware.remote_cdr import frame_bytes, state_bytes, to_orders
 from tci.middleware.remote_server import RemoteServer
+from tci.middleware.visitors import Visitor, Visitors
 
-MOST_CLIENTS = 16
-"""Clients at a time. Ours."""
 BACKLOG = 128
-"""Connections that are looked at in one period; beyond MOST_CLIENTS they are closed at once. Ours."""
+"""Connections that are looked at in one period. Ours."""
 MOST_WAITING = 1 << 16
 """Bytes that may wait for a slow client before it gets no more data. Ours."""
 MOST_OWED = 1 << 20
@@ -72,6 +71,7 @@ class _Client:
     """One connection."""
 
     socket: socket.socket
+    visitor: Visitor
     stream: Stream = field(default_factory=Stream)
     out: bytearray = field(default_factory=bytearray)
     devices: set[tuple[int, int]] = field(default_factory=set)
@@ -119,6 +119,7 @@ class PlayerServer(RemoteServer):
         """Why a client was let go, the last time that this was its own doing."""
         self._facts = blob(query(link.robot).model_dump_json().encode())
         self._clients: list[_Client] = []
+        self._visitors = Visitors()
         try:
             self._listener = socket.create_server((host, self.port), backlog=BACKLOG)
         except OSError as error:
@@ -160,6 +161,7 @@ class PlayerServer(RemoteServer):
         with contextlib.suppress(BlockingIOError, OSError):
             for _ in range(BACKLOG):
                 self._welcome(self._listener.accept()[0])
+        self._visitors.look()
         for client in list(self._clients):
             with self._dropping(client):
                 self._hear(client)
@@ -177,7 +179,8 @@ class PlayerServer(RemoteServer):
 
     def _show_skin(self, frame: SkinFrame) -> None:
         stamp = self._epoch(frame.stamp)
-        self._say(OPAQUE, self._frames[frame.patch], stamp, blob(frame_bytes(self.link.robot, frame)))
+        whole = blob(frame_bytes(self.link.robot, SessionFrame(self.number, frame)))
+        self._say(OPAQUE, self._frames[frame.patch], stamp, whole)
         for (interface, index), name in self._devices.items():
             if (interface, name) == (OPAQUE, frame.patch):
                 self._say(OPAQUE, index, stamp, blob(skin(frame.values)))
@@ -188,12 +191,9 @@ class PlayerServer(RemoteServer):
                 client.send(Message(interface, index, Kind.DATA, STATE, stamp, body, robot=self.port))
 
     def _welcome(self, connection: socket.socket) -> None:
-        if len(self._clients) >= MOST_CLIENTS:
-            connection.close()
-            return
         connection.setblocking(False)
         connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        client = _Client(connection)
+        client = _Client(connection, self._visitors.welcome(connection.close))
         client.out += b"Player v.3.1.1 (TCI)".ljust(GREETING, b"\0")
         self._clients.append(client)
 
@@ -209,6 +209,7 @@ class PlayerServer(RemoteServer):
             self._drop(client)
 
     def _drop(self, client: _Client) -> None:
+        self._visitors.leave(client.visitor)
         client.socket.close()
         self._clients.remove(client)
 
@@ -222,6 +223,7 @@ class PlayerServer(RemoteServer):
             if not data:
                 raise OSError("gone")
             for message in client.stream.feed(data):
+                client.visitor.hear()
                 if message.kind == Kind.REQUEST:
                     self._answer(client, message)
                 elif message.kind == Kind.COMMAND:

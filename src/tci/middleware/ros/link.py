@@ -15,9 +15,9 @@ import numpy as np
 from tci.errors import FrameError, LinkError
 from tci.interface.gate.gate import Gate
 from tci.interface.gate.safe_command import SafeCommand
-from tci.messages import Reading, SkinFrame
+from tci.messages import Reading
 from tci.middleware.diagnosis import Finding, Level
-from tci.middleware.remote import Orders, State
+from tci.middleware.remote import Orders, SessionFrame, State
 from tci.middleware.remote_cdr import orders_bytes, to_skin, to_state
 from tci.middleware.remote_link import STARTING, RemoteLink
 from tci.middleware.ros.messages import BYTES, NO_LAYOUT
@@ -112,7 +112,7 @@ class RosLink(RemoteLink):
         super()._close()
         self._node.close()
 
-    def _poll(self) -> Iterator[State | SkinFrame]:
+    def _poll(self) -> Iterator[State | SessionFrame]:
         self._node.poll()
         while self._received:
             topic, data = self._received.popitem()
@@ -135,6 +135,10 @@ class RosLink(RemoteLink):
             self._received[topic] = bytes(fields["data"])  # the latest of each topic
 
         return keep
+
+    def _where_else(self) -> str:
+        """How a robot that nobody publishes may be found after all."""
+        return ""
 
     def _is_tci(self, wait: float) -> bool:
         """Whether a TCI process shows the robot. Raises LinkError when nobody does anything."""
@@ -187,7 +191,7 @@ class RosLink(RemoteLink):
         offered = self._node.types_of(topic)
         if not offered:
             silent = "".join(f"; {node} is registered and does not answer" for node in self._node.silent)
-            advice = "is the robot on, and in this ROS domain and namespace?"
+            advice = f"is the robot on, and in this ROS domain and namespace?{self._where_else()}"
             return f"nobody publishes {topic} {where}{silent}; {advice}"
         if JOINTS.name not in offered:
             return f"{topic} is {', '.join(offered)}; valid: {JOINTS.name}"

@@ -20,7 +20,7 @@ from tci.messages import Order, Perception, Reading, SkinFrame
 from tci.middleware.controllers import Controllers, Once, values_order
 from tci.middleware.link import Link
 from tci.middleware.query import query
-from tci.middleware.remote import Orders, State
+from tci.middleware.remote import Orders, SessionFrame, State
 from tci.middleware.remote_cdr import frame_bytes, state_bytes, to_orders
 from tci.middleware.remote_server import RemoteServer
 from tci.middleware.ros.cloud import PatchCloud
@@ -112,7 +112,7 @@ class RosServer(RemoteServer):
     def _show_skin(self, frame: SkinFrame) -> None:
         topics = self._skin[frame.patch]
         if topics.every.due(frame.stamp):
-            topics.publish(frame, self._epoch(frame.stamp))
+            topics.publish(SessionFrame(self.number, frame), self._epoch(frame.stamp))
 
     def _hear(self, fields: Mapping[str, Any]) -> None:
         self._arrived.append(bytes(fields["data"]))
@@ -145,9 +145,10 @@ class PatchTopics:
         self._frames = node.advertise(names.frames(patch.name), BYTES)
         self._raw = node.advertise(names.skin(patch.name), SKIN) if node.knows(SKIN) else None
 
-    def publish(self, frame: SkinFrame, stamp: float) -> None:
+    def publish(self, message: SessionFrame, stamp: float) -> None:
         """Show a frame, measured at `stamp` [s] since 1970."""
-        self._frames((NO_LAYOUT, np.frombuffer(frame_bytes(self._robot, frame), dtype=np.uint8)))
+        frame = message.frame
+        self._frames((NO_LAYOUT, np.frombuffer(frame_bytes(self._robot, message), dtype=np.uint8)))
         self._points(self._cloud.values(frame, stamp))
         if self._raw is not None:
             self._raw(skin_values(frame, self._number, stamp))

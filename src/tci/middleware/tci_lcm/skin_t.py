@@ -9,15 +9,21 @@ import struct
 
 class skin_t(object):
 
-    __slots__ = ["robot", "patch", "stamp", "sequence", "dtype", "size", "data", "check"]
+    __slots__ = ["robot", "session", "patch", "stamp", "sequence", "dtype", "size", "data", "check"]
 
-    __typenames__ = ["int64_t", "string", "double", "int64_t", "string", "int32_t", "byte", "int32_t"]
+    __typenames__ = ["int64_t", "int64_t", "string", "double", "int64_t", "string", "int32_t", "byte", "int32_t"]
 
-    __dimensions__ = [None, None, None, None, None, None, ["size"], None]
+    __dimensions__ = [None, None, None, None, None, None, None, ["size"], None]
 
     def __init__(self):
         self.robot = 0
         """ LCM Type: int64_t """
+        self.session = 0
+        """
+        of the states of that process
+        LCM Type: int64_t
+        """
+
         self.patch = ""
         """ LCM Type: string """
         self.stamp = 0.0
@@ -56,7 +62,7 @@ class skin_t(object):
         return buf.getvalue()
 
     def _encode_one(self, buf):
-        buf.write(struct.pack(">q", self.robot))
+        buf.write(struct.pack(">qq", self.robot, self.session))
         __patch_encoded = self.patch.encode('utf-8')
         buf.write(struct.pack('>I', len(__patch_encoded)+1))
         buf.write(__patch_encoded)
@@ -83,7 +89,7 @@ class skin_t(object):
     @staticmethod
     def _decode_one(buf):
         self = skin_t()
-        self.robot = struct.unpack(">q", buf.read(8))[0]
+        self.robot, self.session = struct.unpack(">qq", buf.read(16))
         __patch_len = struct.unpack('>I', buf.read(4))[0]
         self.patch = buf.read(__patch_len)[:-1].decode('utf-8', 'replace')
         self.stamp, self.sequence = struct.unpack(">dq", buf.read(16))
@@ -97,7 +103,7 @@ class skin_t(object):
     @staticmethod
     def _get_hash_recursive(parents):
         if skin_t in parents: return 0
-        tmphash = (0xbaec6ef3a289ccb0) & 0xffffffffffffffff
+        tmphash = (0xece37844a6b17728) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

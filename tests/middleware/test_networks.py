@@ -6,19 +6,17 @@ The machines are network namespaces, so this needs root. Nothing leaves them.
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
-import sys
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
 
+from middleware.namespaces import HERE, ROUTER, Network, needs_namespaces
 from tci.middleware.zenoh_secure import write_files
 
-HERE = Path(__file__).parent
-ROUTER, PORT = "10.77.0.1", 7447
+PORT = 7447
 SILENCE = "0.08"
 """The description's own time [s]: these tests are about it."""
 TRIES = 5
@@ -27,65 +25,9 @@ TRIES = 5
 pytestmark = [pytest.mark.timeout(300), pytest.mark.xdist_group("namespaces")]
 
 
-class Network:
-    """A router with one wire to each of two machines."""
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self.machines = ("robots", "minds")
-        self.running: list[subprocess.Popen[str]] = []
-        for machine in ("router", *self.machines):
-            self.ip("netns", "add", self.at(machine))
-            self.ip("-n", self.at(machine), "link", "set", "lo", "up")
-        self.ip("-n", self.at("router"), "address", "add", f"{ROUTER}/32", "dev", "lo")
-        for number, machine in enumerate(self.machines, start=1):
-            here, there = f"10.77.{number}.2", f"10.77.{number}.1"
-            wire = ["link", "add", machine, "type", "veth", "peer", "name", "eth", "netns", self.at(machine)]
-            self.ip("-n", self.at("router"), *wire)
-            for end, device, address in (("router", machine, there), (machine, "eth", here)):
-                self.ip("-n", self.at(end), "address", "add", f"{address}/24", "dev", device)
-                self.ip("-n", self.at(end), "link", "set", device, "up")
-            self.ip("-n", self.at(machine), "route", "add", ROUTER, "via", there)
-
-    def at(self, machine: str) -> str:
-        return f"{self.name}-{machine}"
-
-    def ip(self, *words: str) -> None:
-        subprocess.run(["ip", *words], check=True, capture_output=True, text=True)
-
-    def start(self, machine: str, *words: str) -> subprocess.Popen[str]:
-        command = ["ip", "netns", "exec", self.at(machine), sys.executable, *words]
-        environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "PYTHONUNBUFFERED": "1"}
-        process = subprocess.Popen(
-            command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env=environment,
-            cwd=HERE.parent,
-        )  # fmt: skip
-        self.running.append(process)
-        return process
-
-    def says(self, machine: str, *words: str) -> str:
-        """What a process on a machine says until it ends."""
-        return self.start(machine, *words).communicate(timeout=120)[0]
-
-    def cut(self, machine: str) -> None:
-        self.ip("-n", self.at("router"), "link", "set", machine, "down")
-
-    def mend(self, machine: str) -> None:
-        self.ip("-n", self.at("router"), "link", "set", machine, "up")
-
-    def end(self) -> None:
-        for process in self.running:
-            process.kill()
-            process.communicate()
-        for machine in ("router", *self.machines):
-            subprocess.run(["ip", "netns", "delete", self.at(machine)], check=False)
-
-
 @pytest.fixture
 def network() -> Iterator[Network]:
-    ip = shutil.which("ip")
-    if os.geteuid() != 0 or ip is None or subprocess.run([ip, "netns"], capture_output=True).returncode:
-        pytest.skip("did not run: needs network namespaces: as root, with iproute2")
+    needs_namespaces()
     made = Network(f"tci{os.getpid()}")
     yield made
     made.end()

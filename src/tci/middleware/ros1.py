@@ -6,6 +6,7 @@ python3-trajectory-msgs`), not from PyPI; it is found where those put it.
 
 from __future__ import annotations
 
+import os
 import socket
 import sys
 import time
@@ -17,10 +18,13 @@ from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 from xmlrpc.client import ServerProxy, Transport
 
 from tci.errors import LinkError, MissingExtraError
+from tci.middleware.hosts import numeric
 from tci.middleware.link import Link
+from tci.middleware.own_sockets import Watch, listening
 from tci.middleware.ros.link import WAIT, RosLink
 from tci.middleware.ros.node import Hear, Publish, RosNode, namespace_of
 from tci.middleware.ros.server import RosServer
@@ -38,6 +42,10 @@ MASTER_TIMEOUT = 3.0
 """Time [s] that the master or a node has to answer. Ours."""
 BUFFER = 1 << 20
 """Bytes that a subscriber takes at once, so that the newest of a flood is found. Ours."""
+MASTER = "http://localhost:11311"
+"""The master where ROS_MASTER_URI does not say another."""
+NAMES = ("ROS_IP", "ROS_HOSTNAME")
+"""Variables that name this machine to others."""
 FLUSH, SENT = 0.2, 0.005
 """How long [s] closing waits at most until the last messages have left their queues, and then until they are
 on the wire. Ours."""
@@ -62,6 +70,7 @@ class Ros1Node(RosNode):
     def __init__(self, name: str) -> None:
         """Raises LinkError without a master, MissingExtraError without rospy."""
         super().__init__()
+        _stay_here()
         self._rospy = _rospy()
         self._master = import_module("rosgraph").Master("/tci")
         before = socket.getdefaulttimeout()
@@ -76,7 +85,10 @@ class Ros1Node(RosNode):
         finally:
             socket.setdefaulttimeout(before)
         if not self._rospy.core.is_initialized():
+            before = listening()
             self._rospy.init_node(name, anonymous=True, disable_signals=True)
+            for port in listening() - before:
+                Watch(port)  # to the end of this process, as the node
         self._topics: list[Any] = []
 
     def advertise(self, topic: str, kind: MessageType, *, latched: bool = False) -> Publish:
@@ -137,6 +149,19 @@ class Ros1Node(RosNode):
             time.sleep(SENT)
 
 
+def _stay_here() -> None:
+    """Let a node be known by a name that only this machine knows: so rospy listens on loopback. A master
+    elsewhere, ROS_IP or ROS_HOSTNAME say that the network is meant."""
+    if _is_here() and not any(map(os.environ.get, NAMES)):
+        os.environ["ROS_HOSTNAME"] = "localhost"
+
+
+def _is_here() -> bool:
+    """Whether nothing says that the network is meant."""
+    asked = urlsplit(os.environ.get("ROS_MASTER_URI") or MASTER).hostname, *map(os.environ.get, NAMES)
+    return all(numeric(host) == "127.0.0.1" for host in asked if host)
+
+
 class _Brief(Transport):
     """A call that ends when nobody answers."""
 
@@ -164,6 +189,10 @@ class Ros1Server(RosServer):
         namespace = namespace_of(address)
         node = Ros1Node(f"tci_{link.robot.name}")
         super().__init__(link, address, node, middleware="ros1", namespace=namespace)
+
+    def where(self) -> str:
+        everybody = "read and commanded by everybody on the network"
+        return f"{super().where()}, {'on this machine' if _is_here() else everybody}"
 
 
 @cache

@@ -1,28 +1,56 @@
-"""`ros2[:NAMESPACE]`: robots in ROS 2, by the machine's own rclpy, or without ROS by cyclonedds."""
+"""`ros2[:NAMESPACE]`: robots in ROS 2, by the machine's own rclpy, or without ROS by cyclonedds.
+
+Whoever reaches a robot in ROS 2 may command it. So nodes meet on this machine only, unless
+ROS_AUTOMATIC_DISCOVERY_RANGE says otherwise.
+"""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
+from contextlib import nullcontext
 from importlib.util import find_spec
 
+from tci.errors import LinkError
 from tci.middleware.link import Link
+from tci.middleware.own_sockets import on_loopback
 from tci.middleware.ros.link import WAIT, RosLink
 from tci.middleware.ros.node import RosNode, namespace_of
 from tci.middleware.ros.server import RosServer
 from tci.model.description import Robot
 
-open_node: Callable[[str, str], RosNode]
-"""Opens a node by its name and namespace: of rclpy where that is installed, else of cyclonedds. Raises
-LinkError for settings of the environment that can't be."""
+RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+RANGES = ("LOCALHOST", "SUBNET", "OFF", "SYSTEM_DEFAULT")
+HERE = ("LOCALHOST", "OFF")
+"""Those that open nothing beyond this machine."""
 
+_Node: Callable[..., RosNode]
 if find_spec("rclpy") is not None:
     from tci.middleware.ros2_rclpy import RclpyNode
 
-    open_node = RclpyNode
+    _Node = RclpyNode
 else:
     from tci.middleware.ros2_dds import DdsNode
 
-    open_node = DdsNode
+    _Node = DdsNode
+
+
+def discovery_range() -> str:
+    """How far nodes find each other. ROS itself takes SUBNET where nothing is set. Raises LinkError."""
+    found = os.environ.get(RANGE) or RANGES[0]
+    if found not in RANGES:
+        raise LinkError(f"{RANGE} is {found!r}; valid: {', '.join(RANGES)}")
+    return found
+
+
+def open_node(name: str, namespace: str) -> RosNode:
+    """A node of rclpy where that is installed, else of cyclonedds.
+
+    Raises LinkError for settings of the environment that can't be.
+    """
+    reach = discovery_range()
+    with on_loopback() if reach in HERE else nullcontext():
+        return _Node(name, namespace, reach=reach)
 
 
 class Ros2Link(RosLink):
@@ -34,6 +62,10 @@ class Ros2Link(RosLink):
         node = open_node(f"tci_{robot.name}_behaviour", namespace)
         super().__init__(robot, node, middleware="ros2", namespace=namespace, arm=arm, wait=wait)
 
+    def _where_else(self) -> str:
+        here = discovery_range() in HERE
+        return f"; for robots on other machines set {RANGE}=SUBNET" if here else ""
+
 
 class Ros2Server(RosServer):
     """Shows a robot in ROS 2."""
@@ -43,3 +75,7 @@ class Ros2Server(RosServer):
         namespace = namespace_of(address)
         node = open_node(f"tci_{link.robot.name}", namespace)
         super().__init__(link, address, node, middleware="ros2", namespace=namespace)
+
+    def where(self) -> str:
+        everybody = "read and commanded by everybody on the network"
+        return f"{super().where()}, {'on this machine' if discovery_range() in HERE else everybody}"

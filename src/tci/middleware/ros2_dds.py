@@ -29,7 +29,6 @@ from tci.errors import LinkError
 from tci.middleware.ros.node import LIFESPAN, Hear, Publish, RosNode
 from tci.recording.cdr import HEADER, MessageType, decode, encode, item_of
 
-RANGES = ("SUBNET", "LOCALHOST", "OFF", "SYSTEM_DEFAULT")
 MOST_PARTICIPANTS = 32
 """Processes of one domain on this machine that find each other without multicast, as in ROS."""
 RELIABLE = Policy.Reliability.Reliable(duration(milliseconds=0))
@@ -67,11 +66,12 @@ _domains: dict[int, tuple[Domain, int]] = {}
 class DdsNode(RosNode):
     """A node of ROS 2, seen from others."""
 
-    def __init__(self, name: str, namespace: str = "") -> None:
-        """Raises LinkError for settings of the environment that mean nothing, or that Cyclone refuses."""
+    def __init__(self, name: str, namespace: str = "", *, reach: str = "LOCALHOST") -> None:
+        """`reach` is the range of discovery. Raises LinkError for settings of the environment that mean
+        nothing, or that Cyclone refuses."""
         super().__init__()
         self._id = _domain_id()
-        _open_domain(self._id)
+        _open_domain(self._id, reach)
         self._name, self._namespace = name, namespace or "/"
         self._publishers: list[_Publisher] = []
         self._readers: list[tuple[str, MessageType, DataReader[Any], Hear, int]] = []
@@ -233,14 +233,14 @@ def _domain_id() -> int:
     return int(text)
 
 
-def _open_domain(number: int) -> None:
+def _open_domain(number: int, reach: str) -> None:
     if number in _domains:
         domain, users = _domains[number]
         _domains[number] = domain, users + 1
         return
     own = os.environ.get("CYCLONEDDS_URI")
     try:
-        _domains[number] = Domain(number, f"{own},{_settings()}" if own else _settings()), 1
+        _domains[number] = Domain(number, f"{own},{_settings(reach)}" if own else _settings(reach)), 1
     except DDSException as error:
         raise LinkError(f"ROS 2 domain {number} can't be opened: {error}") from error
 
@@ -251,14 +251,11 @@ def _close_domain(number: int) -> None:
         _domains[number] = domain, users - 1
 
 
-def _settings() -> str:
+def _settings(reach: str) -> str:
     """Cyclone's settings for the way that ROS finds other nodes.
 
     Fast DDS (vendor 1.15) and Cyclone differ on type information; the type hash says what matters.
     """
-    reach = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "") or "SUBNET"
-    if reach not in RANGES:
-        raise LinkError(f"ROS_AUTOMATIC_DISCOVERY_RANGE is {reach!r}; valid: {', '.join(RANGES)}")
     peers = [peer for peer in os.environ.get("ROS_STATIC_PEERS", "").split(";") if peer]
     text = "<Compatibility><IgnoreTypeInformation>1.15</IgnoreTypeInformation></Compatibility>"
     if reach == "LOCALHOST":

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 from typing import Any
 
@@ -17,16 +19,21 @@ from tci.errors import LinkError
 from tci.middleware.ros.node import LIFESPAN, Hear, Publish, RosNode
 from tci.recording.cdr import MessageType, decode, encode
 
+BEFORE_RANGES = ("foxy", "galactic", "humble")
+"""Distributions that only know ROS_LOCALHOST_ONLY."""
+
 
 class RclpyNode(RosNode):
     """A node of rclpy in a context of its own. What arrives is handed on in a thread beside the loop."""
 
-    def __init__(self, name: str, namespace: str = "") -> None:
-        """Raises LinkError for settings of the environment that rclpy refuses."""
+    def __init__(self, name: str, namespace: str = "", *, reach: str = "LOCALHOST") -> None:
+        """`reach` is the range of discovery. Raises LinkError for settings of the environment that rclpy
+        refuses."""
         super().__init__()
         self._context = rclpy.context.Context()
         try:
-            rclpy.init(context=self._context, signal_handler_options=rclpy.SignalHandlerOptions.NO)
+            with _ranging(reach):
+                rclpy.init(context=self._context, signal_handler_options=rclpy.SignalHandlerOptions.NO)
             self._node = rclpy.create_node(
                 name, namespace=namespace or "/", context=self._context, enable_rosout=False,
                 start_parameter_services=False,
@@ -83,6 +90,24 @@ class RclpyNode(RosNode):
             self._executor.spin()
         except ExternalShutdownException:
             return
+
+
+@contextmanager
+def _ranging(reach: str) -> Iterator[None]:
+    """rclpy takes the range of discovery from the environment only, as it starts."""
+    names = {"ROS_AUTOMATIC_DISCOVERY_RANGE": reach}
+    if reach == "LOCALHOST" and os.environ.get("ROS_DISTRO") in BEFORE_RANGES:
+        names["ROS_LOCALHOST_ONLY"] = "1"
+    before = {name: os.environ.get(name) for name in names}
+    os.environ |= names
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
 
 
 def _type(kind: MessageType) -> Callable[[], Any]:

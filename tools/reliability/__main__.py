@@ -22,6 +22,7 @@ from day import false_reflexes
 from death import heartbeat
 from dropped import dropped
 from explore import loop
+from exposure import exposure
 from gate import non_finite
 from kills import yarp_kills
 from mutation import branches, mutation
@@ -41,7 +42,7 @@ ROWS: dict[str, Callable[[bool], Row]] = {
     for one in (
         limits, plant, bodies, moves_away, non_finite, heartbeat, one_kilohertz, loop, false_reflexes,
         descriptions, guided, heartbeats, wires, dropped, killed, minute, yarp_skin, yarp_kills,
-        mutation, branches,
+        mutation, branches, exposure,
     )
 }  # fmt: skip
 

@@ -14,14 +14,19 @@ HEAD = "| figure | tried | measured | target | met | at |\n|---|---|---|---|---|
 
 def write_page(rows: Sequence[Row], page: Path = PAGE) -> None:
     """Put the rows that were tried into the page; the others stay as they are there."""
-    before, rest = page.read_text().split(BEGIN)
-    table, after = rest.split(END)
+    table = page.read_text().split(BEGIN)[1].split(END)[0]
     lines = {_figure(line): line for line in table.removeprefix(HEAD).splitlines()}
     for row in rows:
         cells = (row.name, row.size, row.measured, row.target, row.met, row.commit if row.tried else "")
         if row.tried or row.name not in lines:
             lines[row.name] = f"| {' | '.join(cells)} |"
-    page.write_text(before + BEGIN + HEAD + "".join(f"{line}\n" for line in lines.values()) + END + after)
+    write_between(BEGIN, END, HEAD + "".join(f"{line}\n" for line in lines.values()), page)
+
+
+def write_between(begin: str, end: str, lines: str, page: Path = PAGE) -> None:
+    """Put lines into the page, in the place of those between two marks."""
+    before, rest = page.read_text().split(begin)
+    page.write_text(before + begin + lines + end + rest.split(end)[1])
 
 
 def _figure(line: str) -> str:

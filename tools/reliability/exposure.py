@@ -1,0 +1,253 @@
+"""Sockets of each server at its defaults, as the system shows them, and the table of docs/reliability.md.
+
+Each is started in a network namespace with loopback and one more interface, which has the default route. So
+its usual ports are free, and a socket on every interface is one beyond loopback. `python exposure.py` prints
+the table, `python exposure.py page` writes it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
+from ipaddress import ip_address
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import psutil
+from page import write_between
+from row import Row
+
+ROOT = Path(__file__).parents[2]
+BEGIN, END = "<!-- exposure -->\n", "<!-- end of exposure -->\n"
+HEAD = (
+    "| server | address | port | who may read | who may command | opened to a network by |\n"
+    "|---|---|---|---|---|---|\n"
+)
+ALONE = """
+ip link set lo up
+ip link add eth0 type veth peer name far
+ip address add 10.99.0.2/24 dev eth0
+ip link set eth0 up
+ip link set far up
+ip route add default dev eth0
+exec "$@"
+"""
+HERE = "every program of this machine"
+EPHEMERAL = 32768
+"""Ports from here on are given out by the system: another one each time."""
+SETTINGS = ("ROS_", "CYCLONE", "LCM_", "YARP_", "XDG_", "TCI_")
+"""Variables of this user, which count for no default, begin so."""
+
+
+@dataclass(frozen=True)
+class Server:
+    """How it is started, and what no socket shows."""
+
+    words: tuple[str, ...]
+    """Of `tci`."""
+    opened_by: str
+    read: str = HERE
+    command: str = HERE
+    beside: tuple[str, ...] = ()
+    """A program that has to be there first; it prints a line when it is."""
+
+
+def _serve(via: str, opened_by: str, **more: str | tuple[str, ...]) -> Server:
+    return Server(("serve", "nao", "--via", via), opened_by, **more)  # type: ignore[arg-type]
+
+
+ROSCORE = """
+import subprocess, time, xmlrpc.client
+core = subprocess.Popen(["roscore"], stdout=subprocess.DEVNULL)
+while True:
+    try:
+        xmlrpc.client.ServerProxy("http://localhost:11311").getPid("/look")
+        break
+    except OSError:
+        time.sleep(0.1)
+print("ready", flush=True)
+core.wait()
+"""
+SERVERS = {
+    "lcm": _serve("lcm", "`lcm:...?ttl=1`"),
+    "naoqi": _serve("naoqi", "`naoqi:ADDRESS:PORT`"),
+    "player": _serve("player", "`player:ADDRESS:PORT`"),
+    "ros1": _serve(
+        "ros1", "`ROS_IP`, `ROS_HOSTNAME`, or `ROS_MASTER_URI` elsewhere", beside=("-c", ROSCORE)
+    ),
+    "ros2": _serve("ros2", "`ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET`"),
+    "rosbridge": _serve(
+        "rosbridge", "that server", read="who reaches the rosbridge server",
+        command="who reaches the rosbridge server",
+        beside=(str(ROOT / "tests" / "middleware" / "rosbridge_relay.py"),),
+    ),
+    "yarp": _serve(
+        "yarp", "`yarp:ADDRESS:PORT`, or `yarp.conf`", command=f"{HERE}; with `auth.conf`, who has its key"
+    ),
+    "zenoh": _serve(
+        "zenoh", "`zenoh:tcp/ADDRESS:PORT`; with rights: `zenoh:FILE.json5`",
+        command=f"{HERE}; with a file of `tci zenoh`, who it names",
+    ),
+    "view": Server(
+        ("view", "--robot", "nao", "--headless"), "`--host ADDRESS`, and then a token is needed",
+        command=f"{HERE}, but no page of another site",
+    ),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A socket that waits for others."""
+
+    address: str
+    port: int
+    interface: str
+    """The one that it is bound to, or is in the group on; empty for all that the address is of."""
+
+    @property
+    def beyond(self) -> bool:
+        """Whether others than this machine reach it."""
+        return self.interface != "lo" and not ip_address(self.address).is_loopback
+
+    def __str__(self) -> str:
+        shown = ip_address(self.address)
+        return f"`{shown}`{'' if shown.is_loopback or self.interface != 'lo' else ', from loopback only'}"
+
+
+def look(process: psutil.Process) -> list[Seen]:
+    """Sockets of a process and its children that wait for others."""
+    mine = {process.pid, *(child.pid for child in process.children(recursive=True))}
+    groups = _groups()
+    found = []
+    for line in subprocess.run(
+        ["ss", "-Htulnp"], capture_output=True, text=True, check=True
+    ).stdout.splitlines():
+        words = line.split()
+        if not any(f"pid={pid}," in line for pid in mine):
+            continue
+        place, _, port = words[4].rpartition(":")
+        address, _, interface = place.strip("[]").partition("%")
+        address = address.replace("*", "0.0.0.0")
+        if ip_address(address).is_multicast:
+            interface = "lo" if groups.get(address) == {"lo"} else ""
+        found.append(Seen(address, int(port), interface))
+    return sorted(found, key=lambda one: (one.address, one.port))
+
+
+def _groups() -> dict[str, set[str]]:
+    """Interfaces on which each multicast group is joined."""
+    joined: dict[str, set[str]] = {}
+    device = ""
+    for line in Path("/proc/net/igmp").read_text().splitlines()[1:]:
+        words = line.split()
+        if not line.startswith("\t"):
+            device = words[1]
+        else:
+            address = socket.inet_ntoa(int(words[0], 16).to_bytes(4, sys.byteorder))
+            joined.setdefault(address, set()).add(device)
+    return joined
+
+
+@contextmanager
+def _running(server: Server, folder: str) -> Iterator[psutil.Process]:
+    said = {name: value for name, value in os.environ.items() if not name.startswith(SETTINGS)}
+    environment = {**said, "PYTHONUNBUFFERED": "1", "COLUMNS": "200", "YARP_CONFIG_HOME": folder}
+    running: list[subprocess.Popen[str]] = []
+    words = list(server.words)
+    try:
+        if server.beside:
+            running.append(_start([sys.executable, *server.beside], environment))
+            line = _line(running[0], "")
+            if line.strip().isdigit():
+                words[-1] += f":127.0.0.1:{line.strip()}"
+        running.append(_start([sys.executable, "-m", "tci.cli.main", *words], environment))
+        while not {"serving", "open"} & {*_line(running[-1], words[0]).split()}:
+            pass
+        yield psutil.Process(running[-1].pid)
+    finally:
+        for process in reversed(running):
+            for one in (*psutil.Process(process.pid).children(recursive=True), process):
+                with suppress(psutil.NoSuchProcess):
+                    one.kill()
+            process.communicate()
+
+
+def _start(command: list[str], environment: dict[str, str]) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        env=environment,
+    )  # fmt: skip
+
+
+def _line(process: subprocess.Popen[str], what: str) -> str:
+    assert process.stdout is not None
+    line = process.stdout.readline()
+    if not line:
+        raise LookupError(f"tci {what} ended")
+    return line
+
+
+def seen() -> dict[str, list[Seen]]:
+    """What each server that can run here opens; seen from a namespace of its own. Raises OSError without."""
+    if not all(map(shutil.which, ("unshare", "ip", "ss"))):
+        raise OSError("needs network namespaces: Linux, util-linux and iproute2")
+    command = ["unshare", "--map-root-user", "--net", "sh", "-ec", ALONE, "alone", sys.executable, __file__]
+    done = subprocess.run([*command, "alone"], stdout=subprocess.PIPE, text=True)
+    if done.returncode:
+        raise OSError("needs network namespaces, which this system does not let everybody make")
+    return {name: [Seen(**one) for one in found] for name, found in json.loads(done.stdout).items()}
+
+
+def _alone() -> None:
+    """In the namespace."""
+    found: dict[str, list[dict[str, object]]] = {}
+    with TemporaryDirectory() as folder:
+        for name, server in SERVERS.items():
+            with suppress(LookupError), _running(server, folder) as process:
+                found[name] = [asdict(one) for one in look(process)]
+    print(json.dumps(found))
+
+
+def table(found: dict[str, list[Seen]]) -> list[str]:
+    """The lines of the table."""
+    lines = []
+    for name, sockets in found.items():
+        server = SERVERS[name]
+        ports: dict[str, set[str]] = {}
+        for one in sockets:
+            ports.setdefault(str(one), set()).add("any" if one.port >= EPHEMERAL else str(one.port))
+        command = "`tci view`" if name == "view" else f"`tci serve --via {name}`"
+        addresses = "<br>".join(ports) or "none"
+        numbers = "<br>".join(", ".join(sorted(some)) for some in ports.values()) or "none"
+        cells = (command, addresses, numbers, server.read, server.command, server.opened_by)
+        lines.append(f"| {' | '.join(cells)} |\n")
+    return lines
+
+
+def exposure(full: bool) -> Row:
+    """Each server once."""
+    found = seen()
+    sockets = [(name, one) for name, some in found.items() for one in some]
+    beyond = [f"{name} at {one.address}:{one.port}" for name, one in sockets if one.beyond]
+    said = f": {', '.join(beyond)}" if beyond else ""
+    return Row(
+        "sockets of every server at its defaults", len(found), len(SERVERS), "servers",
+        f"{len(beyond)} of {len(sockets)} beyond loopback{said}", "0", not beyond,
+    )  # fmt: skip
+
+
+if __name__ == "__main__":
+    if sys.argv[1:] == ["alone"]:
+        _alone()
+    else:
+        lines = table(seen())
+        print(HEAD + "".join(lines), end="")
+        if sys.argv[1:] == ["page"]:
+            write_between(BEGIN, END, HEAD + "".join(lines))

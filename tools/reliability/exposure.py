@@ -96,7 +96,7 @@ SERVERS = {
         command=f"{HERE}; with a file of `tci zenoh`, who it names",
     ),
     "view": Server(
-        ("view", "--robot", "nao", "--headless"), "`--host ADDRESS`, and then a token is needed",
+        ("view", "nao", "--headless"), "`--host ADDRESS`, and then a token is needed",
         command=f"{HERE}, but no page of another site",
     ),
 }  # fmt: skip

@@ -129,7 +129,7 @@ def player() -> Receiver:
 
 def naoqi() -> Receiver:
     """Skin frames as text in ALMemory: without a check."""
-    good = words.pack(7, READ["F"](NAO, WHOLE["F"]).values).encode()
+    good = words.pack(7, READ["F"](NAO, WHOLE["F"]).frame.values).encode()
 
     def take(chance: random.Random) -> bool:
         with suppress(FrameError):
@@ -202,7 +202,7 @@ def wires(full: bool) -> Row:
 
 
 def _ros_messages() -> list[tuple[MessageType, Sequence[Any]]]:
-    joints, frame = READ["S"](NAO, WHOLE["S"]).joints, READ["F"](NAO, WHOLE["F"])
+    joints, frame = READ["S"](NAO, WHOLE["S"]).joints, READ["F"](NAO, WHOLE["F"]).frame
     names, surface = Names(NAO, "ros2", ""), build_surface(NAO, NAO.patch(frame.patch), Kinematics(NAO))
     return [
         (JOINTS, joints_values([names.joint(servo) for servo in NAO.servos], joints, 3.5)),

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import socket
 import struct
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from tci.middleware.visitors import MOST, Visitor, surplus
 
@@ -20,31 +23,75 @@ except ModuleNotFoundError:  # on Windows
     resource = None  # type: ignore[assignment]
 
 FOLDER = Path("/proc/self/fd")
-LOOK = 0.1
+LOOK = 0.25
 """Time [s] between two looks at a library's connections. Assumed: a flood opens a few hundred meanwhile."""
+SO_DOMAIN = 39
+"""Linux's option that Python has no name for: the family of a socket."""
 INFO = 256
 """Bytes asked for of Linux's `struct tcp_info`, which grows."""
 SILENT_AT, RECEIVED_AT = 52, 128
 """Where it has the time [ms] since something came, as u32, and how many bytes came, as u64."""
 
 
-def own_sockets(kind: socket.SocketKind) -> Iterator[tuple[str, socket.socket]]:
-    """Each IP socket of `kind`: its name in the system, and a second handle, closed as the next one comes."""
+_C: Any = ctypes.CDLL(None, use_errno=True) if FOLDER.is_dir() else None
+
+
+class OwnSocket:
+    """A second handle of a socket. Not one of Python's: that may make the first one non-blocking, too."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        self.name = os.readlink(FOLDER / str(descriptor))
+        """Of the socket in the system."""
+
+    def get(self, level: int, option: int, size: int = 4) -> bytes:
+        """An option. Raises OSError."""
+        data, length = ctypes.create_string_buffer(size), ctypes.c_uint(size)
+        _checked(_C.getsockopt(self._descriptor, level, option, data, ctypes.byref(length)))
+        return data.raw[: length.value]
+
+    def flag(self, option: int) -> int:
+        """An option of the socket that is a number. Raises OSError."""
+        return int.from_bytes(self.get(socket.SOL_SOCKET, option), sys.byteorder)
+
+    def bind_to(self, device: bytes) -> None:
+        """Get only what comes in on an interface. Raises OSError."""
+        option = (socket.SOL_SOCKET, socket.SO_BINDTODEVICE, device, len(device))
+        _checked(_C.setsockopt(self._descriptor, *option))
+
+    def port(self) -> int:
+        """The port of this end. Raises OSError."""
+        data, length = ctypes.create_string_buffer(128), ctypes.c_uint(128)
+        _checked(_C.getsockname(self._descriptor, data, ctypes.byref(length)))
+        return int.from_bytes(data.raw[2:4], "big")
+
+    def end(self) -> None:
+        """Shut the connection down, for both handles. Raises OSError."""
+        _checked(_C.shutdown(self._descriptor, socket.SHUT_RDWR))
+
+
+def _checked(result: int) -> None:
+    if result:
+        raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
+
+
+def own_sockets(kind: socket.SocketKind) -> Iterator[OwnSocket]:
+    """Each IP socket of `kind`, by a handle that is closed as the next one comes."""
     for number in os.listdir(FOLDER) if FOLDER.is_dir() else ():
         with suppress(OSError):  # closed meanwhile
-            name = os.readlink(FOLDER / number)
-            if name.startswith("socket:"):
-                with socket.socket(fileno=os.dup(int(number))) as found:
-                    if found.type == kind and found.family in (socket.AF_INET, socket.AF_INET6):
-                        yield name, found
+            descriptor = os.dup(int(number))
+            try:
+                found = OwnSocket(descriptor)
+                right = found.name.startswith("socket:") and found.flag(socket.SO_TYPE) == kind
+                if right and found.flag(SO_DOMAIN) in (socket.AF_INET, socket.AF_INET6):
+                    yield found
+            finally:
+                os.close(descriptor)
 
 
 def listening() -> set[int]:
     """TCP ports that this process listens at."""
-    found = own_sockets(socket.SOCK_STREAM)
-    return {
-        sock.getsockname()[1] for _, sock in found if sock.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN)
-    }
+    return {found.port() for found in own_sockets(socket.SOCK_STREAM) if found.flag(socket.SO_ACCEPTCONN)}
 
 
 @contextmanager
@@ -53,11 +100,11 @@ def on_loopback() -> Iterator[None]:
 
     DDS listens on every interface, whichever one it is told to use: what arrives elsewhere is read as well.
     """
-    before = {name for name, _ in own_sockets(socket.SOCK_DGRAM)}
+    before = {found.name for found in own_sockets(socket.SOCK_DGRAM)}
     yield
-    for name, found in own_sockets(socket.SOCK_DGRAM):
-        if name not in before:
-            found.setsockopt(socket.SOL_SOCKET, socket.SO_BINDTODEVICE, b"lo\0")
+    for found in own_sockets(socket.SOCK_DGRAM):
+        if found.name not in before:
+            found.bind_to(b"lo\0")
 
 
 class Watch:
@@ -77,23 +124,22 @@ class Watch:
     def look(self) -> None:
         """Let those go that have to."""
         now, going = time.monotonic(), set[str]()
-        found = [_visitor(partial(going.add, name), sock, now) for name, sock in self._connections()]
+        found = [_visitor(partial(going.add, one.name), one, now) for one in self._connections()]
         for visitor in surplus(found, now, self._most):
             visitor.end()
-        for name, sock in self._connections() if going else ():
-            if name in going:
+        for one in self._connections() if going else ():
+            if one.name in going:
                 self.ended += 1
-                sock.shutdown(socket.SHUT_RDWR)
+                one.end()
 
     def close(self) -> None:
         """Look no more."""
         self._closed.set()
 
-    def _connections(self) -> Iterator[tuple[str, socket.socket]]:
-        for name, sock in own_sockets(socket.SOCK_STREAM):
-            listens = sock.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN)
-            if not listens and sock.getsockname()[1] == self._port:
-                yield name, sock
+    def _connections(self) -> Iterator[OwnSocket]:
+        for one in own_sockets(socket.SOCK_STREAM):
+            if not one.flag(socket.SO_ACCEPTCONN) and one.port() == self._port:
+                yield one
 
     def _keep_looking(self) -> None:
         while not self._closed.wait(LOOK):
@@ -109,8 +155,8 @@ def _open_more_files() -> None:
         resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
 
 
-def _visitor(end: Callable[[], None], sock: socket.socket, now: float) -> Visitor:
-    info = sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, INFO)
+def _visitor(end: Callable[[], None], one: OwnSocket, now: float) -> Visitor:
+    info = one.get(socket.IPPROTO_TCP, socket.TCP_INFO, INFO)
     (silent,), (received,) = (
         struct.unpack_from("=I", info, SILENT_AT),
         struct.unpack_from("=Q", info, RECEIVED_AT),

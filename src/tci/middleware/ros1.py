@@ -17,6 +17,7 @@ from http.client import HTTPConnection
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from threading import Thread
 from typing import Any
 from urllib.parse import urlsplit
 from xmlrpc.client import ServerProxy, Transport
@@ -29,6 +30,7 @@ from tci.middleware.ros.link import WAIT, RosLink
 from tci.middleware.ros.node import Hear, Publish, RosNode, namespace_of
 from tci.middleware.ros.server import RosServer
 from tci.middleware.ros.tree import Trees
+from tci.middleware.visitors import MOST
 from tci.model.description import Robot
 from tci.recording.cdr import MessageType
 
@@ -85,11 +87,21 @@ class Ros1Node(RosNode):
         finally:
             socket.setdefaulttimeout(before)
         if not self._rospy.core.is_initialized():
-            before = listening()
+            others = listening()
             self._rospy.init_node(name, anonymous=True, disable_signals=True)
-            for port in listening() - before:
+            self._hear_everybody()
+            for port in listening() - others:
                 Watch(port)  # to the end of this process, as the node
         self._topics: list[Any] = []
+
+    def _hear_everybody(self) -> None:
+        """Let each connection have a thread: rospy has one for all, and waits for who says nothing."""
+        server = import_module("rospy.impl.tcpros_base").init_tcpros_server()  # the one that is there
+        server.start_server()
+        tcp = server.tcp_ros_server
+        greet = tcp.inbound_handler
+        tcp.inbound_handler = lambda *found: Thread(target=greet, args=found, daemon=True).start()
+        tcp.server_sock.listen(MOST)
 
     def advertise(self, topic: str, kind: MessageType, *, latched: bool = False) -> Publish:
         publisher = self._rospy.Publisher(topic, _type(kind), queue_size=1, latch=latched, tcp_nodelay=True)

@@ -38,11 +38,9 @@ class Visitor:
 
 def surplus(visitors: Iterable[Visitor], now: float, most: int) -> list[Visitor]:
     """Those that have to go so that at most `most` stay: first in line first."""
-    staying, going = [], []
-    for one in visitors:
-        (staying if one.known or now - one.heard <= PATIENCE else going).append(one)
-    staying.sort(key=lambda one: (one.known, one.heard))
-    return going + staying[: max(0, len(staying) - most)]
+    there = sorted(visitors, key=lambda one: (one.known, one.heard))
+    late = sum(not one.known and now - one.heard > PATIENCE for one in there)
+    return there[: max(late, len(there) - most)]
 
 
 class Visitors:

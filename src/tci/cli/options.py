@@ -26,7 +26,7 @@ SomeRobots = Annotated[
     list[str] | None,
     typer.Argument(
         help="Robots by name, or description files. "
-        "[default: the paper's two, nao and icub, where installed]",
+        "\\[default: the paper's two, nao and icub, where installed]",
         autocompletion=completion.robots,
     ),
 ]

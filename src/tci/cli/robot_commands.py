@@ -48,12 +48,12 @@ def describe(
 @app.command("new-robot")
 def new_robot(
     urdf: Annotated[Path, typer.Argument(help="The robot's URDF.")],
-    name: Annotated[str | None, typer.Option(help="Name of the robot [default: the file's].")] = None,
+    name: Annotated[str | None, typer.Option(help="Name of the robot \\[default: the file's].")] = None,
     package: Annotated[
         str | None, typer.Option(help="Installed Python package that brought the URDF, if one did.")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Description to write [default: robot.xml beside the URDF].")
+        Path | None, typer.Option(help="Description to write \\[default: robot.xml beside the URDF].")
     ] = None,
     mount: Annotated[
         bool,

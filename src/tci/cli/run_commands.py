@@ -98,7 +98,7 @@ def view(
     via: Annotated[
         list[str] | None,
         typer.Option(
-            help="Link, NAME or NAME:ADDRESS: one for all robots, or one for each. [default: sim]",
+            help="Link, NAME or NAME:ADDRESS: one for all robots, or one for each. \\[default: sim]",
             autocompletion=completion.links,
         ),
     ] = None,
@@ -235,10 +235,10 @@ def serve(
 def plot(
     file: RecordingFile,
     out: Annotated[
-        Path | None, typer.Option(help="File to write: png, pdf or svg. [default: beside the recording]")
+        Path | None, typer.Option(help="File to write: png, pdf or svg. \\[default: beside the recording]")
     ] = None,
     robot: RecordedRobot = None,
-    part: Annotated[str | None, typer.Option(help="Part to draw. [default: the one touched first]")] = None,
+    part: Annotated[str | None, typer.Option(help="Part to draw. \\[default: the one touched first]")] = None,
     begin: Begin = float("-inf"),
     end: End = float("inf"),
     as_json: AsJson = False,

@@ -24,11 +24,11 @@ def fit(
     ],
     axis: Annotated[
         tuple[float, float, float] | None,
-        typer.Option(help="Of a file: the kinematic axis, distally, in its frame. [default: 0 0 1]"),
+        typer.Option(help="Of a file: the kinematic axis, distally, in its frame. \\[default: 0 0 1]"),
     ] = None,
     origin: Annotated[
         tuple[float, float, float] | None,
-        typer.Option(help="Of a file: a point on that axis \\[m], in its frame. [default: 0 0 0]"),
+        typer.Option(help="Of a file: a point on that axis \\[m], in its frame. \\[default: 0 0 0]"),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -107,7 +107,7 @@ def calibrate(
     ] = None,
     frames: Annotated[int, typer.Option(min=20, help="Frames to take at rest.")] = 200,
     out: Annotated[
-        Path | None, typer.Option(help="File to write. [default: beside the robot's description]")
+        Path | None, typer.Option(help="File to write. \\[default: beside the robot's description]")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON and ask nothing.")] = False,
 ) -> None:

@@ -15,8 +15,9 @@ from tci.capabilities.capability import Capability
 from tci.capabilities.contact_stop import ContactStop
 from tci.capabilities.gesture import PlayGesture
 from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.errors import CommandError
 from tci.interface.gestures.gesture import Gesture, fit
-from tci.messages import Order, Perception
+from tci.messages import GenericCommand, Mode, Order, Perception, SwitchMode
 from tci.model.catalogue import load_robot
 from tci.viewer.steered import Steered
 
@@ -32,6 +33,26 @@ class Refusing(BodyWithdrawal):
 
     def step(self, memory: BodyMemory, perception: Perception) -> tuple[tuple[Order, ...], BodyMemory]:
         return (), memory
+
+
+class Nod(Capability[dict[str, int]]):
+    """Answers with one command in place of a tuple of one; its memory is empty, as a reflex' is at rest."""
+
+    def init(self) -> dict[str, int]:
+        return {}
+
+    def begin(self, perception: Perception) -> Any:
+        return SwitchMode("head", Mode.POSITION)
+
+    def step(self, memory: dict[str, int], perception: Perception) -> Any:
+        return GenericCommand("head", Mode.POSITION, np.zeros(3)), memory
+
+
+class Sleepy(Nod):
+    """Forgets to answer."""
+
+    def step(self, memory: dict[str, int], perception: Perception) -> Any:
+        return None
 
 
 def wrapped(reflex: Capability[Any]) -> dict[str, Capability[Any]]:
@@ -65,3 +86,19 @@ def test_a_gesture_without_a_reflex_needs_no_skin() -> None:
     play = PlayGesture(fit(load_robot("icub"), STILL))
     assert play.fault(replace(see(), covered=lambda *_: 0.0)) == ""
     assert play.notes(play.init()) == ()
+
+
+@pytest.mark.parametrize("name", wrapped(Nod()))
+def test_one_command_of_what_runs_inside_counts_as_a_tuple_of_one(name: str) -> None:
+    capability = wrapped(Nod())[name]
+    (begun,) = capability.begin(see())
+    assert begun == SwitchMode("head", Mode.POSITION)
+    commands, _ = capability.step(capability.init(), see())
+    assert [command.part for command in commands if isinstance(command, GenericCommand)][:1] == ["head"]
+
+
+@pytest.mark.parametrize("name", wrapped(Sleepy()))
+def test_what_is_no_answer_is_refused_by_the_name_of_what_gave_it(name: str) -> None:
+    capability = wrapped(Sleepy())[name]
+    with pytest.raises(CommandError, match="Sleepy: step gave NoneType; valid: its commands, and the mem"):
+        capability.step(capability.init(), see())

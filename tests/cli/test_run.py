@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -139,6 +142,24 @@ def test_a_class_that_is_not_in_its_module_is_answered_with_those_that_are() -> 
         UnknownNameError, match=r"in cli.test_run named 'Nodd'; did you mean 'Nod'\?; valid: Nod, Lost"
     ):
         load_capability("cli.test_run:Nodd")
+
+
+def test_a_class_that_its_package_loads_on_first_use_is_found() -> None:
+    code = "from tci.cli.run import load_capability as load; print(load('tci:WithdrawalReflex').refractory)"
+    assert subprocess.run([sys.executable, "-c", code], check=True, capture_output=True).stdout == b"0.5\n"
+    with pytest.raises(UnknownNameError, match=r"did you mean 'WithdrawalReflex'\?; valid: Withdrawal\w+$"):
+        load_capability("tci:WithdrawalRefle")
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("tci:Capability", "the class Capability lacks init and step; valid: a subclass that has them"),
+        ("tci.capabilities.contact_stop:ContactStop", "needs settings: .*'behaviour'; valid: ContactStop"),
+    ],
+)
+def test_a_class_that_cannot_be_made_as_it_is(name: str, words: str) -> None:
+    assert re.fullmatch(f"tci: run: .*{words}.*\n", told_by("run", name, "nao", status=1))
 
 
 def test_a_rehearsal_lasts_until_the_fault_can_show() -> None:

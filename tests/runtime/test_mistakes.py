@@ -142,6 +142,8 @@ def test_7_a_class_in_place_of_an_instance(link: SimulatedLink) -> None:
         TciError, match=r"the class Settings needs settings: .*'answer'; valid: Settings\(\.\.\.\)"
     ):
         tci.run(link, Settings, duration=0.01)
+    with pytest.raises(TciError, match="the class Capability lacks init and step; valid: a subclass"):
+        tci.run(link, tci.Capability, duration=0.01)
     for given, words in (("withdrawal", "the word 'withdrawal'"), (World, "the class World"), (None, "None")):
         with pytest.raises(TciError, match=f"run: {words} in place of a capability; valid: tci.Withdr"):
             tci.run(link, given, duration=0.01)

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tci.capabilities.capability import Capability
+from tci.capabilities.orders import begin_of, step_of
 from tci.errors import TciError
 from tci.installed import needs
 from tci.messages import CONTROL_MODES, CartesianCommand, GenericCommand, Order, Perception, SwitchMode
@@ -46,7 +47,7 @@ class Leaf(Behaviour):
     def _step(self) -> Perception:
         if self.perception is None:
             raise TciError(f"the leaf {self.name!r} was ticked alone; valid: in a BehaviourTree")
-        orders, self.memory = self.capability.step(self.memory, self.perception)
+        orders, self.memory = step_of(self.capability, self.memory, self.perception)
         self.orders += orders
         return self.perception
 
@@ -122,7 +123,7 @@ class BehaviourTree(Capability[Behaviour]):
         begun: list[Order] = []
         modes: dict[str, SwitchMode] = {}
         for leaf in _leaves(self.tree()):
-            for order in leaf.capability.begin(perception):
+            for order in begin_of(leaf.capability, perception):
                 if isinstance(order, SwitchMode):
                     first = modes.setdefault(order.part, order)
                     if first.mode is not order.mode:

@@ -9,6 +9,7 @@ from typing import Generic
 import numpy as np
 
 from tci.capabilities.capability import Capability, Memory
+from tci.capabilities.orders import begin_of, step_of
 from tci.errors import CommandError, TciError
 from tci.messages import (
     CONTROL_MODES,
@@ -60,7 +61,7 @@ class ContactStop(Capability[StopMemory[Memory]], Generic[Memory]):
 
     def begin(self, perception: Perception) -> tuple[Order, ...]:
         """What the behaviour begins with."""
-        return self.behaviour.begin(perception)
+        return begin_of(self.behaviour, perception)
 
     def step(
         self, memory: StopMemory[Memory], perception: Perception
@@ -74,7 +75,7 @@ class ContactStop(Capability[StopMemory[Memory]], Generic[Memory]):
         for contact in perception.contacts:
             if contact.force >= self.threshold:
                 touched[contact.part] = now
-        inner, memory_after = self.behaviour.step(memory.inner, perception)
+        inner, memory_after = step_of(self.behaviour, memory.inner, perception)
         wanted = dict(memory.wanted)
         commands: list[Order] = []
         fresh = set()

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from tci.capabilities.capability import Capability
+from tci.capabilities.orders import begin_of, step_of
 from tci.errors import TciError
 from tci.frames import read_only
 from tci.interface.gestures.gesture import Fitted, Gesture
@@ -78,14 +79,14 @@ class PlayGesture(Capability[GestureMemory]):
 
     def begin(self, perception: Perception) -> tuple[Order, ...]:
         """What the reflex begins with."""
-        return () if self.reflex is None else self.reflex.begin(perception)
+        return () if self.reflex is None else begin_of(self.reflex, perception)
 
     def step(self, memory: GestureMemory, perception: Perception) -> tuple[tuple[Order, ...], GestureMemory]:
         """Commands of gesture or reflex; never both for one part."""
         now = perception.stamp
         inner, orders, busy = memory.reflex, tuple[Order, ...](), frozenset[str]()
         if self.reflex is not None:
-            orders, inner = self.reflex.step(memory.reflex, perception)
+            orders, inner = step_of(self.reflex, memory.reflex, perception)
             busy = frozenset(inner)
         fresh = memory.since is None
         elapsed = 0.0 if fresh else now - memory.stamp

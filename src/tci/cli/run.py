@@ -9,6 +9,7 @@ import traceback
 from collections.abc import Iterator, Sequence
 from importlib import import_module
 from importlib.metadata import entry_points
+from inspect import isabstract
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +32,7 @@ from tci.middleware.replay import ReplayLink
 from tci.middleware.simulated import SimulatedLink
 from tci.model.catalogue import load_robot
 from tci.recording.recorder import Recorder
+from tci.runtime.arguments import as_capability
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport
 from tci.runtime.reasons import OTHERS, Reasons
@@ -54,7 +56,8 @@ POKE_DELAY = 0.3
 def load_capability(name: str) -> Capability[Any]:
     """A capability with its default settings: by its entry point, or MODULE:CLASS, from here too.
 
-    Raises UnknownNameError for a name that nobody has, CommandError for a class that is none.
+    Raises UnknownNameError for a name that nobody has, CommandError for a class that is none, TciError for
+    one that can't be made as it is.
     """
     points = {point.name: point for point in entry_points(group=GROUP)}
     if name in points:
@@ -65,8 +68,7 @@ def load_capability(name: str) -> Capability[Any]:
         raise UnknownNameError("capability", name, [*sorted(points), "or MODULE:CLASS"])
     if not (isinstance(found, type) and issubclass(found, Capability)):
         raise CommandError(f"{name} is no capability; valid: a subclass of tci.Capability")
-    capability: Capability[Any] = found()
-    return capability
+    return as_capability(found)
 
 
 def _from_module(module: str, name: str) -> object:
@@ -75,13 +77,19 @@ def _from_module(module: str, name: str) -> object:
     try:
         if module.startswith("."):  # to Python the name of a neighbour, and nobody asks from inside a package
             raise ImportError("a path is no module")
-        found = vars(import_module(module))
+        found = import_module(module)
     except (ImportError, ValueError) as error:
         raise CommandError(f"{module}:{name}: {error}; valid: MODULE:CLASS, as in my_file:Shrug") from error
-    if name not in found:
-        own = [word for word, one in found.items() if isinstance(one, type) and issubclass(one, Capability)]
+    if not hasattr(found, name):
+        words = dict.fromkeys([*vars(found), *dir(found)])  # a package may load its names on first use
+        own = [word for word in words if _can_run(getattr(found, word, None))]
         raise UnknownNameError(f"capability in {module}", name, own)
-    return found[name]
+    return getattr(found, name)
+
+
+def _can_run(one: object) -> bool:
+    """Tells if it is the class of a capability."""
+    return isinstance(one, type) and issubclass(one, Capability) and not isabstract(one)
 
 
 def run_capability(

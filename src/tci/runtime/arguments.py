@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable
+from inspect import isabstract
 from typing import Any
 
 from tci.capabilities.capability import Capability
-from tci.errors import CommandError, TciError
-from tci.messages import Order
+from tci.capabilities.orders import named
+from tci.errors import TciError
 from tci.middleware.link import Link
 from tci.model.catalogue import load_robot
 from tci.model.description import Robot
@@ -25,7 +25,7 @@ def as_robot(given: object) -> Robot:
     if isinstance(given, str | os.PathLike):
         return load_robot(given)
     raise TciError(
-        f"connect: {_kind(given)} in place of a robot; valid: tci.load_robot('nao'), or just 'nao'"
+        f"connect: {named(given)} in place of a robot; valid: tci.load_robot('nao'), or just 'nao'"
     )
 
 
@@ -34,7 +34,7 @@ def as_link(given: object) -> Link:
     if isinstance(given, Link):
         return given
     raise TciError(
-        f"run: {_kind(given)} in place of the connection to a robot; "
+        f"run: {named(given)} in place of the connection to a robot; "
         "valid: link, from `with tci.connect('nao', 'sim') as link:`"
     )
 
@@ -44,44 +44,23 @@ def as_capability(given: Any) -> Capability[Any]:
     if isinstance(given, Capability):
         return given
     if isinstance(given, type) and issubclass(given, Capability):
+        if isabstract(given):
+            lacks = " and ".join(sorted(given.__abstractmethods__))
+            raise TciError(f"run: {named(given)} lacks {lacks}; valid: a subclass that has them")
         try:
             return given()
         except TypeError as error:
             raise TciError(
-                f"run: {_kind(given)} needs settings: {error}; valid: {given.__name__}(...)"
+                f"run: {named(given)} needs settings: {error}; valid: {given.__name__}(...), "
+                "or defaults for all of them"
             ) from error
     raise TciError(
-        f"run: {_kind(given)} in place of a capability; valid: tci.WithdrawalReflex(), "
+        f"run: {named(given)} in place of a capability; valid: tci.WithdrawalReflex(), "
         "or an instance of your own subclass of tci.Capability"
     )
-
-
-def as_orders(given: object, source: str) -> tuple[Order, ...]:
-    """Returns the commands of a capability as a tuple, also a single one. `source` says who gave them.
-
-    Raises CommandError for what is no command.
-    """
-    if isinstance(given, tuple) and not given:
-        return given
-    orders = (given,) if isinstance(given, Order) or not isinstance(given, Iterable) else tuple(given)
-    for order in orders:
-        if not isinstance(order, Order):
-            raise CommandError(
-                f"{source} gave {_kind(order)} as a command; valid: a tuple of commands, () for none"
-            )
-    return orders
 
 
 def check_duration(duration: float | None) -> None:
     """Raises TciError for a duration [s] that is none."""
     if duration is not None and not (0.0 <= duration < math.inf):
         raise TciError(f"run: duration {duration} s; valid: 0 or more and finite, or None for ever")
-
-
-def _kind(given: object) -> str:
-    """Names what was given: `the class Shrug`, `a Robot`, `the word 'nao'`."""
-    if isinstance(given, type):
-        return f"the class {given.__name__}"
-    if isinstance(given, str):
-        return f"the word {given!r}"
-    return "None" if given is None else f"a {type(given).__name__}"

@@ -16,13 +16,14 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from tci.capabilities.capability import Capability
+from tci.capabilities.orders import begin_of, step_of
 from tci.clock import ROUNDING
 from tci.errors import CommandError, FrameError
 from tci.interface.body import Body
 from tci.interface.gate.gate import GateState, SafeCommand
 from tci.messages import JointReading, Order, Perception, PlatformOrder, Reading, SkinState
 from tci.middleware.link import Link
-from tci.runtime.arguments import as_capability, as_link, as_orders, check_duration
+from tci.runtime.arguments import as_capability, as_link, check_duration
 from tci.runtime.guards import Silence, frozen_garbage, interruptions
 from tci.runtime.lease import commanding
 from tci.runtime.loop_report import LoopReport
@@ -141,7 +142,6 @@ class _Loop(Generic[Memory]):
         self.write = write
         self.body = Body(link.robot, keep_alive=link.keep_alive)
         self.memory = capability.init()
-        self._name = type(capability).__name__
         self.account = Account(link)
         self._begun = False
         self._before: float | None = None
@@ -173,10 +173,10 @@ class _Loop(Generic[Memory]):
         opening = False
         if seen is not None:
             if not self._begun:
-                commands = as_orders(self.capability.begin(seen), f"{self._name}: begin")
+                commands = begin_of(self.capability, seen)
                 opening = bool(commands)
             if not opening:
-                commands, self.memory = self._step(seen)
+                commands, self.memory = step_of(self.capability, self.memory, seen)
             if fault := self.capability.fault(seen):
                 gate.stop(fault)
         orders, refused = self._in_own_joints(commands, reading.joints)
@@ -185,22 +185,13 @@ class _Loop(Generic[Memory]):
             self.link.write(sent)
         self.account.see(seen, reading.joints.position, sent, opening=opening)
         if opening and sent.refusals:
-            raise CommandError(f"{self._name} can't begin: {'; '.join(sent.refusals)}")
+            name = type(self.capability).__name__
+            raise CommandError(f"{name} can't begin: {'; '.join(sent.refusals)}")
         self._begun |= seen is not None
         if self.observe is not None and self._perception is not None:
             self.observe(Tick(now, reading, self._perception, commands, sent, self.body.skin.state))
         self.report.ticks += 1
         self.report.work.add(time.perf_counter() - begin)
-
-    def _step(self, seen: Perception) -> tuple[tuple[Order, ...], Memory]:
-        """What the capability answers. Raises CommandError for what is no pair of commands and memory."""
-        answer: object = self.capability.step(self.memory, seen)
-        if isinstance(answer, tuple) and len(answer) == 2:
-            commands, memory = answer
-            if not (isinstance(commands, Order) and isinstance(memory, Order)):
-                return as_orders(commands, f"{self._name}: step"), memory
-        gave = "two commands" if isinstance(answer, tuple) and len(answer) == 2 else type(answer).__name__
-        raise CommandError(f"{self._name}: step gave {gave}; valid: its commands, and the memory")
 
     def end(self, duration: float | None) -> None:
         """Count what was missed of `duration` [s] after the last period that was served."""

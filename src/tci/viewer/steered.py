@@ -6,6 +6,7 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from tci.capabilities.capability import Capability
+from tci.capabilities.orders import begin_of, step_of
 from tci.messages import Order, Perception
 
 
@@ -25,10 +26,10 @@ class Steered(Capability[Any]):
         return self.inner.init()
 
     def begin(self, perception: Perception) -> tuple[Order, ...]:
-        return self.inner.begin(perception)
+        return begin_of(self.inner, perception)
 
     def step(self, memory: Any, perception: Perception) -> tuple[tuple[Order, ...], Any]:
-        orders, memory = self.inner.step(memory, perception)
+        orders, memory = step_of(self.inner, memory, perception)
         return (*orders, *self._given()), memory
 
     def notes(self, memory: Any) -> tuple[str, ...]:

@@ -1,0 +1,59 @@
+"""Answers of capabilities: one command counts as a tuple of one, and what is no answer is refused.
+
+The loop and every capability that runs another one ask through these functions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from tci.capabilities.capability import Capability, Memory
+from tci.errors import CommandError
+from tci.messages import Order, Perception
+
+
+def begin_of(capability: Capability[Memory], perception: Perception) -> tuple[Order, ...]:
+    """Returns what a capability begins with. Raises CommandError as `as_orders` does."""
+    return as_orders(capability.begin(perception), f"{type(capability).__name__}: begin")
+
+
+def step_of(
+    capability: Capability[Memory], memory: Memory, perception: Perception
+) -> tuple[tuple[Order, ...], Memory]:
+    """Returns the commands of a capability's step, and its memory.
+
+    Raises CommandError for an answer that is no pair of these, and as `as_orders` does.
+    """
+    answer: object = capability.step(memory, perception)
+    name = type(capability).__name__
+    if isinstance(answer, tuple) and len(answer) == 2:
+        commands, after = answer
+        if not (isinstance(commands, Order) and isinstance(after, Order)):
+            return as_orders(commands, f"{name}: step"), after
+    gave = "two commands" if isinstance(answer, tuple) and len(answer) == 2 else type(answer).__name__
+    raise CommandError(f"{name}: step gave {gave}; valid: its commands, and the memory")
+
+
+def as_orders(given: object, source: str) -> tuple[Order, ...]:
+    """Returns the commands of a capability as a tuple, also a single one. `source` says who gave them.
+
+    Raises CommandError for what is no command.
+    """
+    if isinstance(given, tuple) and not given:
+        return given
+    orders = (given,) if isinstance(given, Order) or not isinstance(given, Iterable) else tuple(given)
+    for order in orders:
+        if not isinstance(order, Order):
+            raise CommandError(
+                f"{source} gave {named(order)} as a command; valid: a tuple of commands, () for none"
+            )
+    return orders
+
+
+def named(given: object) -> str:
+    """Names what was given: `the class Shrug`, `a Robot`, `the word 'nao'`."""
+    if isinstance(given, type):
+        return f"the class {given.__name__}"
+    if isinstance(given, str):
+        return f"the word {given!r}"
+    return "None" if given is None else f"a {type(given).__name__}"

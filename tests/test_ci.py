@@ -1,0 +1,80 @@
+"""CI's command makes a clean copy of whatever CI has checked out, and lets `make` test it there."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from peers import needs_program
+
+ROOT = Path(__file__).parent.parent
+MAKE = """#!/bin/sh
+test "$3" = clean && exec /bin/rm -rf "$2/.venv"
+cd "$2" && echo "make $3 $4: $(ls -A | tr '\\n' ' ')"
+"""
+"""Instead of make: it tells the goal and what lies in the folder; `clean` removes what was built."""
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> Path:
+    """A checkout of one commit, with something that was built and something that nobody committed."""
+    git = needs_program("git", "git")
+    there = tmp_path / "there"
+    (there / ".ci").mkdir(parents=True)
+    shutil.copy(ROOT / ".ci" / "run", there / ".ci")
+    (there / ".gitignore").write_text(".venv/\n")
+    for words in (
+        ["init", "--quiet"],
+        ["add", "."],
+        ["-c", "user.name=a", "-c", "user.email=a@b", "commit", "--quiet", "--message", "one"],
+    ):
+        subprocess.run([git, *words], cwd=there, check=True)
+    (there / ".venv").mkdir()
+    (there / "forgotten").touch()
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "bin" / "make").write_text(MAKE)
+    (tmp_path / "bin" / "make").chmod(0o755)
+    return there
+
+
+def said(checkout: Path, **settings: str) -> list[str]:
+    """What `make` was told, and where."""
+    path = f"{checkout.parent / 'bin'}:{os.environ['PATH']}"
+    environment = {**os.environ, "PATH": path, "HOME": str(checkout.parent), **settings}
+    ran = subprocess.run(
+        [checkout / ".ci" / "run"], env=environment, check=True, capture_output=True, text=True,
+        cwd=checkout.parent,
+    )  # fmt: skip
+    return [line.rstrip() for line in ran.stdout.splitlines() if line.startswith("make")]
+
+
+CLEAN = "make test : .ci .git .gitignore"
+
+
+def test_a_checkout_is_tested_without_what_nobody_committed(checkout: Path) -> None:
+    assert said(checkout) == [CLEAN]
+
+
+def test_a_checkout_of_another_user(checkout: Path) -> None:
+    assert said(checkout, GIT_TEST_ASSUME_DIFFERENT_OWNER="1") == [CLEAN]
+
+
+def test_a_checkout_that_is_shallow_and_of_no_branch(checkout: Path, tmp_path: Path) -> None:
+    shallow = tmp_path / "shallow"
+    subprocess.run(["git", "clone", "--quiet", "--depth", "1", checkout.as_uri(), shallow], check=True)
+    subprocess.run(["git", "checkout", "--quiet", "--detach"], cwd=shallow, check=True)
+    assert said(shallow) == [CLEAN]
+
+
+def test_a_folder_without_a_repository_is_tested_as_it_is_but_for_what_was_built(checkout: Path) -> None:
+    shutil.rmtree(checkout / ".git")
+    assert said(checkout) == ["make test : .ci .gitignore forgotten"]
+
+
+def test_genuine_data_is_found_from_where_ci_was_started(checkout: Path) -> None:
+    told = said(checkout, DATA="skins")
+    assert told == [CLEAN, f"make test-real DATA={checkout.parent / 'skins'}{CLEAN[len('make test ') :]}"]

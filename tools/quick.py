@@ -23,16 +23,18 @@ BUDGET = 40.0
 
 
 def changed() -> set[Path]:
-    """Files that differ from where the branch left main, and new ones."""
-    base = _git("merge-base", "HEAD", "main") or ["HEAD"]
-    names = _git("diff", "--name-only", base[0]) + _git("ls-files", "--others", "--exclude-standard")
+    """Files that differ from where the branch left main, if there is one, and new ones."""
+    (base, *_) = _git("merge-base", "HEAD", "main" if _git("branch", "--list", "main") else "HEAD")
+    names = _git("diff", "--name-only", base) + _git("ls-files", "--others", "--exclude-standard")
     return {ROOT / name for name in names}
 
 
 def _git(*words: str) -> list[str]:
-    return subprocess.run(
-        ["git", *words], cwd=ROOT, capture_output=True, text=True, check=False
-    ).stdout.split()
+    """Lines that git prints. Where it knows nothing the program ends, rather than finding no change."""
+    told = subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=False)
+    if told.returncode:
+        sys.exit(f"make quick: git {words[0]}: {told.stderr.strip()}; valid: make test")
+    return told.stdout.splitlines()
 
 
 def imports(path: Path) -> set[str]:

@@ -42,6 +42,13 @@ def test_pictures_of_a_page_exist_and_have_words(page: Path) -> None:
         assert (DOCS / path).is_file(), path
 
 
+@pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md"])
+def test_links_of_the_first_pages_lead_somewhere(name: str) -> None:
+    links = set(re.findall(r"\]\((?!https?:)([^)#]+)", (DOCS.parent / name).read_text()))
+    assert [link for link in sorted(links) if not (DOCS.parent / link).exists()] == []
+    assert name != "README.md" or "CONTRIBUTING.md" in links
+
+
 def test_every_page_can_be_found() -> None:
     index = (DOCS / "index.md").read_text().splitlines()
     assert {page.stem for page in PAGES} - {"index"} <= set(index)

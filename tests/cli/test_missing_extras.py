@@ -28,7 +28,7 @@ ELSEWHERE = {
     "yarp:bindings": "conda install -c conda-forge yarp-python",
 }
 """What to do about libraries that are not on PyPI."""
-VIAS = {**ELSEWHERE, **{name: advice(name) for name in ("naoqi", "ros2", "rosbridge", "lcm", "zenoh")}}
+VIAS = {**ELSEWHERE, **{name: advice(name) for name in ("naoqi", "ros2", "rosbridge", "zenoh")}}
 WITH_VIA = (
     "demo nao --headless --via {}",
     "run withdrawal nao --via {}",
@@ -68,6 +68,8 @@ CASES = {
     **{words: advice(extra) for words, extra in ALONE.items()},
 }
 RECORD = "record one.mcap nao --duration 0.1"
+SERVE = "serve nao --via lcm --duration 0.1"
+"""LCM is spoken without its library."""
 GESTURE = f"time_s,{','.join(f'left_arm.{joint}_deg' for joint in JOINTS)}\n0,0,0,0,10,0\n1,0,0,0,20,0\n"
 URDF = (
     '<robot name="arm"><link name="a"><visual><geometry><mesh filename="a.dae"/></geometry></visual></link>'
@@ -84,7 +86,7 @@ def said(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[object, st
     (folder / "bag" / "metadata.yaml").touch()
     (folder / "arm.urdf").write_text(URDF)
     (folder / "a.dae").touch()
-    words = [RECORD, *CASES]
+    words = [RECORD, SERVE, *CASES]
     done = subprocess.run(
         [sys.executable, str(Path(__file__).with_name("bare.py")), ",".join(HIDDEN)],
         input=json.dumps([command.split() for command in words]), capture_output=True, text=True, check=False,
@@ -92,7 +94,8 @@ def said(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[object, st
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     found = dict(zip(words, json.loads(done.stdout), strict=True))
-    assert found[RECORD][0] == 0, found[RECORD]
+    for works in (RECORD, SERVE):
+        assert found[works][0] == 0, found[works]
     assert not (folder / "new.mcap").exists()
     return found
 

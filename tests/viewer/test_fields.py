@@ -9,6 +9,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from viser._viser import CameraHandle, _CameraHandleState
 
 from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.capabilities.fields import default_fields
@@ -53,3 +54,19 @@ def test_all_robots_are_in_a_picture_of_any_shape(aspect: float) -> None:
     up = 2.0 * away * np.tan(framing.angle(aspect) / 2.0)
     assert up > 1.05
     assert up * aspect > 1.35
+
+
+def test_a_window_that_is_folded_away_keeps_its_camera_and_does_not_end_the_others() -> None:
+    def looks(width: int, height: int) -> Any:
+        state = _CameraHandleState(
+            Mock(), np.zeros(4), np.zeros(3), 0.5, height, width, 0.1, 10.0, 0.1, 10.0, np.zeros(3),
+            np.zeros(3), 1.0, [],
+        )  # fmt: skip
+        client = Mock(camera=CameraHandle(Mock()))
+        client.camera._state = state
+        return client
+
+    clients = {0: looks(800, 0), 1: looks(0, 600), 2: looks(800, 600)}
+    framing = Framing(Mock(get_clients=lambda: clients), Mock(), width=1.35, height=1.05)
+    framing.update()
+    assert [client.camera.fov for client in clients.values()] == [0.5, 0.5, framing.angle(800 / 600)]

@@ -39,6 +39,8 @@ class Framing:
     def update(self) -> None:
         """Let every camera follow the shape of its window, and make room in narrow ones."""
         for number, client in self._server.get_clients().items():
+            if min(client.camera.image_width, client.camera.image_height) <= 0:
+                continue  # a window that is folded away has no shape
             client.camera.fov = self.angle(client.camera.aspect)
             if client.camera.image_width < NARROW and number not in self._folded:
                 self._folded.add(number)

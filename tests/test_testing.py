@@ -22,6 +22,11 @@ def test_a_touch_of_each_patch_is_one_contact_there(patch: str) -> None:
     assert contact.force == pytest.approx(1.0 if switch else 4.0, rel=0.1)
 
 
+@pytest.mark.parametrize("patch", [patch.name for patch in NAO.patches])
+def test_a_touch_without_force_is_none(patch: str) -> None:
+    assert perception(NAO, patch, force=0.0).contacts == ()
+
+
 def test_without_a_touch_nothing_is_felt() -> None:
     seen = perception("nao")
     assert seen.contacts == ()

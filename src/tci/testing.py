@@ -87,6 +87,8 @@ class TouchedRobot:
             raise CommandError(f"a touch of {force} N; valid: 0 or more, finite")
         surface, sensor = self.body.skin.surfaces[patch.name], patch.sensor
         pressed = _around(patch, surface, taxel)
+        if force == 0.0:
+            return
         counts = sensor.counts(np.array([force / surface.areas[pressed].sum()]))[0]
         values[normal_channels(patch, surface)[pressed]] += np.sign(sensor.pascal_per_count) * max(
             1.0, round(counts)

@@ -92,7 +92,8 @@ def test_a_gesture_without_a_reflex_needs_no_skin() -> None:
 def test_one_command_of_what_runs_inside_counts_as_a_tuple_of_one(name: str) -> None:
     capability = wrapped(Nod())[name]
     (begun,) = capability.begin(see())
-    assert begun == SwitchMode("head", Mode.POSITION)
+    assert isinstance(begun, SwitchMode)
+    assert begun.part == "head"
     commands, _ = capability.step(capability.init(), see())
     assert [command.part for command in commands if isinstance(command, GenericCommand)][:1] == ["head"]
 

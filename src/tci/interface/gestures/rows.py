@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tci.frames import Array
-from tci.model.xml.document import refuse
+from tci.model.xml.document import refuse, shown
 from tci.model.xml.values import NUMBER
 
 LARGEST = 64 << 20
@@ -32,8 +32,10 @@ def read_rows(source: str, lines: Sequence[str], begin: int, columns: int, *, ma
         if row.fullmatch(text):
             rows.append(text)
         elif not text.isspace():
-            count = len(text.split(mark))
-            raise refuse(source, line, f"{count} values; valid: {columns} numbers such as -12.5 or 1e-3")
+            values = text.removesuffix("\n").split(mark)
+            wrong = next((f", not {shown(value)}" for value in values if not re.fullmatch(NUMBER, value)), "")
+            valid = f"{columns} numbers such as -12.5 or 1e-3{wrong}"
+            raise refuse(source, line, f"{len(values)} values; valid: {valid}")
         if len(rows) > MOST:
             raise refuse(source, line, f"too large; valid: at most {MOST} rows")
     if not rows:

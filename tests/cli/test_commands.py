@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import json
 import re
 import sys
@@ -71,6 +72,14 @@ def test_help_shows_every_unit_and_default(name: str) -> None:
     words = " ".join(one.help.replace("\\[", "[") for one in COMMANDS[name].params if one.help)
     for told in re.findall(r"\[[^\]]+\]", words):
         assert told in shown
+
+
+@pytest.mark.parametrize("name", sorted(COMMANDS))
+def test_the_terminal_breaks_the_lines_of_help(name: str) -> None:
+    words = inspect.getdoc(COMMANDS[name].callback)
+    shown = CliRunner().invoke(app, [*name.split(), "--help"], env={"COLUMNS": "600"}).output
+    for paragraph in words.replace("\\[", "[").split("\n\n"):
+        assert paragraph.replace("\n", " ") in shown
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
 import json
+import re
 import signal
 import sys
 from typing import Annotated, Any
@@ -35,6 +37,19 @@ app.add_typer(fault_app, name="fault")
 app.add_typer(gesture_app, name="gesture")
 app.add_typer(log_app, name="log")
 app.add_typer(zenoh_app, name="zenoh")
+
+
+def _flow(commands: typer.Typer) -> None:
+    """Leave it to the terminal where lines of help are broken: Typer would keep the breaks of the source."""
+    for command in commands.registered_commands:
+        words = inspect.getdoc(command.callback) or ""
+        command.help = re.sub(r"(?<!\n)\n(?!\n)", " ", words)
+    for group in commands.registered_groups:
+        if group.typer_instance is not None:
+            _flow(group.typer_instance)
+
+
+_flow(app)
 
 
 def _print_version(asked: bool) -> None:

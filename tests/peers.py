@@ -42,7 +42,12 @@ def needs_program(name: str, package: str) -> str:
 
 def peer_python(name: str) -> str:
     """The Python of a peer with its own environment; where there is none, the test is named as not run."""
-    path = ROOT / ".peers" / name / "bin" / "python"
+    return peer_program(name, "python")
+
+
+def peer_program(name: str, program: str) -> str:
+    """A program in a peer's environment; where there is none, the test is named as not run."""
+    path = ROOT / ".peers" / name / "bin" / program
     if not path.exists():
         pytest.skip(f"did not run: needs .peers/{name}; to get it: python3 tools/peers.py")
     return str(path)

@@ -75,22 +75,25 @@ def install_python(lock: Path) -> None:
 
 
 def install_node(lock: Path) -> None:
-    """The packages of npm's lock file in a folder of their own, unless they are there already."""
+    """The packages of npm's lock file in a folder of their own, unless they are there already.
+
+    npm and node come from PyPI, since Debian's npm brings some 400 packages.
+    """
     folder = ROOT / ".peers" / lock.parent.name
     stamp = folder / "installed"
     state = hashlib.sha256(lock.read_bytes()).hexdigest()
     if stamp.exists() and stamp.read_text() == state:
         return
-    npm = shutil.which("npm")
-    if npm is None:
-        print(f"peer not installed: {lock.parent.name}; it needs npm and node")
-        return
     print(f"installing {lock.relative_to(ROOT)} into {folder.relative_to(ROOT)}", flush=True)
     folder.mkdir(parents=True, exist_ok=True)
     for file in (lock, lock.with_name("package.json")):
         shutil.copy(file, folder)
-    command = [npm, "ci", "--ignore-scripts", "--no-audit", "--no-fund", "--silent"]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    node = ROOT / ".peers" / "node" / "bin"
+    command = [str(node / "npm"), "ci", "--ignore-scripts", "--no-audit", "--no-fund", "--silent"]
+    paths = os.pathsep.join((str(node), os.environ["PATH"]))
+    done = subprocess.run(
+        command, cwd=folder, env={**os.environ, "PATH": paths}, capture_output=True, text=True, check=False
+    )
     if done.returncode:
         raise SystemExit(f"can't install {lock.relative_to(ROOT)}:\n{done.stdout}{done.stderr}")
     stamp.write_text(state)

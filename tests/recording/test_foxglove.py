@@ -6,13 +6,13 @@ import json
 import subprocess
 from pathlib import Path
 
-from peers import needs_program, node_packages
+from peers import node_packages, peer_program
 from recording.recorded import record_poke
 from tci.recording.recording import Recording
 
 
 def test_foxglove_s_own_packages_read_every_message(tmp_path: Path) -> None:
-    node, packages = needs_program("node", "nodejs"), node_packages("foxglove")
+    node, packages = peer_program("node", "node"), node_packages("foxglove")
     path = tmp_path / "poke.mcap"
     ticks = record_poke(path)
     command = [node, str(Path(__file__).with_name("foxglove.js")), packages, str(path)]

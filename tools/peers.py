@@ -77,7 +77,7 @@ def install_python(lock: Path) -> None:
 def install_node(lock: Path) -> None:
     """The packages of npm's lock file in a folder of their own, unless they are there already.
 
-    npm and node come from PyPI, since Debian's npm brings some 400 packages.
+    npm and node come from PyPI, since Debian's npm brings more than 300 packages.
     """
     folder = ROOT / ".peers" / lock.parent.name
     stamp = folder / "installed"

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
 import shutil
 import subprocess
 from functools import cache
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -59,6 +61,16 @@ def node_packages(name: str) -> str:
     if not (folder / "installed").exists():
         pytest.skip(f"did not run: needs .peers/{name}; to get it: python3 tools/peers.py")
     return str(folder)
+
+
+def needs_pinocchio() -> ModuleType:
+    """Pinocchio; without the system's OpenMP the whole file, or test, is named as not run."""
+    try:
+        return importlib.import_module("pinocchio")
+    except ImportError as error:
+        pytest.skip(
+            f"did not run: {error}; to get it, as root: apt-get install libgomp1", allow_module_level=True
+        )
 
 
 @cache

@@ -12,6 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from peers import needs_pinocchio
+
 BENCH = Path(__file__).parents[1] / "tools" / "bench"
 
 
@@ -43,6 +45,7 @@ def test_the_kernel_in_c_and_ours_are_the_same(bench: None, taxels: int, fields:
 
 
 def test_every_case_is_there(bench: None) -> None:
+    needs_pinocchio()
     cases = runpy.run_path(str(BENCH / "__main__.py"), run_name="cases")["CASES"]
     for place in cases.values():
         module, function = place.split(":")

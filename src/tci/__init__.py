@@ -6,6 +6,7 @@ The names below are all a program needs; each is loaded when it is first used, s
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -90,3 +91,9 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted([*_HOME, "__version__"])
+
+
+if "gymnasium" in sys.modules:  # importing it here would cost every program 0.3 s
+    from tci.trials.registration import register as _register
+
+    _register()

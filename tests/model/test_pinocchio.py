@@ -6,13 +6,14 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-import pinocchio
 import pytest
 
 from model.moving import ENDS, random_postures, robot_and_kinematics
+from peers import needs_pinocchio
 from tci.model.gravity import STANDARD_GRAVITY, Gravity
 from tci.model.urdf import TORSO, to_urdf
 
+pinocchio = needs_pinocchio()
 COUNT = 1000
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pinocchio
 import pytest
 
+from peers import needs_pinocchio
 from tci.errors import DescriptionError
 from tci.frames import invert, transform
 from tci.middleware.query import query
@@ -17,6 +17,8 @@ from tci.model.kinematics import Kinematics
 from tci.model.shoulder import turn
 from tci.model.tree import links_of
 from tci.model.urdf import TORSO, to_urdf
+
+pinocchio = needs_pinocchio()
 
 MJCF = """
 <mujoco><compiler angle="radian"/><worldbody>

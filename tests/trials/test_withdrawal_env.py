@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Callable
 
 import gymnasium
@@ -12,7 +14,8 @@ from gymnasium.utils.env_checker import check_env
 from tci.capabilities.fields import default_fields
 from tci.errors import TciError
 from tci.interface.skin.generic_limb import generic_limb_distance
-from tci.trials.withdrawal_env import CONTACTS, NAME, WithdrawalEnv
+from tci.trials.registration import NAME
+from tci.trials.withdrawal_env import CONTACTS, WithdrawalEnv
 
 
 @pytest.mark.filterwarnings("ignore:.*Box observation space.*:UserWarning")
@@ -31,6 +34,14 @@ def test_passes_the_checker(options: dict[str, object]) -> None:
     env = gymnasium.make(NAME, duration=0.2, render_mode="rgb_array", **options)
     check_env(env.unwrapped, skip_render_check=False)
     env.close()
+
+
+def test_its_name_is_known_after_import_tci() -> None:
+    program = (
+        "import gymnasium, sys, tci; gymnasium.spec('tci/Withdrawal-v0'); print('mujoco' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"
 
 
 @pytest.mark.parametrize("mode", ["sync", "async"])

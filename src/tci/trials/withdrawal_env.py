@@ -25,13 +25,12 @@ from tci.model.generic_arm import SEGMENTS
 from tci.simulation.camera import look_at
 from tci.simulation.portrait import Portrait, keep_moment
 from tci.simulation.world import World
+from tci.trials.registration import register
 
 with needs("the environment tci/Withdrawal-v0", "gym"):
     import gymnasium
     from gymnasium import spaces
 
-NAME = "tci/Withdrawal-v0"
-"""Its name once this module is imported: `gymnasium.make("tci.trials.withdrawal_env:tci/Withdrawal-v0")`."""
 CONTACTS = 4
 """Contacts that an observation holds, the strongest first."""
 CONTACT = 7
@@ -271,5 +270,4 @@ def generic_limits(robot: Robot, part: GenericPart) -> tuple[Array, Array]:
     return low, high
 
 
-if NAME not in gymnasium.registry:
-    gymnasium.register(id=NAME, entry_point=f"{__name__}:WithdrawalEnv")
+register()

@@ -1,4 +1,4 @@
-"""The wheel installs elsewhere and runs the demo: NAO alone, without the icub extra. The sdist makes the same."""
+"""The wheel installs elsewhere and runs the demo: NAO alone, without the icub extra; the sdist makes it too."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The wheel installs elsewhere and runs the demo: NAO alone, without the icub extra; the sdist makes it too."""
+"""The wheel installs elsewhere and runs the demo with NAO, without the icub extra; the sdist makes it too."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from interface.closed_loop import ClosedLoop
+from interface.closed_loop import LIES, ClosedLoop
 from interface.gate_checks import LIMITS, make_robot
 from interface.plant import Plant
 from tci.frames import read_only
@@ -158,6 +158,22 @@ def test_a_stop_because_of_a_lie_ends_braking_too() -> None:
         true = elbow.joints()
         elbow.push(-1.5, replace(true, position=last.position, velocity=last.velocity))
     assert elbow.torques[-1] == 0.0
+
+
+@pytest.mark.parametrize("torque", [-1.5, 1.5, -20.0, 20.0])
+def test_a_velocity_that_stays_at_zero_does_not_let_a_joint_run_away(torque: float) -> None:
+    """It is all that brakes a joint in torque mode."""
+    elbow = Elbow()
+    fastest = 0.0
+    for _ in range(1500):
+        true = elbow.joints()
+        safe = elbow.push(torque, replace(true, velocity=read_only(np.zeros(len(ICUB.servos)))))
+        fastest = max(fastest, abs(elbow.speed))
+    assert safe.state is GateState.STOP
+    assert "the angle of l_elbow is" in safe.reason
+    assert "from where its velocity leads" in safe.reason
+    assert elbow.torques[-1] == 0.0
+    assert fastest <= LIES * ELBOW.limits.velocity
 
 
 def test_a_stop_for_another_reason_still_sees_a_lie_that_comes_later() -> None:

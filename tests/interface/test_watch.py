@@ -35,8 +35,8 @@ def turning(time: float) -> Array:
 def readings(measured: Positions, *, duration: float = 2.0) -> Iterator[JointReading]:
     for index in range(round(duration / PERIOD)):
         time = index * PERIOD
-        position = read_only(measured(time))
-        yield JointReading(time, index, position, read_only(np.zeros(6)))
+        velocity = (measured(time + 1e-6) - measured(time - 1e-6)) / 2e-6
+        yield JointReading(time, index, read_only(measured(time)), read_only(velocity))
 
 
 def reference(told: Positions, time: float, mode: Mode = Mode.POSITION) -> Reference:

@@ -71,6 +71,78 @@ def test_it_finds_what_numpy_finds(seed: int) -> None:
     assert len(found) > 1
 
 
+TOLD = np.array([*SETTINGS, 0.5, 0.3])
+LIMITS = np.array([[2.0] * 6, [10.0] * 6])
+Readings = tuple[Array, Array, Array, Array]
+"""Angles now and before [rad], speeds now and before [rad/s]."""
+
+
+def velocity_oracle(
+    judged: Array, loose: Array, readings: Readings, torque: Array, stamp: float, elapsed: float,
+    memory: Array,
+) -> tuple[int, int]:  # fmt: skip
+    """What was found and where, for servos that are all under command."""
+    following, lag, _, _, least, _, travel, forgets, push = TOLD
+    now, before, speed, speed_before = readings
+    mean, change = 0.5 * (speed + speed_before), now - before
+    known = ~judged & np.isfinite(mean) & (elapsed <= at.SELDOM)
+    moves = (np.abs(speed) > least) | (loose & (np.abs(change) / elapsed > least))
+    drift = max(1.0 - elapsed / forgets, 0.0) * memory[at.DRIFT]
+    memory[at.DRIFT] = np.where(known, drift + np.where(moves, mean * elapsed - change, 0.0), 0.0)
+    drift = np.abs(memory[at.DRIFT])
+    with np.errstate(invalid="ignore"):
+        far = drift > following + lag * np.abs(speed)
+    if far.any():
+        return at.DISAGREES, int(np.argmax(np.where(far, drift, -1.0)))
+    pressed = loose & (now == before) & (speed == speed_before)
+    memory[at.WEAKEST] = np.where(pressed, np.minimum(memory[at.WEAKEST], torque), np.inf)
+    memory[at.STRONGEST] = np.where(pressed, np.maximum(memory[at.STRONGEST], torque), -np.inf)
+    share = (memory[at.STRONGEST] - memory[at.WEAKEST]) / LIMITS[at.TORQUE_LIMIT]
+    lasted = since(memory[at.PUSHED_SINCE], pressed & (share > push), stamp)
+    lasted = np.where(np.isfinite(lasted), lasted, 0.0)
+    way = 0.5 * np.where(lasted > 0.0, share, 0.0) * LIMITS[at.ACCELERATION] * lasted**2
+    return (at.DEAF, int(np.argmax(way))) if (way > travel).any() else (at.FOLLOWS, -1)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_it_finds_what_numpy_finds_of_velocities(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    n = 6
+    judged = random.random(n) < 0.2
+    loose = ~judged & (random.random(n) < 0.7)
+    fresh = np.array([np.zeros(n), np.full(n, np.inf), np.full(n, -np.inf), np.full(n, np.inf)])
+    memories, found, stamp = [fresh.copy() for _ in range(3)], set(), 0.0
+    measured = speed = torque = true = np.zeros(n)
+    sensed = told = np.ones(n)
+    for k in range(1, 600):
+        if k % 15 == 0:
+            true = random.choice([0.0, 0.04, 0.5, -0.5, 2.0], n)
+            sensed = random.choice([1.0, 1.0, 0.0, -1.0], n)
+            told = random.choice([1.0, 1.0, 1.0, 0.0, np.nan], n)
+        if k % 4 == 0:
+            torque = random.uniform(-2.0, 2.0, n)
+        elapsed = float(random.choice([0.01, 0.012, 0.03], p=[0.7, 0.28, 0.02]))
+        stamp += elapsed
+        before, measured = measured, measured + elapsed * sensed * true
+        speed_before, speed = speed, told * true
+        readings = measured, before, speed, speed_before
+        wanted = velocity_oracle(judged, loose, readings, torque, stamp, elapsed, memories[0])
+        seen = (np.arange(n), judged, loose, *readings, torque, LIMITS, TOLD, stamp, elapsed)
+        worst, plain = np.zeros(2), np.zeros(2)
+        got = at.judge_velocity(*seen, memories[1], worst)
+        in_python = at.judge_velocity.py_func(*seen, memories[2], plain)
+        assert got == in_python == wanted[0], k
+        for memory in memories[1:]:
+            np.testing.assert_allclose(memory, memories[0], rtol=1e-12, atol=1e-15)
+        if got != at.FOLLOWS:
+            assert worst[0] == plain[0] == wanted[1]
+            for memory in memories:
+                memory[:] = fresh
+        found.add(got)
+    assert at.DISAGREES in found
+    assert at.FOLLOWS in found
+
+
 def test_the_largest_change_is_numpy_s() -> None:
     random = np.random.default_rng(1)
     for count in (0, 1, 7):

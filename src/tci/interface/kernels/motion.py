@@ -141,10 +141,12 @@ def judge_velocity(
         mean = 0.5 * (speed + velocity_before[servo])
         if not judged[k] and abs(mean) < float("inf") and elapsed <= SELDOM:
             drift = keeps * memory[DRIFT, servo]
-            if abs(speed) > settings[LEAST_SPEED]:
+            # In torque mode nothing but its velocity brakes a joint: one that says too little counts too.
+            way = max(abs(speed) * elapsed, abs(change) if loose[k] else 0.0)
+            if way > settings[LEAST_SPEED] * elapsed:
                 drift += mean * elapsed - change
         memory[DRIFT, servo] = drift
-        allowed = settings[FOLLOWING_ERROR] + settings[LAG] * max(abs(speed), abs(change) / elapsed)
+        allowed = settings[FOLLOWING_ERROR] + settings[LAG] * abs(speed)
         if abs(drift) > max(allowed, worst[1]):
             found, worst[0], worst[1] = DISAGREES, k, abs(drift)
     if found != FOLLOWS:

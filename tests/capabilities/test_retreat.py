@@ -73,6 +73,36 @@ def test_of_two_touches_at_opposite_sides_none_is_answered() -> None:
     assert "press" in memory.refused["left_arm"]
 
 
+def test_many_touches_of_one_field_take_one_look() -> None:
+    room, looks = Room(dict.fromkeys(range(30), (-0.01,))), []
+
+    def counted(contacts: Sequence[Contact], part: str, target: Array, mode: Mode) -> Array:
+        looks.append(part)
+        return room.retreat(contacts, part, target, mode)
+
+    view = replace(seen(room, *touches(*range(30))), retreat=counted)
+    commands, memory = REFLEX.step(REFLEX.init(), view)
+    assert commands == ()
+    assert "press" in memory.refused["left_arm"]
+    assert len(looks) == 1
+
+
+def test_of_several_touches_one_must_get_away() -> None:
+    for away, given in ((0.02, True), (0.0, False)):
+        hard, light = *touches(1), *touches(2, force=2.0)
+        view = seen(Room({1: (0.0,), 2: (away,)}), hard, light)
+        commands, _ = REFLEX.step(REFLEX.init(), view)
+        assert bool(commands) is given
+
+
+def test_a_touch_that_flickers_for_long_is_not_remembered_for_long() -> None:
+    memory = REFLEX.init()
+    for one in range(300):
+        view = seen(Room({one: (0.01,)}), *touches(one), stamp=0.01 * one)
+        _, memory = REFLEX.step(memory, view)
+    assert len(memory["left_arm"].met) == 1
+
+
 def test_a_withdrawal_ends_where_it_meets_something_and_stays_there_until_nothing_touches() -> None:
     free, blocked = Room({1: (0.01, 0.02)}), Room({1: (0.01, 0.02), 2: (-0.01, -0.02)})
     memory, sent = REFLEX.init(), []

@@ -6,6 +6,8 @@ directions of its fields, and what the generic body is taken to look like, do no
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from tci.frames import Array
 from tci.messages import Mode, Perception
 
@@ -23,12 +25,12 @@ def why_not(
     target: Array,
     *,
     mode: Mode = Mode.POSITION,
-    answers: int | None = None,
+    answers: Sequence[int] = (),
 ) -> str:
     """Why a part must not go to generic angles `target` (n,) in a mode; empty when it may.
 
     Nowhere on the way may anything that the robot feels be pressed, whichever part it touches, and the
-    contact that it `answers`, by its place in `perception.contacts`, must get away.
+    contacts that it `answers`, by their places in `perception.contacts`, must not all stay.
     """
     inwards, across = perception.retreat(perception.contacts, part, target, mode)
     if not inwards.size:
@@ -38,14 +40,17 @@ def why_not(
     if deepest[worst] < -PRESSED:
         patch = perception.contacts[worst].patch
         return f"its motion would press {patch} {-deepest[worst] * 1e3:.2g} mm into what touches it"
-    if answers is None:
-        return ""
-    patch, way = perception.contacts[answers].patch, inwards[:, answers]
+    reasons = [_why_kept(perception.contacts[one].patch, inwards[:, one], across[:, one]) for one in answers]
+    return reasons[0] if reasons and all(reasons) else ""
+
+
+def _why_kept(patch: str, way: Array, across: Array) -> str:
+    """Why the point of a contact does not get away by a `way` (k,) [m]; empty when it does."""
     if way[-1] < LEAST:
         return (
             f"its motion would take {patch} {way[-1] * 1e3:.2g} mm away from what touches it; "
             f"valid: {LEAST * 1e3:g} mm"
         )
-    if (way < STEEP * across[:, answers]).any():
+    if (way < STEEP * across).any():
         return f"its motion would drag {patch} along what touches it"
     return ""

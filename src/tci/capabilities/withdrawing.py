@@ -62,7 +62,7 @@ class Withdrawal(Generic[F]):
     quiet: bool = False
     """Whether a step without an answer has come since."""
     met: frozenset[int] = frozenset()
-    """Identities of the contacts that it is known not to press."""
+    """Identities of the contacts that it is known not to press: those of the latest look."""
     ended: Array | None = None
     """Generic posture (n,) [rad] where something came into its way; None: nothing did."""
 
@@ -148,15 +148,20 @@ def told(
 def _begin(
     wishes: Sequence[Wish[F]], perception: Perception, part: str, mode: Mode
 ) -> tuple[Withdrawal[F] | None, str]:
-    """The strongest wish that leads away; why the strongest does not where none does."""
+    """The strongest wish of a motion that leads away; why the strongest does not where none does."""
     posture, first = perception.posture[part], ""
     if not np.isfinite(posture).all():
         return None, ""
     origin, now, met = frozen(posture.copy()), perception.stamp, _identities(perception)
+    ways: dict[tuple[float, ...], list[Wish[F]]] = {}
     # Names settle a draw, so that the order of contacts plays no part.
-    for field, gain, contact in sorted(wishes, key=lambda wish: (wish.gain, wish.field.name), reverse=True):
+    for wish in sorted(wishes, key=lambda wish: (wish.gain, wish.field.name), reverse=True):
+        ways.setdefault(wish.field.motion, []).append(wish)
+    for same in ways.values():  # one look for each, however many touches there are
+        field, gain, _ = same[0]
         begun = Withdrawal(field, origin, gain, now, now, met=met)
-        reason = why_not(perception, part, begun.target, mode=mode, answers=contact)
+        answers = [wish.contact for wish in same]
+        reason = why_not(perception, part, begun.target, mode=mode, answers=answers)
         if not reason:
             return begun, ""
         first = first or reason
@@ -172,7 +177,7 @@ def _meet(
         return withdrawal, reason
     if reason := why_not(perception, part, withdrawal.target, mode=mode):
         return replace(withdrawal, ended=frozen(perception.posture[part].copy())), reason
-    return replace(withdrawal, met=withdrawal.met | met), ""
+    return replace(withdrawal, met=met), ""
 
 
 def _identities(perception: Perception) -> frozenset[int]:

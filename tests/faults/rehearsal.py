@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -47,12 +48,14 @@ class Rehearsal:
     """A run with one fault: its ticks and its report."""
 
     def __init__(
-        self, link: SimulatedLink, name: str, *, lasts: float = math.inf, mode: Mode = Mode.POSITION
-    ) -> None:
+        self, link: SimulatedLink, name: str, *, lasts: float = math.inf, mode: Mode = Mode.POSITION,
+        behaviour: tci.Capability[Any] | None = None,
+    ) -> None:  # fmt: skip
         self.report = LoopReport()
         self.ticks: list[Tick] = []
         self.faulty = FaultyLink(link, [FaultPlan(name, AT, lasts)])
-        run(self.faulty, Sway(mode), duration=0.8, observe=self.ticks.append, report=self.report)
+        swayed = Sway(mode) if behaviour is None else behaviour
+        run(self.faulty, swayed, duration=0.8, observe=self.ticks.append, report=self.report)
         assert [plan.name for plan in self.faulty.begun] == [name]
         before = {tick.sent.state for tick in self.ticks if tick.now < AT - 1e-9}
         assert before == {GateState.RUN}, "it must be well before the fault"

@@ -5,12 +5,21 @@ There the measured motion need not be the commanded one. What readings say of th
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from faults.rehearsal import AT, Rehearsal
+from tci.capabilities.soft_reaction import SoftReaction
+from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.frames import read_only
 from tci.interface.gate.gate import GateState
-from tci.messages import Mode
+from tci.interface.skin.skin import Skin
+from tci.messages import Mode, Reading, SkinFrame
+from tci.middleware.injectors import INJECTORS
+from tci.middleware.injectors.injector import Injector
 from tci.middleware.simulated import SimulatedLink
 from tci.model.catalogue import load_robot
 from tci.simulation.world import World
@@ -80,6 +89,79 @@ def test_15_wrong_taxel_count(link: SimulatedLink, mode: Mode) -> None:
     done = Rehearsal(link, "wrong-taxel-count", mode=mode)
     assert 0.09 < done.stopped_after() < 0.15
     assert done.report.rejected == sum(tick.now >= AT - 1e-9 for tick in done.ticks)
+
+
+class AnotherRobot(Injector):
+    """What a NAO sends."""
+
+    number = 16
+    says = "joints and skin are another robot's"
+
+    def begin(self) -> None:
+        self.nao = SimulatedLink(load_robot("nao"))
+
+    def read(self, reading: Reading) -> Reading:
+        theirs = self.nao.read()
+        joints = replace(theirs.joints, stamp=reading.joints.stamp, sequence=reading.joints.sequence)
+        return Reading(joints, theirs.skin)
+
+    def end(self) -> None:
+        self.nao.close()
+
+
+def test_16_readings_of_another_robot(
+    link: SimulatedLink, mode: Mode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(INJECTORS, "another-robot", AnotherRobot)
+    done = Rehearsal(link, "another-robot", mode=mode)
+    assert 0.09 < done.stopped_after() < 0.15
+    assert done.report.rejected == sum(tick.now >= AT - 1e-9 for tick in done.ticks)
+    assert pushes_after(done, AT + END) == 0.0
+
+
+class Scattered(Injector):
+    """Taxels and their neighbours, pressed by something that TCI can't know of."""
+
+    number = 17
+    says = "thirty places are touched at once"
+
+    def begin(self) -> None:
+        skin, left = Skin(self.link.robot), 30
+        self.pressed: dict[str, NDArray[np.intp]] = {}
+        for patch in self.link.robot.patches:
+            surface = skin.surfaces[patch.name]
+            count = len(surface.channels)
+            near = np.eye(count, dtype=bool)
+            one, other = surface.neighbours.T
+            near[one, other] = near[other, one] = True
+            free, chosen = np.ones(count, dtype=bool), np.zeros(count, dtype=bool)
+            while left and free.any():
+                middle = near[np.flatnonzero(free)[0]]
+                chosen |= middle
+                around = near[middle].any(axis=0)
+                free &= ~near[around].any(axis=0)
+                left -= 1
+            self.pressed[patch.name] = surface.channels[chosen]
+
+    def frame(self, frame: SkinFrame) -> SkinFrame:
+        sensor = self.link.robot.patch(frame.patch).sensor
+        values = frame.values.astype(float)
+        values[self.pressed[frame.patch]] += 100.0 * np.sign(sensor.pascal_per_count)
+        return replace(frame, values=read_only(np.clip(values, sensor.lowest, sensor.highest)))
+
+
+def test_17_thirty_contacts_at_once(link: SimulatedLink, mode: Mode, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What reflex and soft reaction do then is bounded, and each arm has one answer."""
+    monkeypatch.setitem(INJECTORS, "scattered", Scattered)
+    behaviour = SoftReaction(mode=mode) if mode is Mode.TORQUE else WithdrawalReflex(mode=mode)
+    done = Rehearsal(link, "scattered", mode=mode, behaviour=behaviour)
+    assert max(len(tick.perception.contacts) for tick in done.ticks) >= 30
+    assert done.states == {GateState.RUN}
+    assert all(len(tick.commands) <= 2 for tick in done.ticks[1:])
+    torques = [servo.limits.torque or 0.0 for servo in link.robot.servos]
+    for tick in done.ticks:
+        assert np.isfinite(tick.sent.torque).all()
+        assert (np.abs(tick.sent.torque) <= np.take(torques, tick.sent.servos)).all()
 
 
 def test_19_wrong_direction(link: SimulatedLink, mode: Mode) -> None:

@@ -47,9 +47,13 @@ def test_the_first_step_continues_where_the_robot_was_measured() -> None:
     assert abs(safe.position[0] - -0.5) < LIMITS.jerk * PERIOD**3
 
 
-def test_position_is_clamped_reported_and_what_is_sent_is_the_clamped_value() -> None:
-    driven = Driven(make_robot(), ZERO)
-    safe = driven.step(position_command([3], [6.0]))
+ANGLES = pytest.mark.parametrize("mode", [Mode.POSITION, Mode.IMPEDANCE])
+
+
+@ANGLES
+def test_position_is_clamped_reported_and_what_is_sent_is_the_clamped_value(mode: Mode) -> None:
+    driven = Driven(make_robot(modes=(mode,)), ZERO)
+    safe = driven.step(dataclasses.replace(position_command([3], [6.0]), mode=mode))
     assert "joint3" in safe.clamped[0]
     assert "114.59" in safe.clamped[0]
     driven.settle()
@@ -98,9 +102,10 @@ def test_joints_join_a_motion_without_a_jump() -> None:
     driven.assert_within_limits()
 
 
-def test_start_outside_the_limits_moves_inward_only_and_slowly() -> None:
-    driven = Driven(make_robot(), [0, 0, 2.3, 0, 0, 0])
-    driven.step(position_command([2], [2.2]))
+@ANGLES
+def test_start_outside_the_limits_moves_inward_only_and_slowly(mode: Mode) -> None:
+    driven = Driven(make_robot(modes=(mode,)), [0, 0, 2.3, 0, 0, 0])
+    driven.step(dataclasses.replace(position_command([2], [2.2]), mode=mode))
     driven.settle()
     path = np.array(driven.path)[:, 2]
     assert np.all(np.diff(path) <= 1e-12)

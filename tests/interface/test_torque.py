@@ -176,6 +176,23 @@ def test_a_velocity_that_stays_at_zero_does_not_let_a_joint_run_away(torque: flo
     assert fastest <= LIES * ELBOW.limits.velocity
 
 
+@pytest.mark.parametrize("mass", [0.02, 0.05, 0.15, 1.0])
+def test_a_joint_that_is_lighter_than_its_limits_say_is_braked_without_being_thrown_about(
+    mass: float,
+) -> None:
+    """With all its torque it would turn round in each period."""
+    elbow = Elbow(mass=mass)
+    for _ in range(40):
+        elbow.push(0.3)
+    elbow.gate.stop("the operator says so")
+    begin = len(elbow.torques)
+    for _ in range(100):
+        elbow.push(0.3)
+    assert abs(elbow.speed) < 1e-3
+    late = elbow.torques[begin + 50 :]
+    assert np.abs(late).max() < 0.01 * ELBOW.limits.torque
+
+
 def test_a_stop_for_another_reason_still_sees_a_lie_that_comes_later() -> None:
     elbow = Elbow()
     last = elbow.until_braked(1.5)

@@ -26,6 +26,9 @@ BAND = 0.1
 SETTLE = 2.0
 """Speeds that could be taken away in this many times the delay are braked in proportion: with all its torque
 a servo that rests at a limit would tremble with the noise of its velocity. Ours."""
+CALMER, BOLDER, LEAST = 0.5, 1.5, 1.0 / 64.0
+"""Factors of the braking torque: after it has turned a joint round, and after it has not; and the least one.
+Assumed: a joint that is much lighter than its limits say would be thrown to and fro with all its torque."""
 FADE = float(np.deg2rad(2.0))
 """Distance [rad] before a limit over which a torque towards it fades out. Ours."""
 
@@ -51,6 +54,7 @@ class TorqueLimiter:
         self._share = speed_share
         self._wanted = np.zeros(len(robot.servos))
         self._sent = np.zeros(len(robot.servos))
+        self._calm, self._before = np.ones(len(robot.servos)), np.zeros(len(robot.servos))
         self._halts = False
         self.set_servos([])
 
@@ -63,7 +67,8 @@ class TorqueLimiter:
         """Which servos are in torque mode, all with their limits; a new one starts at zero torque."""
         index = np.array(sorted(servos), dtype=np.intp)
         fresh = [servo for servo in servos if servo not in getattr(self, "_servos", _NONE).index]
-        self._wanted[fresh] = self._sent[fresh] = 0.0
+        self._wanted[fresh] = self._sent[fresh] = self._before[fresh] = 0.0
+        self._calm[fresh] = 1.0
         limits = [self._robot.servos[servo].limits for servo in index]
         self._servos = _Servos(
             index=index,
@@ -117,9 +122,19 @@ class TorqueLimiter:
         before = self._sent[s.index]
         self._sent[s.index] = rising = trust * np.clip(wanted, before - rise, before + rise)
         wanted = rising * np.minimum(np.where(rising > 0.0, above, below) / FADE, 1.0)
-        against = trust * np.clip(v / slow, -1.0, 1.0) * s.torque
+        against = trust * self._calmed(v, braking) * np.clip(v / slow, -1.0, 1.0) * s.torque
         result: Array = (1.0 - braking) * wanted - braking * against
         return result
+
+    def _calmed(self, v: Array, braking: Array) -> Array:
+        """Share (k,) of the torque that brakes servos at speeds `v` (k,) [rad/s], by what it did to them."""
+        index = self._servos.index
+        before, share = self._before[index], self._calm[index]
+        turned = (v * before < 0.0) & (braking > 0.0)
+        told = np.where(turned, CALMER * share, BOLDER * share)
+        share = np.where(v == before, share, np.clip(told, LEAST, 1.0))
+        self._before[index], self._calm[index] = v, share
+        return share
 
 
 _NONE = _Servos(np.zeros(0, dtype=np.intp), *(np.zeros(0) for _ in range(5)))

@@ -39,7 +39,7 @@ SLOW = 0.02
 """Speed [rad/s] of a joint at rest."""
 HONEST = ("none", "repeated", "frozen", "late", "reordered", "errors", "spoilt", "calm")
 """Readings that are sound, or can be told from sound ones; `calm`: they are sound and the robot holds."""
-LYING = ("stale angle", "stuck", "mirrored", "deaf velocity")
+LYING = ("stale angle", "stuck", "mirrored")
 """Faults that look sound, under fresh stamps and numbers."""
 
 
@@ -233,8 +233,6 @@ class ClosedLoop(Attack):
             return replace(true, position=last.position)
         elif fault == "stuck":
             return replace(true, position=last.position, velocity=last.velocity)
-        elif fault == "deaf velocity":
-            return replace(true, velocity=read_only(np.zeros_like(true.velocity)))
         elif fault == "mirrored":
             return replace(true, position=read_only(2.0 * last.position - true.position))
         self._fresh = max(self._fresh, shown.stamp)

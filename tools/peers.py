@@ -89,11 +89,11 @@ def install_node(lock: Path) -> None:
     for file in (lock, lock.with_name("package.json")):
         shutil.copy(file, folder)
     node = ROOT / ".peers" / "node" / "bin"
-    command = [str(node / "npm"), "ci", "--ignore-scripts", "--no-audit", "--no-fund", "--silent"]
+    command = [str(node / "npm"), "ci", "--ignore-scripts", "--no-audit", "--no-fund", "--loglevel=error"]
     paths = os.pathsep.join((str(node), os.environ["PATH"]))
-    done = subprocess.run(
-        command, cwd=folder, env={**os.environ, "PATH": paths}, capture_output=True, text=True, check=False
-    )
+    # Node knows no certificates of the system's own else, as a network with a proxy needs them.
+    environment = {**os.environ, "PATH": paths, "NODE_OPTIONS": "--use-system-ca"}
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
     if done.returncode:
         raise SystemExit(f"can't install {lock.relative_to(ROOT)}:\n{done.stdout}{done.stderr}")
     stamp.write_text(state)

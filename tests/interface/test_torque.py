@@ -221,6 +221,23 @@ def test_a_reset_does_not_let_a_servo_start_where_frozen_data_says() -> None:
     assert safe.servos.tolist() == [2]
 
 
+def test_a_reset_does_not_let_a_reading_that_was_not_believed_count_as_new_later() -> None:
+    """It came first when nothing was believed, and comes again under fresh stamps since."""
+    elbow = Elbow()
+    last = elbow.until_braked(30.0)
+    jumped = replace(elbow.joints(), position=read_only(last.position - np.deg2rad(20.0)))
+    for _ in range(60):
+        safe = elbow.push(30.0, replace(jumped, stamp=elbow.now))
+    assert "jumped by 20.0 degrees" in safe.reason
+    elbow.gate.reset()
+    begin = len(elbow.torques)
+    for _ in range(20):
+        safe = elbow.push(30.0, replace(jumped, stamp=elbow.now))
+        assert safe.state is GateState.HOLD
+        assert "no new joint data for" in safe.reason
+    assert not np.any(elbow.torques[begin:])
+
+
 def test_ordinary_positions_hold_at_the_same_age_as_ever() -> None:
     gate = Gate(ROBOT, period=PERIOD, stale_after=0.05)
     joints = JointReading(1.0, 7, read_only(np.zeros(6)), read_only(np.zeros(6)))

@@ -19,27 +19,30 @@ SHARE = 0.1
 
 
 class Freshness:
-    """The age of the latest data that was new, on the gate's own clock. It has memory.
+    """The age of the latest data that was new and believed, on the gate's own clock. It has memory.
 
-    Data is new where its number and its stamp are: what repeats or comes in the wrong order is not.
+    Data is new where its number and its stamp are: what repeats or comes in the wrong order is not, also
+    where it was not believed when it came first.
     """
 
     def __init__(self, period: float) -> None:
         """`period` [s] of the control loop."""
         self._period = period
         self._usual = period
-        self._stamp = -math.inf
+        self._stamp = self._newest = -math.inf
         self._sequence: int | None = None
 
-    def see(self, joints: JointReading, now: float) -> bool:
-        """Whether usable data is new at time `now` [s]."""
-        if self.age(now) == math.inf:  # the first, or time went back
-            self._stamp = -math.inf
-        if joints.sequence == self._sequence or not self._stamp < joints.stamp:
+    def see(self, joints: JointReading, now: float, *, believed: bool = True) -> bool:
+        """Whether usable data is new at time `now` [s], and may be acted on."""
+        if now < self._newest - self._period:  # time went back
+            self._stamp = self._newest = -math.inf
+        if joints.sequence == self._sequence or not self._newest < joints.stamp:
             return False
-        self._usual += SHARE * (min(now - self._stamp, LONGEST) - self._usual)
-        self._stamp, self._sequence = min(joints.stamp, now), joints.sequence
-        return True
+        self._newest, self._sequence = min(joints.stamp, now), joints.sequence
+        if believed:
+            self._usual += SHARE * (min(now - self._stamp, LONGEST) - self._usual)
+            self._stamp = self._newest
+        return believed
 
     def age(self, now: float) -> float:
         """Age [s] of the data at time `now` [s]; infinite before there was any, where time went back by more

@@ -226,8 +226,7 @@ class Gate:
             watch = self._watch  # also while it is stopped: what brakes a joint must not believe a lie
             if watch is not None and (fault := watch.step(joints, self._told, self._pushed)):
                 self.stop(fault)
-            if watch is None or not watch.misled:
-                self._motion.see(joints, now)
+            self._motion.see(joints, now, believed=watch is None or not watch.misled)
             reason = self._motion.fault_of_age(now, self.stale_after)
         reason, self._held = reason or self._held, ""
         if self._stopped:

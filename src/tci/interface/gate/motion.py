@@ -121,9 +121,9 @@ class Motion:
         """Whether any servo is told to move now."""
         return any((np.abs(chain.limiter.state[1]) > STILL).any() for chain in self._chains.values())
 
-    def see(self, joints: JointReading, now: float) -> None:
-        """Where all servos were measured, and how fast they were, if that is new at `now` [s]."""
-        if not self._freshness.see(joints, now):
+    def see(self, joints: JointReading, now: float, *, believed: bool) -> None:
+        """Where all servos were measured, and how fast they were, if it is new at `now` [s] and believed."""
+        if not self._freshness.see(joints, now, believed=believed):
             return
         self._measured, self._velocity = joints.position, joints.velocity
         self._speed = self._speeds.step(joints)

@@ -346,6 +346,35 @@ def test_older_data_brakes_earlier_and_more_gently() -> None:
     assert late[0] == pytest.approx(-5.0 * 0.1 / (torque.SETTLE * 40.0 * 2 * PERIOD))
 
 
+@pytest.mark.parametrize("often", [1, 2, 10])
+def test_a_gate_that_is_stepped_too_often_raises_no_torque_faster(often: int) -> None:
+    elbow = Elbow(mass=100.0)
+    index, now, rise = np.array([ELBOW.index]), elbow.now, 30.0 * PERIOD / torque.RISE
+    for step in range(8 * often):
+        joints = replace(elbow.joints(), stamp=now + step * PERIOD / often)
+        order = PlatformCommand(Mode.TORQUE, index, np.array([15.0]), np.ones(1))
+        sent = float(elbow.gate.step(order, joints, joints.stamp).torque[0])
+        assert sent <= rise * (step // often + 1) + 1e-9, f"after {step / often:.1f} periods"
+    assert sent == 15.0
+    assert elbow.gate.step([], joints, math.nan).torque.tolist() == [0.0]
+
+
+def test_between_two_steps_torques_stay_and_end_with_the_trust_in_their_data() -> None:
+    made = limiter()
+    assert made.again(trust=1.0).tolist() == [0.0]
+    made.ask(np.array([2]), np.array([2.0]))
+    for _ in range(20):
+        made.step(*states(0.5, 0.0))
+    for trust, left in ((1.0, 2.0), (0.5, 1.0), (0.8, 1.0), (0.0, 0.0), (1.0, 0.0)):
+        assert made.again(trust=trust).tolist() == [left]
+    assert made.step(*states(0.5, 0.0)).tolist() == [5.0 * PERIOD / torque.RISE]
+    made.step(*states(0.5, 4.0))
+    assert made.again(trust=0.5).tolist() == [-2.5]
+    made.set_servos([])
+    made.set_servos([2])
+    assert made.again(trust=1.0).tolist() == [0.0]
+
+
 @pytest.mark.parametrize("angle", [2.0 + 1e-3, -1.0 - 1e-3])
 def test_24_from_outside_a_torque_leads_inward_slowly(angle: float) -> None:
     inward = -np.sign(angle)

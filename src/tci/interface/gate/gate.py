@@ -185,10 +185,11 @@ class Gate:
             except CommandError as error:
                 refusals.append(str(error))
         self._tally.refusals += len(refusals)
-        if self._is_due(now):
+        due = self._is_due(now)
+        if due:
             clamped += self._motion.step(now)
         told = self._told = self._motion.reference
-        self._pushed = self._motion.torques(now)
+        self._pushed = self._motion.torques(now, due=due)
         self._issued = SafeCommand(
             seal=self._seal,
             stamp=now,

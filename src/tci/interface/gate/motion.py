@@ -190,17 +190,20 @@ class Motion:
         self._tally.near_misses += len(near)
         return near
 
-    def torques(self, now: float) -> Array:
-        """Torque (k,) [N m] of each servo of `reference` at `now` [s]; 0 for those in another mode."""
+    def torques(self, now: float, *, due: bool) -> Array:
+        """Torque (k,) [N m] of each servo of `reference` at `now` [s]; 0 for those in another mode. Where no
+        step is `due` they stay, and end with the trust in their data."""
         if not self._torque.servos.size:
             if len(self._none) != (others := len(self.reference.servos)):
                 self._none = frozen(np.zeros(others))
             return self._none
         others = sum(len(chain.servos) for chain in self._chains.values())
         age = self._freshness.age(now)
-        torque = self._torque.step(
-            self._measured, self._velocity, age=min(age, 1.0), trust=self._freshness.trust(age)
-        )
+        trust = self._freshness.trust(age)
+        if due:
+            torque = self._torque.step(self._measured, self._velocity, age=min(age, 1.0), trust=trust)
+        else:
+            torque = self._torque.again(trust=trust)
         return frozen(np.concatenate([np.zeros(others), torque]))
 
     def _push(self, command: PlatformCommand) -> list[str]:

@@ -54,6 +54,7 @@ class TorqueLimiter:
         self._share = speed_share
         self._wanted = np.zeros(len(robot.servos))
         self._sent = np.zeros(len(robot.servos))
+        self._given, self._trust = np.zeros(len(robot.servos)), 0.0
         self._calm, self._before = np.ones(len(robot.servos)), np.zeros(len(robot.servos))
         self._halts = False
         self.set_servos([])
@@ -67,7 +68,7 @@ class TorqueLimiter:
         """Which servos are in torque mode, all with their limits; a new one starts at zero torque."""
         index = np.array(sorted(servos), dtype=np.intp)
         fresh = [servo for servo in servos if servo not in getattr(self, "_servos", _NONE).index]
-        self._wanted[fresh] = self._sent[fresh] = self._before[fresh] = 0.0
+        self._wanted[fresh] = self._sent[fresh] = self._given[fresh] = self._before[fresh] = 0.0
         self._calm[fresh] = 1.0
         limits = [self._robot.servos[servo].limits for servo in index]
         self._servos = _Servos(
@@ -96,6 +97,7 @@ class TorqueLimiter:
 
     def step(self, position: Array, velocity: Array, *, age: float = 0.0, trust: float = 1.0) -> Array:
         """Torques (k,) [N m] to send now, from `position` and `velocity` (n_servos,) measured `age` [s] ago.
+        Call it once per period.
 
         At rest far from limits it is what was asked for, which rises within RISE. A servo that is faster
         than it could stop before its limit, by what it may accelerate, is braked at once with up to its
@@ -123,8 +125,18 @@ class TorqueLimiter:
         self._sent[s.index] = rising = trust * np.clip(wanted, before - rise, before + rise)
         wanted = rising * np.minimum(np.where(rising > 0.0, above, below) / FADE, 1.0)
         against = trust * self._calmed(v, braking) * np.clip(v / slow, -1.0, 1.0) * s.torque
-        result: Array = (1.0 - braking) * wanted - braking * against
+        self._given[s.index] = result = (1.0 - braking) * wanted - braking * against
+        self._trust = trust
         return result
+
+    def again(self, *, trust: float) -> Array:
+        """Torques (k,) [N m] of the last step, within a period from it; less where `trust` (0..1) is less."""
+        index = self._servos.index
+        if trust < self._trust:
+            self._sent[index] *= trust / self._trust
+            self._given[index] *= trust / self._trust
+            self._trust = trust
+        return self._given[index]
 
     def _calmed(self, v: Array, braking: Array) -> Array:
         """Share (k,) of the torque that brakes servos at speeds `v` (k,) [rad/s], by what it did to them."""

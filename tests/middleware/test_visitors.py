@@ -297,11 +297,12 @@ def test_a_librarys_connections_are_told_apart_by_what_came() -> None:
 
 def test_a_look_at_a_socket_leaves_it_as_it_was() -> None:
     """A handle of Python's would make it non-blocking where a default time-out is set, as rospy does."""
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        before = socket.getdefaulttimeout()
-        socket.setdefaulttimeout(20.0)
-        try:
+    before = socket.getdefaulttimeout()  # of an earlier test's rospy, perhaps
+    try:
+        socket.setdefaulttimeout(None)
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            socket.setdefaulttimeout(20.0)
             assert server.getsockname()[1] in listening()
             assert os.get_blocking(server.fileno())
-        finally:
-            socket.setdefaulttimeout(before)
+    finally:
+        socket.setdefaulttimeout(before)

@@ -44,6 +44,16 @@ def page(viewer: Viewer) -> Iterator[Page]:
         yield page
 
 
+def poke_everywhere(viewer: Viewer, page: Page, wanted: bool) -> None:
+    """Ticks the box "same place on every robot", or unticks it."""
+    box = page.get_by_label("same place on every robot")
+    if box.is_checked() != wanted:
+        box.click()
+    wait_for(
+        lambda: viewer._everywhere is not None and viewer._everywhere.value is wanted, f"the box is {wanted}"
+    )
+
+
 def test_the_page_says_how_the_robots_are(page: Page) -> None:
     for title in ("NAO", "iCub"):
         page.get_by_text(title, exact=True).first.wait_for()
@@ -71,10 +81,7 @@ def test_a_click_on_the_skin_is_answered_on_the_server_and_in_the_page(
 ) -> None:
     session = viewer.sessions[name]
     others = [other.pokes for key, other in viewer.sessions.items() if key != name]
-    alone = page.get_by_label("same place on every robot")
-    if alone.is_checked():
-        alone.click()
-    wait_for(lambda: viewer._everywhere is not None and not viewer._everywhere.value, "the box is unticked")
+    poke_everywhere(viewer, page, False)
     view = session.view
     assert view is not None
     start, pokes = view.posture["left_arm"], session.pokes
@@ -94,8 +101,7 @@ def test_a_click_on_the_skin_is_answered_on_the_server_and_in_the_page(
 
 
 def test_the_same_place_is_poked_on_every_robot(viewer: Viewer, page: Page) -> None:
-    page.get_by_label("same place on every robot").click()
-    wait_for(lambda: viewer._everywhere is not None and viewer._everywhere.value, "the box is ticked")
+    poke_everywhere(viewer, page, True)
     before = [session.pokes for session in viewer.sessions.values()]
     x, y, _ = skin_on_screen(viewer, "nao", "left_forearm", canvas_of(page))
     page.mouse.click(x, y)

@@ -15,6 +15,7 @@ from tci.cli.demo import demo
 from tci.errors import TciError
 from tci.installed import advice
 from tci.model.generic_arm import JOINTS
+from tci.runtime.registry import link_names
 
 ROOT = Path(__file__).parents[2]
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
@@ -70,6 +71,7 @@ CASES = {
 RECORD = "record one.mcap nao --duration 0.1"
 SERVE = "serve nao --via lcm --duration 0.1"
 """LCM is spoken without its library."""
+DOCTOR = "doctor --json"
 GESTURE = f"time_s,{','.join(f'left_arm.{joint}_deg' for joint in JOINTS)}\n0,0,0,0,10,0\n1,0,0,0,20,0\n"
 URDF = (
     '<robot name="arm"><link name="a"><visual><geometry><mesh filename="a.dae"/></geometry></visual></link>'
@@ -86,7 +88,7 @@ def said(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[object, st
     (folder / "bag" / "metadata.yaml").touch()
     (folder / "arm.urdf").write_text(URDF)
     (folder / "a.dae").touch()
-    words = [RECORD, SERVE, *CASES]
+    words = [RECORD, SERVE, DOCTOR, *CASES]
     done = subprocess.run(
         [sys.executable, str(Path(__file__).with_name("bare.py")), ",".join(HIDDEN)],
         input=json.dumps([command.split() for command in words]), capture_output=True, text=True, check=False,
@@ -112,6 +114,15 @@ def test_it_ends_with_what_to_install(words: str, said: dict[str, tuple[object, 
     assert CASES[words] in text
     assert text.count("needs ") == 1
     assert "building the worlds" not in text
+
+
+def test_the_doctor_tells_every_link_that_lacks_its_library(said: dict[str, tuple[object, str]]) -> None:
+    found = {each["subject"]: each for each in json.loads(said[DOCTOR][1])["findings"]}
+    lacking = {name for name in link_names() if found[f"link {name}"]["level"] != "ok"}
+    assert lacking == {"naoqi", "ros1", "ros2", "rosbridge", "zenoh"}
+    for name in lacking:
+        assert found[f"link {name}"]["level"] == "note"
+        assert VIAS[name] in found[f"link {name}"]["advice"]
 
 
 @pytest.mark.parametrize(

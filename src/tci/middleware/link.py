@@ -73,6 +73,14 @@ class Link(ABC):
         """Let go of the robot and of every resource."""
 
     @classmethod
+    def load_library(cls) -> None:
+        """Loads what its module itself does not: what is there only beside some Pythons.
+
+        Raises MissingExtraError.
+        """
+        return
+
+    @classmethod
     def probe(cls, robot: Robot, address: str) -> tuple[Finding, ...]:
         """What can be reached at `address` without a link, step by step: for users whose connection fails.
 

@@ -46,6 +46,8 @@ BUFFER = 1 << 20
 """Bytes that a subscriber takes at once, so that the newest of a flood is found. Ours."""
 MASTER = "http://localhost:11311"
 """The master where ROS_MASTER_URI does not say another."""
+NEEDED = ("rospy", "sensor_msgs.msg", "trajectory_msgs.msg")
+"""Modules of ROS 1; rospy brings the other messages."""
 NAMES = ("ROS_IP", "ROS_HOSTNAME")
 """Variables that name this machine to others."""
 FLUSH, SENT = 0.2, 0.005
@@ -54,16 +56,17 @@ on the wire. Ours."""
 
 
 def _rospy() -> Any:
-    """The module. Raises MissingExtraError where ROS 1 is not installed."""
+    """The module, once all that is needed beside it is there too. Raises MissingExtraError."""
     if find_spec("rospy") is None:
         for place in PLACES:
             if Path(place, "rospy").is_dir():
                 sys.path.append(place)  # at the end: nothing of ours is replaced
                 break
     try:
-        return import_module("rospy")
+        found, *_ = map(import_module, NEEDED)
     except ModuleNotFoundError as error:
         raise MissingExtraError("the link 'ros1'", str(error.name), HOW) from error
+    return found
 
 
 class Ros1Node(RosNode):
@@ -186,6 +189,10 @@ class _Brief(Transport):
 class Ros1Link(RosLink):
     """A link to a robot in ROS 1."""
 
+    @classmethod
+    def load_library(cls) -> None:
+        _rospy()
+
     def __init__(self, robot: Robot, address: str = "", *, arm: bool = False, wait: float = WAIT) -> None:
         """`address` is the robot's namespace. Raises LinkError when no joints come within `wait` [s]."""
         namespace = namespace_of(address)
@@ -223,15 +230,11 @@ def _type(kind: MessageType) -> Any:
 
 @cache
 def _installed(type_: str) -> Any:
-    """A class of an installed package. Raises LinkError where that is not there."""
+    """A class of an installed package."""
     package, _, name = type_.partition("/")
     if package == "builtin_interfaces":
         return getattr(import_module("genpy"), name)
-    try:
-        return getattr(import_module(f"{package}.msg"), name)
-    except ModuleNotFoundError as error:
-        debian = f"python3-{package.replace('_', '-')}"
-        raise LinkError(f"this ROS 1 lacks {package}; on Debian: apt-get install {debian}") from error
+    return getattr(import_module(f"{package}.msg"), name)
 
 
 @cache

@@ -50,7 +50,7 @@ def _links() -> Iterator[Finding]:
 def _link(name: str) -> Finding:
     subject = f"link {name}"
     try:
-        load_link(name)
+        load_link(name).load_library()
     except MissingExtraError as error:
         return Finding(Level.NOTE, subject, f"not installed: it needs {error.missing}", error.advice)
     except Exception as error:

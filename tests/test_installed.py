@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
 import sys
 import tomllib
 from importlib.metadata import EntryPoint, PathDistribution
 from pathlib import Path
-from unittest.mock import Mock
 
 import pytest
 
 from tci import installed
-from tci.cli import main
 from tci.errors import MissingExtraError
 from tci.installed import advice, needs, own_distribution
 
@@ -88,8 +88,17 @@ def test_a_module_of_tci_that_is_missing_is_a_bug(monkeypatch: pytest.MonkeyPatc
         import tci.clock  # noqa: F401
 
 
+@pytest.mark.parametrize(
+    ("program", "first"),
+    [
+        ("import tci; tci.connect", "tci.errors.ClashError: "),
+        ("from tci.simulation.world import World", "tci.errors.ClashError: "),
+        ("import sys; sys.argv = ['tci', 'describe', 'nao']; from tci.cli.main import main; main()", "tci: "),
+    ],
+    ids=["program", "module", "command"],
+)
 def test_a_library_that_another_release_broke_is_told_with_the_cure(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    program: str, first: str, tmp_path: Path
 ) -> None:
     """mujoco-core 4 over MuJoCo 3: `import mujoco` loads a plugin of 3, whose library it does not have."""
     for name, version in (("mujoco", "3.17.0"), ("mujoco-core", "4.0.1")):
@@ -97,14 +106,21 @@ def test_a_library_that_another_release_broke_is_told_with_the_cure(
         folder.mkdir()
         (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n")
         (folder / "top_level.txt").write_text("mujoco\n")
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(sys, "argv", ["tci", "robots"])
-    monkeypatch.setattr(main, "app", Mock(side_effect=OSError("libmujoco.so.3.17.0: cannot open")))
-    with pytest.raises(SystemExit, match="1"):
-        main.main()
-    told = capsys.readouterr().err
-    assert told.startswith("tci: libmujoco.so.3.17.0: cannot open; mujoco 3.17.0 and mujoco-core ")
-    assert "pip uninstall mujoco mujoco-core, then install again the one that you need" in told
+    (tmp_path / "mujoco").mkdir()
+    (tmp_path / "mujoco" / "__init__.py").write_text("raise OSError('libmujoco.so.3.17.0: cannot open')")
+    path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env={**os.environ, "PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1] == (
+        f"{first}MuJoCo can't be loaded (libmujoco.so.3.17.0: cannot open): mujoco 3.17.0 and mujoco-core "
+        "4.0.1 write into the same folder: the last one installed counts; pip install --force-reinstall "
+        "--no-deps 'mujoco>=3.11,<4' serves TCI and what needs MuJoCo 3"
+    )
 
 
 def test_a_folder_that_was_never_installed_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,7 +10,7 @@ import pytest
 import tci
 
 ROOT = Path(tci.__file__).parent
-WORDS = ("errors", "installed", "clock", "frames", "messages")
+WORDS = ("errors", "installed", "engine", "clock", "frames", "messages")
 LAYERS = (
     "model",
     "interface",

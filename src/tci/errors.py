@@ -85,3 +85,7 @@ class MissingExtraError(TciError):
         self.missing = missing
         self.advice = advice
         super().__init__(f"{what} needs {missing}, which is not installed; {advice}")
+
+
+class ClashError(TciError):
+    """A package can't be loaded, since another one has overwritten a part of it."""

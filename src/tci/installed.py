@@ -57,18 +57,26 @@ class Clash:
     advice: str
 
 
+CURES = {
+    "tci": "pip uninstall {names}, then install again the one that you need",
+    "mujoco": "pip install --force-reinstall --no-deps 'mujoco>=3.11,<4' serves TCI and what needs MuJoCo 3",
+}
+"""Another's `tci` in the folder of TCI, MuJoCo 3 in that of mujoco-core 4, and what helps."""
+
+
 def clashes() -> tuple[Clash, ...]:
-    """Another's `tci` in the folder of TCI, MuJoCo 3 in that of mujoco-core 4."""
-    found = []
-    folders = packages_distributions()
-    for module in ("tci", "mujoco"):
-        releases = {name: distribution(name).version for name in sorted(folders.get(module, ()))}
-        if len(set(releases.values())) > 1:
-            names = " and ".join(f"{name} {version}" for name, version in releases.items())
-            said = f"{names} write into the same folder: the last one installed counts"
-            advice = f"pip uninstall {' '.join(releases)}, then install again the one that you need"
-            found.append(Clash(module, said, advice))
-    return tuple(found)
+    """Clashes that are known to happen, and are installed here."""
+    return tuple(found for found in map(clash, CURES) if found is not None)
+
+
+def clash(module: str) -> Clash | None:
+    """Distributions of different releases that bring `module`; None where there is one release at most."""
+    releases = {name: distribution(name).version for name in sorted(packages_distributions().get(module, ()))}
+    if len(set(releases.values())) < 2:
+        return None
+    names = " and ".join(f"{name} {version}" for name, version in releases.items())
+    said = f"{names} write into the same folder: the last one installed counts"
+    return Clash(module, said, CURES[module].format(names=" ".join(releases)))
 
 
 @contextmanager

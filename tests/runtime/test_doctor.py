@@ -192,7 +192,8 @@ def test_another_package_in_the_same_folder_is_told(tmp_path: Path, monkeypatch:
     assert found["package tci"].level is Level.WARNING
     assert "tactile-capabilities 0.2.0 and tci 0.1.4 write into the same folder" in found["package tci"].what
     assert "mujoco 3.17.0 and mujoco-core 4.0.1" in found["package mujoco"].what
-    assert found["package mujoco"].advice.startswith("pip uninstall mujoco mujoco-core, then")
+    assert found["package tci"].advice.startswith("pip uninstall tactile-capabilities tci, then")
+    assert "'mujoco>=3.11,<4' serves TCI" in found["package mujoco"].advice
 
 
 def test_a_robot_without_patches_has_only_joints() -> None:

@@ -20,7 +20,6 @@ from tci.cli.run_commands import app as run_app
 from tci.cli.skin import app as skin_app
 from tci.cli.zenoh import app as zenoh_app
 from tci.errors import DescriptionError, TciError
-from tci.installed import clashes
 
 app = typer.Typer(
     name="tci",
@@ -71,13 +70,11 @@ INTERRUPTED = 130
 """Exit status of a command that Ctrl-C ended before it had anything to tell."""
 
 
-def _said(error: TciError | OSError | ImportError) -> str:
-    """An error in words; of a file its name and what the system says, of a library what stands in its way."""
+def _said(error: TciError | OSError) -> str:
+    """An error in words; of a file its name and what the system says."""
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         return f"{error.filename}: {error.strerror}"
-    if isinstance(error, TciError):
-        return str(error)
-    return "; ".join([str(error), *(f"{clash.said}: {clash.advice}" for clash in clashes())])
+    return str(error)
 
 
 def main() -> None:
@@ -92,9 +89,7 @@ def main() -> None:
     except typer.TyperException as error:
         _say({"error": error.format_message()})
         raise SystemExit(error.exit_code) from None
-    except (TciError, OSError, ImportError) as error:
-        if isinstance(error, ImportError) and not clashes():
-            raise  # a bug
+    except (TciError, OSError) as error:
         if as_json and isinstance(error, DescriptionError):
             faults = [{"line": fault.line, "message": fault.message} for fault in error.faults]
             _say({"error": str(error).splitlines()[0], "faults": faults})

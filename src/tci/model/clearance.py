@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import combinations
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from tci.engine import mujoco
 from tci.errors import CommandError
 from tci.frames import Array, read_only
 from tci.model.collisions import exclude_overlaps, solid_spec

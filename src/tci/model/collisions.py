@@ -6,9 +6,9 @@ the first link of an arm does not collide at all.
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 
+from tci.engine import mujoco
 from tci.errors import DescriptionError, Fault
 from tci.frames import Array
 from tci.model.description import Robot

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 
+from tci.engine import mujoco
 from tci.errors import CommandError, DescriptionError, Fault, UnknownNameError
 from tci.frames import Array, apply, invert, read_only, transform
 from tci.model.description import Robot

@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from tci.engine import mujoco
 from tci.errors import CommandError
 from tci.frames import Array, read_only
 from tci.model.description import Robot

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from tci.engine import mujoco
 from tci.errors import CommandError, DescriptionError, Fault, UnknownNameError
 from tci.frames import Array
 from tci.model.description import Model, Robot

@@ -10,9 +10,9 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 
+from tci.engine import mujoco
 from tci.errors import DescriptionError, Fault
 from tci.frames import Array, rotation_x, rotation_z
 from tci.model.description import Model

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-import mujoco
 import numpy as np
 
+from tci.engine import mujoco
 from tci.frames import Array
 from tci.model.cone import ConeFit, fit_cone
 from tci.model.description import Model

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import mujoco
 import numpy as np
 from lxml import etree
 
+from tci.engine import mujoco
 from tci.errors import DescriptionError, Fault
 from tci.model.description import Model
 from tci.model.mesh_files import binary_stl, is_readable

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import permutations, product
 
-import mujoco
 import numpy as np
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from tci.engine import mujoco
 from tci.errors import CommandError, DescriptionError, Fault
 from tci.frames import Array, apply, read_only, transform
 from tci.model.description import Robot

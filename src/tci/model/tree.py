@@ -5,9 +5,9 @@ What other libraries need to build their own model: URDF for Pinocchio, chains f
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 
+from tci.engine import mujoco
 from tci.errors import DescriptionError, Fault
 from tci.frames import Array, transform
 from tci.model.description import Robot, Vector, Words

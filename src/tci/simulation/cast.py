@@ -7,10 +7,10 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from tci.engine import mujoco
 from tci.frames import Array
 from tci.simulation.camera import Camera, rays
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tci.engine import mujoco
 from tci.errors import CommandError, TciError
 from tci.frames import Array
 from tci.model.collisions import SKIN

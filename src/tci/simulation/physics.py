@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from tci.engine import mujoco
 from tci.frames import Array, transform
 from tci.simulation import stepping
 

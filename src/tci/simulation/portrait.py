@@ -6,10 +6,10 @@ import copy
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from tci.engine import mujoco
 from tci.frames import Array, apply, invert, transform
 from tci.interface.part import generic_posture
 from tci.interface.skin.skin import Skin

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
+from tci.engine import mujoco
 from tci.frames import Array
 from tci.simulation.camera import Camera, pixel_centres
 from tci.simulation.cast import Caster, Hits, nearer

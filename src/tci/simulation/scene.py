@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import mujoco
 import numpy as np
 
+from tci.engine import mujoco
 from tci.errors import CommandError
 from tci.frames import Array, apply, invert, transform
 from tci.model.collisions import GROUND, exclude_overlaps, solid_spec

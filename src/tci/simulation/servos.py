@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, TypeGuard
 
-import mujoco
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tci.engine import mujoco
 from tci.errors import CommandError
 from tci.frames import Array, read_only
 from tci.messages import Mode

@@ -9,10 +9,10 @@ import ctypes
 from pathlib import Path
 from typing import Any
 
-import mujoco
 from llvmlite import binding
 from numba import float64, int64, types
 
+from tci.engine import mujoco
 from tci.frames import Array
 from tci.interface.kernels.arrays import reads, returns, views, writes
 from tci.interface.kernels.compiled import compiled, inlined

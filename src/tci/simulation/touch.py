@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
+from tci.engine import mujoco
 from tci.frames import Array, apply
 from tci.model.collisions import GROUND, SKIN
 from tci.model.surfaces import Surface, is_sheet

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Mapping, Sequence
 
-import mujoco
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tci.engine import mujoco
 from tci.errors import CommandError, DescriptionError, Fault
 from tci.frames import Array, invert
 from tci.messages import JointReading, Mode, SkinFrame

@@ -5,11 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
-import mujoco
 import numpy as np
 import viser
 
 from tci.capabilities.fields import ReceptiveField
+from tci.engine import mujoco
 from tci.errors import DescriptionError, Fault
 from tci.frames import Array, apply, invert, rotation_z, transform
 from tci.interface.skin.skin import Skin

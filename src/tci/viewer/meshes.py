@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from tci.engine import mujoco
 from tci.frames import Array, transform
 from tci.simulation.paint import SKIN_COLOUR
 from tci.simulation.render import model_colours

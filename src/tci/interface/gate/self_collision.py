@@ -6,9 +6,9 @@ MuJoCo measures the others (`kernels.apart`).
 
 from __future__ import annotations
 
-import mujoco
 import numpy as np
 
+from tci.engine import mujoco
 from tci.errors import TciError
 from tci.frames import Array
 from tci.interface.kernels.apart import come_near, follow, stand, to_joints

@@ -7,11 +7,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import mujoco
 import numpy as np
-from mujoco import mjtGeom
 from numpy.typing import NDArray
 
+from tci.engine import mujoco
 from tci.errors import TciError
 from tci.frames import Array, read_only
 from tci.interface.kernels.flat import Indices
@@ -97,20 +96,20 @@ def _shape(model: mujoco.MjModel, geom: int) -> tuple[Array, Array]:
     """Points (n, 3) [m] and matrix E (3, 3) [m] of a geom, in its own frame."""
     x, y, z = model.geom_size[geom].tolist()
     ends = np.array([[0.0, 0.0, -y], [0.0, 0.0, y]])
-    kind = mjtGeom(int(model.geom_type[geom]))
+    kind = mujoco.mjtGeom(int(model.geom_type[geom]))
     match kind:
-        case mjtGeom.mjGEOM_SPHERE:
+        case mujoco.mjtGeom.mjGEOM_SPHERE:
             return np.zeros((1, 3)), x * np.eye(3)
-        case mjtGeom.mjGEOM_CAPSULE:
+        case mujoco.mjtGeom.mjGEOM_CAPSULE:
             return ends, x * np.eye(3)
-        case mjtGeom.mjGEOM_CYLINDER:
+        case mujoco.mjtGeom.mjGEOM_CYLINDER:
             return ends, np.diag([x, x, 0.0])
-        case mjtGeom.mjGEOM_ELLIPSOID:
+        case mujoco.mjtGeom.mjGEOM_ELLIPSOID:
             return np.zeros((1, 3)), np.diag([x, y, z])
-        case mjtGeom.mjGEOM_BOX:
+        case mujoco.mjtGeom.mjGEOM_BOX:
             corners = np.stack(np.meshgrid([-x, x], [-y, y], [-z, z]), axis=-1).reshape(-1, 3)
             return corners, np.zeros((3, 3))
-        case mjtGeom.mjGEOM_MESH:
+        case mujoco.mjtGeom.mjGEOM_MESH:
             return _hull(model, int(model.geom_dataid[geom])), np.zeros((3, 3))
     raise TciError(f"geom {model.geom(geom).name} is a {kind.name}; valid: primitives and meshes")
 

@@ -1,0 +1,14 @@
+"""MuJoCo, the engine of physics and kinematics, or one sentence that says how to get a whole one."""
+
+from __future__ import annotations
+
+from tci.errors import ClashError
+from tci.installed import clash
+
+try:
+    import mujoco as mujoco
+except (ImportError, OSError) as error:
+    found = clash("mujoco")
+    if found is None:
+        raise
+    raise ClashError(f"MuJoCo can't be loaded ({error}): {found.said}; {found.advice}") from error

@@ -45,6 +45,8 @@ def test_play_pause_and_scrub(player: Player, page: Page) -> None:
     page.get_by_role("button", name="Play").wait_for()
 
     time = field(page, "time [s]")
+    # What is typed while the viewer still moves the slider is added to its number.
+    wait_for(lambda: time.input_value() == f"{player.end - player.begin:.2f}", "the slider is at the end")
     time.fill("0.1")
     time.press("Enter")
     wait_for(lambda: abs(player.time - player.begin - 0.1) < 0.011, "the slider sets the time")

@@ -91,13 +91,13 @@ class Playback:
             player.speed = speed
 
     def update(self) -> None:
-        """Let the slider follow."""
-        label = "Pause" if self.playing else "Play"
-        if self._button.label != label:
-            self._button.label = label
+        """Let the slider follow, then the button: beside "Play" the slider stays, and can be typed into."""
         value = min(round(self.time, 2), self.slider.max)
         if time.monotonic() - self._touched > MINE and abs(value - self.slider.value) > STEP / 2.0:
             self.slider.value = value  # type: ignore[misc] # viser's types say read-only
+        label = "Pause" if self.playing else "Play"
+        if self._button.label != label:
+            self._button.label = label
 
     def _unfinished(self) -> list[Player]:
         return [player for player in self._players if player.time < player.end]

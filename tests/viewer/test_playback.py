@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import asyncio
+import threading
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
+from viser import _messages
 
 import tci
 from recording.recorded import record_poke
@@ -13,6 +17,8 @@ from tci.recording.recording import Recording
 from tci.viewer.app import Viewer
 from tci.viewer.playback import Playback
 from tci.viewer.player import Player
+
+PATIENCE = 40.0
 
 
 @pytest.fixture(scope="module")
@@ -39,16 +45,43 @@ def times(players: tuple[Player, Player]) -> list[float]:
     return [player.time - player.begin for player in players]
 
 
+def updated(playback: Playback) -> None:
+    """Update, and wait until viser's thread has done it."""
+    playback.update()
+    asyncio.run_coroutine_threadsafe(asyncio.sleep(0), playback._server.get_event_loop()).result(PATIENCE)
+
+
+def join(work: Callable[[], None]) -> None:
+    """Do it in another thread, meanwhile."""
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+
+
 def test_the_slider_follows_the_longest(playback: Playback, players: tuple[Player, Player]) -> None:
     playback.play_or_pause()
     for now in (100.0, 100.7):
         playback.advance(now)
     assert times(players) == pytest.approx([0.39, 0.7])
-    playback.update()
+    updated(playback)
     assert playback.slider.value == pytest.approx(0.7)
     playback.seek(0.9)
-    playback.update()
+    updated(playback)
     assert playback.slider.value == pytest.approx(0.9)
+
+
+def test_a_time_that_a_person_sets_is_heard_before_the_slider_follows(
+    playback: Playback, players: tuple[Player, Player]
+) -> None:
+    server, slider = playback._server, playback.slider
+    server._connected_clients[0] = Mock()
+    # The viewer's thread has its turn when viser has taken the value, and has told nobody.
+    slider._impl.sync_cb = lambda *_: join(playback.update)
+    told = server.gui._handle_gui_updates(0, _messages.GuiUpdateMessage(slider._impl.uuid, {"value": 0.3}))
+    asyncio.run_coroutine_threadsafe(told, server.get_event_loop()).result(PATIENCE)
+    playback.advance(100.0)
+    server._connected_clients.clear()
+    assert times(players) == pytest.approx([0.3, 0.3])
 
 
 def test_they_go_on_together(playback: Playback, players: tuple[Player, Player]) -> None:

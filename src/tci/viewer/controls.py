@@ -32,6 +32,7 @@ class Controls:
 
     def __init__(self, server: viser.ViserServer, session: Session, key: str, folder: Path) -> None:
         """Recordings go into `folder`."""
+        self._server = server
         self._gui = server.gui
         self._session = session
         self._key = key
@@ -43,10 +44,14 @@ class Controls:
         self._add_recording()
 
     def update(self) -> None:
-        """Say how a fault is answered, and let the sliders follow the robot unless a person has them."""
+        """Say how a fault is answered, and let sliders follow, in viser's thread: a person is heard first."""
         rehearsal = self._session.rehearsal
         if rehearsal is not None and self._answer.content != rehearsal.words:
             self._answer.content = rehearsal.words
+        self._server.get_event_loop().call_soon_threadsafe(self._follow)
+
+    def _follow(self) -> None:
+        """Move the sliders to where the robot is, unless a person has them."""
         view = self._session.view
         if view is None:
             return
@@ -91,7 +96,7 @@ class Controls:
             else:
                 self._session.reset()
 
-    # `async`: at once. In a thread of its own the viewer might move the slider back before it is heard.
+    # `async`: at once, in viser's thread.
     async def _moved(self, part: str, event: viser.GuiEvent[Any]) -> None:
         view = self._session.view
         if event.client is None or view is None:

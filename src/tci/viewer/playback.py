@@ -23,6 +23,7 @@ class Playback:
     """The controls of all players, inside the container that is open. `advance` does what they ask for."""
 
     def __init__(self, server: viser.ViserServer, players: Sequence[Player]) -> None:
+        self._server = server
         self._players = tuple(players)
         self._asked: SimpleQueue[Callable[[], None]] = SimpleQueue()
         self._touched = -MINE
@@ -37,7 +38,7 @@ class Playback:
         jump.on_click(lambda _: self._asked.put(self.next_touch))
         speed.on_update(lambda _: self._asked.put(partial(self.set_speed, float(speed.value))))
 
-        # `async`: at once. In a thread of its own the viewer might move the slider back before it is heard.
+        # `async`: at once, in viser's thread.
         @self.slider.on_update
         async def _(event: viser.GuiEvent[Any]) -> None:
             if event.client is None:
@@ -91,7 +92,11 @@ class Playback:
             player.speed = speed
 
     def update(self) -> None:
-        """Let the slider follow, then the button: beside "Play" the slider stays, and can be typed into."""
+        """Let the slider follow, in viser's thread: a person who moves it is heard first."""
+        self._server.get_event_loop().call_soon_threadsafe(self._follow)
+
+    def _follow(self) -> None:
+        """Move the slider, then name the button: beside "Play" the slider stays, and can be typed into."""
         value = min(round(self.time, 2), self.slider.max)
         if time.monotonic() - self._touched > MINE and abs(value - self.slider.value) > STEP / 2.0:
             self.slider.value = value  # type: ignore[misc] # viser's types say read-only

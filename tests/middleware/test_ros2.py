@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 import time
@@ -30,7 +31,7 @@ from tci.errors import LinkError
 from tci.middleware.query import query, read_facts
 from tci.middleware.ros.messages import BYTES, TEXT, TRAJECTORY, VALUES
 from tci.middleware.ros.native import QUEUE
-from tci.middleware.ros2_dds import DdsNode, type_hash
+from tci.middleware.ros2_dds import DdsNode, _settings, type_hash
 from tci.recording.schemas import CLOUD, JOINTS
 from tci.runtime.registry import connect
 
@@ -140,6 +141,22 @@ def test_nobody_there_a_bad_namespace_and_bad_settings_are_told(
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "EVERYWHERE")
     with pytest.raises(LinkError, match="LOCALHOST"):
         connect(robot, "ros2", wait=0.2)
+
+
+@pytest.mark.parametrize("peer", ["no such host", "256.1.1.1", "::1", "127.0.0.1:99999", "127.0.0.1:x", ":1"])
+def test_a_peer_that_cyclone_would_end_the_process_for_is_told(
+    domain: int, monkeypatch: pytest.MonkeyPatch, peer: str
+) -> None:
+    monkeypatch.setenv("ROS_STATIC_PEERS", f"127.0.0.1;{peer}")
+    with pytest.raises(LinkError, match=f"'{peer}' of ROS_STATIC_PEERS is no address; valid: HOST or"):
+        connect(tci.load_robot("nao"), "ros2", wait=0.2)
+
+
+def test_cyclone_gets_addresses_and_no_names(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A machine without /etc/hosts does not know `localhost`."""
+    monkeypatch.setenv("ROS_STATIC_PEERS", "localhost:7410;10.0.0.1")
+    peers = re.findall('<Peer address="(.*?)"/>', _settings("LOCALHOST"))
+    assert peers == ["127.0.0.1:7410", "10.0.0.1", "127.0.0.1"]
 
 
 def test_33_a_flood_costs_bounded_time_and_memory(start: Start, namespace: str) -> None:

@@ -11,6 +11,7 @@ import os
 import secrets
 from collections.abc import Sequence
 from functools import cache, partial
+from ipaddress import IPv4Address
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
@@ -26,6 +27,7 @@ from cyclonedds.util import duration
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from tci.errors import LinkError
+from tci.middleware.hosts import numeric
 from tci.middleware.ros.node import LIFESPAN, Hear, Publish, RosNode
 from tci.recording.cdr import HEADER, MessageType, decode, encode, item_of
 
@@ -251,17 +253,35 @@ def _close_domain(number: int) -> None:
         _domains[number] = domain, users - 1
 
 
+def _static_peers() -> list[str]:
+    """Addresses in numbers: for one that Cyclone does not understand it ends the whole process."""
+    found = []
+    for peer in filter(None, os.environ.get("ROS_STATIC_PEERS", "").split(";")):
+        host, colon, port = peer.partition(":")
+        try:
+            found.append(f"{IPv4Address(numeric(host))}{colon}{port}")
+            valid = not colon or 0 < int(port) < 1 << 16
+        except ValueError:
+            valid = False
+        if not valid:
+            raise LinkError(
+                f"{peer!r} of ROS_STATIC_PEERS is no address; valid: HOST or HOST:PORT, "
+                "where HOST is an IPv4 address or a name that has one"
+            )
+    return found
+
+
 def _settings(reach: str) -> str:
     """Cyclone's settings for the way that ROS finds other nodes.
 
     Fast DDS (vendor 1.15) and Cyclone differ on type information; the type hash says what matters.
     """
-    peers = [peer for peer in os.environ.get("ROS_STATIC_PEERS", "").split(";") if peer]
+    peers = _static_peers()
     text = "<Compatibility><IgnoreTypeInformation>1.15</IgnoreTypeInformation></Compatibility>"
     if reach == "LOCALHOST":
         text += "<General><Interfaces><NetworkInterface address='127.0.0.1'/></Interfaces>"
         text += "<AllowMulticast>false</AllowMulticast></General>"
-        peers.append("localhost")
+        peers.append("127.0.0.1")
     found = "".join(f"<Peer address={quoteattr(peer)}/>" for peer in peers)
     text += "<Discovery>"
     if reach == "OFF":

@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from tci.frames import Array, rotation_x, rotation_y, rotation_z
+from tci.frames import Array, rotation_y, rotation_z
 
 Side = Literal["left", "right"]
 
@@ -37,8 +37,19 @@ def upper_arm_rotation(posture: Array, side: Side, *, axial: bool) -> Array:
     taxel is measured. -z points along the segment, x to its flexor side.
     """
     s = side_sign(side)
-    rotation = rotation_y(-posture[0]) @ rotation_x(s * posture[1])
-    return rotation @ rotation_z(-s * posture[2]) if axial else rotation
+    c0, c1, c2 = np.cos(posture[:3]).tolist()
+    s0, s1, s2 = np.sin(posture[:3]).tolist()
+    s1, s2 = s * s1, s * s2
+    if not axial:
+        c2, s2 = 1.0, 0.0
+    # Ry(-pitch) Rx(s roll) Rz(-s yaw), written out: a command waits for it.
+    return np.array(
+        [
+            [c0 * c2 + s0 * s1 * s2, c0 * s2 - s0 * s1 * c2, -s0 * c1],
+            [-c1 * s2, c1 * c2, -s1],
+            [s0 * c2 - c0 * s1 * s2, s0 * s2 + c0 * s1 * c2, c0 * c1],
+        ]
+    )
 
 
 def shoulder_angles(R_MU: Array, side: Side) -> Array:

@@ -49,12 +49,14 @@ class Transform(ABC):
 
     constant = False
     """Whether the slope is the same everywhere."""
+    steady = False
+    """Whether `speeds` are."""
 
 
 class Linear(Transform):
     """Equation 1."""
 
-    constant = True
+    constant = steady = True
 
     def __init__(self, joints: list[GenericServo]) -> None:
         super().__init__(joints)
@@ -97,7 +99,7 @@ class Table(Transform):
 class Coupled(Transform):
     """Joints that are linear combinations of the same servos."""
 
-    constant = True
+    constant = steady = True
 
     def __init__(self, joints: list[GenericServo]) -> None:
         super().__init__(joints)
@@ -123,6 +125,8 @@ class Coupled(Transform):
 
 class Retarget(Transform):
     """A shoulder, whatever its axes."""
+
+    steady = True
 
     def __init__(self, robot: Robot, part: GenericPart, joints: list[GenericServo]) -> None:
         """Raises what Shoulder raises."""
@@ -182,6 +186,7 @@ class JointMap:
         self._limits: Array | None = None
         if all(t.constant for t in transforms):
             self._slope = frozen(self.slope(np.zeros(len(robot.servos))))
+        if all(t.steady for t in transforms):
             self._limits = self.speeds(np.zeros(len(robot.servos)))
 
     def to_generic(self, position: Array) -> Array:
@@ -224,8 +229,8 @@ class JointMap:
     def driven_speeds(self, position: Array) -> Array:
         """The same (k,) [rad/s] for servos that are driven at a velocity: those of a retargeted shoulder too
         are slow enough for its generic joints. Raises what `slope` raises."""
-        if self._limits is not None:
-            return self._limits
+        if self._slope is not None:
+            return self.speeds(position)
         return frozen(_speeds(self.slope(position), self._speeds[self.ids]))
 
 

@@ -6,7 +6,9 @@ frame is the generic arm's: -z along the third axis towards the elbow, -y the ax
 
 from __future__ import annotations
 
-from functools import lru_cache
+from collections.abc import Sequence
+from functools import cached_property, lru_cache
+from math import atan2, cos, dist, pi, remainder, sin, sqrt
 
 import numpy as np
 
@@ -24,6 +26,9 @@ SHORT = 1e-3
 """Length [m] from which an upper arm has a direction. Ours."""
 SINGULAR = 1e-6
 """Determinant of two sets of axes below which velocities can't be told apart. Ours."""
+
+Vector = Sequence[float] | Array
+"""(3,), best in Python's own numbers: NumPy takes ten times as long for three."""
 
 
 class Shoulder:
@@ -69,6 +74,8 @@ class Shoulder:
         z, y = -along, -(bend - (bend @ along) * along)
         y /= np.linalg.norm(y)
         self._at_zero = np.column_stack([np.cross(y, z), y, z])
+        self._limits = [self.lower.tolist(), self.upper.tolist()]
+        self._middle = ((self.lower + self.upper) / 2.0).tolist()
 
     def rotation(self, angles: Array) -> Array:
         """`R_TU` (3, 3) of the upper arm at servo `angles` (3,) [rad]: a product of exponentials."""
@@ -84,36 +91,46 @@ class Shoulder:
         reached; then the answer is the closest that the first two joints allow. After Paden and Kahan's
         second subproblem (Murray, Li and Sastry 1994, 3.3).
         """
-        first, second, third = self.axes
-        wanted = R_TU @ self._at_zero.T
-        end = wanted @ third
-        between = float(first @ second)
-        square = 1.0 - between**2
-        alpha = (float(first @ end) - between * float(second @ third)) / square
-        beta = (float(second @ third) - between * float(first @ end)) / square
-        rest = (1.0 - alpha**2 - beta**2 - 2.0 * alpha * beta * between) / square
-        found = []
-        for gamma in np.sqrt(max(rest, 0.0)) * np.array([1.0, -1.0]):
-            middle = alpha * first + beta * second + gamma * np.cross(first, second)
-            q1, q2 = angle_about(first, middle, end), angle_about(second, third, middle)
-            left = turn(second, -q2) @ turn(first, -q1) @ wanted
-            aside = np.cross(third, second)
-            q3 = angle_about(third, aside, left @ aside)
-            centre = (self.lower + self.upper) / 2.0
-            angles = np.array([q1, q2, q3])
-            found.append(angles - 2.0 * np.pi * np.round((angles - centre) / (2.0 * np.pi)))
-            if rest <= 0.0:
-                break
-        return found
+        return [np.array(angles) for angles in self._solve(R_TU)]
 
     def best(self, R_TU: Array, near: Array) -> Array:
         """The solution (3,) [rad] that breaks limits least; of equal ones that next to `near` (3,) [rad]."""
+        here, (lower, upper) = near.tolist(), self._limits
 
-        def cost(angles: Array) -> tuple[float, float]:
-            outside = np.maximum(np.maximum(self.lower - angles, angles - self.upper), 0.0)
-            return round(float(outside.max()), 6), float(np.linalg.norm(angles - near))
+        def cost(angles: Vector) -> tuple[float, float]:
+            outside = max(max(lower[i] - angles[i], angles[i] - upper[i]) for i in range(3))
+            return round(max(outside, 0.0), 6), dist(angles, here)
 
-        return min(self.solutions(R_TU), key=cost)
+        return np.array(min(self._solve(R_TU), key=cost))
+
+    @cached_property
+    def _seen(self) -> tuple[Array, list[Vector]]:
+        """The third axis, and what is square to it and the second, seen from the upper arm (3, 2) with all
+        servos at zero; the three axes, that vector, and what is square to the first two."""
+        first, second, third = self.axes
+        vectors = first, second, third, np.cross(third, second), np.cross(first, second)
+        return self._at_zero.T @ np.column_stack(vectors[2:4]), [vector.tolist() for vector in vectors]
+
+    def _solve(self, R_TU: Array) -> list[Vector]:
+        """`solutions` in Python's own numbers."""
+        seen, (first, second, third, aside, across) = self._seen
+        end, end_aside = (R_TU @ seen).T.tolist()
+        along_first, along_second = _dot(first, end), _dot(second, third)
+        between = _dot(first, second)
+        square = 1.0 - between * between
+        alpha = (along_first - between * along_second) / square
+        beta = (along_second - between * along_first) / square
+        rest = (1.0 - alpha * alpha - beta * beta - 2.0 * alpha * beta * between) / square
+        gamma = sqrt(max(rest, 0.0))
+        found: list[Vector] = []
+        for side in (gamma, -gamma) if rest > 0.0 else (0.0,):
+            middle = [alpha * first[i] + beta * second[i] + side * across[i] for i in range(3)]
+            q1, q2 = angle_about(first, middle, end), angle_about(second, third, middle)
+            left = _turned(second, -q2, _turned(first, -q1, end_aside))
+            angles = q1, q2, angle_about(third, aside, left)
+            around = zip(self._middle, angles, strict=True)
+            found.append([centre + remainder(angle - centre, 2.0 * pi) for centre, angle in around])
+        return found
 
     def spin(self, angles: Array) -> Array:
         """Axes (3, 3) of the joints at servo `angles` (3,) [rad], one a column, seen from the torso."""
@@ -127,7 +144,7 @@ class Shoulder:
 
     def wanted(self, generic: Array, R_TM: Array) -> Array:
         """`R_TU` (3, 3) of the upper arm at generic angles (3,) [rad] on the mount `R_TM`."""
-        rotation: Array = R_TM @ upper_arm_rotation(np.append(generic, [0.0, 0.0]), self.side, axial=True)
+        rotation: Array = R_TM @ upper_arm_rotation(generic, self.side, axial=True)
         return rotation
 
     def generic_spin(self, generic: Array, R_TM: Array) -> Array:
@@ -162,10 +179,30 @@ def turn(axis: Array, angle: float) -> Array:
     return rotation
 
 
-def angle_about(axis: Array, start: Array, end: Array) -> float:
+def angle_about(axis: Vector, start: Vector, end: Vector) -> float:
     """Angle [rad] about a unit `axis` (3,) from `start` to `end` (3,), both seen along the axis."""
-    start, end = start - (axis @ start) * axis, end - (axis @ end) * axis
-    return float(np.arctan2(axis @ np.cross(start, end), start @ end))
+    level = _dot(start, end) - _dot(axis, start) * _dot(axis, end)
+    return atan2(_dot(axis, _cross(start, end)), level)
+
+
+def _turned(axis: Vector, angle: float, vector: Vector) -> Vector:
+    """A vector (3,) that is turned by `angle` [rad] about a unit `axis` (3,) (Rodrigues)."""
+    c, s = cos(angle), sin(angle)
+    along = _dot(axis, vector) * (1.0 - c)
+    x, y, z = _cross(axis, vector)
+    return (
+        c * vector[0] + s * x + along * axis[0],
+        c * vector[1] + s * y + along * axis[1],
+        c * vector[2] + s * z + along * axis[2],
+    )
+
+
+def _dot(a: Vector, b: Vector) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _cross(a: Vector, b: Vector) -> Vector:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 def _fault(robot: Robot, part: GenericPart, what: str) -> DescriptionError:

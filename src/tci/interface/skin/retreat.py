@@ -21,8 +21,11 @@ from tci.messages import Contact, Mode
 from tci.model.joint_map import JointMap, joint_map
 from tci.model.steps import steps_to
 
-MOMENTS = np.concatenate([[0.01, 0.02], np.arange(0.25, 1.1, 0.25)])
-"""When a way is looked at: the first two in [s], since joints start at rates of their own; then shares."""
+EARLY = (0.01, 0.02)
+"""When a way is looked at first [s], since joints start at rates of their own."""
+SHARES = (0.25, 0.5, 0.75, 1.0)
+"""And then, as shares of the time that it takes."""
+LOOKS = len(EARLY) + len(SHARES)
 UNKNOWN = 100.0
 """Taken for a limit [rad/s] and so on that the robot does not state; its gate refuses such a motion."""
 
@@ -65,7 +68,7 @@ class Retreat:
         The robot's servos are at `position` (n_servos,) [rad]. In position and impedance mode they arrive
         together, in others each as fast as it can. Raises UnknownNameError for the part.
         """
-        result = np.zeros((2, len(MOMENTS), len(contacts)))
+        result = np.zeros((2, LOOKS, len(contacts)))
         motion = self._motion(part)
         if motion.joints.servos.size and len(contacts):
             retreats(
@@ -85,28 +88,27 @@ class Retreat:
         """Angles (k + 1, n_servos) [rad] of all servos: now, and at each moment."""
         joints, servos, bounds = motion.joints, motion.joints.servos, motion.bounds
         here, goal = position[servos], joints.to_robot(target, position)
+        goal = np.minimum(np.maximum(goal, bounds.lower), bounds.upper)
         if len(motion.outside):
             shift = motion.outside @ position
             lower, upper = bounds.coupling_lower - shift, bounds.coupling_upper - shift
-            bounds = replace(bounds, coupling_lower=lower, coupling_upper=upper)
-            goal = bounds.nearest(goal, motion.free)
-        else:
-            goal = np.minimum(np.maximum(goal, bounds.lower), bounds.upper)
+            coupled = bounds.coupling @ goal
+            if (coupled < lower).any() or (coupled > upper).any():
+                goal = replace(bounds, coupling_lower=lower, coupling_upper=upper).nearest(goal, motion.free)
         plan = motion.input
         plan.current_position, plan.target_position = here.tolist(), goal.tolist()
         plan.max_velocity = np.minimum(bounds.velocity, joints.speeds(position)).tolist()
         together = mode in (Mode.POSITION, Mode.IMPEDANCE)
         plan.synchronization = Synchronization.Time if together else Synchronization.No
-        way = np.tile(position, (len(MOMENTS) + 1, 1))
+        way = np.tile(position, (LOOKS + 1, 1))
         try:
             motion.planner.calculate(plan, motion.trajectory)
         except RuckigError:  # a rare state without a synchronised way
-            way[1:, servos] += np.linspace(0.0, 1.0, len(MOMENTS) + 1)[1:, None] * (goal - here)
+            way[1:, servos] += np.linspace(0.0, 1.0, LOOKS + 1)[1:, None] * (goal - here)
             return way
         at_time, duration = motion.trajectory.at_time, motion.trajectory.duration
-        early = MOMENTS[:2].tolist()
-        for k, moment in enumerate([*early, *(duration * MOMENTS[2:]).tolist()], start=1):
-            way[k, servos] = at_time(moment)[0]
+        moments = [*EARLY, *(duration * share for share in SHARES)]
+        way[1:, servos] = [at_time(moment)[0] for moment in moments]
         return way
 
     def _motion(self, part: str) -> _Motion:

@@ -137,9 +137,9 @@ def test_a_standing_robot_keeps_its_legs_and_says_why() -> None:
     shin = see(press("left_leg", 5.0, segment="shank"), at=SHIN.spot)
     commands, memory = step(BodyWithdrawal(), shin)
     assert not commands
-    assert "stands" in memory.refused["left_leg"]
+    assert "stands" in memory.refused["left_leg"].reason
     assert BodyWithdrawal().notes(memory) == (
-        f"left_leg was touched and stays: {memory.refused['left_leg']}",
+        f"left_leg was touched and stays: {memory.refused['left_leg'].reason}",
     )
     commands, memory = step(BodyWithdrawal(stance="supported"), shin)
     assert [command.part for command in commands] == ["left_leg"]
@@ -152,7 +152,7 @@ def test_weight_under_a_sole_is_believed_before_anybody() -> None:
     sole = press("right_leg", 20.0, segment="foot")
     commands, memory = step(reflex, see(shank, sole, at=SHIN.spot))
     assert not commands
-    assert "20.0 N: it carries the robot" in memory.refused["left_leg"]
+    assert "20.0 N: it carries the robot" in memory.refused["left_leg"].reason
     light = press("right_leg", 2.0, segment="foot")
     assert step(reflex, see(shank, light, at=SHIN.spot))[0]
 

@@ -70,7 +70,7 @@ def test_of_two_touches_at_opposite_sides_none_is_answered() -> None:
         REFLEX.init(), seen(Room({1: (0.001, 0.02), 2: (-0.001, -0.02)}), *touches(1, 2))
     )
     assert commands == ()
-    assert "press" in memory.refused["left_arm"]
+    assert "press" in memory.refused["left_arm"].reason
 
 
 def test_many_touches_of_one_field_take_one_look() -> None:
@@ -83,8 +83,26 @@ def test_many_touches_of_one_field_take_one_look() -> None:
     view = replace(seen(room, *touches(*range(30))), retreat=counted)
     commands, memory = REFLEX.step(REFLEX.init(), view)
     assert commands == ()
-    assert "press" in memory.refused["left_arm"]
+    assert "press" in memory.refused["left_arm"].reason
     assert len(looks) == 1
+
+
+def test_a_touch_that_lasts_is_judged_anew_when_the_skin_tells_something_new_or_after_a_while() -> None:
+    room, looks = Room({1: (-0.01,)}), []
+
+    def counted(contacts: Sequence[Contact], part: str, target: Array, mode: Mode) -> Array:
+        looks.append(part)
+        return room.retreat(contacts, part, target, mode)
+
+    frames, memory, when = [tuple(touches(1)), tuple(touches(1))], REFLEX.init(), []
+    for tick in range(60):
+        view = replace(seen(room, stamp=tick / 1024), contacts=frames[tick >= 5], retreat=counted)
+        before = len(looks)
+        commands, memory = REFLEX.step(memory, view)
+        when += [tick] * (len(looks) - before)
+        assert commands == ()
+        assert "press" in memory.refused["left_arm"].reason
+    assert when == [0, 5, 26, 47]
 
 
 def test_of_several_touches_one_must_get_away() -> None:

@@ -15,6 +15,7 @@ from tci.capabilities.capability import Capability
 from tci.capabilities.contact_stop import ContactStop
 from tci.capabilities.gesture import PlayGesture
 from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.capabilities.withdrawing import Refusal
 from tci.errors import CommandError
 from tci.interface.gestures.gesture import Gesture, fit
 from tci.messages import GenericCommand, Mode, Order, Perception, SwitchMode
@@ -29,7 +30,7 @@ class Refusing(BodyWithdrawal):
     """A reflex that has refused something from the beginning."""
 
     def init(self) -> BodyMemory:
-        return BodyMemory({}, {"left_leg": "it carries"})
+        return BodyMemory({}, {"left_leg": Refusal("it carries", (), 0.0)})
 
     def step(self, memory: BodyMemory, perception: Perception) -> tuple[tuple[Order, ...], BodyMemory]:
         return (), memory

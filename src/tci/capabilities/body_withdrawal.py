@@ -19,7 +19,7 @@ from tci.capabilities.body_fields import JOINTS, BodyField, BodyFields, default_
 from tci.capabilities.capability import Capability
 from tci.capabilities.discounts import phi, psi
 from tci.capabilities.withdrawal import LEAST_COVERAGE
-from tci.capabilities.withdrawing import Wish, Withdrawal, Withdrawals, told, withdraw
+from tci.capabilities.withdrawing import Wish, Withdrawal, Withdrawals, refusal, told, withdraw
 from tci.errors import TciError
 from tci.frames import Array
 from tci.messages import Contact, GenericCommand, Mode, Order, Perception
@@ -78,12 +78,14 @@ class BodyWithdrawal(Capability[BodyMemory]):
         for part in perception.posture:
             wishes = self._wishes(part, perception)
             before = memory.motions.get(part)
-            after, reason = withdraw(before, wishes, perception, part, refractory=self.refractory)
+            after, reason = withdraw(
+                before, wishes, perception, part, refractory=self.refractory, refused=refused.get(part)
+            )
             carries = ""
             if wishes and wishes[0].field.kind == "leg" and after is not None:
                 carries = self._carries(part, after.target, heavy, perception)
             if carries and after is not None:
-                reason = carries
+                reason = refusal(carries, perception)
                 # The touch that a leg has answered goes on, though it may not move further.
                 same = before is not None and before.started == after.started
                 after = replace(after, gain=before.gain) if same and before is not None else None

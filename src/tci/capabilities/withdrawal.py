@@ -117,8 +117,9 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
                 valid = len(own[0].field.motion)
                 raise CommandError(f"{part} has {posture.size} joints; a base motion has {valid}")
             after, reason = withdraw(
-                before, own, perception, part, refractory=self.refractory, mode=self.mode
-            )
+                before, own, perception, part,
+                refractory=self.refractory, refused=refused.get(part), mode=self.mode,
+            )  # fmt: skip
             refused = told(refused, part, after, reason)
             if after is None:
                 continue

@@ -16,7 +16,10 @@ import numpy as np
 from tci.capabilities.retreat import why_not
 from tci.frames import Array, frozen
 from tci.interface.skin.contact_table import identities
-from tci.messages import Mode, Perception
+from tci.messages import Contact, Mode, Perception
+
+ANEW = 0.02
+"""Time [s] after which a refusal is judged anew though the skin feels as before: the robot may have moved."""
 
 
 class Field(Protocol):
@@ -80,12 +83,26 @@ class Withdrawal(Generic[F]):
         return (before.started, before.gain) == (self.started, self.gain)
 
 
+class Refusal(NamedTuple):
+    """Why a touched part stays. A touch that lasts is not judged anew in each period."""
+
+    reason: str
+    contacts: Sequence[Contact]
+    """Those of the perception that it was judged by."""
+    stamp: float
+    """When that was [s]."""
+
+    def stands(self, perception: Perception) -> bool:
+        """Whether it need not be judged anew: the skin has told nothing new, and it is recent."""
+        return perception.contacts is self.contacts and perception.stamp - self.stamp < ANEW
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Withdrawals(Mapping[str, Withdrawal[F]]):
     """What goes on, by part; and why others stay."""
 
     motions: Mapping[str, Withdrawal[F]]
-    refused: Mapping[str, str]
+    refused: Mapping[str, Refusal]
     """Why a touched part stays, by name: the latest touch."""
 
     def __getitem__(self, part: str) -> Withdrawal[F]:
@@ -100,7 +117,7 @@ class Withdrawals(Mapping[str, Withdrawal[F]]):
     @property
     def notes(self) -> tuple[str, ...]:
         """What a person should know of parts that stay."""
-        return tuple(f"{part} was touched and stays: {reason}" for part, reason in self.refused.items())
+        return tuple(f"{part} was touched and stays: {one.reason}" for part, one in self.refused.items())
 
 
 def withdraw(
@@ -110,19 +127,25 @@ def withdraw(
     part: str,
     *,
     refractory: float,
+    refused: Refusal | None = None,
     mode: Mode = Mode.POSITION,
-) -> tuple[Withdrawal[F] | None, str]:
-    """The withdrawal of a part after this instant, and why it stays where a touch asks for more; or empty."""
+) -> tuple[Withdrawal[F] | None, Refusal | None]:
+    """The withdrawal of a part after this instant, and why it stays where a touch asks for more; what was
+    `refused` before may stand."""
     now = perception.stamp
+    stands = refused if refused is not None and refused.stands(perception) else None
     # What answers in every step is one touch, however far apart the steps are.
     if before is not None and (before.quiet or not wishes) and now - before.touched >= refractory:
         before = None
     if before is None:
-        return _begin(wishes, perception, part, mode) if wishes else (None, "")
+        if not wishes or stands is not None:
+            return None, stands if wishes else None
+        begun, reason = _begin(wishes, perception, part, mode)
+        return begun, refusal(reason, perception)
     after, reason = before, ""
     if wishes:
         after = replace(before, touched=now, quiet=False)
-        if before.ended is None:
+        if before.ended is None and stands is None:
             same = [wish for wish in wishes if _is_same(wish.field, before.field)]
             best = max(same, key=lambda wish: wish.gain, default=None)
             if best is not None and best.gain > before.gain:
@@ -131,15 +154,21 @@ def withdraw(
                     after = grown
     elif not before.quiet:
         after = replace(before, quiet=True)
-    return _meet(after, perception, part, mode, reason)
+    after, reason = _meet(after, perception, part, mode, reason)
+    return after, refusal(reason, perception) or (stands if wishes else None)
+
+
+def refusal(reason: str, perception: Perception) -> Refusal | None:
+    """A refusal for a reason; None for none."""
+    return Refusal(reason, perception.contacts, perception.stamp) if reason else None
 
 
 def told(
-    refused: Mapping[str, str], part: str, withdrawal: Withdrawal[F] | None, reason: str
-) -> Mapping[str, str]:
+    refused: Mapping[str, Refusal], part: str, withdrawal: Withdrawal[F] | None, reason: Refusal | None
+) -> Mapping[str, Refusal]:
     """What is `refused`, by part, after a part has gone on with a `withdrawal` or stays for a reason."""
-    if reason:
-        return {**refused, part: reason}
+    if reason is not None:
+        return refused if refused.get(part) is reason else {**refused, part: reason}
     if part not in refused or withdrawal is None or withdrawal.quiet or withdrawal.ended is not None:
         return refused
     return {name: one for name, one in refused.items() if name != part}

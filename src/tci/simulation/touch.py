@@ -138,9 +138,8 @@ def contact_truth(physics: Physics, patch: str, T_TW: Array) -> ContactTruth:
     geom = model.geom(skin_geom(patch)).id
     force, vector, moment, direction = 0.0, np.zeros(3), np.zeros(3), np.zeros(3)
     local = np.zeros(6)
-    for index, contact in enumerate(data.contact[: data.ncon]):
-        if geom not in contact.geom:
-            continue
+    for index in np.flatnonzero((data.contact.geom[: data.ncon] == geom).any(axis=1)).tolist():
+        contact = data.contact[index]
         mujoco.mj_contactForce(model, data, index, local)
         # The contact's normal points from its first to its second geom.
         outward = 1.0 if contact.geom[0] == geom else -1.0

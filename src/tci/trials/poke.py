@@ -113,8 +113,9 @@ class _Poke(Trial):
         point, outward = self._begun
         now = world.skin_point_in_world(place.patch, place.p_L, place.n_L)[0]
         trace.away.append(float(outward @ (point - now)))
-        trace.positions.append(world.joints().position)
-        trace.velocities.append(world.joints().velocity)
+        joints = world.joints()
+        trace.positions.append(joints.position)
+        trace.velocities.append(joints.velocity)
         trace.sent.append(tick.sent)
         for command in tick.commands:
             part = command.part if moves(command) else part_of(world.robot, command)

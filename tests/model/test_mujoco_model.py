@@ -12,7 +12,7 @@ from tci.errors import DescriptionError
 from tci.model.clearance import Clearance
 from tci.model.description import Model, Robot, Servo
 from tci.model.gravity import Gravity
-from tci.model.kinematics import Kinematics
+from tci.model.kinematics import Kinematics, bare_model
 
 MJCF = """
 <mujoco><compiler angle="radian"/>{before}<worldbody>
@@ -66,6 +66,18 @@ def test_a_floating_base_and_its_keyframe_are_left_out(tmp_path: Path) -> None:
     assert pose[0, 2] == pytest.approx(np.sin(0.5))
     assert Clearance(robot).servos == (0,)
     assert Gravity(robot).torques(np.array([0.5])) == pytest.approx([0.0])
+
+
+def test_a_model_is_compiled_once_and_anew_when_its_file_changes(tmp_path: Path) -> None:
+    """What one object does to its model, as gravity does, stays with it."""
+    robot = mjcf(tmp_path)
+    assert robot.model is not None
+    before = bare_model(robot.model)
+    before.body_pos[:] = 1.0
+    assert bare_model(robot.model).body("arm").pos.tolist() == [0.0, 0.2, 0.0]
+    file = Path(robot.model.path)
+    file.write_text(file.read_text().replace("0 0.2 0", "0 0.3 0"))
+    assert bare_model(robot.model).body("arm").pos.tolist() == [0.0, 0.3, 0.0]
 
 
 @pytest.mark.parametrize("mesh", ["none.stl", "none.obj", "file:///none.dae", "."])

@@ -37,7 +37,8 @@ def estimate_normals(positions: Array) -> Array:
     normals = np.linalg.svd(around)[2][:, 2]
     spread = np.linalg.svd(from_middle)[1] / np.sqrt(len(places))
     outward = places if len(spread) < 3 or spread[2] < FLAT else from_middle
-    one, other = np.repeat(np.arange(len(near)), near.shape[1]), near.ravel()
+    near = near.astype(np.int32)  # SciPy's graphs before 1.17.1 take no wider index
+    one, other = np.repeat(np.arange(len(near), dtype=np.int32), near.shape[1]), near.ravel()
     # A weight of zero would be no edge at all, so that of parallel neighbours is just above it.
     weights = 1.001 - np.abs(np.einsum("pi,pi->p", normals[one], normals[other]))
     tree = minimum_spanning_tree(csr_array((weights, (one, other)), shape=(len(places), len(places))))

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 import tci
 from tci.cli.main import app
 
-HEAVY = ("pydantic", "lxml", "mujoco", "scipy", "matplotlib", "ruckig", "typer", "rich")
+HEAVY = ("pydantic", "lxml", "mujoco", "scipy", "matplotlib", "ruckig", "typer", "rich", "gymnasium")
 
 
 def loaded(program: str) -> set[str]:

@@ -6,9 +6,10 @@ The names below are all a program needs; each is loaded when it is first used, s
 
 from __future__ import annotations
 
-import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
+
+from tci.trials.registration import register_when_imported as _register_when_imported
 
 if TYPE_CHECKING:
     from tci.capabilities.capability import Capability as Capability
@@ -93,7 +94,4 @@ def __dir__() -> list[str]:
     return sorted([*_HOME, "__version__"])
 
 
-if "gymnasium" in sys.modules:  # importing it here would cost every program 0.3 s
-    from tci.trials.registration import register as _register
-
-    _register()
+_register_when_imported()

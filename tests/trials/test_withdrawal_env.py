@@ -36,9 +36,11 @@ def test_passes_the_checker(options: dict[str, object]) -> None:
     env.close()
 
 
-def test_its_name_is_known_after_import_tci() -> None:
+@pytest.mark.parametrize("first", ["gymnasium", "tci"])
+def test_its_name_is_known_after_import_tci(first: str) -> None:
     program = (
-        "import gymnasium, sys, tci; gymnasium.spec('tci/Withdrawal-v0'); print('mujoco' in sys.modules)"
+        f"import {first}, gymnasium, importlib, sys, tci; gymnasium.spec('tci/Withdrawal-v0'); "
+        "importlib.reload(gymnasium); print('mujoco' in sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout == "False\n"

@@ -6,7 +6,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 unexport PYTHONDONTWRITEBYTECODE
 OUT ?= out
 
-.PHONY: help demo test test-real quick lint docs pictures bench middleware soak fuzz reliability lock lowest clean run-env dev-env
+.PHONY: help demo test test-real loops quick lint docs pictures bench middleware soak fuzz reliability lock lowest clean run-env dev-env
 
 help:  ## show this list
 	@grep -E '^[a-z-]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 8
@@ -21,10 +21,14 @@ demo: run-env  ## set up, then poke a simulated NAO and a simulated iCub; writes
 	@$(VENV)/tci demo --out "$(OUT)"
 
 test: dev-env  ## set up, then lint, docs and all tests
-	@$(MAKE) --no-print-directory --jobs 2 --output-sync lint docs
+	@$(MAKE) --no-print-directory --jobs 2 --output-sync loops lint docs
 	@$(PYTHON) tools/peers.py
 	@$(VENV)/python -m pytest -n auto --dist loadgroup --durations 10 -m "not live" && apart=0 || apart=1; \
 	  $(VENV)/python -m pytest -n 2 --dist loadgroup --durations 10 -m live && exit $$apart
+
+# Else each process of the tests compiles all loops, at the same time as the others.
+loops: dev-env
+	@$(VENV)/python -c "import tci.capabilities.answer, tci.interface.body, tci.interface.gate.gate, tci.simulation.stepping"
 
 quick: dev-env  ## lint, types and the tests of what changed since main, within a minute
 	@$(VENV)/python tools/quick.py

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import os
 import random
+import re
 import socket
 import threading
 import time
@@ -29,6 +30,8 @@ from tci.runtime.loop import run
 
 PATIENCE = 20
 """Times that a robot is sent where it should go; a busy machine may stop it on the way."""
+LATE = re.compile("missed [0-9]+ periods|no word from|stood still")
+"""Reasons to hold on a machine that is too busy for real time."""
 AFTER_THAW = 0.02
 """How far [rad] a robot that was frozen at 0.1 rad/s may go beyond where it was seen and led last."""
 
@@ -213,22 +216,26 @@ class Once(Capability[bool]):
 
 def test_a_run_after_one_that_ended_in_motion_is_obeyed(open_link: Callable[..., Link]) -> None:
     """What was held at its end holds no longer, here and in the process that owns the robot."""
-    link, refused = open_link(), []
-    for attempt in range(PATIENCE):
+    link, refused, undisturbed = open_link(), [], 0
+    for _ in range(2 * PATIENCE):
         sign = 1.0 if elbow(link) < -0.8 else -1.0
-        run(link, Once(bend(link, elbow(link) + 0.5 * sign)), duration=0.4)
-        before = elbow(link)
+        first = run(link, Once(bend(link, elbow(link) + 0.5 * sign)), duration=0.4)
+        goal = elbow(link) - 0.3 * sign
         refused.clear()
-        run(
+        second = run(
             link,
-            Once(bend(link, before - 0.3 * sign)),
+            Once(bend(link, goal)),
             duration=2.0,
             observe=lambda tick: refused.extend(tick.sent.refusals),
         )
-        if not refused and abs(elbow(link) - (before - 0.3 * sign)) < 0.05:
+        if not refused and abs(elbow(link) - goal) < 0.05:
             return
-        assert attempt < PATIENCE / 4, refused
+        # Only a busy machine may be in the way, as often as it likes.
+        late = first.report.missed or second.report.missed or LATE.search(" ".join(refused))
+        undisturbed += not late
+        assert undisturbed < PATIENCE / 4, refused
         link.gate.reset()
+    raise AssertionError(f"this machine is too busy: {refused}")
 
 
 def test_32_a_reader_that_was_away_gets_the_latest_and_no_backlog(open_link: Callable[..., Link]) -> None:

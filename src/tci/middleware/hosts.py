@@ -10,8 +10,11 @@ def numeric(host: str) -> str:
     """The address of a host, whichever of its names it is given; 127.0.0.1 for every loopback address.
 
     Of several addresses it is the lowest one, of IPv4 where there is one. A name that can't be resolved stays
-    as it is. It waits for the network only where `host` is a name.
+    as it is. It waits for the network only where `host` is a name. `localhost` is known without asking: not
+    every machine has it in /etc/hosts.
     """
+    if host.lower() == "localhost":
+        return "127.0.0.1"
     try:
         found = [ip_address(host)]
     except ValueError:

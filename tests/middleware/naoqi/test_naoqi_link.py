@@ -332,7 +332,7 @@ def test_36_a_port_that_is_taken_is_one_clear_error() -> None:
 
 def test_two_links_of_one_process_share_no_robot_twice() -> None:
     with StillNao() as nao, connect(ROBOT, nao.via) as one:
-        by_name = nao.via.replace("127.0.0.1", "localhost")
+        by_name = nao.via.replace("127.0.0.1", "127.1")
         assert by_name != nao.via
         with connect(ROBOT, by_name) as two:
             assert one.lease_name == two.lease_name

@@ -52,17 +52,6 @@ class Still(Swing):
         return (), memory + 1
 
 
-@pytest.fixture(scope="module")
-def world() -> World:
-    return World(tci.load_robot("nao"), skin=False)
-
-
-@pytest.fixture
-def link(world: World) -> SimulatedLink:
-    world.reset()
-    return SimulatedLink(world.robot, world=world)
-
-
 def fail() -> None:
     raise ZeroDivisionError("on purpose")
 

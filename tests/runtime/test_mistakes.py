@@ -42,17 +42,6 @@ class Settings(Ask):
         super().__init__(answer)
 
 
-@pytest.fixture(scope="module")
-def world() -> World:
-    return World(tci.load_robot("nao"), skin=False)
-
-
-@pytest.fixture
-def link(world: World) -> SimulatedLink:
-    world.reset()
-    return SimulatedLink(world.robot, world=world)
-
-
 def refusals(link: SimulatedLink, answer: Any) -> str:
     """Returns the words of a result whose every command was refused."""
     result = tci.run(link, Ask(answer), duration=0.01)

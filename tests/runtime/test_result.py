@@ -14,7 +14,6 @@ from tci.interface.gate.gate import GateState
 from tci.middleware.simulated import SimulatedLink
 from tci.runtime.loop_report import LoopReport
 from tci.runtime.reasons import MOST, OTHERS, Notice, Reasons
-from tci.simulation.world import World
 
 
 class Ask(tci.Capability[int]):
@@ -32,17 +31,6 @@ class Ask(tci.Capability[int]):
 
 def head(*values: float, mode: tci.Mode = tci.Mode.POSITION) -> tci.GenericCommand:
     return tci.GenericCommand("head", mode, np.array(values))
-
-
-@pytest.fixture(scope="module")
-def world() -> World:
-    return World(tci.load_robot("nao"), skin=False)
-
-
-@pytest.fixture
-def link(world: World) -> SimulatedLink:
-    world.reset()
-    return SimulatedLink(world.robot, world=world)
 
 
 def warnings(log: pytest.LogCaptureFixture) -> list[str]:

@@ -112,7 +112,7 @@ def viewer(folder: Path) -> None:
 
 
 def poke_all(shown: Viewer, reflex: tci.WithdrawalReflex) -> None:
-    """Poke the lateral side of all left forearms, and let time stand still when they are pressed most."""
+    """Poke the lateral side of all left forearms, and let the time of each stand still once it is pressed."""
     key = next(iter(shown.sessions))
     session = shown.sessions[key]
     assert session.view is not None
@@ -122,10 +122,11 @@ def poke_all(shown: Viewer, reflex: tci.WithdrawalReflex) -> None:
     for other in shown.sessions.values():
         other.pace = 0.05
     shown.poke(key, place)
-    while any(other.view is None or other.view.force < 1.5 for other in shown.sessions.values()):
+    while moving := [other for other in shown.sessions.values() if other.pace]:
+        for other in moving:
+            if other.view is not None and other.view.force > 1.5:
+                other.pace = 0.0
         time.sleep(0.001)
-    for other in shown.sessions.values():
-        other.pace = 0.0
 
 
 def come_near(shown: Viewer, key: str, link: str) -> None:

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from tci.interface.body import Body
+from tci.interface.skin.baseline import Baseline
 from tci.interface.skin.conditioning import Conditioner
 from tci.interface.skin.skin import Skin
+from tci.interface.skin.taxel_health import TaxelHealth
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.model.catalogue import load_robot
 
@@ -65,3 +67,18 @@ def test_one_lesson_at_a_time_between_two_frames(monkeypatch: pytest.MonkeyPatch
             most = max(most, len(learnt) - before)
     assert most == 1
     assert {*learnt} == {patch.name for patch in NAO.patches}
+
+
+def test_no_period_learns_a_whole_lesson(monkeypatch: pytest.MonkeyPatch) -> None:
+    body, done = Body(NAO), []
+    for owner, name in ((Baseline, "learn"), (TaxelHealth, "judge")):
+        step = getattr(owner, name)
+        monkeypatch.setattr(
+            owner, name, lambda *a, _step=step, _name=name: (done.append(_name), _step(*a))[1]
+        )
+    for number, reading in enumerate(readings(260)):
+        for period in range(20):
+            before = len(done)
+            body.perceive(reading, number / 50.0 + period / 1000.0)
+            assert len(done) - before <= 1
+    assert done.count("learn") == done.count("judge") > len(NAO.patches)

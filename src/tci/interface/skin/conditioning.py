@@ -128,6 +128,7 @@ class Conditioner:
         self._frames = self._in_lesson = self._bends = 0
         self.ended = False
         """A lesson has ended from which nothing has been learnt yet."""
+        self._half: tuple[Lesson, Array, NDArray[np.bool_]] | None = None
         self._due, self._phase = self.settings.baseline.lesson, phase
         self._elapsed = self._raised = 0.0
         self._stamp: float | None = None
@@ -268,12 +269,34 @@ class Conditioner:
 
     def catch_up(self) -> None:
         """Learn from the lesson that ended: at any time between two frames the result is the same."""
-        if self.ended:
+        while self.ended:
             self.learn()
 
-    def learn(self) -> None:
-        """End a lesson."""
-        self.ended = False
+    @property
+    def halfway(self) -> bool:
+        """Whether the first half of a lesson is learnt, and the second is not."""
+        return self._half is not None
+
+    def learn(self) -> bool:
+        """Learn half of a lesson that has ended: rest values and noise, then which taxels are believed. True
+        when it is all learnt.
+
+        Both at once are the longest that a loop at 1 kHz does in one period.
+        """
+        if self._half is None:
+            self._half = self._teach()
+            return False
+        (lesson, before, raised), self._half, self.ended = self._half, None, False
+        self._health.judge(lesson, before, self.baseline.noise, self.baseline.threshold)
+        self._masked = read_only(self._health.state, np.bool_)
+        self._round()
+        self._forget()
+        self._step(raised & (lesson.mean < SATURATED * self.sensor[-1]), lesson.elapsed)
+        return True
+
+    def _teach(self) -> tuple[Lesson, Array, NDArray[np.bool_]]:
+        """A lesson from which rest values and noise are learnt; the rest values (n,) before it, and which
+        taxels (n,) felt something by these."""
         self._count_repeats()
         total, peak, bend, changed = self.memory[[TOTAL, PEAK, BEND, CHANGED]].astype(np.float64)
         lesson = Lesson(
@@ -286,11 +309,7 @@ class Conditioner:
         before = self.baseline.offset.copy()
         raised = lesson.mean - before > self.baseline.threshold
         self.baseline.learn(lesson, self._health.sound)
-        self._health.judge(lesson, before, self.baseline.noise, self.baseline.threshold)
-        self._masked = read_only(self._health.state, np.bool_)
-        self._round()
-        self._forget()
-        self._step(raised & (lesson.mean < SATURATED * self.sensor[-1]), lesson.elapsed)
+        return lesson, before, raised
 
     def _step(self, raised: NDArray[np.bool_], elapsed: float) -> None:
         """What nearly all taxels read for long, and none at the end of its range, is no touch but rest.

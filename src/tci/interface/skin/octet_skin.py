@@ -195,17 +195,20 @@ class OctetSkin:
             pass
 
     def learn(self) -> bool:
-        """Learn from one lesson that has ended; false if none has. It takes longer than a frame."""
+        """Learn half of one lesson that has ended; false if none has. It takes longer than a frame."""
         if self._ended:
-            p = self._ended.pop()
-            self.sync(p)
-            self.conditioners[p].learn()
-            self._load(p)
+            p = self._ended[-1]
+            one = self.conditioners[p]
+            if not one.halfway:
+                self.sync(p)
+            if one.learn():
+                self._ended.pop()
+                self._load(p)
             return True
         for one in self.conditioners:
             if one.ended:
-                one.learn()
-                self._mask()
+                if one.learn():
+                    self._mask()
                 return True
         return False
 

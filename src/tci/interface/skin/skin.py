@@ -134,7 +134,7 @@ class Skin:
         return self._state
 
     def learn(self) -> None:
-        """Learn from one lesson that has ended, if one has: for a period without a new frame, which has time.
+        """Learn half of one lesson that has ended, if one has: for a period without a new frame.
 
         It would be learnt from at the next frame anyway, with the same result.
         """

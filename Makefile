@@ -6,7 +6,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 unexport PYTHONDONTWRITEBYTECODE
 OUT ?= out
 
-.PHONY: help demo test test-real loops quick lint docs pictures bench middleware soak fuzz reliability lock lowest clean run-env dev-env
+.PHONY: help demo test test-real peers loops quick lint docs pictures bench middleware soak fuzz reliability lock lowest clean run-env dev-env
 
 help:  ## show this list
 	@grep -E '^[a-z-]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 8
@@ -21,10 +21,12 @@ demo: run-env  ## set up, then poke a simulated NAO and a simulated iCub; writes
 	@$(VENV)/tci demo --out "$(OUT)"
 
 test: dev-env  ## set up, then lint, docs and all tests
-	@$(MAKE) --no-print-directory --jobs 2 --output-sync loops lint docs
-	@$(PYTHON) tools/peers.py
+	@$(MAKE) --no-print-directory --jobs 3 --output-sync peers loops lint docs
 	@$(VENV)/python -m pytest -n auto --dist loadgroup --durations 10 -m "not live" && apart=0 || apart=1; \
 	  $(VENV)/python -m pytest -n 2 --dist loadgroup --durations 10 -m live && exit $$apart
+
+peers: dev-env
+	@$(PYTHON) tools/peers.py
 
 # Else each process of the tests compiles all loops, at the same time as the others.
 loops: dev-env
@@ -44,15 +46,13 @@ lint: dev-env  ## ruff and strict types
 docs: dev-env  ## build the documentation; a warning is an error
 	@$(VENV)/python -m sphinx -q -W --keep-going -b html docs docs/_build/html
 
-pictures: dev-env  ## make the pictures of docs/images anew (needs chromium)
-	@$(PYTHON) tools/peers.py
+pictures: peers  ## make the pictures of docs/images anew (needs chromium)
 	@$(VENV)/python tools/pictures.py
 
 bench: dev-env  ## every part beside its peers, as ratios; writes bench.json (CASES="kernel_4000 gate ...": some)
 	@OUT="$(OUT)" $(VENV)/python tools/bench $(CASES)
 
-middleware: dev-env  ## every middleware's tests and figures; writes docs/tables/middleware.md
-	@$(PYTHON) tools/peers.py
+middleware: peers  ## every middleware's tests and figures; writes docs/tables/middleware.md
 	@$(VENV)/python tools/middleware
 
 soak: dev-env  ## hostile commands through the gate, and a day of noise and drift on a skin (TCI_SOAK=cycles)

@@ -52,10 +52,7 @@ class Clearance:
         self._pairs = _pairs(self._model)
         first, second = self._pairs.T
         self._reach = self._model.geom_rbound[first] + self._model.geom_rbound[second]
-        levers = np.zeros(self._count)
-        for servo, column in zip(self._servos, columns, strict=True):
-            levers[servo] = _lever(self._model, column, set(self._pairs.ravel().tolist()))
-        self.levers: Array = read_only(levers)
+        self.levers = _levers(robot)
         """How fast (n_servos,) each servo can change any of the distances [m/rad], at most."""
 
     @property
@@ -133,6 +130,18 @@ def _pairs(model: mujoco.MjModel) -> NDArray[np.intp]:
         if low != high and (low << 16) + high not in excluded:
             result.append((one, other))
     return np.array(result, dtype=np.intp).reshape(-1, 2)
+
+
+@lru_cache(maxsize=8)
+def _levers(robot: Robot) -> Array:
+    """`Clearance.levers`; each gate asks for them, and an iCub's take 10 ms."""
+    model = _solid_model(robot)
+    servos, _, columns = joints_of(robot, model)
+    solid = set(_pairs(model).ravel().tolist())
+    levers = np.zeros(len(robot.servos))
+    for servo, column in zip(servos, columns, strict=True):
+        levers[servo] = _lever(model, column, solid)
+    return read_only(levers)
 
 
 def _lever(model: mujoco.MjModel, column: int, geoms: set[int]) -> float:

@@ -6,6 +6,8 @@ MuJoCo measures the others (`kernels.apart`).
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from tci.engine import mujoco
@@ -31,6 +33,12 @@ SPECK = 1e-6
 """Of a shorter way [m] between two links the direction is only rounding."""
 
 
+@lru_cache(maxsize=8)
+def _solids(robot: Robot) -> Solids:
+    """Nobody writes to them, and each gate asks for them."""
+    return Solids.of(Clearance(robot))
+
+
 class SelfCollision:
     """Looks along a path before it is taken. What it remembers is for speed; no answer depends on it."""
 
@@ -45,7 +53,7 @@ class SelfCollision:
         self._clearance = Clearance(robot)
         self._model = self._clearance.model
         self._data = mujoco.MjData(self._model)
-        s = self._solids = Solids.of(self._clearance)
+        s = self._solids = _solids(robot)
         self._arrays = (s.joints, s.shapes, s.points, s.poses, s.pairs, s.levers)
         joints, pairs = s.levers.shape
         self._left, self._axis, self._least = np.zeros(pairs, np.int32), np.zeros((pairs, 3)), np.zeros(pairs)

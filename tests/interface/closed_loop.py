@@ -69,6 +69,7 @@ class TrueJudge:
         self._energy: Array | None = None
         self._pushes = np.zeros((2, len(robot.servos)))
         self._still, self._stuck = 0.0, False
+        self._coasts = np.full(len(robot.servos), np.nan)
         self.faults: list[str] = []
         self.largest: dict[str, float] = {}
         """How near the largest values came to their bounds, as shares."""
@@ -79,9 +80,10 @@ class TrueJudge:
         loose = np.array([mode is Mode.TORQUE for mode in safe.modes], dtype=bool)
         sent = plant.sent / self._torque
         self._stuck = shown.fault == "stuck" or (self._stuck and shown.lies)
+        free = np.setdiff1d(index, self._coasting(index[loose], lies=shown.lies))
         if not (self._stuck and loose.any()):
             what, most = ("speed from a wrong angle", LIES) if shown.lies else ("speed", 1.0 + OVER)
-            self._bound(what, index, np.abs(plant.velocity) / self._speed, most)
+            self._bound(what, free, np.abs(plant.velocity) / self._speed, most)
             self._bound("into a stop", index, plant.beyond, PRESSED * most)
         self._see_torque(index[loose], sent, shown)
         self._still = 0.0 if safe.state is GateState.RUN else self._still + period
@@ -89,6 +91,18 @@ class TrueJudge:
             self._bound("speed at rest", index[~loose], np.abs(plant.velocity), SLOW)
         if shown.fault == "calm" and shown.lasts > REST_IN:
             self._bound("speed at rest", index, np.abs(plant.velocity), SLOW)
+
+    def _coasting(self, index: NDArray[np.intp], *, lies: bool) -> NDArray[np.intp]:
+        """Those of servos (k,) that are faster than their limits since a wrong reading. Nobody can brake them
+        while no reading is believed, and later braking takes its time: they only lose energy."""
+        plant = self.plant
+        if lies:
+            self._coasts = plant.energy + 0.1 * plant.inertia * self._speed**2
+            return index[:0]
+        self._coasts[np.abs(plant.velocity) <= self._speed] = np.nan
+        coasting = index[np.isfinite(self._coasts[index])]
+        self._bound("energy after a wrong angle", coasting, plant.energy / self._coasts, 1.0)
+        return coasting
 
     def _see_torque(self, index: NDArray[np.intp], sent: Array, shown: Shown) -> None:
         plant = self.plant

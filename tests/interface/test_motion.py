@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from interface.gate_checks import LIMITS, PERIOD, Driven, make_robot, position_command, reading
 from tci.frames import Array, read_only
 from tci.interface.gate.gate import Gate, GateSettings, GateState
-from tci.interface.gate.torque import RISE
 from tci.interface.gate.watch import WatchSettings
+from tci.interface.kernels.torques import RISE
 from tci.messages import CONTROL_MODES, JointReading, Mode, PlatformCommand, PlatformSwitch
 
 ZERO = [0.0] * 6

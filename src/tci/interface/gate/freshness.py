@@ -31,18 +31,23 @@ class Freshness:
         self._usual = period
         self._stamp = self._newest = -math.inf
         self._sequence: int | None = None
+        self._refused: int | None = None
 
     def see(self, joints: JointReading, now: float, *, believed: bool = True) -> bool:
         """Whether usable data is new at time `now` [s], and may be acted on."""
         if now < self._newest - self._period:  # time went back
             self._stamp = self._newest = -math.inf
-        if joints.sequence == self._sequence or not self._newest < joints.stamp:
+        if joints.sequence in (self._sequence, self._refused) or not self._newest < joints.stamp:
             return False
         self._newest, self._sequence = min(joints.stamp, now), joints.sequence
         if believed:
             self._usual += SHARE * (min(now - self._stamp, LONGEST) - self._usual)
             self._stamp = self._newest
         return believed
+
+    def refuse(self, joints: JointReading) -> None:
+        """A reading can't be used: its number is not new any more."""
+        self._refused = joints.sequence
 
     def age(self, now: float) -> float:
         """Age [s] of the data at time `now` [s]; infinite before there was any, where time went back by more

@@ -134,12 +134,14 @@ class Gate:
             raise CommandError("the robot has not come to rest yet; valid: reset at rest")
         self._stopped = ""
         self.drop()
+        if self._watch is not None:
+            self._watch.reset()
 
     def drop(self) -> None:
         """For a link whose robot was away: nothing is under command any more. Each servo waits for a command,
-        where it is then; modes stay, and so does STOP."""
+        where it is then; modes stay, and so do STOP and a doubt in its joint data."""
         if self._watch is not None:
-            self._watch.reset()
+            self._watch.forget()
         self._motion.drop()
         self._told = self._motion.reference
         self._pushed = np.zeros(len(self._told.servos))
@@ -223,7 +225,9 @@ class Gate:
             self.stop(f"time went back by {self._before - now:.3f} s")
             self._before = now - self.period
         reason = fault_of_reading(self.robot, joints, now, self.stale_after)
-        if not reason:
+        if reason:
+            self._motion.refuse(joints)
+        else:
             watch = self._watch  # also while it is stopped: what brakes a joint must not believe a lie
             if watch is not None and (fault := watch.step(joints, self._told, self._pushed)):
                 self.stop(fault)

@@ -25,7 +25,7 @@ from tci.interface.gate.freshness import Freshness
 from tci.interface.gate.limiter import Guard
 from tci.interface.gate.self_collision import SelfCollision
 from tci.interface.gate.settings import GateSettings, Tally
-from tci.interface.gate.speeds import Speeds
+from tci.interface.gate.speeds import Slope, Speeds
 from tci.interface.gate.stopper import Stop
 from tci.interface.gate.torque import TorqueLimiter
 from tci.interface.gate.watch import Reference
@@ -64,7 +64,8 @@ class Motion:
         self._fed = np.full(len(robot.servos), -np.inf)
         self._measured = self._velocity = self._speed = np.zeros(len(robot.servos))
         self._freshness = Freshness(period)
-        self._speeds = Speeds(len(robot.servos))
+        self._speeds, self._slope = Speeds(len(robot.servos)), Slope(len(robot.servos))
+        self._powered: NDArray[np.bool_] | None = None
         self._switched: set[int] = set()
         self._known: set[int] = set()
         self._shares = np.zeros(len(robot.servos))
@@ -126,9 +127,15 @@ class Motion:
         if not self._freshness.see(joints, now, believed=believed):
             return
         self._measured, self._velocity = joints.position, joints.velocity
+        self._powered = joints.powered
         self._speed = self._speeds.step(joints)
+        self._slope.step(joints)
         for chain in self._chains.values():
             chain.look_outside(joints.position)
+
+    def refuse(self, joints: JointReading) -> None:
+        """A reading can't be used, now or under a fresh stamp."""
+        self._freshness.refuse(joints)
 
     def fault_of_age(self, now: float, stale_after: float) -> str:
         """Why nothing may move at `now` [s], if what is known is older than `stale_after` [s]."""
@@ -191,17 +198,22 @@ class Motion:
         return near
 
     def torques(self, now: float, *, due: bool) -> Array:
-        """Torque (k,) [N m] of each servo of `reference` at `now` [s]; 0 for those in another mode. Where no
-        step is `due` they stay, and end with the trust in their data."""
+        """Torque (k,) [N m] of each servo of `reference` at `now` [s]; 0 for those in another mode, and for
+        those that are off. Where no step is `due` they stay, and end with the trust in their data."""
         if not self._torque.servos.size:
             if len(self._none) != (others := len(self.reference.servos)):
                 self._none = frozen(np.zeros(others))
             return self._none
         others = sum(len(chain.servos) for chain in self._chains.values())
         age = self._freshness.age(now)
-        trust = self._freshness.trust(age)
+        trust: Array | float = self._freshness.trust(age)
+        if self._powered is not None:
+            trust = trust * self._powered[self._torque.servos]
         if due:
-            torque = self._torque.step(self._measured, self._velocity, age=min(age, 1.0), trust=trust)
+            torque = self._torque.step(
+                self._measured, self._velocity, self._slope.speed,
+                age=min(age, 1.0), span=self._slope.span, trust=trust,
+            )  # fmt: skip
         else:
             torque = self._torque.again(trust=trust)
         return frozen(np.concatenate([np.zeros(others), torque]))

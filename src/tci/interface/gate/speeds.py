@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 import numpy as np
 
 from tci.frames import Array
@@ -10,6 +12,31 @@ from tci.messages import JointReading
 
 SMOOTHING = 0.05
 """Time [s] over which successive angles tell a speed. Ours."""
+
+SPAN = 0.02
+"""Longest time [s] between two readings whose angles tell a speed together. Assumed: more hides how a joint
+went in between, and an encoder's step in less is no speed."""
+
+
+class Slope:
+    """Mean speeds that angles tell, over the latest readings. It has memory."""
+
+    def __init__(self, count: int) -> None:
+        self._past: deque[JointReading] = deque()
+        self.speed = np.full(count, np.nan)
+        """Speeds (n,) [rad/s]; NaN where readings come too seldom to tell."""
+        self.span = 0.0
+        """Time [s] until the latest reading for which they are the mean."""
+
+    def step(self, joints: JointReading) -> None:
+        """The latest reading."""
+        past = self._past
+        past.append(joints)
+        while not 0.0 <= joints.stamp - past[0].stamp <= SPAN:
+            past.popleft()
+        self.span = joints.stamp - past[0].stamp
+        moved = joints.position - past[0].position
+        self.speed = moved / self.span if self.span > 0.0 else np.full(len(moved), np.nan)
 
 
 class Speeds:

@@ -100,10 +100,17 @@ class Watch:
             [[x.torque or np.inf for x in limits], [x.acceleration or 0.0 for x in limits]]
         )
         self._fastest = np.array([np.inf if speed is None else speed for speed in speeds])
-        self.reset()
+        self.misled = False
+        """Whether a fault said that the joint data can't be believed. That stays until `reset`."""
+        self.forget()
 
     def reset(self) -> None:
-        """Forget all that was seen."""
+        """For an operator: forget all that was seen, and believe what comes."""
+        self.misled = False
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget the motion that was seen, not that it can't be believed."""
         never = np.full(len(self._names), np.inf)
         self._before: JointReading | None = None
         self._modes: tuple[Mode, ...] = ()
@@ -113,8 +120,6 @@ class Watch:
         self._drifts = np.array([np.zeros(len(never)), never, -never, never])
         self._other_mode = never
         self._well: tuple[object, ...] = ()
-        self.misled = False
-        """Whether a fault said that the joint data can't be believed. That stays until `reset`."""
 
     def step(self, joints: JointReading, reference: Reference, torque: Array | None = None) -> str:
         """Why the robot must stop, given a usable reading; empty while it does what it is told.

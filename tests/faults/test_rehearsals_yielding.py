@@ -190,7 +190,12 @@ def test_21_a_joint_that_is_blocked_is_none_that_fails(link: SimulatedLink, mode
 
 
 def test_22_servo_off(link: SimulatedLink, mode: Mode) -> None:
-    stops(link, "servo-off", mode, between=(0.0, 0.01), believed=True)
+    done = stops(link, "servo-off", mode, between=(0.0, 0.01), believed=True)
+    for tick in done.ticks:
+        on = tick.reading.joints.powered
+        assert on is not None
+        assert not tick.sent.torque[~on[tick.sent.servos]].any()
+    assert not on[tick.sent.servos].all()
 
 
 def test_23_mode_mismatch(link: SimulatedLink, mode: Mode) -> None:

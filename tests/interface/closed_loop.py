@@ -41,6 +41,8 @@ HONEST = ("none", "repeated", "frozen", "late", "reordered", "errors", "spoilt",
 """Readings that are sound, or can be told from sound ones; `calm`: they are sound and the robot holds."""
 LYING = ("stale angle", "stuck", "mirrored")
 """Faults that look sound, under fresh stamps and numbers."""
+SPEEDS = ("no velocity", "mirrored velocity")
+"""Wrong velocities with sound angles, which tell enough for a joint to keep its limit of speed."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ class TrueJudge:
         loose = np.array([mode is Mode.TORQUE for mode in safe.modes], dtype=bool)
         sent = plant.sent / self._torque
         self._stuck = shown.fault == "stuck" or (self._stuck and shown.lies)
-        free = np.setdiff1d(index, self._coasting(index[loose], lies=shown.lies))
+        free = np.setdiff1d(index, self._coasting(index[loose], shown))
         if not (self._stuck and loose.any()):
             what, most = ("speed from a wrong angle", LIES) if shown.lies else ("speed", 1.0 + OVER)
             self._bound(what, free, np.abs(plant.velocity) / self._speed, most)
@@ -92,15 +94,19 @@ class TrueJudge:
         if shown.fault == "calm" and shown.lasts > REST_IN:
             self._bound("speed at rest", index, np.abs(plant.velocity), SLOW)
 
-    def _coasting(self, index: NDArray[np.intp], *, lies: bool) -> NDArray[np.intp]:
-        """Those of servos (k,) that are faster than their limits since a wrong reading. Nobody can brake them
-        while no reading is believed, and later braking takes its time: they only lose energy."""
-        plant = self.plant
-        if lies:
-            self._coasts = plant.energy + 0.1 * plant.inertia * self._speed**2
+    def _coasting(self, index: NDArray[np.intp], shown: Shown) -> NDArray[np.intp]:
+        """Those of servos (k,) that are too fast since a wrong reading. Nobody can brake them while no
+        reading is believed, and later braking takes its time: they only lose energy."""
+        plant, speed = self.plant, np.abs(self.plant.velocity) / self._speed
+        energy = plant.energy + 0.1 * plant.inertia * self._speed**2
+        if shown.lies:
+            self._coasts = energy
             return index[:0]
-        self._coasts[np.abs(plant.velocity) <= self._speed] = np.nan
-        coasting = index[np.isfinite(self._coasts[index])]
+        if shown.fault in SPEEDS:
+            self._coasts = np.where(speed <= 1.0 + OVER, energy, self._coasts)
+        else:
+            self._coasts[speed <= 1.0] = np.nan
+        coasting = index[np.isfinite(self._coasts[index]) & (speed[index] > 1.0 + OVER)]
         self._bound("energy after a wrong angle", coasting, plant.energy / self._coasts, 1.0)
         return coasting
 
@@ -198,23 +204,24 @@ class ClosedLoop(Attack):
 
     def _reset(self) -> None:
         """An operator looks at the robot first."""
-        if self._fault not in LYING:
+        if self._fault not in LYING + SPEEDS:
             super()._reset()
 
     def _choose(self) -> None:
         """A fault of readings after a sound time, and the other way round."""
-        random = self.random
-        self._since = self.now
-        if self._fault != "none":
-            self._fault, lasts = "none", random.uniform(0.1, 1.0)
-            if self.gate.state is GateState.STOP:
-                lasts += 0.3
-        else:
-            self._fault = str(random.choice(HONEST[1:] + LYING))
+        random, fault, lasts = self.random, "none", self.random.uniform(0.1, 1.0)
+        if self._fault == "none":
+            fault = str(random.choice(HONEST[1:] + LYING + SPEEDS))
             lasts = random.choice([0.02, 0.1, 0.6, 6.0], p=[0.3, 0.4, 0.25, 0.05])
-            self._delay = random.uniform(0.005, 0.1)
-        self._until = self.now + lasts
-        self.tried[self._fault] = self.tried.get(self._fault, 0) + 1
+        elif self.gate.state is GateState.STOP:
+            lasts += 0.3
+        self.begin(fault, lasts=lasts, delay=random.uniform(0.005, 0.1))
+
+    def begin(self, fault: str, *, lasts: float, delay: float = 0.0) -> None:
+        """Let readings go wrong for so long [s]; late ones come with a `delay` [s]."""
+        self._fault, self._delay = fault, delay
+        self._since, self._until = self.now, self.now + lasts
+        self.tried[fault] = self.tried.get(fault, 0) + 1
 
     def _sense(self) -> JointReading:
         """What sound encoders say."""
@@ -249,6 +256,10 @@ class ClosedLoop(Attack):
             return replace(true, position=last.position, velocity=last.velocity)
         elif fault == "mirrored":
             return replace(true, position=read_only(2.0 * last.position - true.position))
+        elif fault == "no velocity":
+            shown = replace(true, velocity=read_only(np.zeros(len(true.velocity))))
+        elif fault == "mirrored velocity":
+            shown = replace(true, velocity=read_only(-true.velocity))
         self._fresh = max(self._fresh, shown.stamp)
         if fault in ("none", "calm"):
             self._last = true

@@ -83,7 +83,8 @@ def limit_torques(
             way * mean + quickest / most * max(way * since_slope[i], 0.0),
         )
         driving = min(
-            abs(risen) * min(left / FADE, 1.0), most * max(fastest - ahead, 0.0) / (quickest * late)
+            abs(risen) * min(left / FADE, 1.0),
+            most * max(limits[VELOCITY, k] - ahead, 0.0) / (quickest * late),
         )
         # Where angles repeat, or go the other way than the velocity, braking would drive the joint.
         real = mean != 0.0 and mean * v >= -0.5 * v * v

@@ -206,9 +206,9 @@ class Motion:
             return self._none
         others = sum(len(chain.servos) for chain in self._chains.values())
         age = self._freshness.age(now)
-        trust: Array | float = self._freshness.trust(age)
+        trust = np.full(len(self._torque.servos), self._freshness.trust(age))
         if self._powered is not None:
-            trust = trust * self._powered[self._torque.servos]
+            trust[~self._powered[self._torque.servos]] = 0.0
         if due:
             torque = self._torque.step(
                 self._measured, self._velocity, self._slope.speed,

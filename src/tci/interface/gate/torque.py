@@ -64,8 +64,9 @@ class TorqueLimiter:
     def ask(self, servos: NDArray[np.intp], torque: Array) -> Array:
         """Want `torque` (k,) [N m] from now on; returns it within the servos' limits."""
         limit = np.array([self._robot.servos[servo].limits.torque for servo in servos], dtype=float)
-        self._memory[at.WANTED, servos] = np.clip(torque, -limit, limit)
-        return self._memory[at.WANTED, servos]
+        wanted: Array = np.clip(torque, -limit, limit)
+        self._memory[at.WANTED, servos] = wanted
+        return wanted
 
     def relax(self, servos: NDArray[np.intp] | None = None) -> None:
         """Want no torque from some servos, or from all; braking goes on."""
@@ -116,7 +117,8 @@ class TorqueLimiter:
         return self._given()
 
     def _given(self) -> Array:
-        return self._memory[at.GIVEN, self.servos]
+        given: Array = self._memory[at.GIVEN, self.servos]
+        return given
 
     def _since(self, age: float) -> Array:
         """Impulses (n_servos,) [N m s] of the torques that were given in the latest `age` [s]."""

@@ -54,6 +54,14 @@ def test_help_teaches() -> None:
     assert all(name in text for name in ("demo", "robots", "describe", "check", "certified"))
 
 
+def test_the_name_of_a_file_does_not_steer_the_terminal(tmp_path: Path) -> None:
+    file = tmp_path / "e\x1b[31mvil.xml"
+    file.write_text("no description")
+    said = tci("describe", str(file), status=1)
+    assert "e\\x1b[31mvil.xml: 1 fault\n" in said
+    assert "\x1b" not in said
+
+
 def test_robots() -> None:
     assert "iCub V2.5" in tci("robots")
     names = {row["name"] for row in json.loads(tci("robots", "--json"))["robots"]}

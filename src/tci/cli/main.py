@@ -77,6 +77,11 @@ def _said(error: TciError | OSError) -> str:
     return str(error)
 
 
+def _printable(text: str) -> str:
+    """Words in which nothing, such as the name of a file, can steer a terminal."""
+    return "".join(one if one.isprintable() or one == "\n" else ascii(one)[1:-1] for one in text)
+
+
 def main() -> None:
     """Entry point: errors of TCI and of files become one message and status 1; SIGTERM is as Ctrl-C."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)
@@ -96,7 +101,7 @@ def main() -> None:
         elif as_json:
             _say({"error": _said(error)})
         else:
-            print(f"tci: {_said(error)}", file=sys.stderr)
+            print(f"tci: {_printable(_said(error))}", file=sys.stderr)
         raise SystemExit(1) from None
 
 

@@ -53,7 +53,8 @@ def poke_the_shin(world: World, reflex: BodyWithdrawal, part: str) -> tuple[set[
         nonlocal why, memory
         moved.update(command.part for command in tick.commands if hasattr(command, "part"))
         memory = reflex.step(memory, tick.perception)[1]
-        why = memory.refused.get(part, why)
+        if refusal := memory.refused.get(part):
+            why = refusal.reason
 
     run(SimulatedLink(robot, world=world), reflex, duration=1.0, observe=see)
     assert world.finger.first_contact is not None

@@ -21,6 +21,7 @@ from middleware.test_remote_cdr import FRAME, NAO, ORDERS, STATE, plain
 from peers import needs_program
 from tci.clock import ManualClock
 from tci.errors import FrameError, LinkError
+from tci.interface.gate.safe_command import GateState
 from tci.middleware.lcm import LcmLink
 from tci.middleware.lcm_datagrams import (
     LONGEST,
@@ -247,10 +248,16 @@ def test_debians_lcm_logger_records_and_its_logplayer_shows_the_robot_again_but_
     url, log = peer.via.removeprefix("lcm:"), tmp_path / "run.log"
     try:
         with subprocess.Popen([logger, f"--lcm-url={url}", "--quiet", log]) as recording:
-            with peer.open(arm=True) as link:
-                for angle in (-0.3, -1.2):
-                    assert bend(link, angle) == pytest.approx(angle, abs=0.05)
-            recording.send_signal(signal.SIGINT)
+            try:
+                end = time.monotonic() + 30.0
+                while not (log.exists() and log.stat().st_size):  # what comes before it listens is not there
+                    assert time.monotonic() < end, "it never records"
+                    time.sleep(0.01)
+                with peer.open(arm=True) as link:
+                    for angle in (-0.3, -1.2):
+                        assert bend(link, angle) == pytest.approx(angle, abs=0.05)
+            finally:
+                recording.send_signal(signal.SIGINT)
         channels = {}
         for event in lcm.EventLog(str(log)):
             channels.setdefault(event.channel, []).append(event.data)
@@ -280,11 +287,12 @@ def elbow(link: Link) -> float:
 
 
 def bend(link: Link, to: float) -> float:
-    """Bend the left elbow; where it is when it is there, or after 30 s."""
-    pending = [link.native("LArm").command({"LElbowRoll": to})]
+    """Bend the left elbow, ordered again where a busy machine made the robot hold; where it is in the end."""
+    order = link.native("LArm").command({"LElbowRoll": to})
+    pending = [order]
     for now in link.ticks(duration=30.0):
-        link.write(link.gate.step(pending, link.read().joints, now))
-        pending = []
+        sent = link.write(link.gate.step(pending, link.read().joints, now))
+        pending = [order] if sent.refusals or sent.state is not GateState.RUN else []
         if abs(elbow(link) - to) < 0.02:
             break
     return elbow(link)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from interface.closed_loop import OVER, SPEEDS, ClosedLoop
+from interface.closed_loop import OVER, REST_IN, SLOW, SPEEDS, ClosedLoop
 from interface.gate_checks import LIMITS, make_robot
 from interface.plant import Plant
 from tci.frames import read_only
@@ -535,6 +535,24 @@ def test_a_wrong_velocity_lets_no_joint_pass_its_limit_of_speed(fault: str, seed
     loop.begin(fault, lasts=1.0)
     for _ in range(500):
         loop.step()
+    assert loop.true.faults == []
+
+
+@pytest.mark.parametrize("mode", CONTROL_MODES)
+@pytest.mark.parametrize("name", ["tester", "icub"])
+def test_whatever_moves_rests_in_time_when_the_gate_holds(name: str, mode: Mode) -> None:
+    loop = ClosedLoop(ROBOT if name == "tester" else ICUB, 6, mode)
+    loop.begin("none", lasts=1.0)
+    fastest = 0.0
+    for _ in range(500):
+        loop.step()
+        fastest = max(fastest, np.abs(loop.plant.velocity).max())
+    loop.begin("calm", lasts=2.0)
+    for _ in range(900):
+        loop.step()
+        if loop.now > loop._since + REST_IN:
+            assert np.abs(loop.plant.velocity).max() < SLOW
+    assert fastest > 0.1
     assert loop.true.faults == []
 
 

@@ -105,7 +105,7 @@ class TrueJudge:
         if shown.fault in SPEEDS:
             self._coasts = np.where(speed <= 1.0 + OVER, energy, self._coasts)
         else:
-            self._coasts[speed <= 1.0] = np.nan
+            self._coasts[(speed <= 1.0) & (plant.sent != 0.0)] = np.nan
         coasting = index[np.isfinite(self._coasts[index]) & (speed[index] > 1.0 + OVER)]
         self._bound("energy after a wrong angle", coasting, plant.energy / self._coasts, 1.0)
         return coasting

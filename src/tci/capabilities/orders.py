@@ -56,4 +56,5 @@ def named(given: object) -> str:
         return f"the class {given.__name__}"
     if isinstance(given, str):
         return f"the word {given!r}"
-    return "None" if given is None else f"a {type(given).__name__}"
+    name = type(given).__name__
+    return "None" if given is None else f"{'an' if name[0] in 'AEIOU' else 'a'} {name}"

@@ -34,7 +34,13 @@ def _prove(robot: Robot, *, quiet: bool) -> Proof:
     columns = (TextColumn("{task.description:<32}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, disable=quiet, transient=True) as progress:
         task = progress.add_task("reading the model", total=14 + len(robot.patches))
-        return prove(robot, progress=lambda what: progress.update(task, advance=1, description=what))
+
+        def tell(what: str) -> None:
+            progress.update(task, advance=1, description=what)
+            if not quiet and not console.is_terminal:  # there is no bar in a file or a pipe
+                console.print(f"... {what}", highlight=False, markup=False)
+
+        return prove(robot, progress=tell)
 
 
 def _say_proof(proof: Proof) -> None:
@@ -50,7 +56,9 @@ def _say_proof(proof: Proof) -> None:
     console.print(f"skin: {moved} of {len(proof.patches)} patches move away from a poke in their middle")
     for patch in proof.patches:
         if not patch.answered:
-            why = escape(patch.reason or f"no field of {patch.part} moves it there")
+            why = escape(
+                patch.reason or "no receptive field lies there; to add one: docs/withdrawal-reflex.md"
+            )
             console.print(f"  note: {patch.patch} stays: {why}", style="yellow", highlight=False)
     for fault in proof.faults:
         console.print(f"  [red]{escape(fault)}[/]", highlight=False)

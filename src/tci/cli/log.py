@@ -98,7 +98,9 @@ def export(
     file: RecordingFile,
     out: Annotated[Path, typer.Argument(help="Folder to write; for npz the file.")],
     robot: RecordedRobot = None,
-    form: Annotated[str, typer.Option("--format", "-f", help="csv, npz or parquet.")] = "csv",
+    form: Annotated[
+        str | None, typer.Option("--format", "-f", help="csv, npz or parquet; npz if OUT ends so, else csv.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Write a recording as tables: joints, decisions, contacts, and of the skin a row for each frame.
@@ -121,7 +123,7 @@ def export(
         if robot is not None:
             raise
         found, left_out = None, str(error)
-    files = command(recording, out, form, found)
+    files = command(recording, out, form or ("npz" if out.suffix == ".npz" else "csv"), found)
     if as_json:
         print_json({"files": [str(path) for path in files], "left_out": left_out})
         return

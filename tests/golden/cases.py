@@ -1,0 +1,129 @@
+"""Golden recordings: runs of an earlier version, kept with their descriptions, that must come out the same.
+
+`python tests/golden/cases.py NAME...` records cases anew ("all": all of them). That is right only where a
+change of behaviour is wanted; the commit says so.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import tci
+from faults.rehearsal import Sway
+from tci.capabilities.body_withdrawal import BodyWithdrawal
+from tci.cli.run import poke_forearm
+from tci.messages import Mode
+from tci.middleware.faulty import FaultPlan, FaultyLink
+from tci.middleware.injectors import INJECTORS
+from tci.middleware.link import Link
+from tci.middleware.simulated import SimulatedLink
+from tci.model.catalogue import load_robot
+from tci.recording.compact import compact
+from tci.recording.recorder import Recorder
+from tci.runtime.loop import Tick, run
+
+FOLDER = Path(__file__).parent
+AT = 0.34
+"""Time [s] of a fault: the arm withdraws then."""
+NOT_RECORDED = ("sigterm", "thread-fails", "link-lost", "wrong-type")
+"""Injectors of which a recording holds nothing: the end of a process, a thread or a connection, and values
+that are no numbers."""
+
+
+def poke_head(link: SimulatedLink) -> None:
+    link.world.finger.poke("head_skin", 10, speed=0.2, depth=0.008, gap=0.02)
+
+
+@dataclass(frozen=True)
+class Case:
+    """One recorded run."""
+
+    robot: str
+    """Its description, below `robots/`."""
+    capability: Callable[[], tci.Capability[Any]] = tci.WithdrawalReflex
+    poke: Callable[[SimulatedLink], None] | None = poke_forearm
+    duration: float = 0.7
+    """Length [s]."""
+    keep_alive: float | None = None
+    """Longest time [s] between two frames of a patch that sends changes only; None: every frame is sent."""
+    flicker: float = 0.0
+    """Noise [counts] on all raw values, which are then sent as float64."""
+    fault: str = ""
+    """Injector that starts at `AT`; empty for none."""
+
+
+CASES: dict[str, Case] = {
+    "nao": Case("nao/robot.xml"),
+    "icub": Case("icub/robot.xml"),
+    "body": Case("icub/whole.xml", BodyWithdrawal, poke_head, duration=0.6),
+    "events": Case("nao/robot.xml", keep_alive=0.1),
+    "three-axes": Case("nao/three_axes.xml"),
+    "flicker": Case("nao/robot.xml", flicker=1.0, duration=0.8),
+    **{
+        f"sway-{mode.value}": Case("icub/robot.xml", lambda mode=mode: Sway(mode), None, duration=0.4)
+        for mode in (Mode.POSITION, Mode.TORQUE, Mode.IMPEDANCE)
+    },
+    **{
+        f"fault-{name}": Case("nao/robot.xml", fault=name, duration=0.6)
+        for name in INJECTORS
+        if name not in NOT_RECORDED
+    },
+}
+
+
+def record(name: str) -> None:
+    """Records a case, and beside it what was perceived."""
+    case, path = CASES[name], FOLDER / f"{name}.mcap"
+    path.unlink(missing_ok=True)
+    ticks: list[Tick] = []
+    with SimulatedLink(
+        load_robot(str(FOLDER / "robots" / case.robot)), keep_alive=case.keep_alive
+    ) as simulated:
+        link: Link = simulated
+        if case.fault or case.flicker:
+            plans = [FaultPlan(case.fault, AT)] if case.fault else []
+            link = FaultyLink(simulated, plans, flicker=case.flicker)
+        with Recorder(path, link.robot, period=link.period, keep_alive=link.keep_alive) as recorder:
+            if case.poke is not None:
+                case.poke(simulated)
+
+            def see(tick: Tick) -> None:
+                ticks.append(tick)
+                recorder.tick(tick.now, tick.reading, tick.commands, tick.sent)
+
+            run(link, case.capability(), duration=case.duration, observe=see)
+            recorder.close(compacted=False)
+    compact(path, path, robot=None)  # without clouds of points
+    np.savez_compressed(FOLDER / f"{name}.npz", **perceived(ticks))
+
+
+def perceived(ticks: Iterable[Tick]) -> dict[str, np.ndarray[Any, Any]]:
+    """Numbers of all perceptions of a run, by name: one row per period, and one per contact."""
+    periods, contacts = [], []
+    for tick in ticks:
+        perception = tick.perception
+        posture = np.concatenate([perception.posture[part] for part in sorted(perception.posture)])
+        periods.append(
+            [tick.now, perception.stamp, len(perception.contacts), len(perception.ended), *posture]
+        )
+        contacts += [
+            [
+                c.identity, len(c.taxels), c.stamp, c.began, c.moved, c.force, c.peak_force, c.area,
+                c.u, c.theta, *c.p_L, *c.n_L, *c.p_T, *c.n_T, *c.f_T,
+                c.taxels.sum(), c.taxel_forces @ c.taxels,
+            ]
+            for c in perception.contacts
+        ]  # fmt: skip
+    return {"periods": np.array(periods), "contacts": np.array(contacts)}
+
+
+if __name__ == "__main__":
+    for one in CASES if sys.argv[1:] == ["all"] else sys.argv[1:]:
+        record(one)
+        print(one, (FOLDER / f"{one}.mcap").stat().st_size)

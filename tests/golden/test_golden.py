@@ -1,0 +1,59 @@
+"""Recordings of an earlier version replay to the same perceptions and the same decisions."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from golden.cases import CASES, FOLDER, perceived
+from tci.middleware.replay import ReplayLink
+from tci.model.catalogue import load_robot
+from tci.recording.cdr import decode
+from tci.recording.recording import Recording
+from tci.recording.schemas import DECISION, decision_bytes
+from tci.runtime.loop import Tick, run
+
+TEXTS = ("reason", "clamped", "refusals")
+"""Fields of a decision that are for people: their wording may change, their presence may not."""
+ROUNDING = 1e-9
+"""Largest relative difference [1], and absolute [rad, N, m]: another processor rounds sums and sines in other
+ways, and the gate's motion carries that on from period to period."""
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_recording_replays_to_the_same_numbers(name: str) -> None:
+    case, path = CASES[name], FOLDER / f"{name}.mcap"
+    recorded = [tick.decision for tick in Recording(path).ticks() if tick.decision is not None]
+    ticks: list[Tick] = []
+    with ReplayLink(load_robot(str(FOLDER / "robots" / case.robot)), str(path)) as link:
+        run(link, case.capability(), duration=case.duration, observe=ticks.append)
+    assert len(ticks) == len(recorded) > 100
+    for tick, then in zip(ticks, recorded, strict=True):
+        same_decision(decode(DECISION, decision_bytes(tick.sent)), decode(DECISION, then), tick.now)
+    now, before = perceived(ticks), np.load(FOLDER / f"{name}.npz")
+    for table in before.files:
+        np.testing.assert_allclose(now[table], before[table], rtol=ROUNDING, atol=ROUNDING, err_msg=table)
+
+
+def same_decision(a: dict[str, Any], b: dict[str, Any], now: float) -> None:
+    """Asserts that two decisions send equal numbers in equal modes, both with a reason or both without."""
+    assert a.keys() == b.keys()
+    for field, value in a.items():
+        said = f"{field} at {now:.3f} s"
+        if field in TEXTS:
+            assert bool(value) == bool(b[field]), f"{said}: {value} {b[field]}"
+        elif isinstance(value, str):
+            assert value == b[field], said
+        else:
+            np.testing.assert_allclose(value, b[field], rtol=ROUNDING, atol=ROUNDING, err_msg=said)
+
+
+def test_the_recordings_hold_what_they_are_for() -> None:
+    """Every recording of a touch has contacts and commands, every fault is injected while the robot moves."""
+    for name, case in CASES.items():
+        contacts = np.load(FOLDER / f"{name}.npz")["contacts"]
+        commands = sum(len(tick.commands) for tick in Recording(FOLDER / f"{name}.mcap").ticks())
+        assert commands > 0, name
+        assert (len(contacts) > 5) is (case.poke is not None), name

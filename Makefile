@@ -30,7 +30,7 @@ peers: dev-env
 
 # Else each process of the tests compiles all loops, at the same time as the others.
 loops: dev-env
-	@$(VENV)/python -c "import tci.capabilities.answer, tci.interface.body, tci.interface.gate.gate, tci.simulation.stepping"
+	@$(VENV)/python -c "import tci.capabilities.answer, tci.body.generic_body, tci.gate.gate, tci.simulation.stepping"
 
 quick: dev-env  ## lint, types and the tests of what changed since main, within a minute
 	@$(VENV)/python tools/quick.py
@@ -56,14 +56,14 @@ middleware: peers  ## every middleware's tests and figures; writes docs/tables/m
 	@$(VENV)/python tools/middleware
 
 soak: dev-env  ## hostile commands through the gate, and a day of noise and drift on a skin (TCI_SOAK=cycles)
-	@TCI_SOAK=$${TCI_SOAK:-200000} $(VENV)/python -m pytest -q tests/interface/test_gate.py tests/interface/test_long_conditioning.py -k "hostile or conditioning"
+	@TCI_SOAK=$${TCI_SOAK:-200000} $(VENV)/python -m pytest -q tests/gate/test_gate.py tests/skin/test_long_conditioning.py -k "hostile or conditioning"
 
 fuzz: dev-env  ## all that reads foreign bytes: coverage-guided (TCI_SECONDS each), and damaged ones (TCI_FUZZ=files)
 	@for target in $$($(VENV)/python tools/reliability/fuzz.py); do echo "== $$target"; \
 	  $(VENV)/python tools/reliability/fuzz.py $$target $${TCI_SECONDS:-20} || exit 1; done
 	@TCI_FUZZ=$${TCI_FUZZ:-20000} TCI_FUZZ_WIRE=$${TCI_FUZZ_WIRE:-1000000} $(VENV)/python -m pytest -q \
-	  tests/model/test_xml.py tests/middleware/yarp tests/middleware/test_player.py tests/middleware/test_lcm.py \
-	  tests/middleware/test_remote_cdr.py -k "damaged or mutated or spoilt"
+	  tests/robot/test_xml.py tests/drivers/yarp tests/drivers/test_player.py tests/drivers/test_lcm.py \
+	  tests/drivers/test_remote_cdr.py -k "damaged or mutated or spoilt"
 
 reliability: dev-env  ## the scoreboard of docs/reliability.md (FULL=1: full size); writes reliability.json
 	@OUT="$(OUT)" FULL=$(FULL) ROWS="$(ROWS)" PAGE=$(PAGE) $(VENV)/python tools/reliability
@@ -79,7 +79,7 @@ lock:  ## renew requirements/*.txt (needs uv)
 	  --index-url https://pypi.org/simple --no-emit-index-url --no-header \
 	  $$(grep -q '^# alone' $$peer && echo --no-deps) $$peer -o $${peer%.in}.txt || exit 1; done
 
-lowest:  ## tests with the lowest versions that pyproject.toml allows, in .lowest (TESTS="tests/model ...": some)
+lowest:  ## tests with the lowest versions that pyproject.toml allows, in .lowest (TESTS="tests/robot ...": some)
 	@$(PYTHON) -m venv .lowest
 	@.lowest/bin/python -m pip install --quiet --require-hashes --requirement requirements/lowest.txt
 	@.lowest/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .

@@ -3,9 +3,9 @@
 import numpy as np
 
 import tci
-from tci.middleware.query import query
-from tci.model.kinematics import Kinematics
-from tci.model.urdf import to_urdf
+from tci.exports.facts import query
+from tci.exports.urdf import to_urdf
+from tci.robot.kinematics import Kinematics
 
 robot = tci.load_robot("nao")
 facts = query(robot)

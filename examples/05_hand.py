@@ -3,8 +3,8 @@
 import numpy as np
 
 import tci
-from tci.interface.body import Body
-from tci.interface.cartesian import reach_of
+from tci.body.cartesian import reach_of
+from tci.body.generic_body import Body
 from tci.messages import CartesianCommand
 
 TARGET = np.array([0.55, 0.10, -0.55])  # forward, left, up, in the arm's mount frame

@@ -6,7 +6,7 @@ import numpy as np
 from py_trees.composites import Selector
 
 import tci
-from tci.capabilities.behaviours import BehaviourTree, Reflex, Task
+from tci.capabilities.behaviour_tree import BehaviourTree, Reflex, Task
 from tci.capabilities.capability import Capability
 from tci.messages import Mode
 

@@ -15,12 +15,14 @@ TESTS = Path(__file__).parent
 
 LIVE = [
     "cli",
+    "commissioning",
+    "drivers",
+    "exports/test_facts.py",
     "faults/test_processes.py",
-    "middleware",
     "recording/test_recorder.py",
     "runtime",
     "test_examples.py",
-    "trials/test_elsewhere.py",
+    "experiments/test_remote_trial.py",
     "viewer",
 ]
 """Tests with other processes, in real time. On a busy machine a robot holds, rightly: few run at once."""

@@ -13,18 +13,18 @@ from typing import Any
 import numpy as np
 
 import tci
+from tci.body.generic_body import Body
 from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.capabilities.capability import Capability
 from tci.capabilities.soft_reaction import SoftReaction
 from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.drivers.simulated import SimulatedLink
 from tci.frames import Array
-from tci.interface.body import Body
 from tci.messages import Mode
-from tci.middleware.simulated import SimulatedLink
-from tci.model.description import GenericPart, Patch, Robot
-from tci.model.description.patch import Table
-from tci.model.joint_map import joint_map
-from tci.model.kinematics import Kinematics
+from tci.robot.description import GenericPart, Patch, Robot
+from tci.robot.description.patch import Table
+from tci.robot.joint_map import joint_map
+from tci.robot.kinematics import Kinematics
 from tci.simulation.world import World
 
 RESTS = 0.2

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from tci.messages import JointReading, Reading, SkinFrame
-from tci.model.description import (
+from tci.robot.description import (
     GenericPart,
     GenericServo,
     Model,
@@ -22,7 +22,7 @@ from tci.model.description import (
     Servo,
     TruncatedCone,
 )
-from tci.model.generic_arm import JOINTS, Side
+from tci.robot.generic_arm import JOINTS, Side
 
 RADIUS = 0.025
 UPPER, LOWER = 0.15, 0.12

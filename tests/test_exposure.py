@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from tci.runtime.registry import server_names
+from tci.drivers.registry import server_names
 
 TOOLS = Path(__file__).parents[1] / "tools" / "reliability"
 

@@ -11,14 +11,14 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from tci.interface.skin.calibrate import calibrate
-from tci.interface.skin.conditioning import Conditioner
-from tci.interface.skin.contacts import ContactSettings, find_clusters
-from tci.model.description import Patch, Sensor, Table
-from tci.model.live_channels import live_channels
-from tci.model.skin.layout import SkinLayout
-from tci.model.skin.reader import read_layout
-from tci.model.surfaces import find_neighbours
+from tci.authoring.calibrate_skin import calibrate
+from tci.authoring.live_channels import live_channels
+from tci.robot.description import Patch, Sensor, Table
+from tci.robot.skin_files.layout import SkinLayout
+from tci.robot.skin_files.reader import read_layout
+from tci.skin.conditioning import Conditioner
+from tci.skin.contacts import ContactSettings, find_clusters
+from tci.skin.surfaces import find_neighbours
 
 SENSOR = Sensor(rest=240.0, pascal_per_count=-450.0, lowest=0.0, highest=255.0)
 MOMENTS = (5.0, 11.2, 14.05, 15.45, 17.6)

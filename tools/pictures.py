@@ -18,10 +18,10 @@ import numpy as np
 from foot import draw as draw_foot
 
 import tci
+from tci.body.places import find_place
 from tci.cli.main import app
 from tci.cli.view import SIMULATED
-from tci.interface.skin.places import find_place
-from tci.trials.film import Film
+from tci.pictures.film import Film
 from tci.viewer.app import Viewer
 from tci.viewer.session import Session
 

@@ -9,23 +9,25 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from tci.trials.registration import register_when_imported as _register_when_imported
+from tci.learning.registration import register_when_imported as _register_when_imported
 
 if TYPE_CHECKING:
+    from tci.body.generic_body import Body as Body
+    from tci.body.posture import generic_posture as generic_posture
+    from tci.body.posture import home as home
+    from tci.body.posture import to_platform as to_platform
     from tci.capabilities.capability import Capability as Capability
     from tci.capabilities.withdrawal import WithdrawalReflex as WithdrawalReflex
     from tci.clock import ManualClock as ManualClock
     from tci.clock import MonotonicClock as MonotonicClock
     from tci.clock import ticks as ticks
+    from tci.drivers.driver import Link as Link
+    from tci.drivers.registry import connect as connect
+    from tci.drivers.registry import link_names as link_names
     from tci.errors import TciError as TciError
-    from tci.interface.body import Body as Body
-    from tci.interface.gate.gate import Gate as Gate
-    from tci.interface.gate.gate import SafeCommand as SafeCommand
-    from tci.interface.part import generic_posture as generic_posture
-    from tci.interface.part import home as home
-    from tci.interface.part import to_platform as to_platform
-    from tci.interface.skin.contacts import find_contacts as find_contacts
-    from tci.interface.skin.skin import Skin as Skin
+    from tci.gate.gate import Gate as Gate
+    from tci.gate.gate import SafeCommand as SafeCommand
+    from tci.learning.simulate import simulate as simulate
     from tci.messages import Contact as Contact
     from tci.messages import GenericCommand as GenericCommand
     from tci.messages import JointReading as JointReading
@@ -35,17 +37,15 @@ if TYPE_CHECKING:
     from tci.messages import Reading as Reading
     from tci.messages import SkinFrame as SkinFrame
     from tci.messages import SwitchMode as SwitchMode
-    from tci.middleware.link import Link as Link
-    from tci.model.catalogue import load_robot as load_robot
-    from tci.model.catalogue import robot_names as robot_names
-    from tci.model.description import Robot as Robot
+    from tci.robot.catalogue import load_robot as load_robot
+    from tci.robot.catalogue import robot_names as robot_names
+    from tci.robot.description import Robot as Robot
     from tci.runtime.loop import Tick as Tick
     from tci.runtime.loop import run as run
     from tci.runtime.reasons import Notice as Notice
-    from tci.runtime.registry import connect as connect
-    from tci.runtime.registry import link_names as link_names
     from tci.runtime.result import RunResult as RunResult
-    from tci.trials.simulate import simulate as simulate
+    from tci.skin.contacts import find_contacts as find_contacts
+    from tci.skin.skin import Skin as Skin
 
 __version__ = "0.1.0"
 
@@ -54,11 +54,11 @@ _NAMES = {
     "tci.capabilities.withdrawal": ("WithdrawalReflex",),
     "tci.clock": ("ManualClock", "MonotonicClock", "ticks"),
     "tci.errors": ("TciError",),
-    "tci.interface.body": ("Body",),
-    "tci.interface.skin.contacts": ("find_contacts",),
-    "tci.interface.gate.gate": ("Gate", "SafeCommand"),
-    "tci.interface.part": ("generic_posture", "home", "to_platform"),
-    "tci.interface.skin.skin": ("Skin",),
+    "tci.body.generic_body": ("Body",),
+    "tci.skin.contacts": ("find_contacts",),
+    "tci.gate.gate": ("Gate", "SafeCommand"),
+    "tci.body.posture": ("generic_posture", "home", "to_platform"),
+    "tci.skin.skin": ("Skin",),
     "tci.messages": (
         "Contact",
         "GenericCommand",
@@ -70,14 +70,14 @@ _NAMES = {
         "SkinFrame",
         "SwitchMode",
     ),
-    "tci.middleware.link": ("Link",),
-    "tci.model.catalogue": ("load_robot", "robot_names"),
-    "tci.model.description": ("Robot",),
+    "tci.drivers.driver": ("Link",),
+    "tci.robot.catalogue": ("load_robot", "robot_names"),
+    "tci.robot.description": ("Robot",),
     "tci.runtime.loop": ("Tick", "run"),
     "tci.runtime.reasons": ("Notice",),
-    "tci.runtime.registry": ("connect", "link_names"),
+    "tci.drivers.registry": ("connect", "link_names"),
     "tci.runtime.result": ("RunResult",),
-    "tci.trials.simulate": ("simulate",),
+    "tci.learning.simulate": ("simulate",),
 }
 _HOME = {name: module for module, names in _NAMES.items() for name in names}
 

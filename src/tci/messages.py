@@ -3,12 +3,12 @@
 One way for the data (docs/architecture.md):
 
     Reading(JointReading, SkinFrame...)   robot -> interface       raw, in the robot's own order
-    SkinState                             interface/skin           pressure [Pa] of every taxel
-    Contact...                            interface/contacts       eq. 7
+    SkinState                             skin                     pressure [Pa] of every taxel
+    Contact...                            skin/contacts            eq. 7
     Perception                            interface -> capability  generic posture and contacts
     GenericCommand, SwitchMode            capability -> interface  generic joints, tagged with its mode
-    PlatformCommand, PlatformSwitch       interface/part           inverse of eqs 1-2, mapped servos only
-    SafeCommand                           interface/gate           the only thing that a link writes
+    PlatformCommand, PlatformSwitch       body/posture             inverse of eqs 1-2, mapped servos only
+    SafeCommand                           gate                     the only thing that a link writes
 """
 
 from __future__ import annotations

@@ -8,15 +8,15 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tci.body.generic_body import Body
+from tci.body.posture import to_platform
 from tci.errors import CommandError, UnknownNameError
 from tci.frames import Array, read_only
-from tci.interface.body import Body
-from tci.interface.part import to_platform
-from tci.interface.skin.shear import normal_channels
 from tci.messages import GenericCommand, JointReading, Mode, Perception, Reading, SkinFrame
-from tci.model.catalogue import load_robot
-from tci.model.description import Patch, Robot
-from tci.model.surfaces import Surface
+from tci.robot.catalogue import load_robot
+from tci.robot.description import Patch, Robot
+from tci.skin.shear import normal_channels
+from tci.skin.surfaces import Surface
 
 PERIOD = 0.02
 """Time [s] from one perception to the next. Assumed: a skin of 50 Hz, the slowest of our robots."""

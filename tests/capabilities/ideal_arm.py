@@ -12,7 +12,7 @@ import numpy as np
 
 from tci.capabilities.fields import ReceptiveField
 from tci.frames import Array, read_only
-from tci.model.generic_arm import (
+from tci.robot.generic_arm import (
     Side,
     limb_direction,
     segment_rotation,

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from capabilities.touches import one_field, touch
 from tci.capabilities.discounts import phi, psi, psi_cosine
 from tci.capabilities.withdrawal import WithdrawalReflex
-from tci.interface.skin.generic_limb import generic_limb_distance
 from tci.messages import Contact
+from tci.robot.limb import generic_limb_distance
 
 
 def force_of(contact: Contact, radius: float, measure: str) -> float:

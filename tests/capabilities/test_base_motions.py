@@ -13,7 +13,7 @@ import pytest
 from capabilities.ideal_arm import COMMON_RANGE, ICUB, INITIAL, NAO, IdealArm
 from tci.capabilities.fields import ReceptiveField, default_fields
 from tci.frames import Array, angle_between
-from tci.model.generic_arm import JOINTS, Side
+from tci.robot.generic_arm import JOINTS, Side
 
 FIELDS = default_fields()
 SIDES: tuple[Side, ...] = ("left", "right")

@@ -7,18 +7,18 @@ from dataclasses import dataclass
 import pytest
 
 from capabilities.touches import POSTURE, see, touch
+from tci.body.places import find_place
 from tci.capabilities.capability import Capability
 from tci.capabilities.contact_stop import ContactStop
 from tci.capabilities.fields import default_fields
+from tci.drivers.simulated import SimulatedLink
 from tci.errors import TciError
 from tci.frames import read_only
-from tci.interface.skin.places import find_place
-from tci.interface.skin.skin import Skin
 from tci.messages import CartesianCommand, Command, GenericCommand, Mode, Perception, SwitchMode
-from tci.middleware.simulated import SimulatedLink
-from tci.model.catalogue import load_robot
+from tci.robot.catalogue import load_robot
 from tci.runtime.loop import run
 from tci.simulation.world import World
+from tci.skin.skin import Skin
 
 TARGET = read_only(POSTURE + 0.3)
 

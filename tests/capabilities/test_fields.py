@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from capabilities.touches import one_field
 from tci.capabilities.fields import default_fields, load_fields
 from tci.errors import DescriptionError
-from tci.interface.skin.contacts import Measure
+from tci.skin.contacts import Measure
 
 GOOD = """
 [force.weighted]

@@ -8,19 +8,19 @@ import numpy as np
 import pytest
 
 from capabilities.touches import BOTH_ARMS, see, touch
+from tci.body.generic_body import Body
+from tci.body.posture import to_platform
 from tci.capabilities.fields import default_fields
 from tci.capabilities.soft_reaction import SoftReaction
 from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.drivers.simulated import SimulatedLink
 from tci.errors import CommandError, TciError
+from tci.experiments.poke import Stimulus, Trace, poke
 from tci.frames import Array, apply, read_only
-from tci.interface.body import Body
-from tci.interface.part import to_platform
 from tci.messages import Contact, GenericCommand, Mode
-from tci.middleware.simulated import SimulatedLink
-from tci.model.catalogue import load_robot
+from tci.robot.catalogue import load_robot
 from tci.runtime.loop import Tick, run
 from tci.simulation.world import World
-from tci.trials.poke import Stimulus, Trace, poke
 
 SITE = next(field for field in default_fields() if field.name == "forearm_extensor")
 SLOW = Stimulus(speed=0.05, depth=0.02, duration=0.8)

@@ -11,16 +11,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from capabilities.touches import BOTH_ARMS, POSTURE, one_field, poke, see, touch
+from tci.body.posture import generic_posture, to_platform
 from tci.capabilities.fields import ReceptiveField, default_fields
 from tci.capabilities.withdrawal import WithdrawalMemory, WithdrawalReflex
 from tci.capabilities.withdrawing import Withdrawal
 from tci.errors import CommandError, TciError
 from tci.frames import Array
-from tci.interface.gate.gate import Gate
-from tci.interface.part import generic_posture, to_platform
-from tci.interface.skin.generic_limb import generic_limb_distance
+from tci.gate.gate import Gate
 from tci.messages import Contact, JointReading, Mode, Perception
-from tci.model.catalogue import load_robot
+from tci.robot.catalogue import load_robot
+from tci.robot.limb import generic_limb_distance
 
 FIELD = one_field()
 REFLEX = WithdrawalReflex(fields=(FIELD,))

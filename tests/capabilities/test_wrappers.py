@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 
 from capabilities.touches import see
-from tci.capabilities.behaviours import BehaviourTree, Reflex
+from tci.capabilities.behaviour_tree import BehaviourTree, Reflex
 from tci.capabilities.body_withdrawal import BodyMemory, BodyWithdrawal
 from tci.capabilities.capability import Capability
 from tci.capabilities.contact_stop import ContactStop
-from tci.capabilities.gesture import PlayGesture
+from tci.capabilities.play_gesture import PlayGesture
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.capabilities.withdrawing import Refusal
 from tci.errors import CommandError
-from tci.interface.gestures.gesture import Gesture, fit
+from tci.gestures.gesture import Gesture, fit
 from tci.messages import GenericCommand, Mode, Order, Perception, SwitchMode
-from tci.model.catalogue import load_robot
+from tci.robot.catalogue import load_robot
 from tci.viewer.steered import Steered
 
 T = np.linspace(0.0, 1.0, 21)

@@ -15,8 +15,8 @@ from matplotlib.image import imread
 
 from tci.cli.console import console
 from tci.cli.main import main
-from tci.middleware.query import query, read_facts
-from tci.model.catalogue import load_robot
+from tci.exports.facts import query, read_facts
+from tci.robot.catalogue import load_robot
 
 ROOT = Path(__file__).parent.parent.parent
 LISTING = """<generic_robot angle_unit="deg">

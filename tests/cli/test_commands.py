@@ -19,7 +19,7 @@ from tci.cli.demo import load_robots
 from tci.cli.main import app
 from tci.cli.run import load_capability
 from tci.errors import MissingExtraError
-from tci.model.description import Robot
+from tci.robot.description import Robot
 
 SILENT = {"view", "zenoh router"}
 """They run until they are interrupted, and report nothing."""

@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from cli.test_cli import tci
-from middleware.served import Served, needs_qi
+from drivers.served import Served, needs_qi
 
 
 def test_this_machine() -> None:

@@ -14,11 +14,11 @@ import pytest
 from typer.testing import CliRunner
 
 from tci.cli.main import app, main
+from tci.drivers.simulated import SimulatedLink
 from tci.errors import CommandError, LinkError
-from tci.interface.gestures.files import read_csv
+from tci.gestures.files import read_csv
 from tci.messages import Reading
-from tci.middleware.simulated import SimulatedLink
-from tci.model.description import Robot
+from tci.robot.description import Robot
 from tci.simulation.world import World
 
 
@@ -42,7 +42,7 @@ def breaking(monkeypatch: pytest.MonkeyPatch) -> type[Breaking]:
     def connect(robot: Robot, via: str, **options: Any) -> Breaking:
         return Breaking(robot, world=World(robot, skin=False))
 
-    monkeypatch.setattr("tci.runtime.registry.connect", connect)
+    monkeypatch.setattr("tci.drivers.registry.connect", connect)
     return Breaking
 
 
@@ -91,7 +91,7 @@ def test_a_robot_that_shows_nothing_leaves_no_file(
 def test_recording_ends_where_a_gesture_would_be_too_long(
     breaking: type[Breaking], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("tci.interface.gestures.gesture.LONGEST", 0.2)
+    monkeypatch.setattr("tci.gestures.gesture.LONGEST", 0.2)
     result = CliRunner().invoke(app, ["gesture", "record", str(tmp_path / "wave.csv"), "nao"])
     assert result.exit_code == 0, result.output
     assert read_csv(tmp_path / "wave.csv")[0].duration == pytest.approx(0.2, abs=0.021)

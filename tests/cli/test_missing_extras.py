@@ -12,10 +12,10 @@ from pathlib import Path
 import pytest
 
 from tci.cli.demo import demo
+from tci.drivers.registry import link_names
 from tci.errors import TciError
 from tci.installed import advice
-from tci.model.generic_arm import JOINTS
-from tci.runtime.registry import link_names
+from tci.robot.generic_arm import JOINTS
 
 ROOT = Path(__file__).parents[2]
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
@@ -59,8 +59,8 @@ ALONE = {
     "log export one.mcap a.parquet --format parquet": "parquet",
     "log import bag a.mcap nao": "ros2",
     "new-robot arm.urdf": "robots",
-    "run tci.capabilities.behaviours:BehaviourTree nao": "behaviours",
-    "run tci.trials.withdrawal_env:WithdrawalEnv nao": "gym",
+    "run tci.capabilities.behaviour_tree:BehaviourTree nao": "behaviours",
+    "run tci.learning.withdrawal_env:WithdrawalEnv nao": "gym",
 }
 CASES = {
     **{words.format(via): told for words in WITH_VIA for via, told in VIAS.items()},

@@ -7,8 +7,8 @@ import shutil
 from pathlib import Path
 
 from cli.test_cli import tci
-from tci.model.xml import read_robot
-from tci.model.xml.model import packaged
+from tci.robot.xml import read_robot
+from tci.robot.xml.model import packaged
 
 
 def test_from_a_folder_and_from_a_package(tmp_path: Path) -> None:

@@ -13,14 +13,14 @@ import pytest
 
 import tci
 from cli.test_cli import tci as told_by
+from tci.body.generic_body import Body
 from tci.cli.run import load_capability, run_capability
+from tci.drivers.driver import Link
+from tci.drivers.faults.fault_list import FAULTS
+from tci.drivers.faults.injectors import INJECTORS
+from tci.drivers.simulated import SimulatedLink
 from tci.errors import UnknownNameError
-from tci.interface.body import Body
 from tci.messages import Spot
-from tci.middleware.fault_list import FAULTS
-from tci.middleware.injectors import INJECTORS
-from tci.middleware.link import Link
-from tci.middleware.simulated import SimulatedLink
 
 POKED = ("run", "withdrawal", "nao", "--poke", "--duration", "0.7")
 

@@ -10,8 +10,8 @@ import pytest
 import tci
 from runtime.test_serve import Desk, turn_head
 from tci.cli import serve as command
-from tci.middleware.faulty import FaultyLink, parse_fault
-from tci.middleware.simulated import SimulatedLink
+from tci.drivers.faults.fault_injector import FaultyLink, parse_fault
+from tci.drivers.simulated import SimulatedLink
 from tci.runtime.reasons import MOST
 
 AWAY = 400

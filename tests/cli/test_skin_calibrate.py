@@ -11,20 +11,20 @@ import pytest
 from lxml import etree
 from typer.testing import CliRunner
 
-import tci.model
+import tci.robot
 from tci.cli.main import app
 from tci.cli.record import recorder_for
+from tci.drivers.simulated import SimulatedLink
 from tci.errors import DescriptionError, TciError
-from tci.interface.skin.skin import Skin
 from tci.messages import JointReading, Reading
-from tci.middleware.simulated import SimulatedLink
-from tci.model.catalogue import load_robot
-from tci.model.skin.calibration import read_calibration
-from tci.model.xml import read_robot
 from tci.recording.recorder import Recorder
+from tci.robot.catalogue import load_robot
+from tci.robot.skin_files.calibration import read_calibration
+from tci.robot.xml import read_robot
 from tci.simulation.world import World
+from tci.skin.skin import Skin
 
-NAO = Path(tci.model.__file__).parent / "robots" / "nao"
+NAO = Path(tci.robot.__file__).parent / "robots" / "nao"
 WRONG = 1.4
 
 

@@ -10,11 +10,11 @@ import pytest
 from typer.testing import CliRunner
 
 from skin_data import SkinData
+from tci.authoring.registration import Registration, link_surface, register
 from tci.cli.main import app
 from tci.frames import apply, rotation_rpy, transform
-from tci.model.catalogue import load_robot
-from tci.model.registration import Registration, link_surface, register
-from tci.model.skin.file import read_skin_file
+from tci.robot.catalogue import load_robot
+from tci.robot.skin_files.file import read_skin_file
 
 ICUB = load_robot("icub")
 

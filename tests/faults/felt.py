@@ -9,15 +9,15 @@ import numpy as np
 import tci
 from tci.capabilities.withdrawal import WithdrawalMemory
 from tci.clock import ManualClock
+from tci.drivers.driver import Link
+from tci.drivers.faults.fault_injector import FaultPlan, FaultyLink
 from tci.frames import Array, read_only
-from tci.interface.gate.gate import Gate, GateSettings
-from tci.interface.gate.safe_command import SafeCommand
-from tci.interface.skin.skin import Skin
+from tci.gate.gate import Gate, GateSettings
+from tci.gate.safe_command import SafeCommand
 from tci.messages import JointReading, Order, Perception, Reading, SkinFrame
-from tci.middleware.faulty import FaultPlan, FaultyLink
-from tci.middleware.link import Link
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport
+from tci.skin.skin import Skin
 
 RATE = 50.0
 ROBOT = tci.load_robot("nao")

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 import tci
-from tci.interface.gate.gate import GateState
+from tci.drivers.faults.fault_injector import FaultPlan, FaultyLink
+from tci.drivers.simulated import SimulatedLink
+from tci.gate.gate import GateState
 from tci.messages import GenericCommand, Mode, Order, Perception, SwitchMode
-from tci.middleware.faulty import FaultPlan, FaultyLink
-from tci.middleware.simulated import SimulatedLink
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport
 

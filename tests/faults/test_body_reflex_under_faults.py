@@ -11,17 +11,17 @@ import numpy as np
 import pytest
 
 import tci
+from tci.body.generic_body import Body
 from tci.capabilities.body_fields import BodyField, default_body_fields
 from tci.capabilities.body_withdrawal import BodyMemory, BodyWithdrawal
 from tci.clock import ManualClock
+from tci.drivers.driver import Link
+from tci.drivers.faults.fault_injector import FaultPlan, FaultyLink
 from tci.frames import Array, read_only
-from tci.interface.body import Body
-from tci.interface.gate.gate import Gate, GateSettings, GateState
-from tci.interface.gate.safe_command import SafeCommand
+from tci.gate.gate import Gate, GateSettings, GateState
+from tci.gate.safe_command import SafeCommand
 from tci.messages import JointReading, Order, Perception, Reading, SkinFrame
-from tci.middleware.faulty import FaultPlan, FaultyLink
-from tci.middleware.link import Link
-from tci.model.description import Robot
+from tci.robot.description import Robot
 from tci.runtime.loop import Tick, run
 
 LEARNT = 5.0

@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 
 import tci
+from tci.drivers.simulated import SimulatedLink
 from tci.errors import LinkError
-from tci.interface.gate.gate import GateState
-from tci.middleware.simulated import SimulatedLink
+from tci.gate.gate import GateState
 from tci.recording.recording import Recording
 from tci.runtime.heartbeat import Listener
 from tci.runtime.lease import lease

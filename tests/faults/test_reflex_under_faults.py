@@ -10,9 +10,9 @@ import pytest
 import tci
 from capabilities.touches import one_field, see, touch
 from faults.felt import OTHER, PATCH, Felt, NoisySkin
-from tci.interface.gate.gate import GateState
-from tci.interface.skin.skin import Skin
-from tci.middleware.faulty import FaultPlan, FaultyLink
+from tci.drivers.faults.fault_injector import FaultPlan, FaultyLink
+from tci.gate.gate import GateState
+from tci.skin.skin import Skin
 
 LEARNT = 5.0
 """Time [s] after which noise and rest are learnt."""

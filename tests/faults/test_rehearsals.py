@@ -12,11 +12,11 @@ import pytest
 
 import tci
 from faults.rehearsal import AT, Rehearsal
+from tci.drivers.faults.fault_injector import FaultPlan, parse_fault
+from tci.drivers.faults.injectors import INJECTORS
+from tci.drivers.simulated import SimulatedLink
 from tci.errors import CommandError, LinkError, UnknownNameError
-from tci.interface.gate.gate import GateState
-from tci.middleware.faulty import FaultPlan, parse_fault
-from tci.middleware.injectors import INJECTORS
-from tci.middleware.simulated import SimulatedLink
+from tci.gate.gate import GateState
 from tci.simulation.world import World
 
 

@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 from faults.rehearsal import AT, Rehearsal
 from tci.capabilities.soft_reaction import SoftReaction
 from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.drivers.faults.injectors import INJECTORS
+from tci.drivers.faults.injectors.injector import Injector
+from tci.drivers.simulated import SimulatedLink
 from tci.frames import read_only
-from tci.interface.gate.gate import GateState
-from tci.interface.skin.skin import Skin
+from tci.gate.gate import GateState
 from tci.messages import Mode, Reading, SkinFrame
-from tci.middleware.injectors import INJECTORS
-from tci.middleware.injectors.injector import Injector
-from tci.middleware.simulated import SimulatedLink
-from tci.model.catalogue import load_robot
+from tci.robot.catalogue import load_robot
 from tci.simulation.world import World
+from tci.skin.skin import Skin
 
 END = 0.05
 """Time [s] from the last reading that can be believed within which torques end."""

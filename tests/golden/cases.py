@@ -18,14 +18,14 @@ import tci
 from faults.rehearsal import Sway
 from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.cli.run import poke_forearm
+from tci.drivers.driver import Link
+from tci.drivers.faults.fault_injector import FaultPlan, FaultyLink
+from tci.drivers.faults.injectors import INJECTORS
+from tci.drivers.simulated import SimulatedLink
 from tci.messages import Mode
-from tci.middleware.faulty import FaultPlan, FaultyLink
-from tci.middleware.injectors import INJECTORS
-from tci.middleware.link import Link
-from tci.middleware.simulated import SimulatedLink
-from tci.model.catalogue import load_robot
 from tci.recording.compact import compact
 from tci.recording.recorder import Recorder
+from tci.robot.catalogue import load_robot
 from tci.runtime.loop import Tick, run
 
 FOLDER = Path(__file__).parent

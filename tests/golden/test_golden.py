@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from golden.cases import CASES, FOLDER, perceived
-from tci.middleware.replay import ReplayLink
-from tci.model.catalogue import load_robot
-from tci.recording.cdr import decode
+from tci.drivers.replay import ReplayLink
 from tci.recording.recording import Recording
 from tci.recording.schemas import DECISION, decision_bytes
+from tci.robot.catalogue import load_robot
+from tci.rosmsg.cdr import decode
 from tci.runtime.loop import Tick, run
 
 TEXTS = ("reason", "clamped", "refusals")

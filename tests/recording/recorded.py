@@ -8,11 +8,11 @@ import numpy as np
 
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.cli.run import poke_forearm
+from tci.drivers.simulated import SimulatedLink
 from tci.messages import JointReading, Mode, Reading, SkinFrame
-from tci.middleware.simulated import SimulatedLink
-from tci.model.catalogue import load_robot
-from tci.model.description import Robot
 from tci.recording.recorder import Recorder
+from tci.robot.catalogue import load_robot
+from tci.robot.description import Robot
 from tci.runtime.loop import Tick, run
 
 

@@ -11,11 +11,11 @@ from pyarrow.csv import read_csv
 from recording.recorded import record_poke, two_parts
 from tci.errors import RecordingError, UnknownNameError
 from tci.messages import JointReading, Reading, SkinFrame
-from tci.model.catalogue import load_robot
 from tci.recording.export import export, tables
 from tci.recording.names import distinct, inside
 from tci.recording.recorder import Recorder
 from tci.recording.recording import Recording
+from tci.robot.catalogue import load_robot
 from tci.runtime.loop import Tick
 
 

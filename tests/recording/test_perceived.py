@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 import tci
+from tci.body.places import find_place
+from tci.drivers.simulated import SimulatedLink
 from tci.errors import RecordingError
-from tci.interface.skin.places import find_place
-from tci.interface.skin.skin import Skin
-from tci.middleware.simulated import SimulatedLink
 from tci.recording.perceived import perceive, recorded_robot
 from tci.recording.recorder import Recorder
 from tci.recording.recording import Recording
 from tci.recording.touches import find_touches
 from tci.runtime.loop import Tick
+from tci.skin.skin import Skin
 
 
 class Poked:

@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from model.test_xml import GOOD
 from recording.recorded import equal_readings, made_up, record_poke, two_parts
+from robot.test_xml import GOOD
 from small_robot import build
 from tci.errors import RecordingError
-from tci.interface.gate.gate import Gate
+from tci.gate.gate import Gate
 from tci.messages import JointReading, Mode, PlatformCommand
-from tci.model.catalogue import load_robot
 from tci.recording.recorder import Recorder
 from tci.recording.recording import Recording
 from tci.recording.schemas import decision_bytes
+from tci.robot.catalogue import load_robot
 
 
 @pytest.mark.parametrize("robot", ["nao", "icub"])

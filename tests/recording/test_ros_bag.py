@@ -18,10 +18,10 @@ from cli.test_cli import tci
 from recording.recorded import record_poke, two_parts
 from tci.errors import RecordingError
 from tci.messages import Reading
-from tci.model.catalogue import load_robot
 from tci.recording.recording import Recording
 from tci.recording.ros_bag import _joints, import_ros_bag
 from tci.recording.schemas import SKIN
+from tci.robot.catalogue import load_robot
 from tci.runtime.loop import Tick
 
 JOINT_STATE = "sensor_msgs/msg/JointState"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import tci
-from tci.middleware.simulated import SimulatedLink
+from tci.drivers.simulated import SimulatedLink
 from tci.simulation.world import World
 
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 import tci
+from tci.drivers.simulated import SimulatedLink
 from tci.errors import LinkError
-from tci.middleware.simulated import SimulatedLink
 from tci.runtime.lease import _let_go, commanding, lease
 
 NAME = "the robot of these tests"

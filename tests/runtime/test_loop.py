@@ -15,15 +15,15 @@ import numpy as np
 import pytest
 
 import tci
+from tci.drivers.driver import Link
+from tci.drivers.simulated import SimulatedLink
 from tci.errors import CommandError, LinkError
-from tci.interface.gate.gate import GateState, SafeCommand
+from tci.gate.gate import GateState, SafeCommand
 from tci.messages import GenericCommand, Mode, Order, Perception, Reading, SwitchMode
-from tci.middleware.link import Link
-from tci.middleware.simulated import SimulatedLink
-from tci.runtime.guards import LEAST_SILENCE, frozen_garbage, interruptions
 from tci.runtime.lease import lease
 from tci.runtime.loop import PERSISTS, REST, Tick, run
 from tci.runtime.loop_report import LoopReport
+from tci.runtime.watchdogs import LEAST_SILENCE, frozen_garbage, interruptions
 from tci.simulation.world import World
 
 

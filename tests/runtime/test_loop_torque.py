@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import tci
+from tci.drivers.simulated import SimulatedLink
 from tci.errors import LinkError
 from tci.frames import read_only
-from tci.interface.gate.gate import GateState, SafeCommand
+from tci.gate.gate import GateState, SafeCommand
 from tci.messages import Mode, Perception, PlatformCommand, PlatformOrder, PlatformSwitch, Reading
-from tci.middleware.simulated import SimulatedLink
 from tci.runtime.loop import REST, Tick, run
 from tci.simulation.world import World
 

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 import tci
+from tci.body.generic_body import Body
 from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.capabilities.contact_stop import ContactStop
+from tci.drivers.simulated import SimulatedLink
 from tci.errors import CommandError, TciError, UnknownNameError
-from tci.interface.body import Body
-from tci.middleware.simulated import SimulatedLink
 from tci.simulation.world import World
 from tci.testing import TouchedRobot
 

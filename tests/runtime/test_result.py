@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import tci
-from tci.interface.gate.gate import GateState
-from tci.middleware.simulated import SimulatedLink
+from tci.drivers.simulated import SimulatedLink
+from tci.gate.gate import GateState
 from tci.runtime.loop_report import LoopReport
 from tci.runtime.reasons import MOST, OTHERS, Notice, Reasons
 

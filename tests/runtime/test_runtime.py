@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import tci
-from middleware.served import needs_qi
+from drivers.served import needs_qi
 from tci.clock import Every, ManualClock, ticks
+from tci.drivers.registry import open_server, server_names
+from tci.drivers.simulated import SimulatedLink
 from tci.errors import LinkError, UnknownNameError
 from tci.messages import GenericCommand, Mode, Perception
-from tci.middleware.simulated import SimulatedLink
 from tci.runtime.loop import Tick
-from tci.runtime.registry import open_server, server_names
 from tci.simulation.world import World
 
 

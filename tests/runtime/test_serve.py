@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 import tci
-from tci.interface.gate.safe_command import SafeCommand
+from tci.drivers.driver import Link
+from tci.drivers.server import Server
+from tci.drivers.simulated import SimulatedLink
+from tci.gate.safe_command import SafeCommand
 from tci.messages import GenericCommand, Mode, Order, Perception, Reading
-from tci.middleware.link import Link
-from tci.middleware.server import Server
-from tci.middleware.simulated import SimulatedLink
-from tci.runtime.guards import PILED_UP
 from tci.runtime.loop import Tick
 from tci.runtime.serve import serve
+from tci.runtime.watchdogs import PILED_UP
 
 
 class Desk(Server):

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from tci.model.catalogue import load_robot
+from tci.robot.catalogue import load_robot
 from tci.simulation.world import World
 
 ROBOTS = ("nao", "icub")

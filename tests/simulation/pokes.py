@@ -9,9 +9,9 @@ import numpy as np
 from tci.errors import TciError
 from tci.frames import Array
 from tci.messages import SkinFrame
-from tci.model.description import Patch, Robot
-from tci.model.surfaces import Surface
+from tci.robot.description import Patch, Robot
 from tci.simulation.world import World
+from tci.skin.surfaces import Surface
 
 GAP, SPEED, SETTLE = 0.002, 0.1, 0.12
 

@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tci.body.generic_body import Body
+from tci.body.posture import generic_posture
 from tci.capabilities.body_withdrawal import BodyWithdrawal
+from tci.drivers.simulated import SimulatedLink
 from tci.errors import CommandError
 from tci.frames import Array
-from tci.interface.body import Body
-from tci.interface.part import generic_posture
 from tci.messages import Spot
-from tci.middleware.simulated import SimulatedLink
-from tci.model.catalogue import load_robot
-from tci.model.gravity import Gravity
+from tci.robot.catalogue import load_robot
+from tci.robot.gravity import Gravity
 from tci.runtime.loop import Tick, run
 from tci.simulation.world import World
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tci
-from tci.interface.body import Body
+from tci.body.generic_body import Body
 from tci.messages import Contact, Reading
 from tci.simulation.world import World
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import tci
-from tci.interface.body import Body
-from tci.interface.skin.shear import Shear
+from tci.body.generic_body import Body
 from tci.messages import Reading
-from tci.model.description import Robot
+from tci.robot.description import Robot
 from tci.simulation.world import World
+from tci.skin.shear import Shear
 
 PATCH = "left_forearm"
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from simulation import kernel_oracle
 from simulation.pokes import frame_of, poke_anywhere, pressures, straight_arms
 from tci.errors import TciError
-from tci.model.catalogue import load_robot
+from tci.robot.catalogue import load_robot
 from tci.simulation import feeling as at
 from tci.simulation.feeling import SLOTS
 from tci.simulation.kernel import spread, width

@@ -10,14 +10,14 @@ import pytest
 from ruckig import InputParameter, OutputParameter, Ruckig
 
 from tci.errors import CommandError, DescriptionError, UnknownNameError
+from tci.experiments.experiment import with_skin_rate
 from tci.frames import Array
 from tci.messages import Mode
-from tci.model.catalogue import load_robot
-from tci.model.collisions import LEFT, RIGHT
-from tci.model.kinematics import Kinematics
+from tci.robot.catalogue import load_robot
+from tci.robot.collisions import LEFT, RIGHT
+from tci.robot.kinematics import Kinematics
 from tci.simulation.stepping import find_library
 from tci.simulation.world import World, start_angles
-from tci.trials.experiment import with_skin_rate
 
 
 def arm_servos(world: World, part: str = "left_arm") -> list[int]:

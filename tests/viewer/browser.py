@@ -13,10 +13,10 @@ import numpy as np
 from playwright.sync_api import Locator, Page, sync_playwright
 
 from peers import needs_program
+from tci.body.places import Place
 from tci.capabilities.fields import default_fields
 from tci.frames import Array, apply
-from tci.interface.skin.generic_limb import generic_limb_distance
-from tci.interface.skin.places import Place
+from tci.robot.limb import generic_limb_distance
 from tci.viewer.app import Viewer
 from tci.viewer.figure import Figure
 from tci.viewer.pick import pick

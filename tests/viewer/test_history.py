@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tci.interface.gate.gate import GateState
+from tci.gate.gate import GateState
 from tci.messages import JointReading
 from tci.viewer.view import SAMPLE, WINDOW, History, View
 

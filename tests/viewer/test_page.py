@@ -12,7 +12,7 @@ from playwright.sync_api import Page
 
 import tci
 from tci.frames import apply
-from tci.interface.gate.gate import GateState
+from tci.gate.gate import GateState
 from tci.recording.recording import Recording
 from tci.viewer.app import Viewer
 from tci.viewer.session import Session

@@ -11,7 +11,7 @@ import tci
 from recording.recorded import record_poke
 from skin_data import SkinData
 from tci.errors import CommandError, RecordingError
-from tci.interface.gate.gate import GateState
+from tci.gate.gate import GateState
 from tci.recording.perceived import recorded_robot
 from tci.recording.recording import Recording
 from tci.recording.yarp_log import import_skin_events

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from tci.interface.gate.gate import GateState
-from tci.middleware.fault_list import FAULTS
-from tci.middleware.faulty import FaultPlan
-from tci.middleware.injectors import INJECTORS
+from tci.drivers.faults.fault_injector import FaultPlan
+from tci.drivers.faults.fault_list import FAULTS
+from tci.drivers.faults.injectors import INJECTORS
+from tci.gate.gate import GateState
 from tci.viewer.rehearsal import Rehearsal, description
 
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import tci
+from tci.body.places import find_place
+from tci.drivers.replay import ReplayLink
 from tci.errors import CommandError
-from tci.interface.gate.gate import GateState
-from tci.interface.skin.places import find_place
-from tci.interface.skin.skin import Skin
-from tci.middleware.replay import ReplayLink
+from tci.gate.gate import GateState
+from tci.skin.skin import Skin
 from tci.viewer.app import Viewer
 from tci.viewer.session import Session
 

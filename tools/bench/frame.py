@@ -14,21 +14,21 @@ import numpy as np
 from measured import Measured, cold, each, in_turn, row
 
 import tci
-from interface.kernels import contact_oracle
+from skin.kernels import contact_oracle
+from tci.authoring.dense_skin import with_dense_skin
 from tci.capabilities.answer import field_table, find_answers
 from tci.capabilities.discounts import phi, psi
 from tci.capabilities.fields import default_fields
-from tci.interface.kernels.compiled import inlined
-from tci.interface.kernels.condition import empty_memory
-from tci.interface.kernels.contacts import NUMBERS, VECTORS
-from tci.interface.kernels.octet_counts import END, STRAIGHT, TURN
-from tci.interface.kernels.octets import feel
-from tci.interface.kernels.whole import cluster_all, describe_all
-from tci.interface.skin.contacts import ContactSettings
-from tci.interface.skin.generic_limb import generic_limb_distance
-from tci.interface.skin.skin import Skin
+from tci.compiled import inlined
 from tci.messages import PatchState, SkinState
-from tci.model.dense_skin import with_dense_skin
+from tci.robot.limb import generic_limb_distance
+from tci.skin.contacts import ContactSettings
+from tci.skin.kernels.condition import empty_memory
+from tci.skin.kernels.contacts import NUMBERS, VECTORS
+from tci.skin.kernels.octet_counts import END, STRAIGHT, TURN
+from tci.skin.kernels.octets import feel
+from tci.skin.kernels.whole import cluster_all, describe_all
+from tci.skin.skin import Skin
 
 SETTINGS = ContactSettings()
 _feel, _cluster, _describe, _answer = [

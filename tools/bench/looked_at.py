@@ -12,9 +12,9 @@ from pathlib import Path
 from measured import Measured, row
 
 import tci
+from tci.authoring.dense_skin import with_dense_skin
+from tci.body.places import find_place
 from tci.cli.view import SIMULATED
-from tci.interface.skin.places import find_place
-from tci.model.dense_skin import with_dense_skin
 from tci.viewer.app import RATE, Viewer
 from tci.viewer.session import Session
 

@@ -13,8 +13,8 @@ from pipeline import Pipeline
 
 import tci
 from tci.clock import MonotonicClock
+from tci.drivers.driver import Link
 from tci.messages import JointReading, Reading, SkinFrame
-from tci.middleware.link import Link
 from tci.runtime.loop_report import LoopReport
 
 SECONDS = float(os.environ.get("TCI_BENCH_LOOP", "60"))

@@ -15,13 +15,14 @@ from links import RAW, child, line
 from measured import ROUNDS, Measured, each, row
 
 import tci
+from tci.drivers.lcm import encoding as remote_lcm
+from tci.drivers.lcm.driver import _Bus
+from tci.drivers.remote import encoding as remote_cdr
+from tci.drivers.remote.address import parse_remote
+from tci.drivers.remote.protocol import SessionFrame
+from tci.drivers.zenoh.driver import QOS
+from tci.drivers.zenoh.session import close_session, open_session, parse_address
 from tci.messages import SkinFrame
-from tci.middleware import remote_cdr, remote_lcm
-from tci.middleware.lcm import _Bus
-from tci.middleware.remote import SessionFrame
-from tci.middleware.remote_address import parse_remote
-from tci.middleware.zenoh import QOS
-from tci.middleware.zenoh_session import close_session, open_session, parse_address
 
 SIZE, CALLS = 768, 200
 ECHO = """

@@ -13,8 +13,8 @@ from measured import ROUNDS, Measured, each, row
 
 import tci
 from tci.messages import JointReading, Reading, SkinFrame
-from tci.model.description import Patch, Robot, Table
-from tci.model.skin.reader import read_layout
+from tci.robot.description import Patch, Robot, Table
+from tci.robot.skin_files.reader import read_layout
 
 DATA = Path(os.environ.get("DATA", ""), "icub", "positions_pycub")
 """Calibration files in the links' frames; they are not part of this repository (DATA=FOLDER)."""

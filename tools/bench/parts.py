@@ -15,16 +15,16 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 import tci
-from tci.interface.kernels.contacts import cluster
-from tci.interface.part import to_platform
-from tci.interface.skin.contacts import ContactSettings
-from tci.interface.skin.link_poses import SkinLinks
+from tci.body.posture import to_platform
+from tci.exports.chain import chain_to
+from tci.exports.urdf import to_urdf
 from tci.messages import GenericCommand, JointReading, Mode
-from tci.model.chain import chain_to
-from tci.model.inverse import InverseKinematics
-from tci.model.kinematics import Kinematics
-from tci.model.mujoco_model import load_spec
-from tci.model.urdf import to_urdf
+from tci.robot.inverse import InverseKinematics
+from tci.robot.kinematics import Kinematics
+from tci.robot.link_poses import SkinLinks
+from tci.robot.model_file import load_spec
+from tci.skin.contacts import ContactSettings
+from tci.skin.kernels.contacts import cluster
 
 
 def gate_and_ruckig(robot: tci.Robot) -> tuple[Work, Work]:

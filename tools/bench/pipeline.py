@@ -11,9 +11,9 @@ from frame import Frame, InC
 from measured import Measured, cold, in_turn, row
 
 import tci
-from tci.interface.skin.events import FilledFrames
+from tci.authoring.dense_skin import with_dense_skin
 from tci.messages import JointReading, Reading, SkinFrame
-from tci.model.dense_skin import with_dense_skin
+from tci.skin.send_on_delta import FilledFrames
 
 PERIOD = 0.002
 

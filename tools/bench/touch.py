@@ -15,13 +15,13 @@ from lxml import etree
 from measured import ROUNDS, Measured, each, row
 
 import tci
-from tci.model.dense_skin import with_dense_skin
-from tci.model.description import Robot
-from tci.model.surfaces import Surface
+from tci.authoring.dense_skin import with_dense_skin
+from tci.experiments.experiment import with_skin_rate
+from tci.robot.description import Robot
 from tci.simulation import scene
 from tci.simulation.touch import skin_geom
 from tci.simulation.world import World
-from tci.trials.experiment import with_skin_rate
+from tci.skin.surfaces import Surface
 
 ROOT = Path(__file__).parents[2]
 STEP = 0.001

@@ -27,13 +27,13 @@ from rich.progress import track
 from round_trip import round_trip
 
 import tci
-from middleware.links import PEERS, Peer, free_port, lcm_url
-from middleware.ros_robots import here_only, roscore
-from tci.interface.gate.safe_command import GateState
-from tci.middleware.yarp.name_server import NameServer
+from drivers.links import PEERS, Peer, free_port, lcm_url
+from drivers.ros_robots import here_only, roscore
+from tci.drivers.yarp.name_server import NameServer
+from tci.gate.safe_command import GateState
 
 TABLE = ROOT / "docs" / "tables" / "middleware.md"
-CONTRACT = "tests/middleware/test_link.py"
+CONTRACT = "tests/drivers/test_link.py"
 HEAD = (
     "middleware", "contract suite", "genuine peer", "tests with it",
     "768 doubles there and back [ms]", "raw TCP [ms]", "peer killed: hold after [ms]", "when it is back",
@@ -147,7 +147,7 @@ def timed(name: str, row: Row) -> dict[str, float]:
             )
     if name == "rosbridge":
         relay = subprocess.Popen(
-            [sys.executable, str(ROOT / "tests/middleware/rosbridge_relay.py")],
+            [sys.executable, str(ROOT / "tests/drivers/rosbridge_relay.py")],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
         )  # fmt: skip
         assert relay.stdout is not None

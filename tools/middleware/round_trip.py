@@ -15,18 +15,19 @@ import numpy as np
 from networks import over_lcm, over_zenoh
 
 import tci
+from tci.drivers.lcm import encoding as remote_lcm
+from tci.drivers.player.wire import OPAQUE, STATE, Kind, Message, Stream, blob, to_blob
+from tci.drivers.remote import encoding as remote_cdr
+from tci.drivers.remote.protocol import SessionFrame
+from tci.drivers.ros.messages import BYTES, NO_LAYOUT
+from tci.drivers.ros.node import RosNode
+from tci.drivers.ros.ros1 import Ros1Node
+from tci.drivers.ros.ros2 import open_node
+from tci.drivers.ros.rosbridge import RosbridgeNode
+from tci.drivers.yarp.dialect import DIALECTS
+from tci.drivers.yarp.names import Names
+from tci.drivers.yarp.port import Port
 from tci.messages import SkinFrame
-from tci.middleware import remote_cdr, remote_lcm
-from tci.middleware.player.wire import OPAQUE, STATE, Kind, Message, Stream, blob, to_blob
-from tci.middleware.remote import SessionFrame
-from tci.middleware.ros.messages import BYTES, NO_LAYOUT
-from tci.middleware.ros.node import RosNode
-from tci.middleware.ros1 import Ros1Node
-from tci.middleware.ros2 import open_node
-from tci.middleware.rosbridge import RosbridgeNode
-from tci.middleware.yarp.dialect import DIALECTS
-from tci.middleware.yarp.names import Names
-from tci.middleware.yarp.port import Port
 
 TCP = """
 import socket, sys

@@ -23,7 +23,6 @@ from death import heartbeat
 from dropped import dropped
 from explore import loop
 from exposure import exposure
-from gate import non_finite
 from kills import yarp_kills
 from mutation import branches, mutation
 from page import write_page
@@ -36,6 +35,8 @@ from row import Row
 from stream import yarp_skin
 from timing import one_kilohertz
 from wires import wires
+
+from gate import non_finite
 
 ROWS: dict[str, Callable[[bool], Row]] = {
     one.__name__: one

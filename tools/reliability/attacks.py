@@ -9,13 +9,13 @@ import numpy as np
 from pool import Job, Result, gather
 from row import Row
 
-from interface.gate_checks import LIMITS, make_robot
-from interface.hostile import Attack
+from gate.gate_checks import LIMITS, make_robot
+from gate.hostile import Attack
 from tci.frames import Array
 from tci.messages import CONTROL_MODES, Mode
-from tci.model.catalogue import load_robot, robot_names
-from tci.model.collisions import exclude_overlaps, solid_spec
-from tci.model.description import Robot
+from tci.robot.catalogue import load_robot, robot_names
+from tci.robot.collisions import exclude_overlaps, solid_spec
+from tci.robot.description import Robot
 
 CHUNK = 10_000
 """Cycles of one attack; then a new one begins, with another seed."""

@@ -10,9 +10,9 @@ from fuzz import TARGETS, fuzz
 from pool import Result, gather
 from row import Row
 
-from model.test_xml import GOOD, damage
+from robot.test_xml import GOOD, damage
 from tci.errors import TciError
-from tci.model.xml import read_robot
+from tci.robot.xml import read_robot
 from tci.runtime.heartbeat import decode, encode
 
 

@@ -9,11 +9,11 @@ from pool import Result, gather
 from row import Row
 
 import tci
+from tci.body.generic_body import Body
 from tci.frames import read_only
-from tci.interface.body import Body
-from tci.interface.skin.skin import Skin
 from tci.messages import JointReading, Reading, SkinFrame
-from tci.model.generic_arm import SEGMENTS
+from tci.robot.generic_arm import SEGMENTS
+from tci.skin.skin import Skin
 
 RATE = 50.0
 """Frames per second."""

@@ -47,7 +47,7 @@ def dropped(full: bool) -> Any:
     from pool import gather
     from row import Row
 
-    from middleware.links import PEERS
+    from drivers.links import PEERS
 
     names = [name for name, peer in PEERS.items() if peer.other_process]  # type: ignore[attr-defined]
     jobs = [(name, seed, 100 if full else 2) for seed in range(10 if full else 1) for name in names]
@@ -68,7 +68,7 @@ def dropped(full: bool) -> Any:
 
 
 def _drop(name: str, seed: int, count: int) -> dict[str, Any]:
-    from middleware import links
+    from drivers import links
 
     with ExitStack() as stack:
         with suppress(TciError):  # where it is permitted, other programs are not what is measured
@@ -181,9 +181,9 @@ class _Movers:
 
 def serve(via: str) -> None:
     """A simulated NAO: says when what its gate hands out `goes`, `moves` (for some time) and `rests`."""
-    from tci.middleware.simulated import SimulatedLink
+    from tci.drivers.registry import open_server
+    from tci.drivers.simulated import SimulatedLink
     from tci.runtime.loop import Tick
-    from tci.runtime.registry import open_server
     from tci.runtime.serve import serve
 
     state, since, before, pause = "", 0, 0.0, 0.0
@@ -225,7 +225,7 @@ def movers(via: str) -> None:
 
 def warm_up(via: str) -> None:
     """What is compiled and imported here, no fork does again. Nothing is opened."""
-    from tci.runtime.registry import load_link
+    from tci.drivers.registry import load_link
 
     load_link(via.partition(":")[0])
     with tci.connect(tci.load_robot("nao"), "sim") as link:

@@ -7,8 +7,8 @@ import threading
 from pool import Result, gather
 from row import Row
 
-from runtime.explorer import NAMES, Explorer
-from tci.interface.gate.gate import GateState
+from commissioning.explorer import NAMES, Explorer
+from tci.gate.gate import GateState
 
 TRANSITIONS = {
     (GateState.RUN, GateState.HOLD),

@@ -86,7 +86,7 @@ SERVERS = {
     "rosbridge": _serve(
         "rosbridge", "that server", read="who reaches the rosbridge server",
         command="who reaches the rosbridge server",
-        beside=(str(ROOT / "tests" / "middleware" / "rosbridge_relay.py"),),
+        beside=(str(ROOT / "tests" / "drivers" / "rosbridge_relay.py"),),
     ),
     "yarp": _serve(
         "yarp", "`yarp:ADDRESS:PORT`, or `yarp.conf`", command=f"{HERE}; with `auth.conf`, who has its key"

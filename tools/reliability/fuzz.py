@@ -37,8 +37,8 @@ def by_file(read: Callable[[Path], object], name: str) -> Target:
 
 def description() -> tuple[Target, Iterable[bytes]]:
     """Robots in XML."""
-    from model.test_xml import GOOD
-    from tci.model.xml import read_robot
+    from robot.test_xml import GOOD
+    from tci.robot.xml import read_robot
 
     return by_file(read_robot, "robot.xml"), [GOOD.encode()]
 
@@ -48,7 +48,7 @@ def facts() -> tuple[Target, Iterable[bytes]]:
     import json
 
     import tci
-    from tci.middleware.query import query, read_facts
+    from tci.exports.facts import query, read_facts
 
     known = query(tci.load_robot("nao")).model_dump(mode="json")
     return read_facts, [json.dumps(known | {"patches": []}).encode()]
@@ -56,7 +56,7 @@ def facts() -> tuple[Target, Iterable[bytes]]:
 
 def skin_file() -> tuple[Target, Iterable[bytes]]:
     """Skin calibration files of iCub and NAO."""
-    from tci.model.skin.file import read_skin_file
+    from tci.robot.skin_files.file import read_skin_file
 
     seed = b"[calibration]\ntaxelsCalibration (\n0.1 0.2 0.3 0 0 1 2\n)\n[SENSORS]\nnumber_triangles 1\n"
     return by_file(read_skin_file, "skin.txt"), [seed]
@@ -85,8 +85,8 @@ def heartbeat() -> tuple[Target, Iterable[bytes]]:
 def remote() -> tuple[Target, Iterable[bytes]]:
     """Messages of a served robot: bodies under a sound check, since a damaged one is never looked at."""
     import tci
+    from tci.drivers.remote import encoding as remote_cdr
     from tci.errors import TciError
-    from tci.middleware import remote_cdr
 
     robot = tci.load_robot("nao")
     readers = {b"S": remote_cdr.to_state, b"F": remote_cdr.to_skin, b"O": remote_cdr.to_orders}
@@ -106,9 +106,9 @@ def lcm() -> tuple[Target, Iterable[bytes]]:
     import zlib
 
     import tci
+    from tci.drivers.lcm import encoding as remote_lcm
+    from tci.drivers.lcm.datagrams import Datagrams
     from tci.errors import TciError
-    from tci.middleware import remote_lcm
-    from tci.middleware.lcm_datagrams import Datagrams
 
     robot, datagrams = tci.load_robot("nao"), Datagrams()
     readers = (remote_lcm.to_state, remote_lcm.to_skin, remote_lcm.to_orders)
@@ -125,11 +125,11 @@ def lcm() -> tuple[Target, Iterable[bytes]]:
 
 def yarp() -> tuple[Target, Iterable[bytes]]:
     """Bottles, vectors and messages in both of YARP's dialects."""
+    from tci.drivers.yarp.bottle import decode_bottle, decode_vector, encode_bottle
+    from tci.drivers.yarp.dialect import V3, V4
+    from tci.drivers.yarp.message import read_message
+    from tci.drivers.yarp.source import Memory
     from tci.errors import TciError
-    from tci.middleware.yarp.bottle import decode_bottle, decode_vector, encode_bottle
-    from tci.middleware.yarp.dialect import V3, V4
-    from tci.middleware.yarp.message import read_message
-    from tci.middleware.yarp.source import Memory
 
     def target(data: bytes) -> None:
         for dialect in (V3, V4):
@@ -169,13 +169,7 @@ def main() -> None:
     name, seconds = sys.argv[1:]
     sys.path.insert(0, str(TESTS))
     # Numba can't compile what is instrumented.
-    import tci.capabilities.answer
-    import tci.interface.kernels as kernels
-    import tci.interface.skin.contacts
-    import tci.interface.skin.skin
-    import tci.simulation.feeling
-    import tci.simulation.kernel
-    import tci.simulation.stepping  # noqa: F401
+    import tci.skin.kernels as kernels
 
     for module in pkgutil.iter_modules(kernels.__path__, f"{kernels.__name__}."):
         importlib.import_module(module.name)

@@ -6,7 +6,7 @@ import numpy as np
 from pool import Result, gather
 from row import Row
 
-from interface.gate_checks import Driven, make_robot, position_command
+from gate.gate_checks import Driven, make_robot, position_command
 
 CHUNK = 10_000
 """Values of one seed."""

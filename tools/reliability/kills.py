@@ -17,13 +17,13 @@ from rich.progress import track
 from row import Row
 
 import tci
-from middleware.links import free_port
-from tci.interface.gate.gate import GateState
-from tci.middleware.yarp.link import YarpLink
+from drivers.links import free_port
+from tci.drivers.yarp.driver import YarpLink
+from tci.gate.gate import GateState
 
 NAMES = """
 import sys, threading
-from tci.middleware.yarp.name_server import NameServer
+from tci.drivers.yarp.name_server import NameServer
 NameServer(sys.argv[1], int(sys.argv[2]))
 print("ready", flush=True)
 threading.Event().wait()
@@ -31,8 +31,8 @@ threading.Event().wait()
 ROBOT = """
 import signal, sys
 import tci
-from tci.middleware.simulated import SimulatedLink
-from tci.middleware.yarp.server import YarpServer
+from tci.drivers.simulated import SimulatedLink
+from tci.drivers.yarp.server import YarpServer
 from tci.runtime.serve import serve
 
 PART, AWAY = "LArm", 100

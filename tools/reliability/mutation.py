@@ -15,7 +15,7 @@ from row import Row
 ROOT = Path(__file__).parents[2]
 MUTANTS = ROOT / "mutants"
 SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["mutmut"]
-MEASURED = ("src/tci/interface/gate/*", "src/tci/runtime/loop*.py", "src/tci/runtime/guards.py",
+MEASURED = ("src/tci/gate/*", "src/tci/runtime/loop*.py", "src/tci/runtime/watchdogs.py",
             "src/tci/runtime/lease.py")  # fmt: skip
 
 NOTICED = ("killed", "timeout", "segfault", "check_was_interrupted_by_user")
@@ -43,7 +43,7 @@ def branches(full: bool) -> Row:
     """Branches of gate and loop that their tests take; at CI size nothing is run."""
     totals = {"num_branches": 0, "covered_branches": 0, "missing_lines": 0}
     if full and float(os.environ.get("MINUTES", "inf")):
-        tests = [*SETTINGS["pytest_add_cli_args_test_selection"], "tests/interface/test_self_collision.py"]
+        tests = [*SETTINGS["pytest_add_cli_args_test_selection"], "tests/gate/test_self_collision.py"]
         with tempfile.TemporaryDirectory() as folder:
             environment = {**os.environ, "COVERAGE_FILE": f"{folder}/data"}
             coverage, report = [sys.executable, "-m", "coverage"], f"{folder}/report.json"

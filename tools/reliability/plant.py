@@ -6,9 +6,9 @@ from attacks import robot_of
 from pool import Job, Result, gather
 from row import Row
 
-from interface.closed_loop import ClosedLoop
+from gate.closed_loop import ClosedLoop
 from tci.messages import CONTROL_MODES, Mode
-from tci.model.catalogue import robot_names
+from tci.robot.catalogue import robot_names
 
 CHUNK = 20_000
 """Cycles of one attack; then a new one begins, with another seed and other masses."""

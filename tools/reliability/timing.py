@@ -21,15 +21,15 @@ from row import Row
 import tci
 from tci.capabilities.fields import default_fields
 from tci.clock import MonotonicClock
+from tci.drivers.driver import Link
 from tci.errors import TciError
 from tci.frames import frozen
-from tci.interface.skin.skin import Skin
 from tci.messages import Reading, SkinFrame
-from tci.middleware.link import Link
-from tci.model.generic_arm import SEGMENTS
+from tci.robot.generic_arm import SEGMENTS
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import Histogram, LoopReport
 from tci.runtime.real_time import real_time
+from tci.skin.skin import Skin
 
 BARE = Path(__file__).parent / "bare_loop.py"
 PERIOD = 1e-3
@@ -69,7 +69,7 @@ class Touched(Link):
         patches = [patch for patch in robot.patches if patch.segment in SEGMENTS]
         self._touches = [self._touch(patch, number) for number, patch in enumerate(patches)]
 
-    def _touch(self, patch: tci.model.description.Patch, number: int) -> tuple[str, np.ndarray]:
+    def _touch(self, patch: tci.robot.description.Patch, number: int) -> tuple[str, np.ndarray]:
         """The patch's frame when the taxels nearest to one of the fields are pressed."""
         skin = Skin(self.robot)
         joints = self._joints(0.0)

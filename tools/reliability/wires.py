@@ -13,34 +13,34 @@ import psutil
 from pool import Result, gather
 from row import Row
 
-from middleware.player_exchange import said
-from middleware.test_remote_cdr import NAO, READ, WHOLE
-from middleware.yarp.captures import DIALECTS, binary
-from middleware.yarp.hostile import strange_messages
-from middleware.yarp.test_bottle import mutated
+from drivers.player_exchange import said
+from drivers.test_remote_cdr import NAO, READ, WHOLE
+from drivers.yarp.captures import DIALECTS, binary
+from drivers.yarp.hostile import strange_messages
+from drivers.yarp.test_bottle import mutated
+from tci.drivers.lcm.datagrams import Datagrams
+from tci.drivers.naoqi import words
+from tci.drivers.player import wire
+from tci.drivers.player.wire import Stream
+from tci.drivers.ros.cloud import PatchCloud
+from tci.drivers.ros.names import Names
+from tci.drivers.ros.native import NativeRobot
+from tci.drivers.ros.node import Hear, Publish, RosNode
+from tci.drivers.ros.tree import Trees
+from tci.drivers.yarp import message
+from tci.drivers.yarp.bottle import decode_bottle, decode_vector
+from tci.drivers.yarp.dialect import V3
+from tci.drivers.yarp.name_server import NameServer
+from tci.drivers.yarp.names import Names as YarpNames
+from tci.drivers.yarp.port import Port
+from tci.drivers.yarp.source import Memory
 from tci.errors import FrameError, LinkError, WireError
-from tci.middleware.lcm_datagrams import Datagrams
-from tci.middleware.naoqi import words
-from tci.middleware.player import wire
-from tci.middleware.player.wire import Stream
-from tci.middleware.ros.cloud import PatchCloud
-from tci.middleware.ros.names import Names
-from tci.middleware.ros.native import NativeRobot
-from tci.middleware.ros.node import Hear, Publish, RosNode
-from tci.middleware.ros.tree import Trees
-from tci.middleware.yarp import message
-from tci.middleware.yarp.bottle import decode_bottle, decode_vector
-from tci.middleware.yarp.dialect import V3
-from tci.middleware.yarp.name_server import NameServer
-from tci.middleware.yarp.names import Names as YarpNames
-from tci.middleware.yarp.port import Port
-from tci.middleware.yarp.source import Memory
-from tci.model.kinematics import Kinematics
-from tci.model.surfaces import build_surface
-from tci.recording.cdr import MessageType, decode, encode
 from tci.recording.schemas import CLOUD, JOINTS, SKIN, joints_values, skin_values
+from tci.robot.kinematics import Kinematics
+from tci.rosmsg.cdr import MessageType, decode, encode
 from tci.runtime.heartbeat import decode as to_beat
 from tci.runtime.heartbeat import encode as beat
+from tci.skin.surfaces import build_surface
 
 JOB = 50_000
 """Frames of one job at full size."""
@@ -67,8 +67,8 @@ def remote() -> Receiver:
 
 def lcm() -> Receiver:
     """Datagrams of LCM, whole and in pieces, and checked messages in them."""
-    from middleware.test_lcm import WHOLE as MESSAGES
-    from middleware.test_lcm import pieces, short
+    from drivers.test_lcm import WHOLE as MESSAGES
+    from drivers.test_lcm import pieces, short
 
     datagrams, numbers = Datagrams(), itertools.count()
 

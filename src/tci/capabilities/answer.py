@@ -8,14 +8,14 @@ import numpy as np
 from numba import boolean, int64, void
 from numpy.typing import NDArray
 
+from tci.arrays import reads, views, writes
 from tci.capabilities import discounts
 from tci.capabilities.fields import ReceptiveField
+from tci.compiled import compiled, inlined
 from tci.frames import Array, read_only
-from tci.interface.kernels.arrays import reads, views, writes
-from tci.interface.kernels.compiled import compiled, inlined
-from tci.interface.kernels.contacts import FORCE, PEAK, U, Y, Z
-from tci.interface.skin.generic_limb import generic_limb_point
-from tci.model.generic_arm import SEGMENTS
+from tci.robot.generic_arm import SEGMENTS
+from tci.robot.limb import generic_limb_point
+from tci.skin.kernels.contacts import FORCE, PEAK, U, Y, Z
 
 _SEGMENT, _X, _Y, _Z, _RADIUS, _THRESHOLD, _SATURATION, _MEASURE = range(8)
 _MEASURES = ("weighted", "sum", "peak")
@@ -37,7 +37,7 @@ def field_table(fields: Sequence[ReceptiveField]) -> Array:
 
 @inlined
 def _felt(fields: Array, closest: int, numbers: Array, c: int, places: Array, begin: int, end: int) -> float:
-    """The force [N] of a contact that a field compares, see `tci.interface.skin.contacts.weighted_force`."""
+    """The force [N] of a contact that a field compares, see `tci.skin.contacts.weighted_force`."""
     if fields[_MEASURE, closest] == 1.0:
         return numbers[c, FORCE]
     if fields[_MEASURE, closest] == 2.0:

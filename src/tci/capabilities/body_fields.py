@@ -13,7 +13,7 @@ from pydantic import Field, ValidationError, model_validator
 from tci.capabilities.fields import ForceRange
 from tci.errors import DescriptionError, Fault
 from tci.messages import Spot
-from tci.model.description import Vector, Words
+from tci.robot.description import Vector, Words
 
 JOINTS = {
     "head": ("pitch", "roll", "yaw"),

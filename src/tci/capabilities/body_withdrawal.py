@@ -23,7 +23,7 @@ from tci.capabilities.withdrawing import Wish, Withdrawal, Withdrawals, refusal,
 from tci.errors import TciError
 from tci.frames import Array
 from tci.messages import Contact, GenericCommand, Mode, Order, Perception
-from tci.model.description import SOLE
+from tci.robot.description import SOLE
 
 ALONE = (
     "the robot stands: a leg answers only where stance is supported, or where another leg's sole feels "

@@ -15,9 +15,9 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from tci.errors import DescriptionError, Fault
-from tci.interface.skin.contacts import Measure
-from tci.model.description import Words
-from tci.model.generic_arm import JOINTS
+from tci.robot.description import Words
+from tci.robot.generic_arm import JOINTS
+from tci.skin.contacts import Measure
 
 
 def _one_angle_per_joint(motion: tuple[float, ...]) -> tuple[float, ...]:

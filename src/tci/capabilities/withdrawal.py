@@ -19,9 +19,9 @@ from tci.capabilities.fields import ReceptiveField, default_fields
 from tci.capabilities.withdrawing import Wish, Withdrawals, told, withdraw
 from tci.errors import CommandError, TciError
 from tci.frames import Array, read_only
-from tci.interface.skin.contact_table import ContactTable
 from tci.messages import Command, Contact, GenericCommand, Mode, Perception, SwitchMode
-from tci.model.generic_arm import JOINTS
+from tci.robot.generic_arm import JOINTS
+from tci.skin.contact_table import ContactTable
 
 DISCOUNTS = ("linear", "cosine")
 """Distance discounts: `discounts.psi` and `psi_cosine`."""

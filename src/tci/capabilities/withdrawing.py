@@ -15,8 +15,8 @@ import numpy as np
 
 from tci.capabilities.retreat import why_not
 from tci.frames import Array, frozen
-from tci.interface.skin.contact_table import identities
 from tci.messages import Contact, Mode, Perception
+from tci.skin.contact_table import identities
 
 ANEW = 0.02
 """Time [s] after which a refusal is judged anew though the skin feels as before: the robot may have moved."""

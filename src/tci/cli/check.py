@@ -6,9 +6,9 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from tci.cli.console import console, print_json
-from tci.model.catalogue import load_robot
-from tci.model.description import Robot
-from tci.trials.proof import POSTURES, Proof, prove
+from tci.experiments.proof import POSTURES, Proof, prove
+from tci.robot.catalogue import load_robot
+from tci.robot.description import Robot
 
 
 def check(name: str, *, simulate: bool, as_json: bool) -> None:

@@ -7,7 +7,7 @@ from importlib.metadata import entry_points
 
 def robots(incomplete: str) -> list[str]:
     """Names of robots; where none fits, the shell offers files."""
-    from tci.model.catalogue import robot_names
+    from tci.robot.catalogue import robot_names
 
     return _beginning(incomplete, robot_names())
 

@@ -17,13 +17,13 @@ from rich.table import Table
 from tci.capabilities.withdrawal import MODES, WithdrawalReflex
 from tci.cli.console import console, print_json
 from tci.errors import MissingExtraError, UnknownNameError
+from tci.experiments.experiment import SIDES, Report, run_experiment, with_skin_rate
+from tci.experiments.measure import Trial
+from tci.experiments.pictures import draw_demo
+from tci.experiments.remote_trial import try_server
 from tci.messages import Mode
-from tci.model.catalogue import load_robot
-from tci.model.description import Robot
-from tci.trials.elsewhere import try_server
-from tci.trials.experiment import SIDES, Report, run_experiment, with_skin_rate
-from tci.trials.measure import Trial
-from tci.trials.pictures import draw_demo
+from tci.robot.catalogue import load_robot
+from tci.robot.description import Robot
 
 PAPER = ("icub", "nao")
 """The paper's two robots."""

@@ -10,11 +10,11 @@ from scipy.spatial.transform import Rotation
 
 from tci.cli.console import console, print_json
 from tci.errors import UnknownNameError
-from tci.middleware.query import DHTable, PatchFacts, dh_tables, query
-from tci.model.catalogue import load_robot
-from tci.model.description import GenericPart, Robot
-from tci.model.tree import Matrix
-from tci.model.urdf import to_urdf
+from tci.exports.facts import DHTable, PatchFacts, dh_tables, query
+from tci.exports.tree import Matrix
+from tci.exports.urdf import to_urdf
+from tci.robot.catalogue import load_robot
+from tci.robot.description import GenericPart, Robot
 
 FORMATS = ("table", "json", "dh", "urdf", "kdl")
 """What `tci describe` can print."""

@@ -12,14 +12,14 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from tci.cli.console import console, print_json
+from tci.commissioning.doctor import judge
+from tci.commissioning.machine import examine_machine
+from tci.commissioning.streams import Stream, observe
+from tci.drivers.diagnosis import Finding, Level
+from tci.drivers.registry import JOIN, connect, load_link
 from tci.errors import LinkError, MissingExtraError, TciError, UnknownNameError
-from tci.middleware.diagnosis import Finding, Level
-from tci.model.catalogue import load_robot
-from tci.model.description import Robot
-from tci.runtime.doctor import judge
-from tci.runtime.machine import examine_machine
-from tci.runtime.registry import JOIN, connect, load_link
-from tci.runtime.streams import Stream, observe
+from tci.robot.catalogue import load_robot
+from tci.robot.description import Robot
 
 MARKS = {Level.OK: "[green]ok[/]", Level.NOTE: "[cyan]note[/]", Level.WARNING: "[yellow]warning[/]",
          Level.FAULT: "[bold red]fault[/]"}  # fmt: skip

@@ -11,10 +11,10 @@ from tci.cli.options import Arm, AsJson, Duration, RobotName, Via
 from tci.errors import CommandError
 
 if TYPE_CHECKING:
+    from tci.experiments.follow import Following
     from tci.frames import Array
-    from tci.interface.gestures.gesture import Fitted, Gesture
-    from tci.model.description import Robot
-    from tci.trials.follow import Following
+    from tci.gestures.gesture import Fitted, Gesture
+    from tci.robot.description import Robot
 
 app = typer.Typer(help="Record a gesture on one robot, play it on any other.", no_args_is_help=True)
 
@@ -36,10 +36,10 @@ def record(
     import numpy as np
 
     from tci.cli.console import console, print_json
-    from tci.interface.gestures.files import write_csv
-    from tci.interface.gestures.gesture import LONGEST, SAMPLE, record
-    from tci.model.catalogue import load_robot
-    from tci.runtime.registry import connect
+    from tci.drivers.registry import connect
+    from tci.gestures.files import write_csv
+    from tci.gestures.gesture import LONGEST, SAMPLE, record
+    from tci.robot.catalogue import load_robot
 
     _writable(file)
     words = load_robot(robot)
@@ -92,7 +92,7 @@ def convert(
     Example:  tci gesture convert wave.bvh wave.csv
     """
     from tci.cli.console import console, print_json
-    from tci.interface.gestures.files import write_csv
+    from tci.gestures.files import write_csv
 
     _writable(target)
     gesture, names = load(source)
@@ -120,14 +120,14 @@ def play(
 
     Example:  tci gesture play wave.csv icub --reflex
     """
-    from tci.capabilities.gesture import Phase, PlayGesture
+    from tci.capabilities.play_gesture import Phase, PlayGesture
     from tci.capabilities.withdrawal import WithdrawalReflex
     from tci.cli.console import console, print_json
     from tci.cli.run import HARMLESS
-    from tci.interface.gestures.gesture import fit
-    from tci.model.catalogue import load_robot
-    from tci.runtime.registry import connect
-    from tci.trials.follow import follow
+    from tci.drivers.registry import connect
+    from tci.experiments.follow import follow
+    from tci.gestures.gesture import fit
+    from tci.robot.catalogue import load_robot
 
     words = load_robot(robot)
     gesture, _ = load(file)
@@ -164,9 +164,9 @@ def _writable(path: Path) -> None:
 
 def load(path: Path) -> tuple[Gesture, dict[str, list[str]]]:
     """A gesture of any kind, and its joints' names by part. Raises CommandError, DescriptionError."""
-    from tci.interface.gestures.bvh import read_bvh
-    from tci.interface.gestures.files import read_csv
-    from tci.model.generic_arm import JOINTS
+    from tci.gestures.bvh import read_bvh
+    from tci.gestures.files import read_csv
+    from tci.robot.generic_arm import JOINTS
 
     kind = path.suffix.lower()
     if kind == ".csv":

@@ -10,13 +10,13 @@ from rich.markup import escape
 
 from tci.cli.console import console, print_json
 from tci.cli.doctor import MARKS
+from tci.commissioning.expected_motion import ExpectedMotion
+from tci.commissioning.first_minutes import first_minutes, wanted
+from tci.drivers.diagnosis import Finding, Level
+from tci.drivers.registry import connect
+from tci.drivers.simulated import SimulatedLink
 from tci.errors import CommandError, TciError
-from tci.middleware.diagnosis import Finding, Level
-from tci.middleware.simulated import SimulatedLink
-from tci.model.catalogue import load_robot
-from tci.runtime.expected_motion import ExpectedMotion
-from tci.runtime.first_minutes import first_minutes, wanted
-from tci.runtime.registry import connect
+from tci.robot.catalogue import load_robot
 
 
 class Terminal:

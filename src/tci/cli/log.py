@@ -70,9 +70,9 @@ def cut(
     Example:  tci log cut touch.mcap poke.mcap --from 0.2 --to 0.9
     """
     from tci.errors import RecordingError
-    from tci.model.catalogue import load_robot
     from tci.recording.compact import compact
     from tci.recording.recording import Recording
+    from tci.robot.catalogue import load_robot
 
     if out.exists():
         raise RecordingError(f"{out} exists; valid: a name that is free")
@@ -158,9 +158,9 @@ def import_(
     Example:  tci log import rosbag2_folder touches.mcap nao
     """
     from tci.errors import RecordingError
-    from tci.model.catalogue import load_robot
     from tci.recording.ros_bag import import_ros_bag, is_bag
     from tci.recording.yarp_log import import_skin_events, import_yarp_log
+    from tci.robot.catalogue import load_robot
 
     if is_bag(log):
         if robot is None:

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 from rich.markup import escape
 
+from tci.authoring.proposal import propose
 from tci.cli.check import remarks
 from tci.cli.console import console, print_json
 from tci.errors import CommandError
-from tci.model.description import Robot
-from tci.model.proposal import propose
-from tci.model.xml import read_robot
-from tci.model.xml.writer import write_robot
+from tci.robot.description import Robot
+from tci.robot.xml import read_robot
+from tci.robot.xml.writer import write_robot
 
 COMMENT = """Proposed by tci new-robot from {file}: look it over.
 From that file: joints, limits of position, speed and torque where nothing says ours.

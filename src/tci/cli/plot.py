@@ -9,9 +9,9 @@ from rich.progress import Progress
 from tci.capabilities.fields import default_fields
 from tci.cli.console import console, print_json
 from tci.errors import RecordingError
+from tci.pictures.plot import collect, draw
 from tci.recording.perceived import perceive, recorded_robot
 from tci.recording.recording import Recording
-from tci.trials.plot import collect, draw
 
 
 def plot(

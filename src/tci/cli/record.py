@@ -8,10 +8,10 @@ from pathlib import Path
 
 from tci.capabilities.capability import Capability
 from tci.cli.console import console, print_json
-from tci.middleware.link import Link
-from tci.model.catalogue import load_robot
+from tci.drivers.driver import Link
+from tci.drivers.registry import JOIN, connect
 from tci.recording.recorder import Recorder
-from tci.runtime.registry import JOIN, connect
+from tci.robot.catalogue import load_robot
 
 
 def recorder_for(path: Path, link: Link, via: str, about: Mapping[str, str]) -> Recorder:

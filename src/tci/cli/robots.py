@@ -10,7 +10,7 @@ from rich.text import Text
 
 from tci.cli.console import console, print_json
 from tci.errors import MissingExtraError
-from tci.model.catalogue import load_robot, robot_names
+from tci.robot.catalogue import load_robot, robot_names
 
 
 def robots(*, as_json: bool) -> None:

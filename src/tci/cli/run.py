@@ -16,31 +16,31 @@ from typing import TYPE_CHECKING, Any
 from rich.live import Live
 from rich.markup import escape
 
+from tci.body.places import find_place
 from tci.capabilities.capability import Capability
 from tci.capabilities.fields import default_fields
 from tci.cli.console import console, print_json, told_here
 from tci.cli.record import about_capability, recorder_for, summary
 from tci.cli.teller import COLOURS, Teller
+from tci.drivers.driver import Link
+from tci.drivers.faults.fault_injector import FaultyLink, parse_fault
+from tci.drivers.faults.injectors import INJECTORS, THREAD
+from tci.drivers.registry import connect
+from tci.drivers.replay import ReplayLink
+from tci.drivers.simulated import SimulatedLink
 from tci.errors import CommandError, UnknownNameError
-from tci.interface.gate.gate import GateState
-from tci.interface.skin.places import find_place
-from tci.interface.skin.skin import Skin
-from tci.middleware.faulty import FaultyLink, parse_fault
-from tci.middleware.injectors import INJECTORS, THREAD
-from tci.middleware.link import Link
-from tci.middleware.replay import ReplayLink
-from tci.middleware.simulated import SimulatedLink
-from tci.model.catalogue import load_robot
+from tci.gate.gate import GateState
 from tci.recording.recorder import Recorder
+from tci.robot.catalogue import load_robot
 from tci.runtime.arguments import as_capability
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport
 from tci.runtime.reasons import OTHERS, Reasons
-from tci.runtime.registry import connect
 from tci.runtime.result import RunResult
+from tci.skin.skin import Skin
 
 if TYPE_CHECKING:
-    from tci.trials.film import Film
+    from tci.pictures.film import Film
 
 GROUP = "tci.capabilities"
 HARMLESS = ("sim", "replay")
@@ -261,7 +261,7 @@ def _said(recorder: Recorder | None, link: Link) -> list[str]:
 
 def _film(link: Link, path: Path) -> Film:
     """A film of a simulated arm. Raises CommandError for a real robot."""
-    from tci.trials.film import Film
+    from tci.pictures.film import Film
 
     if not isinstance(link, SimulatedLink):
         raise CommandError("--film needs a simulated robot; valid: --via sim")

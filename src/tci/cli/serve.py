@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from tci.cli.console import console, print_json, told_here
 from tci.cli.run import HARMLESS
-from tci.interface.gate.gate import GateState
-from tci.model.catalogue import load_robot
+from tci.drivers.registry import connect, open_server
+from tci.gate.gate import GateState
+from tci.robot.catalogue import load_robot
 from tci.runtime.loop import Tick
 from tci.runtime.loop_report import LoopReport
 from tci.runtime.reasons import OTHERS, Reasons
-from tci.runtime.registry import connect, open_server
 from tci.runtime.serve import Served
 from tci.runtime.serve import serve as serve_robot
 

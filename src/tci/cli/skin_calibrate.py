@@ -16,26 +16,26 @@ from rich import box
 from rich.progress import Progress
 from rich.table import Table
 
+from tci.authoring.calibrate_skin import Load, calibrate, loads_of_stream
 from tci.cli.console import console, print_json
+from tci.drivers.driver import Link
+from tci.drivers.registry import connect
+from tci.drivers.simulated import SimulatedLink
 from tci.errors import CommandError, LinkError, TciError
 from tci.frames import Array
-from tci.interface.skin.calibrate import Load, calibrate, loads_of_stream
-from tci.interface.skin.shear import normal_channels
-from tci.middleware.link import Link
-from tci.middleware.simulated import SimulatedLink
-from tci.model.catalogue import load_robot
-from tci.model.kinematics import Kinematics
-from tci.model.skin.calibration import (
+from tci.robot.catalogue import load_robot
+from tci.robot.kinematics import Kinematics
+from tci.robot.skin_files.calibration import (
     PatchCalibration,
     SkinCalibration,
     calibration_path,
     read_calibration,
     write_calibration,
 )
-from tci.model.surfaces import Surface, build_surface
-from tci.model.xml.values import decimal
-from tci.runtime.registry import connect
+from tci.robot.xml.values import decimal
 from tci.simulation.finger import STIFFNESS
+from tci.skin.shear import normal_channels
+from tci.skin.surfaces import Surface, build_surface
 
 SILENCE = 5.0
 """How long [s] a patch may send no frame. Ours."""

@@ -11,14 +11,14 @@ from rich import box
 from rich.table import Table
 from scipy.spatial.transform import Rotation
 
+from tci.authoring.registration import Registration, link_surface, register
 from tci.cli.console import console, print_json
 from tci.errors import CommandError, DescriptionError
-from tci.model.catalogue import load_robot
-from tci.model.description import Robot
-from tci.model.kinematics import Kinematics
-from tci.model.registration import Registration, link_surface, register
-from tci.model.skin.reader import read_layout
-from tci.model.surfaces import build_surface
+from tci.robot.catalogue import load_robot
+from tci.robot.description import Robot
+from tci.robot.kinematics import Kinematics
+from tci.robot.skin_files.reader import read_layout
+from tci.skin.surfaces import build_surface
 
 
 def check(name: str, file: Path | None, link: str | None, *, as_json: bool) -> None:

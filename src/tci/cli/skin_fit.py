@@ -11,15 +11,15 @@ from numpy.typing import ArrayLike
 from rich import box
 from rich.table import Table
 
+from tci.authoring.skin_map import skin_cone
 from tci.cli.console import console, print_json
 from tci.errors import CommandError, TciError
+from tci.exports.cone import Freedom, limb_axis
 from tci.frames import Array
-from tci.model.catalogue import load_robot
-from tci.model.cone import Freedom, limb_axis
-from tci.model.kinematics import Kinematics
-from tci.model.skin.map import skin_cone
-from tci.model.skin.reader import read_layout
-from tci.model.surfaces import build_surface
+from tci.robot.catalogue import load_robot
+from tci.robot.kinematics import Kinematics
+from tci.robot.skin_files.reader import read_layout
+from tci.skin.surfaces import build_surface
 
 KINDS: dict[str, Freedom] = {"kinematic": "none", "free centre": "centre", "free axis": "axis"}
 Skin = tuple[str, int, Array, Array, Array]

@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 from rich.progress import Progress
 
+from tci.authoring.locate_taxels import LocatedTaxels, ProbeTouch, locate_taxels
 from tci.cli.console import console, print_json
 from tci.errors import CommandError
+from tci.experiments.self_calibration import calibrate_in_simulation
 from tci.frames import Array
-from tci.interface.skin.self_calibration import LocatedTaxels, ProbeTouch, locate_taxels
-from tci.interface.skin.shear import normal_channels
-from tci.model.catalogue import load_robot
-from tci.model.description import Robot
-from tci.model.kinematics import Kinematics
-from tci.model.surfaces import Surface, build_surface
-from tci.trials.self_calibration import calibrate_in_simulation
+from tci.robot.catalogue import load_robot
+from tci.robot.description import Robot
+from tci.robot.kinematics import Kinematics
+from tci.skin.shear import normal_channels
+from tci.skin.surfaces import Surface, build_surface
 
 PLACE = 6
 """Numbers before a touch's raw values: x y z [m] and the outward normal."""

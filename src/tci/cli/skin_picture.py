@@ -9,14 +9,14 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from tci.authoring.skin_map import best_cone, flatten, unroll
 from tci.errors import TciError
+from tci.exports.cone import ConeFit, cone_of
 from tci.frames import Array
-from tci.model.catalogue import load_robot
-from tci.model.cone import ConeFit, cone_of
-from tci.model.kinematics import Kinematics
-from tci.model.skin.map import best_cone, flatten, unroll
-from tci.model.skin.reader import read_layout
-from tci.model.surfaces import build_surface
+from tci.robot.catalogue import load_robot
+from tci.robot.kinematics import Kinematics
+from tci.robot.skin_files.reader import read_layout
+from tci.skin.surfaces import build_surface
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,12 @@ from rich.table import Table
 from rich.text import Text
 
 from tci.cli.console import console
-from tci.interface.gate.gate import GateState
+from tci.drivers.driver import Link
+from tci.drivers.faults.fault_injector import FaultPlan, FaultyLink
+from tci.drivers.faults.fault_list import FAULTS
+from tci.drivers.faults.injectors import INJECTORS
+from tci.gate.gate import GateState
 from tci.messages import GenericCommand, Mode
-from tci.middleware.fault_list import FAULTS
-from tci.middleware.faulty import FaultPlan, FaultyLink
-from tci.middleware.injectors import INJECTORS
-from tci.middleware.link import Link
 from tci.runtime.loop import Tick
 from tci.runtime.loop_report import LoopReport
 from tci.runtime.reasons import Reasons

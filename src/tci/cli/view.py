@@ -17,12 +17,12 @@ from tci.cli.console import console, told_here
 from tci.cli.demo import load_robots
 from tci.cli.record import about_capability
 from tci.cli.run import HARMLESS, load_capability
+from tci.drivers.registry import connect
 from tci.errors import CommandError, RecordingError
 from tci.installed import needs
 from tci.recording.perceived import recorded_robot
 from tci.recording.recording import Recording
-from tci.runtime.guards import interruptions
-from tci.runtime.registry import connect
+from tci.runtime.watchdogs import interruptions
 
 if TYPE_CHECKING:
     from tci.viewer.app import Source

@@ -33,7 +33,7 @@ def secure(
     Example:  tci zenoh secure keys kitchen --endpoint tls/10.0.0.1:7447 --commander reflex=kitchen
     """
     _needs_zenoh()
-    from tci.middleware.zenoh_secure import write_files
+    from tci.drivers.zenoh.secure import write_files
 
     files = write_files(
         folder, endpoint=endpoint, robots=robot, commanders=_users(commander), watchers=_users(watcher)
@@ -58,8 +58,8 @@ def router(
 ) -> None:
     """Run a router until interrupted, as zenohd does, for machines without it."""
     _needs_zenoh()
-    from tci.middleware.remote_address import RemoteAddress
-    from tci.middleware.zenoh_session import close_session, open_session
+    from tci.drivers.remote.address import RemoteAddress
+    from tci.drivers.zenoh.session import close_session, open_session
 
     session = open_session(RemoteAddress("zenoh", "router", str(file)), "listen")
     console.print(f"router {session.zid()}; end with Ctrl-C", highlight=False)

@@ -13,12 +13,12 @@ from mcap.writer import Writer
 
 from tci.errors import RecordingError, TciError
 from tci.frames import apply
-from tci.interface.skin.skin import Skin
-from tci.model.description import Robot
-from tci.recording.cdr import MessageType, encode
 from tci.recording.recording import Recording
 from tci.recording.schemas import CLOUD, JOINTS, SKIN, cloud_fields, header, to_nanoseconds
 from tci.recording.topics import Topics
+from tci.robot.description import Robot
+from tci.rosmsg.cdr import MessageType, encode
+from tci.skin.skin import Skin
 
 CLOUDS = 10.0
 """Clouds of points per second [Hz], for people to look at. Every raw frame is there beside them. Ours."""

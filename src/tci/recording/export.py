@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from tci.errors import RecordingError, UnknownNameError
 from tci.installed import needs
 from tci.messages import SkinFrame
-from tci.model.description import Robot
-from tci.recording.cdr import decode
 from tci.recording.names import distinct, inside
 from tci.recording.perceived import perceive
 from tci.recording.recording import Recording
 from tci.recording.schemas import DECISION, JOINTS, SKIN, to_frame
+from tci.robot.description import Robot
+from tci.rosmsg.cdr import decode
 
 FORMATS = ("csv", "npz", "parquet")
 Table = dict[str, NDArray[Any]]

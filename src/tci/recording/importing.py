@@ -7,8 +7,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from tci.errors import RecordingError
-from tci.model.description import Robot
 from tci.recording.recorder import Recorder
+from tci.robot.description import Robot
 
 
 @contextmanager

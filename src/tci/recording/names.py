@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from tci.errors import RecordingError
-from tci.model.description import Robot
+from tci.robot.description import Robot
 
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
 """Letters, digits, _ . and -, not first a dot; so no folder, no drive and no hidden file."""

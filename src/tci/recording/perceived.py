@@ -6,14 +6,14 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from tci.body.generic_body import Body
 from tci.errors import FrameError, RecordingError
-from tci.interface.body import Body
 from tci.messages import Perception, Reading, SkinState
-from tci.model.catalogue import load_robot
-from tci.model.description import Robot
-from tci.recording.cdr import decode
 from tci.recording.recording import Recording
 from tci.recording.schemas import DECISION
+from tci.robot.catalogue import load_robot
+from tci.robot.description import Robot
+from tci.rosmsg.cdr import decode
 
 
 @dataclass(frozen=True, slots=True, eq=False)

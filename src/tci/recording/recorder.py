@@ -21,9 +21,8 @@ from mcap.writer import Writer
 
 import tci
 from tci.errors import RecordingError, TciError
-from tci.interface.gate.safe_command import SafeCommand
+from tci.gate.safe_command import SafeCommand
 from tci.messages import JointReading, Order, Reading, SkinFrame
-from tci.model.description import Robot
 from tci.recording.compact import compact
 from tci.recording.names import servo_names
 from tci.recording.schemas import (
@@ -40,6 +39,7 @@ from tci.recording.schemas import (
     to_nanoseconds,
 )
 from tci.recording.topics import Topics
+from tci.robot.description import Robot
 
 PACKAGES = ("tci", "numpy", "mujoco", "ruckig", "numba", "mcap")
 """Whose versions a recording names, beside Python's."""

@@ -21,8 +21,8 @@ from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_
 
 from tci.errors import RecordingError
 from tci.messages import JointReading, Reading, SkinFrame
-from tci.recording.cdr import MessageType, decode
 from tci.recording.schemas import COMMAND, DECISION, JOINTS, SKIN, TICK, to_frame, to_joints
+from tci.rosmsg.cdr import MessageType, decode
 
 LARGEST = 64 * 2**20
 """Largest record, and largest chunk once unpacked [bytes]. Ours are below 2 MiB."""

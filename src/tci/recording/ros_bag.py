@@ -16,10 +16,10 @@ from tci.errors import RecordingError
 from tci.frames import read_only
 from tci.installed import needs
 from tci.messages import JointReading, Reading, SkinFrame
-from tci.model.description import Robot
 from tci.recording.importing import importing
 from tci.recording.names import servo_names
 from tci.recording.schemas import JOINTS, SKIN, to_frame
+from tci.robot.description import Robot
 
 SUFFIXES = (".bag", ".db3", ".mcap")
 FIRST = 100

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from tci.errors import RecordingError
 from tci.frames import read_only
-from tci.interface.gate.safe_command import SafeCommand
+from tci.gate.safe_command import SafeCommand
 from tci.messages import (
     CartesianCommand,
     GenericCommand,
@@ -23,7 +23,7 @@ from tci.messages import (
     SkinFrame,
     SwitchMode,
 )
-from tci.recording.cdr import MessageType, encode
+from tci.rosmsg.cdr import MessageType, encode
 
 MODES = tuple(Mode)
 """Modes are numbers in a recording: their place here, 255 for unknown."""

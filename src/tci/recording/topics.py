@@ -6,7 +6,7 @@ from typing import Any
 
 from mcap.writer import Writer
 
-from tci.recording.cdr import MessageType
+from tci.rosmsg.cdr import MessageType
 
 
 class Topics:

@@ -9,11 +9,11 @@ import numpy as np
 
 from tci.errors import FrameError, RecordingError
 from tci.frames import read_only
-from tci.interface.skin.manager import SKIN_PARTS, read_skin_events
-from tci.interface.skin.skin import Skin
 from tci.messages import JointReading, Reading, SkinFrame
-from tci.model.description import Robot
 from tci.recording.importing import importing
+from tci.recording.skin_manager import SKIN_PARTS, read_skin_events
+from tci.robot.description import Robot
+from tci.skin.skin import Skin
 
 LONGEST = 2**20
 """Longest line [characters] that is read."""

@@ -9,10 +9,10 @@ from typing import Any
 
 from tci.capabilities.capability import Capability
 from tci.capabilities.orders import named
+from tci.drivers.driver import Link
 from tci.errors import TciError
-from tci.middleware.link import Link
-from tci.model.catalogue import load_robot
-from tci.model.description import Robot
+from tci.robot.catalogue import load_robot
+from tci.robot.description import Robot
 
 
 def as_robot(given: object) -> Robot:

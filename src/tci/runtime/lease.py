@@ -19,8 +19,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from tci.drivers.driver import Link
 from tci.errors import LinkError
-from tci.middleware.link import Link
 
 FOLDER = "TCI_LEASES"
 """Environment variable: another folder, such as one that containers share."""

@@ -15,19 +15,19 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
+from tci.body.generic_body import Body
 from tci.capabilities.capability import Capability
 from tci.capabilities.orders import begin_of, step_of
 from tci.clock import ROUNDING
+from tci.drivers.driver import Link
 from tci.errors import CommandError, FrameError
-from tci.interface.body import Body
-from tci.interface.gate.gate import GateState, SafeCommand
+from tci.gate.gate import GateState, SafeCommand
 from tci.messages import JointReading, Order, Perception, PlatformOrder, Reading, SkinState
-from tci.middleware.link import Link
 from tci.runtime.arguments import as_capability, as_link, check_duration
-from tci.runtime.guards import Silence, frozen_garbage, interruptions
 from tci.runtime.lease import commanding
 from tci.runtime.loop_report import LoopReport
 from tci.runtime.result import Account, RunResult
+from tci.runtime.watchdogs import Silence, frozen_garbage, interruptions
 
 MISSED = 3
 """Periods in a row that may be missed before the robot holds."""

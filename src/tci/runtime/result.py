@@ -9,14 +9,14 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
+from tci.drivers.driver import Link
 from tci.frames import Array
-from tci.interface.gate.gate import GateState, SafeCommand
-from tci.interface.kernels.contacts import FORCE
-from tci.interface.skin.contact_table import ContactTable
+from tci.gate.gate import GateState, SafeCommand
 from tci.messages import Perception
-from tci.middleware.link import Link
 from tci.runtime.loop_report import LoopReport
 from tci.runtime.reasons import Notice, Reasons
+from tci.skin.contact_table import ContactTable
+from tci.skin.kernels.contacts import FORCE
 
 MOVED = float(np.deg2rad(1.0))
 """Travel [rad] from which a servo counts as moved. Assumed: less is how far gravity makes a servo sag."""

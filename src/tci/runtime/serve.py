@@ -8,16 +8,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from tci.body.generic_body import order_to_platform
 from tci.capabilities.capability import Capability
 from tci.clock import Clock, MonotonicClock
+from tci.drivers.server import Server
 from tci.errors import TciError
-from tci.interface.body import order_to_platform
 from tci.messages import Order, Perception, PlatformOrder
-from tci.middleware.server import Server
-from tci.runtime.guards import Standstill, attentive
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport
 from tci.runtime.reasons import Reasons
+from tci.runtime.watchdogs import Standstill, attentive
 
 
 @dataclass(slots=True)

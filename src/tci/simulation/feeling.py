@@ -6,9 +6,9 @@ import math
 
 from numba import int64
 
+from tci.arrays import reads, returns, writes
+from tci.compiled import compiled, inlined
 from tci.frames import Array
-from tci.interface.kernels.arrays import reads, returns, writes
-from tci.interface.kernels.compiled import compiled, inlined
 from tci.simulation import kernel
 from tci.simulation.kernel import REACH, ROWS, SHARE, share_into, within
 

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 from tci.engine import mujoco
 from tci.errors import CommandError, TciError
 from tci.frames import Array
-from tci.model.collisions import SKIN
+from tci.robot.collisions import SKIN
 from tci.simulation import stepping as at
 from tci.simulation.physics import Physics
 from tci.simulation.posed_skin import PosedSkin

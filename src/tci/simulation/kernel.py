@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numba import float64, int64
 
+from tci.arrays import reads, views, writes
+from tci.compiled import compiled, inlined
 from tci.frames import Array
-from tci.interface.kernels.arrays import reads, views, writes
-from tci.interface.kernels.compiled import compiled, inlined
 
 SIGMA = 3e-3
 """Width [m] of the Gaussian that the cover over the taxels makes of a point. Ours."""

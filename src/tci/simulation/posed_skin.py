@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike
 
 from tci.errors import CommandError, UnknownNameError
 from tci.frames import Array, apply, invert
-from tci.model.description import Model
-from tci.model.surfaces import Surface
+from tci.robot.description import Model
 from tci.simulation.physics import Physics
+from tci.skin.surfaces import Surface
 
 
 class PosedSkin:

@@ -9,12 +9,12 @@ import numpy as np
 from tci.engine import mujoco
 from tci.errors import CommandError
 from tci.frames import Array, apply, invert, transform
-from tci.model.collisions import GROUND, exclude_overlaps, solid_spec
-from tci.model.description import SOLE, Robot
-from tci.model.kinematics import Kinematics
-from tci.model.surfaces import Surface
+from tci.robot.collisions import GROUND, exclude_overlaps, solid_spec
+from tci.robot.description import SOLE, Robot
+from tci.robot.kinematics import Kinematics
 from tci.simulation.finger import add_finger
 from tci.simulation.touch import FINGER_PRIORITY, FLOOR, add_skin
+from tci.skin.surfaces import Surface
 
 FRICTION = [0.8, 0.005, 0.0001]
 """Of the floor: sliding, spinning [m], rolling [m]. Ours: rubber on wood."""

@@ -12,7 +12,7 @@ from tci.engine import mujoco
 from tci.errors import CommandError
 from tci.frames import Array, read_only
 from tci.messages import Mode
-from tci.model.description import Robot
+from tci.robot.description import Robot
 from tci.simulation import stepping as at
 from tci.simulation.physics import Physics
 

@@ -12,10 +12,10 @@ from typing import Any
 from llvmlite import binding
 from numba import float64, int64, types
 
+from tci.arrays import reads, returns, views, writes
+from tci.compiled import compiled, inlined
 from tci.engine import mujoco
 from tci.frames import Array
-from tci.interface.kernels.arrays import reads, returns, views, writes
-from tci.interface.kernels.compiled import compiled, inlined
 from tci.simulation import feeling, kernel
 from tci.simulation.feeling import DUE, SKIN, SLOTS, Arrays, feel
 

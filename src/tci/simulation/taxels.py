@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from tci.errors import TciError
 from tci.frames import Array, read_only
 from tci.messages import SkinFrame
-from tci.model.description import Patch
-from tci.model.surfaces import Surface, tangents
+from tci.robot.description import Patch
 from tci.simulation import feeling as at
 from tci.simulation.kernel import ROWS, width
 from tci.simulation.physics import Physics
 from tci.simulation.touch import floor_sensor, skin_geom
+from tci.skin.surfaces import Surface, tangents
 
 
 class Taxels:

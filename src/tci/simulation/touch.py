@@ -10,10 +10,10 @@ from scipy.spatial import ConvexHull
 
 from tci.engine import mujoco
 from tci.frames import Array, apply
-from tci.model.collisions import GROUND, SKIN
-from tci.model.surfaces import Surface, is_sheet
+from tci.robot.collisions import GROUND, SKIN
 from tci.simulation.feeling import SLOTS
 from tci.simulation.physics import Physics
+from tci.skin.surfaces import Surface, is_sheet
 
 _FIELDS = (
     mujoco.mjtConDataField.mjCONDATA_FOUND,

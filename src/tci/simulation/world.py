@@ -12,11 +12,10 @@ from tci.engine import mujoco
 from tci.errors import CommandError, DescriptionError, Fault
 from tci.frames import Array, invert
 from tci.messages import JointReading, Mode, SkinFrame
-from tci.model.collisions import NO_MODEL
-from tci.model.description import Robot
-from tci.model.joint_map import joint_map
-from tci.model.kinematics import Kinematics
-from tci.model.surfaces import Surface, build_surface
+from tci.robot.collisions import NO_MODEL
+from tci.robot.description import Robot
+from tci.robot.joint_map import joint_map
+from tci.robot.kinematics import Kinematics
 from tci.simulation.finger import Finger
 from tci.simulation.physics import Physics
 from tci.simulation.posed_skin import PosedSkin
@@ -24,6 +23,7 @@ from tci.simulation.scene import build_scene
 from tci.simulation.servos import Servos
 from tci.simulation.taxels import Taxels
 from tci.simulation.touch import ContactTruth, contact_truth
+from tci.skin.surfaces import Surface, build_surface
 
 MIDDLEWARE = "sim"
 MAX_STEP = 0.005

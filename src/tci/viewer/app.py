@@ -10,22 +10,22 @@ from pathlib import Path
 import numpy as np
 import viser
 
+from tci.body.places import Place, find_place
+from tci.body.posture import generic_posture
 from tci.errors import TciError
 from tci.frames import Array, apply, invert
-from tci.interface.part import generic_posture
-from tci.interface.skin.places import Place, find_place
-from tci.model.generic_arm import limb_coordinates
+from tci.robot.generic_arm import limb_coordinates
 from tci.viewer.controls import Controls
 from tci.viewer.fields import legend
 from tci.viewer.figure import Figure
 from tci.viewer.framing import Framing
 from tci.viewer.guard import close_server, open_server
+from tci.viewer.labels import badge, event_list
 from tci.viewer.pick import pick
 from tci.viewer.playback import Playback
 from tci.viewer.player import Player
 from tci.viewer.plots import Plots
 from tci.viewer.session import Session
-from tci.viewer.words import badge, event_list
 
 RATE = 30.0
 """Pictures per second [Hz]."""

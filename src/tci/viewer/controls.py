@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import viser
 
+from tci.drivers.faults.injectors import INJECTORS
 from tci.errors import TciError
-from tci.middleware.injectors import INJECTORS
-from tci.middleware.query import generic_limits
-from tci.model.generic_arm import JOINTS
+from tci.exports.facts import generic_limits
 from tci.recording.names import inside
+from tci.robot.generic_arm import JOINTS
 from tci.viewer.rehearsal import description
 from tci.viewer.session import Session
 

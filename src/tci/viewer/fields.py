@@ -13,9 +13,9 @@ from tci.capabilities.capability import Capability
 from tci.capabilities.fields import ReceptiveField
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.frames import Array
-from tci.interface.skin.generic_limb import generic_limb_distance
 from tci.messages import Contact
-from tci.simulation.paint import FIELD_COLOURS
+from tci.pictures.paint import FIELD_COLOURS
+from tci.robot.limb import generic_limb_distance
 
 OUTSIDE = "touched outside all fields"
 """Words for a touch that no field answers."""

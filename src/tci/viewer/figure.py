@@ -12,13 +12,13 @@ from tci.capabilities.fields import ReceptiveField
 from tci.engine import mujoco
 from tci.errors import DescriptionError, Fault
 from tci.frames import Array, apply, invert, rotation_z, transform
-from tci.interface.skin.skin import Skin
 from tci.messages import JointReading
-from tci.model.collisions import NO_MODEL, solid_spec
-from tci.model.description import Robot
-from tci.model.mujoco_model import compiled
+from tci.pictures.paint import FULL_SCALE, SKIN_COLOUR, pressure_colours
+from tci.robot.collisions import NO_MODEL, solid_spec
+from tci.robot.description import Robot
+from tci.robot.model_file import compiled
 from tci.simulation.finger import RADIUS
-from tci.simulation.paint import FULL_SCALE, SKIN_COLOUR, pressure_colours
+from tci.skin.skin import Skin
 from tci.viewer.fields import OUTSIDE, REST, is_outside, nearest_field, tints
 from tci.viewer.meshes import body_meshes, disc, quaternion, towards
 from tci.viewer.view import View

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from tci.engine import mujoco
 from tci.frames import Array, transform
-from tci.simulation.paint import SKIN_COLOUR
-from tci.simulation.render import model_colours
+from tci.pictures.paint import SKIN_COLOUR
+from tci.pictures.render import model_colours
 
 CELL, COARSER = 0.003, 1.25
 """Vertices within a cube of this size [m] become one; it grows by this factor if there are too many. Ours."""

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from tci.body.places import Place
 from tci.frames import Array, apply, invert, read_only
-from tci.interface.skin.places import Place
 from tci.viewer.figure import Figure
 
 NEAR = 0.015

@@ -8,17 +8,17 @@ from collections.abc import Callable
 
 import numpy as np
 
+from tci.body.places import Place
 from tci.capabilities.fields import default_fields
 from tci.errors import CommandError, RecordingError
-from tci.interface.gate.gate import GateState
-from tci.interface.skin.places import Place
+from tci.gate.gate import GateState
 from tci.messages import GenericCommand
-from tci.model.description import Robot
 from tci.recording.perceived import Perceived, perceive
 from tci.recording.recording import Recording
 from tci.recording.touches import Touch, find_touches
+from tci.robot.description import Robot
+from tci.viewer.labels import moves, touched
 from tci.viewer.view import WINDOW, History, View
-from tci.viewer.words import moves, touched
 
 FINEST = 0.01
 """Time [s] between two views that are kept. Ours."""

@@ -9,7 +9,7 @@ import viser
 from viser import uplot
 
 from tci.frames import Array
-from tci.model.generic_arm import JOINTS
+from tci.robot.generic_arm import JOINTS
 from tci.viewer.view import WINDOW, History
 
 GRID = np.linspace(-WINDOW, 0.0, 201)

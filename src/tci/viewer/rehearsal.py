@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from tci.interface.gate.gate import GateState
-from tci.interface.gate.safe_command import SafeCommand
-from tci.middleware.fault_list import FAULTS
-from tci.middleware.faulty import FaultPlan
-from tci.middleware.injectors import INJECTORS
+from tci.drivers.faults.fault_injector import FaultPlan
+from tci.drivers.faults.fault_list import FAULTS
+from tci.drivers.faults.injectors import INJECTORS
+from tci.gate.gate import GateState
+from tci.gate.safe_command import SafeCommand
 
 
 def description(name: str) -> str:

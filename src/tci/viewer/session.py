@@ -12,26 +12,26 @@ from typing import Any
 
 import numpy as np
 
+from tci.body.generic_body import Body
+from tci.body.places import Place
 from tci.capabilities.capability import Capability
+from tci.drivers.driver import Link
+from tci.drivers.faults.fault_injector import FaultPlan, FaultyLink
+from tci.drivers.simulated import SimulatedLink
 from tci.errors import CommandError, TciError
-from tci.interface.body import Body
-from tci.interface.gate.acceptance import fault_of_reading
-from tci.interface.gate.gate import GateState
-from tci.interface.skin.places import Place
+from tci.gate.acceptance import fault_of_reading
+from tci.gate.gate import GateState
 from tci.messages import GenericCommand, Mode
-from tci.middleware.faulty import FaultPlan, FaultyLink
-from tci.middleware.link import Link
-from tci.middleware.simulated import SimulatedLink
 from tci.recording.recorder import Recorder
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport
 from tci.simulation.finger import STIFFNESS
 from tci.viewer.fields import fields_of
+from tci.viewer.labels import moves, touched
 from tci.viewer.real_time import RealTime
 from tci.viewer.rehearsal import Rehearsal
 from tci.viewer.steered import Steered
 from tci.viewer.view import History, View
-from tci.viewer.words import moves, touched
 
 FRESH = 0.01
 """Time [s] between two views, unless something happened."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tci.frames import Array
-from tci.interface.gate.gate import GateState
+from tci.gate.gate import GateState
 from tci.messages import Contact, JointReading
 
 WINDOW = 10.0

@@ -1,0 +1,1 @@
+"""Making descriptions: proposing a robot, placing and calibrating its skin."""

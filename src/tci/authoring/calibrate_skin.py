@@ -1,0 +1,141 @@
+"""Rest values, noise and response of a patch, from frames at rest and frames under known loads."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from tci.errors import TciError
+from tci.frames import Array
+from tci.robot.description import Sensor
+from tci.robot.skin_files.calibration import PatchCalibration
+from tci.skin.baseline import BaselineSettings
+
+NODES = 6
+"""Pieces of the response. Ours."""
+STIFF = 0.03
+"""How much neighbouring pieces are held to the same slope. Ours."""
+REST = 0.02
+"""Force [N] below which a force sensor feels nothing. Ours."""
+STEADY = 0.2
+"""Length [s] of a load in a force sensor's stream. Ours."""
+FEWEST_FRAMES = 20
+"""Frames at rest that a standard deviation needs. Ours."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Load:
+    """Frames of a patch under one known load."""
+
+    force: float
+    """[N], all of it on the patch."""
+    values: Array
+    """Raw values (frames, taxels)."""
+
+
+def calibrate(
+    sensor: Sensor, areas: Array, rest: Array, loads: Sequence[Load], *, when: str = "unknown"
+) -> PatchCalibration:
+    """Calibrate a patch with taxels of `areas` (n,) [m2] from raw frames at `rest` (frames, n) and `loads`.
+
+    The force of a load is the sum of area times pressure; pressure is a rising curve of straight pieces over
+    counts away from rest, found by least squares with slopes that are never negative. Without loads the
+    description's response stays. Raises TciError for data that can't tell.
+    """
+    _check(areas, rest, loads)
+    level, noise = rest.mean(axis=0), rest.std(axis=0, ddof=1)
+    report: dict[str, float | str] = {
+        "date": when,
+        "rest_frames": float(len(rest)),
+        "loads": float(len(loads)),
+    }
+    response: tuple[tuple[float, float], ...] = ()
+    if loads:
+        response, worst = _response(sensor, areas, level, noise, loads)
+        report["largest_relative_error"] = worst
+    return PatchCalibration(
+        rest=tuple(level.tolist()), noise=tuple(noise.tolist()), response=response, report=report
+    )
+
+
+def loads_of_stream(
+    stamps: Array, values: Array, times: Array, forces: Array
+) -> tuple[Array, tuple[Load, ...]]:
+    """Frames at rest (frames, n), and loads, from frames (m, n) at `stamps` (m,) [s] beside a force sensor.
+
+    The sensor read `forces` (k,) [N] at `times` (k,) [s], on the same clock. A frame is at rest where it read
+    less than `REST`; a load is `STEADY` seconds in which it changed by less than a tenth. Raises TciError
+    where the two do not overlap.
+    """
+    inside = (stamps >= times[0]) & (stamps <= times[-1])
+    if not inside.any():
+        raise TciError(
+            f"frames from {stamps.min():.3f} to {stamps.max():.3f} s, forces from {times[0]:.3f} to "
+            f"{times[-1]:.3f} s; valid: one clock for both"
+        )
+    stamps, values = stamps[inside], values[inside]
+    felt = np.interp(stamps, times, forces)
+    window = np.floor((stamps - stamps[0]) / STEADY)
+    loads = []
+    for one in np.unique(window):
+        own = window == one
+        mean = float(felt[own].mean())
+        if mean > REST and np.ptp(felt[own]) < 0.1 * mean:
+            loads.append(Load(mean, values[own]))
+    return values[np.abs(felt) < REST], tuple(loads)
+
+
+def _response(
+    sensor: Sensor, areas: Array, rest: Array, noise: Array, loads: Sequence[Load]
+) -> tuple[tuple[tuple[float, float], ...], float]:
+    sign = np.sign(sensor.pascal_per_count)
+    # Conditioning does not feel what is below its threshold, so the weak edge of a touch is made up for here.
+    least = BaselineSettings().threshold * noise
+    pressed = []
+    for load in loads:
+        counts = sign * (load.values - rest)
+        pressed.append(np.where((counts > 0.0) & (counts >= least), counts, 0.0))
+    most = max(float(counts.max()) for counts in pressed)
+    if not most > 0.0:
+        raise TciError("no taxel reads more under the loads than at rest")
+    forces = np.array([load.force for load in loads])
+    pieces = min(NODES, max(1, len(loads) // 2))
+    nodes = np.linspace(0.0, most, pieces + 1)
+    width = nodes[1]
+    # Column k: how far each taxel's counts reach into piece k, times its area, for all taxels of a load.
+    reach = [
+        [np.clip(counts - low, 0.0, width).mean(axis=0) @ areas for low in nodes[:-1]] for counts in pressed
+    ]
+    matrix = np.array(reach) / forces[:, None]
+    scale = float(np.linalg.norm(matrix, axis=0).max())
+    smooth = STIFF * scale * (np.eye(pieces) - np.eye(pieces, k=1))[:-1]
+    slopes, _ = nnls(
+        np.vstack([matrix, smooth]), np.concatenate([np.ones(len(loads)), np.zeros(len(smooth))])
+    )
+    if not slopes.any():
+        raise TciError("the loads do not grow with what the taxels read")
+    slopes = np.maximum(slopes, 1e-6 * slopes.max())
+    pressure = np.concatenate([[0.0], np.cumsum(slopes * width)])
+    worst = float(np.abs(matrix @ slopes - 1.0).max())
+    return tuple(zip(nodes.tolist(), pressure.tolist(), strict=True)), worst
+
+
+def _check(areas: Array, rest: NDArray[np.float64], loads: Sequence[Load]) -> None:
+    taxels = len(areas)
+    if rest.ndim != 2 or rest.shape[1] != taxels or len(rest) < FEWEST_FRAMES:
+        raise TciError(
+            f"rest of shape {rest.shape}; valid: ({FEWEST_FRAMES} or more frames, {taxels} taxels)"
+        )
+    for load in loads:
+        if load.values.ndim != 2 or load.values.shape[1] != taxels or not len(load.values):
+            raise TciError(f"a load's frames have shape {load.values.shape}; valid: (frames, {taxels})")
+        if not 0.0 < load.force < np.inf:
+            raise TciError(f"a load of {load.force} N; valid: above 0 and finite")
+        if not np.isfinite(load.values).all():
+            raise TciError(f"the frames under {load.force} N are not all finite")
+    if not np.isfinite(rest).all():
+        raise TciError("the frames at rest are not all finite")

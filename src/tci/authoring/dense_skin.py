@@ -1,0 +1,68 @@
+"""The same robot with more skin: to see how everything scales with taxels and patches."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tci.errors import TciError
+from tci.exports.cone import ConeFit, cone_of
+from tci.frames import Array
+from tci.robot.description import Patch, Robot, TruncatedCone
+from tci.robot.kinematics import Kinematics
+from tci.skin.surfaces import build_surface
+
+PITCH = 0.004
+"""Usual least distance [m] between taxels. Ours: an iCub's fingertips have about that."""
+
+
+def with_dense_skin(robot: Robot, taxels: int, *, patches: int | None = None, pitch: float = PITCH) -> Robot:
+    """The robot with about `taxels` taxels in `patches` patches: truncated cones fitted to its limbs' skin.
+
+    More patches than the robot has share its limbs lengthwise. Where taxels would be closer than `pitch`
+    [m], the cones are larger than the limbs. Raises TciError for a robot without skin on limbs, or less
+    than 9 taxels in a patch.
+    """
+    own = [patch for patch in robot.patches if robot.limb_segment(patch)]
+    count = len(own) if patches is None else patches
+    if not own or count < 1 or taxels < 9 * count:
+        raise TciError(
+            f"{taxels} taxels in {count} patches on {robot.name}, which has {len(own)} on limbs; "
+            "valid: a robot with skin, and 9 taxels or more in each patch"
+        )
+    kinematics = Kinematics(robot)
+    fits = [cone_of(robot, build_surface(robot, patch, kinematics), kinematics) for patch in own]
+    shares = [len(range(place, count, len(own))) for place in range(len(own))]
+    made = [
+        _piece(own[place], fits[place], index // len(own), shares[place], taxels // count, pitch)
+        for index in range(count)
+        for place in [index % len(own)]
+    ]
+    return robot.model_copy(update={"patches": tuple(made)})
+
+
+def _piece(patch: Patch, fit: ConeFit, number: int, of: int, taxels: int, pitch: float) -> Patch:
+    """One of `of` pieces of a limb's cone, with about so many taxels."""
+    gap = 0.05 if number + 1 < of else 0.0
+    begin, end = fit.length * number / of, fit.length * (number + 1 - gap) / of
+    r1, r2 = float(fit.radius(np.array(begin))), float(fit.radius(np.array(end)))
+    around, along = np.pi * (r1 + r2), end - begin
+    rings = max(2, round(float(np.sqrt(taxels * along / around))))
+    per_ring = max(3, round(taxels / rings))
+    scale = max(1.0, pitch * per_ring / around, pitch * rings / along)
+    cone = TruncatedCone(
+        origin=tuple((fit.origin + begin * fit.axis).tolist()),
+        rpy=_towards(fit.axis),
+        length=scale * along,
+        r1=scale * r1,
+        r2=scale * r2,
+        rings=rings,
+        per_ring=per_ring,
+    )
+    name = patch.name if of == 1 else f"{patch.name}_{number + 1}"
+    return patch.model_copy(update={"name": name, "channels": rings * per_ring, "surface": cone})
+
+
+def _towards(axis: Array) -> tuple[float, float, float]:
+    """Roll, pitch and yaw [rad] of a frame whose -z points along `axis` (3,)."""
+    x, y, z = -axis
+    return 0.0, float(np.arctan2(np.hypot(x, y), z)), float(np.arctan2(y, x))

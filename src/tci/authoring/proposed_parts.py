@@ -1,0 +1,218 @@
+"""Legs, hands, head and torso of a proposed description: linear joints, by where their axes point.
+
+Zero is standing with straight legs and hanging arms, the feet level; the file's own zero tells how far that
+is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from tci.authoring.find_limbs import MIRRORED, Body, Limb
+from tci.authoring.link_points import LinkPoints
+from tci.authoring.sleeves import three
+from tci.frames import Array, rpy_of
+from tci.robot.description import GenericPart, GenericServo, Robot, Segment
+from tci.robot.generic_arm import Side
+from tci.robot.joint_map import joint_map
+from tci.robot.kinematics import Kinematics
+from tci.robot.shoulder import Shoulder, angle_about
+from tci.robot.xml.grammar import MAX_MOUNT
+
+GENERIC_SPEED = float(np.deg2rad(180.0))
+"""[rad/s] of generic joints. Ours."""
+LEG = {
+    "hip_pitch": (0.0, -1.0, 0.0), "hip_roll": (1.0, 0.0, 0.0), "hip_yaw": (0.0, 0.0, -1.0),
+    "knee_pitch": (0.0, 1.0, 0.0), "ankle_pitch": (0.0, -1.0, 0.0), "ankle_roll": (-1.0, 0.0, 0.0),
+}  # fmt: skip
+"""Positive axes of a left leg that stands straight, in the torso frame."""
+HAND = {"flexion": (-1.0, 0.0, 0.0), "deviation": (0.0, -1.0, 0.0)}
+"""The same of a left hand whose arm hangs at the generic zero."""
+ALIKE = 0.96
+"""Least cosine between a joint's axis and the generic one's. Ours."""
+TALL = 0.1
+"""Least height [m] of a hip above its ankle. Ours."""
+STANDING = np.deg2rad([20.0, 0.0, 0.0, 40.0, 20.0, 0.0])
+"""Initial posture [rad] of legs, as far as limits allow: knees a little bent, feet level. Ours."""
+ROOM = np.deg2rad(3.0)
+"""Distance [rad] of it from limits. Ours."""
+
+
+def generic_joint(id: int, name: str, servo: int | None, **more: object) -> GenericServo:
+    """A generic joint at the proposed speed."""
+    return GenericServo.model_validate(
+        {"id": id, "name": name, "servo": servo, "speed": GENERIC_SPEED, **more}
+    )
+
+
+def middle(body: Body, kind: str, joints: Sequence[int], index: Mapping[str | None, int]) -> GenericPart:
+    """Head or torso: pitch nods forward, roll leans right, yaw turns left; what the robot lacks is fixed."""
+    servos = []
+    for id, (name, axis) in enumerate(zip(("pitch", "roll", "yaw"), np.eye(3)[[1, 0, 2]], strict=True)):
+        found = [place for place in joints if abs(body.joints[place].axis @ axis) > 0.99]
+        if len(found) == 1:
+            scale = float(np.sign(body.joints[found[0]].axis @ axis))
+            servos.append(generic_joint(id, name, index[body.joints[found[0]].name], scale=scale))
+        else:
+            servos.append(GenericServo(id=id, name=name, servo=None))
+    return GenericPart.model_validate({"name": kind, "kind": kind, "servos": tuple(servos)})
+
+
+def find_legs(body: Body) -> dict[Side, list[int]]:
+    """Joints of both legs, from the hip on, by side: mirrored chains that bend three times about y, at hip,
+    knee and ankle, one below the other. Empty for a robot on wheels."""
+    parents = {one.parent for one in body.joints}
+    own = {
+        *body.trunk,
+        *body.head,
+        *(place for limb in body.arms.values() for place in body.behind(limb.ball[0])),
+    }
+    found: dict[Side, list[int]] = {}
+    for leaf in range(len(body.joints)):
+        if leaf in parents or leaf in own:
+            continue
+        chain: list[int] = []
+        place = leaf
+        while place >= 0 and place not in own and abs(body.joints[place].anchor[1]) > MIRRORED:
+            chain.insert(0, place)
+            place = body.joints[place].parent
+        bends = [one for one in chain if abs(body.joints[one].axis[1]) > ALIKE]
+        heights = [float(body.joints[one].anchor[2]) for one in bends]
+        if len(bends) == 3 and heights == sorted(heights, reverse=True) and heights[0] - heights[2] > TALL:
+            found["left" if body.joints[leaf].anchor[1] > 0.0 else "right"] = chain
+    return found if len(found) == 2 else {}
+
+
+def leg(
+    draft: Robot, body: Body, chain: Sequence[int], side: Side, points: LinkPoints,
+    index: Mapping[str | None, int],
+) -> GenericPart:  # fmt: skip
+    """The generic leg of a chain that `find_legs` found: each joint where its axis fits."""
+    mirror = np.array([1.0, 1.0, 1.0] if side == "left" else [-1.0, 1.0, -1.0])
+    wanted = {name: mirror * axis for name, axis in LEG.items()}
+    hip, knee, ankle = (place for place in chain if abs(body.joints[place].axis[1]) > ALIKE)
+    above, below = chain[: chain.index(knee)], chain[chain.index(knee) + 1 :]
+    found = _matched(body, above, {name: wanted[name] for name in ("hip_pitch", "hip_roll", "hip_yaw")})
+    found |= _matched(body, [knee], {"knee_pitch": wanted["knee_pitch"]})
+    found |= _matched(body, below, {name: wanted[name] for name in ("ankle_pitch", "ankle_roll")})
+    tip = body.joints[ankle].anchor
+    bend = body.joints[knee]
+    middle = bend.anchor + bend.axis * float(bend.axis @ (tip - bend.anchor))
+    start = body.joints[hip].anchor
+    start = start + body.joints[hip].axis * float(body.joints[hip].axis @ (middle - start))
+    thigh, shank = middle - start, tip - middle
+    if "hip_yaw" in found and found["hip_yaw"][0] == above[-1]:
+        axis = body.joints[above[-1]].axis
+        thigh = (
+            axis * float(np.sign(axis @ thigh)) * float(np.linalg.norm(thigh))
+        )  # the axis that turns along it
+    across, ahead, down = np.array([0.0, -1.0, 0.0]), mirror * [1.0, 0.0, 0.0], np.array([0.0, 0.0, -1.0])
+    pitch, flexion = angle_about(across, down, thigh), -angle_about(across, thigh, shank)
+    roll = angle_about(ahead, down, shank)
+    offsets = {"hip_pitch": pitch, "hip_roll": roll, "knee_pitch": flexion,
+               "ankle_pitch": flexion - pitch, "ankle_roll": roll}  # fmt: skip
+    servos = []
+    for id, name in enumerate(LEG):
+        if name not in found:
+            servos.append(GenericServo(id=id, name=name, servo=None))
+            continue
+        place, scale = found[name]
+        servo = index[body.joints[place].name]
+        offset = round(offsets.get(name, 0.0), 9) + 0.0
+        initial = _inside(draft, servo, scale, offset, STANDING[id])
+        servos.append(generic_joint(id, name, servo, scale=scale, offset=offset, initial=initial))
+    segments = (
+        segment(body, points, "thigh", body.joints[above[-1]].link, middle - thigh, middle),
+        segment(body, points, "shank", bend.link, middle, tip),
+    )
+    return GenericPart(name=f"{side}_leg", kind="leg", side=side, servos=tuple(servos), segments=segments)
+
+
+def hand(
+    draft: Robot, body: Body, limb: Limb, arm: GenericPart, index: Mapping[str | None, int]
+) -> GenericPart | None:
+    """The wrist beyond an arm, or None where no joint fits: at the arm's generic zero, so that the zero of
+    pronation decides which of them flexes."""
+    assert arm.side is not None
+    robot = draft.model_copy(update={"parts": (arm,), "digest": f"{arm.name} and its hand"})
+    joints = joint_map(robot, arm.name)
+    position = np.zeros(len(draft.servos))
+    position[joints.servos] = joints.to_robot(np.zeros(5), position)
+    kinematics = Kinematics(robot)
+    mirror = np.array([1.0, 1.0, 1.0] if arm.side == "left" else [-1.0, 1.0, -1.0])
+    servos, free = [], _chain_below(body, limb.turn if limb.turn is not None else limb.bend)[:2]
+    for id, (name, axis) in enumerate(HAND.items()):
+        fit = GenericServo(id=id, name=name, servo=None)
+        for place in free:
+            servo = index.get(body.joints[place].name)
+            if servo is None:
+                continue
+            turns = kinematics.jacobian(position, body.joints[place].link)[3:, servo]
+            along = float(turns @ (mirror * axis))
+            if abs(along) > ALIKE:
+                scale = float(np.sign(along))
+                fit = generic_joint(
+                    id, name, servo, scale=scale, initial=_inside(draft, servo, scale, 0.0, 0.0)
+                )
+        servos.append(fit)
+    if all(fit.servo is None for fit in servos):
+        return None
+    return GenericPart(name=f"{arm.side}_hand", kind="hand", side=arm.side, servos=tuple(servos))
+
+
+def segment(body: Body, points: LinkPoints, name: str, link: str, begin: Array, end: Array) -> Segment:
+    """A segment of a limb from `begin` to `end` (3,) [m], which are in the frame H, on one of its links."""
+    R_RL, p_RL = points.link_pose(link)
+    origin = R_RL.T @ (body.R_RH @ begin - p_RL)
+    return Segment(name=name, link=link, origin=three(origin), length=float(np.linalg.norm(end - begin)))
+
+
+def find_mount(shoulder: Shoulder) -> tuple[float, float, float] | None:
+    """The mount (roll, pitch, yaw) [rad] on which the first axis of a shoulder is that of flexion: the
+    smallest turn that brings y there. None where it is more than a mount may be."""
+    axis = shoulder.axes[0] * (1.0 if shoulder.axes[0][1] >= 0.0 else -1.0)
+    across = np.cross([0.0, 1.0, 0.0], axis)
+    sine, cosine = float(np.linalg.norm(across)), float(axis[1])
+    if np.arctan2(sine, cosine) > MAX_MOUNT:
+        return None
+    if sine < 1e-9:
+        return 0.0, 0.0, 0.0
+    x, y, z = across / sine
+    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    roll, pitch, yaw = rpy_of(np.eye(3) + sine * skew + (1.0 - cosine) * skew @ skew)
+    return roll, pitch, yaw
+
+
+def _matched(body: Body, joints: Sequence[int], wanted: Mapping[str, Array]) -> dict[str, tuple[int, float]]:
+    """Joints, and the sign of their axes, whose axes are alike enough; each of them once."""
+    found: dict[str, tuple[int, float]] = {}
+    for name, axis in wanted.items():
+        for place in joints:
+            along = float(body.joints[place].axis @ axis)
+            if abs(along) > ALIKE and place not in [taken for taken, _ in found.values()]:
+                found[name] = place, float(np.sign(along))
+                break
+    return found
+
+
+def _chain_below(body: Body, start: int) -> list[int]:
+    """Joints beyond one, as long as each carries one more: an ankle, a wrist; not the fingers."""
+    chain: list[int] = []
+    after = [start]
+    while len(after) == 1:
+        if after[0] != start:
+            chain.append(after[0])
+        after = [place for place, one in enumerate(body.joints) if one.parent == after[0]]
+    return chain
+
+
+def _inside(draft: Robot, servo: int, scale: float, offset: float, wanted: float) -> float:
+    """The generic angle [rad] nearest to `wanted` that keeps a servo away from its limits."""
+    limits = draft.servos[servo].limits
+    assert limits.lower is not None
+    assert limits.upper is not None
+    ends = sorted(scale * limit + offset for limit in (limits.lower, limits.upper))
+    room = min(ROOM, 0.4 * (ends[1] - ends[0]))
+    return float(np.clip(wanted, ends[0] + room, ends[1] - room))

@@ -1,0 +1,66 @@
+"""A skin on paper: cones through its taxels, and its unrolled map (x along the limb, theta around it)."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from numpy.exceptions import RankWarning
+
+from tci.errors import TciError
+from tci.exports.cone import ConeFit, Freedom, fit_cone
+from tci.frames import Array
+
+WIDEST = 3.0
+"""A cone wider than so many times its skin's size is a plane in disguise. Ours."""
+
+
+def skin_cone(positions: Array, *, origin: Array, axis: Array, free: Freedom) -> ConeFit:
+    """`fit_cone` of taxels at `positions` (n, 3) [m] that refuses a flat skin.
+
+    Raises TciError where no cone fits: an axis of length zero, too few taxels, or taxels in a plane.
+    """
+    if not np.linalg.norm(axis) > 1e-9:
+        raise TciError(f"the axis {[float(value) for value in axis]} has no direction; give a vector (3,)")
+    size = float(np.linalg.norm(np.ptp(positions, axis=0)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RankWarning)  # a flat skin makes them, and is refused below
+        fit = fit_cone(positions, origin=origin, axis=axis, free=free)
+    if max(abs(fit.r1), abs(fit.r2)) > WIDEST * size:
+        raise TciError(
+            f"no cone: its radius would be {max(abs(fit.r1), abs(fit.r2)):.3g} m; the skin is flat"
+        )
+    return fit
+
+
+def best_cone(positions: Array) -> ConeFit | None:
+    """The free cone with the least RMS, started along each axis of the frame; None for a flat skin."""
+    fits = []
+    for axis in np.eye(3):
+        try:
+            fits.append(skin_cone(positions, origin=positions.mean(axis=0), axis=axis, free="axis"))
+        except TciError:
+            continue
+    return min(fits, key=lambda fit: fit.rms, default=None)
+
+
+def unroll(positions: Array, fit: ConeFit) -> tuple[Array, Array]:
+    """Place x (n,) [m] along a cone's axis from its proximal end, and angle theta (n,) [rad] around it.
+
+    Both are exact, whatever the cone's error (eqs 3-4). Theta is from -pi to pi, and zero in the
+    direction of the frame's axis that is most across the cone's.
+    """
+    relative = positions - fit.origin
+    across = np.eye(3)[np.argmin(np.abs(fit.axis))]
+    u = across - (across @ fit.axis) * fit.axis
+    u /= np.linalg.norm(u)
+    v = np.cross(fit.axis, u)
+    return relative @ fit.axis, np.arctan2(relative @ v, relative @ u)
+
+
+def flatten(positions: Array) -> tuple[Array, Array]:
+    """Places (n,) and (n,) [m] of taxels along the two longest directions of their skin."""
+    relative = positions - positions.mean(axis=0)
+    # Rows of zeros change nothing but that one or two taxels have three directions as well.
+    longest = np.linalg.svd(np.vstack([relative, np.zeros((3, 3))]), full_matrices=False)[2]
+    return relative @ longest[0], relative @ longest[1]

@@ -1,0 +1,82 @@
+"""Sleeves of skin for a robot that nobody described yet: cones around the shapes of its arms."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tci.authoring.find_limbs import Body, Limb
+from tci.authoring.link_points import LinkPoints, cone_around
+from tci.frames import Array, rpy_of
+from tci.robot.description import GenericPart, Patch, Sensor, TruncatedCone, Vector
+from tci.robot.generic_arm import SEGMENTS
+from tci.robot.shoulder import nearest_point
+
+# All of these are ours.
+COVER = {"upper_arm": (0.2, 0.8), "forearm": (0.12, 0.9)}
+"""Where skin covers a segment, from u to u."""
+PITCH = 0.009
+"""Distance [m] between taxels."""
+
+
+def axes_of(body: Body, limb: Limb) -> tuple[Array, Array]:
+    """Unit vectors (3,) from the shoulder to the elbow and from there to the wrist, at the model's zero."""
+    upper = (limb.middle - limb.centre) / limb.length
+    if limb.turn is not None:
+        axis = body.joints[limb.turn].axis
+        return upper, axis * float(np.sign(axis @ (limb.wrist - limb.middle)))
+    return upper, (limb.wrist - limb.middle) / np.linalg.norm(limb.wrist - limb.middle)
+
+
+def ends_of(body: Body, limb: Limb) -> dict[str, tuple[Array, Array]]:
+    """Both ends (3,) [m] of each segment's axis."""
+    elbow, wrist = limb.middle, limb.wrist
+    if limb.turn is not None:
+        turn, bend = body.joints[limb.turn], body.joints[limb.bend]
+        elbow = nearest_point(turn.anchor, bend.anchor, turn.axis, bend.axis)
+        wrist = elbow + turn.axis * float(turn.axis @ (limb.wrist - elbow))
+    return {"upper_arm": (limb.centre, limb.middle), "forearm": (elbow, wrist)}
+
+
+def sleeves(body: Body, limb: Limb, part: GenericPart, points: LinkPoints) -> list[Patch]:
+    """A cone of skin around each segment; a segment without shapes gets none."""
+    upper, forearm = axes_of(body, limb)
+    bend = body.joints[limb.bend].axis * float(np.sign(part.servos[3].scale))
+    turn = [] if limb.turn is None else [body.joints[limb.turn].link]
+    links = {
+        "upper_arm": [body.joints[limb.ball[1]].link, body.joints[limb.ball[2]].link],
+        "forearm": [body.joints[limb.bend].link, *turn],
+    }
+    patches = []
+    for segment, axis in zip(SEGMENTS, (upper, forearm), strict=True):
+        begin, end = ends_of(body, limb)[segment]
+        length = float(np.linalg.norm(end - begin))
+        cover = [length * u for u in COVER[segment]]
+        fit = cone_around(points.of(links[segment]) @ body.R_RH, begin, axis, *cover)
+        if fit is None:
+            continue
+        link = part.segment(segment).link
+        R_RL, p_RL = points.link_pose(link)
+        z, y = -fit.axis, -bend
+        y = y - z * float(y @ z)
+        y /= np.linalg.norm(y)
+        R_LC = R_RL.T @ body.R_RH @ np.column_stack([np.cross(y, z), y, z])
+        rings = max(2, round(fit.length / PITCH) + 1)
+        per_ring = round(np.pi * (fit.r1 + fit.r2) / PITCH)
+        cone = TruncatedCone(
+            origin=three(R_RL.T @ (body.R_RH @ fit.origin - p_RL)),
+            rpy=rpy_of(R_LC),
+            length=fit.length, r1=fit.r1, r2=fit.r2, rings=rings, per_ring=per_ring,
+        )  # fmt: skip
+        patches.append(
+            Patch(
+                name=f"{part.side}_{segment}", part=part.name, segment=segment, link=link, rate=100.0,
+                channels=rings * per_ring, surface=cone,
+                sensor=Sensor(rest=240.0, pascal_per_count=-600.0, lowest=0.0, highest=255.0),
+            )
+        )  # fmt: skip
+    return patches
+
+
+def three(values: Array) -> Vector:
+    x, y, z = (float(value) for value in values)
+    return x, y, z

@@ -1,0 +1,76 @@
+"""From a place on the generic limb to the robot's own skin: where (u, theta) is on this robot."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tci.body.posture import generic_posture
+from tci.errors import TciError
+from tci.frames import Array, apply, invert, read_only
+from tci.messages import JointReading
+from tci.robot.generic_arm import limb_direction
+from tci.skin.skin import Skin
+from tci.skin.surfaces import Surface
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Place:
+    """A point of the skin."""
+
+    patch: str
+    """Patch that it lies on."""
+    p_L: Array
+    """Position (3,) [m] in the patch's link."""
+    n_L: Array
+    """Outward unit normal (3,) there, in the patch's link."""
+
+
+def find_place(skin: Skin, part: str, segment: str, u: float, theta: float, joints: JointReading) -> Place:
+    """The skin's point that `limb_coordinates` gives (u, theta) at the present posture.
+
+    It lies where the ray from the segment's axis at `u`, in direction `theta` [rad], leaves the
+    skin. Raises TciError when no skin is there or the part is no arm, UnknownNameError for an unknown part or
+    segment.
+    """
+    robot = skin.robot
+    generic_part = robot.part(part)
+    length = generic_part.segment(segment).length
+    T_TS = skin.segment_pose(part, segment, joints, generic_posture(robot, joints)[part])
+    origin_S = np.array([0.0, 0.0, -u * length])
+    assert generic_part.side is not None  # as it is an arm
+    direction_S = limb_direction(theta, generic_part.side)
+    best: tuple[float, Place] | None = None
+    for patch in robot.patches:
+        if (patch.part, patch.segment) != (part, segment):
+            continue
+        T_LS = invert(skin.link_pose(patch.link, joints)) @ T_TS
+        origin, direction = apply(T_LS, origin_S), T_LS[:3, :3] @ direction_S
+        reach = leave_surface(skin.surfaces[patch.name], origin, direction)
+        if reach is not None and (best is None or reach > best[0]):
+            points, normals = skin.surfaces[patch.name].project((origin + reach * direction)[None])
+            best = reach, Place(patch.name, read_only(points[0]), read_only(normals[0]))
+    if best is None:
+        raise TciError(f"{robot.name} has no skin on {part}'s {segment} at u={u:g}, theta={theta:g} rad")
+    return best[1]
+
+
+def leave_surface(surface: Surface, origin: Array, direction: Array) -> float | None:
+    """Distance [m] along a ray at which it last crosses the surface's faces; None if it never does.
+
+    Moeller and Trumbore 1997, for all faces at once.
+    """
+    a, b, c = (surface.positions[surface.faces[:, corner]] for corner in range(3))
+    edge1, edge2, offset = b - a, c - a, origin - a
+    p = np.cross(direction, edge2)
+    q = np.cross(offset, edge1)
+    determinant = np.einsum("ij,ij->i", edge1, p)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        v = np.einsum("ij,ij->i", offset, p) / determinant
+        w = q @ direction / determinant
+        reach = np.einsum("ij,ij->i", edge2, q) / determinant
+    v, w, reach = np.nan_to_num([v, w, reach], nan=-1.0, posinf=-1.0, neginf=-1.0)  # along a face
+    margin = 1e-9  # a ray through an edge must not slip between two faces
+    hit = (v >= -margin) & (w >= -margin) & (v + w <= 1.0 + margin) & (reach > 0.0)
+    return float(reach[hit].max()) if hit.any() else None

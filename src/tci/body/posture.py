@@ -1,0 +1,111 @@
+"""Generic parts: from the robot's joints to generic ones and back (eqs 1-2)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from tci.errors import CommandError, FrameError
+from tci.frames import Array, read_only
+from tci.messages import GenericCommand, JointReading, Mode, PlatformCommand, PlatformSwitch, SwitchMode
+from tci.robot.description import GenericPart, Robot
+from tci.robot.joint_map import joint_map, postures
+
+ANGLES = (Mode.POSITION, Mode.IMPEDANCE)
+"""Modes whose values are joint angles [rad]."""
+
+
+def generic_posture(robot: Robot, joints: JointReading) -> dict[str, Array]:
+    """Generic angles (n,) [rad] of every part, by name (eq. 2).
+
+    Raises FrameError when the reading has another number of joints than the robot.
+    """
+    if joints.position.shape != (len(robot.servos),):
+        raise FrameError(
+            f"joint reading of shape {joints.position.shape}; {robot.name} has {len(robot.servos)} servos"
+        )
+    return postures(robot).to_generic(joints.position)
+
+
+def generic_columns(robot: Robot, part: str, jacobian: Array, position: Array) -> Array:
+    """A Jacobian (m, n) by a part's generic joints from one (m, n_servos) by the robot's servos, which are
+    at `position` (n_servos,) [rad]. Raises CommandError where a transform has no slope."""
+    joints = joint_map(robot, part)
+    columns = np.zeros((len(jacobian), len(robot.part(part).servos)))
+    columns[:, joints.ids] = np.linalg.solve(joints.slope(position).T, jacobian[:, joints.servos].T).T
+    return columns
+
+
+def to_platform(robot: Robot, command: GenericCommand, *, position: Array | None = None) -> PlatformCommand:
+    """The command in the robot's own joints (inverse of eqs 1-2).
+
+    Only mapped servos are named: joints in excess are never touched, and the value for a joint that
+    the robot lacks is dropped. With J = d generic / d servo, which is gamma for a linear transform,
+    velocities go through its inverse and torques through its transpose, so that power is the same on
+    both sides; stiffness and damping are shares and stay.
+
+    `position` (n_servos,) [rad] is where the servos are, by default their initial posture; linear
+    transforms don't look at it. Raises CommandError for a wrong number of values, one that is not
+    finite, an angle beyond a full turn, a velocity or torque where a transform has no slope, or a part of
+    which the robot has no joint at all; UnknownNameError for an unknown part.
+    """
+    joints = joint_map(robot, command.part)
+    values = np.asarray(command.values, dtype=np.float64)
+    if values.shape != joints.fixed.shape:
+        raise CommandError(
+            f"{command.mode.value} of {command.part}: values of shape {values.shape}; "
+            f"valid: {joints.fixed.shape}"
+        )
+    if not all(map(math.isfinite, values.tolist())):
+        part, bad = robot.part(command.part), np.flatnonzero(~np.isfinite(values))
+        names = ", ".join(f"{part.servos[i].name} = {values[i]}" for i in bad)
+        raise CommandError(f"{command.mode.value} of {part.name}: {names}; valid: finite numbers")
+    if command.mode in ANGLES and max(map(abs, values.tolist()), default=0.0) > 2.0 * math.pi:
+        part, worst = robot.part(command.part), int(np.argmax(np.abs(values)))
+        raise CommandError(
+            f"{command.mode.value} of {part.name}: {part.servos[worst].name} at {values[worst]:g} rad is "
+            "more than a full turn; degrees? valid: radians, as from np.deg2rad"
+        )
+    if not joints.servos.size:
+        part = robot.part(command.part)
+        lacks = ", ".join(joint.name for joint in part.servos)
+        others = [other.name for other in robot.parts if any(j.servo is not None for j in other.servos)]
+        raise CommandError(
+            f"{robot.name} has no joint in its {part.name}: it lacks {lacks}; valid: {', '.join(others)}"
+        )
+    here = robot.initial_position if position is None else position
+    speeds = joints.unlimited
+    if command.mode in ANGLES:
+        values, speeds = joints.to_robot(values, here), joints.speeds(here)
+    elif command.mode is Mode.VELOCITY:
+        values = np.array(np.linalg.solve(joints.slope(here), values[joints.ids]))
+        speeds = joints.driven_speeds(here)
+    elif command.mode is Mode.TORQUE:
+        values, speeds = joints.slope(here).T @ values[joints.ids], joints.driven_speeds(here)
+    else:
+        values = values[joints.ids]
+    return PlatformCommand(command.mode, joints.servos, read_only(values), speeds)
+
+
+def speed_limits(robot: Robot, part: str, position: Array) -> Array:
+    """How fast (k,) [rad/s] each servo of a part may move to a target, with all at `position` (n_servos,)
+    [rad], so that no generic joint is faster than its description says; servos of a retargeted shoulder
+    have that speed themselves."""
+    return joint_map(robot, part).speeds(position)
+
+
+def switch(robot: Robot, request: SwitchMode) -> PlatformSwitch:
+    """The request for the part's mapped servos. Raises UnknownNameError for an unknown part."""
+    return PlatformSwitch(joint_map(robot, request.part).servos, request.mode)
+
+
+def home(part: GenericPart) -> tuple[GenericCommand, ...]:
+    """The commands that set a part up: stiffness, damping, initial posture. Commands like any other."""
+    stiffness = read_only([servo.stiffness for servo in part.servos])
+    damping = read_only([servo.damping for servo in part.servos])
+    return (
+        GenericCommand(part.name, Mode.STIFFNESS, stiffness),
+        GenericCommand(part.name, Mode.DAMPING, damping),
+        GenericCommand(part.name, Mode.POSITION, part.initial_posture),
+    )

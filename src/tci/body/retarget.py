@@ -1,0 +1,128 @@
+"""Exact retargeting: a posture of the generic arm in the torso frame, on any robot's shoulder.
+
+A generic posture means the same in every arm's own mount frame. Where limbs must point the same way in
+space, from the torso's point of view, the shoulder's own axes decide: iCub's are yawed by 15 degrees.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import Bounds as Box
+from scipy.optimize import LinearConstraint, minimize
+
+from tci.errors import CommandError
+from tci.frames import Array, read_only
+from tci.robot.description import Robot
+from tci.robot.joint_map import joint_map
+from tci.robot.shoulder import Shoulder, shoulder_of
+
+EXACT = 1e-9
+"""Rotation error [rad] below which a posture counts as reached."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Retargeted:
+    """Where an arm goes."""
+
+    position: Array
+    """Angles (n_servos,) [rad] of all servos; those of other parts are where they were."""
+    upper_arm_error: float
+    """Angle [rad] between the upper arm and the one asked for; 0 where limits allow."""
+    joint_errors: Array
+    """Generic elbow angles (2,) [rad], flexion and pronation, that limits take off."""
+
+    @property
+    def reached(self) -> bool:
+        """Whether the posture is met exactly."""
+        return self.upper_arm_error <= EXACT and not self.joint_errors.any()
+
+
+def retarget(robot: Robot, part: str, generic: Array, position: Array) -> Retargeted:
+    """The nearest posture that an arm can take to generic angles (5,) [rad] in the torso frame.
+
+    `position` (n_servos,) [rad] is where all servos are; of two equal ways the nearer is taken. Within
+    limits and couplings; servos of other parts stay. Raises CommandError for another shape or a part
+    that is no arm, UnknownNameError for an unknown one, DescriptionError for an arm whose shoulder
+    and elbow the kinematic model does not have.
+    """
+    words = robot.part(part)
+    if words.kind != "arm" or np.shape(generic) != (5,) or not np.isfinite(generic).all():
+        raise CommandError(f"retargeting {part} to {generic}; valid: an arm, and 5 finite angles [rad]")
+    shoulder = shoulder_of(robot, part)
+    wanted = shoulder.wanted(generic[:3], np.eye(3))
+    result = np.array(position)
+    result[shoulder.servos], error = _within(robot, shoulder, wanted, position)
+    joints = joint_map(robot, part)
+    there = joints.to_generic(result)
+    there[3:] = generic[3:]
+    elbow = np.flatnonzero(joints.ids >= 3)
+    servos = joints.servos[elbow]
+    limits = [robot.servos[servo].limits for servo in servos]
+    lower = [-np.inf if limit.lower is None else limit.lower for limit in limits]
+    upper = [np.inf if limit.upper is None else limit.upper for limit in limits]
+    result[servos] = np.clip(joints.to_robot(there, result)[elbow], lower, upper)
+    missed = generic[3:] - joints.to_generic(result)[3:]
+    missed[np.abs(missed) <= EXACT] = 0.0
+    return Retargeted(read_only(result), error, read_only(missed))
+
+
+def _within(robot: Robot, shoulder: Shoulder, wanted: Array, position: Array) -> tuple[Array, float]:
+    """Shoulder angles (3,) [rad] within limits and couplings, and the angle [rad] to the wanted rotation."""
+    servos = shoulder.servos
+    rows, low, high = robot.coupling_rows
+    named = rows[:, servos].any(axis=1)
+    others = np.array(position)
+    others[servos] = 0.0
+    matrix, shift = rows[np.ix_(named, servos)], rows[named] @ others
+    low, high = low[named] - shift, high[named] - shift
+
+    def inside(angles: Array) -> bool:
+        box = np.all((angles >= shoulder.lower) & (angles <= shoulder.upper))
+        return bool(box and np.all((matrix @ angles >= low) & (matrix @ angles <= high)))
+
+    ways = sorted(shoulder.solutions(wanted), key=lambda way: float(np.linalg.norm(way - position[servos])))
+    for way in ways:
+        if inside(way) and angle_between(shoulder.rotation(way), wanted) <= EXACT:
+            return way, 0.0
+
+    def distance(angles: Array) -> tuple[float, Array]:
+        # 3 - trace is 2 (1 - cos): smooth where the angle itself is not. Second: how it changes.
+        apart = shoulder.rotation(angles) @ wanted.T
+        twist = [apart[2, 1] - apart[1, 2], apart[0, 2] - apart[2, 0], apart[1, 0] - apart[0, 1]]
+        return 3.0 - float(np.trace(apart)), np.array(twist) @ shoulder.spin(angles)
+
+    constraints = [LinearConstraint(matrix, low, high)] if len(matrix) else []
+    starts = [np.clip(start, shoulder.lower, shoulder.upper) for start in (*ways, position[servos])]
+    answers = [
+        minimize(
+            distance, start, jac=True, method="SLSQP", bounds=Box(shoulder.lower, shoulder.upper),
+            constraints=constraints, options={"ftol": 1e-12, "maxiter": 100},
+        ).x
+        for start in starts
+    ]  # fmt: skip
+    kept = [np.clip(answer, shoulder.lower, shoulder.upper) for answer in answers]
+    errors = [angle_between(shoulder.rotation(angles), wanted) for angles in kept]
+    best = int(np.argmin(errors))
+    return kept[best], errors[best]
+
+
+def angle_between(one: Array, other: Array) -> float:
+    """Angle [rad] between two rotations (3, 3); exact near zero, where the trace's arccos is not."""
+    half = np.linalg.norm(one - other) / (2.0 * np.sqrt(2.0))
+    return float(2.0 * np.arcsin(min(half, 1.0)))
+
+
+def with_retargeting(robot: Robot, part: str) -> Robot:
+    """The robot with an arm whose generic angles are those in the torso frame, exactly.
+
+    Its shoulder gets the transform `retarget`, and no mount. Raises UnknownNameError.
+    """
+    arm = robot.part(part)
+    servos = tuple(
+        joint.model_copy(update={"transform": "retarget"}) if joint.id < 3 else joint for joint in arm.servos
+    )
+    exact = arm.model_copy(update={"servos": servos, "mount": (0.0, 0.0, 0.0)})
+    parts = tuple(exact if words.name == part else words for words in robot.parts)
+    return robot.model_copy(update={"parts": parts})

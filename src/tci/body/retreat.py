@@ -1,0 +1,132 @@
+"""How far what is touched would move away from the touch, on the way that the gate would take.
+
+A motion is judged as it would be given: in the robot's own joints, within their limits and couplings, each
+with its own acceleration, from rest. It is seen from the robot's root, since a torso moves too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from ruckig import InputParameter, Ruckig, RuckigError, Synchronization, Trajectory
+
+from tci.frames import Array
+from tci.gate.bounds import Bounds, bounds_of
+from tci.messages import Contact, Mode
+from tci.robot.joint_map import JointMap, joint_map
+from tci.robot.kernels.links import retreats
+from tci.robot.steps import steps_to
+from tci.skin.skin import Skin
+
+EARLY = (0.01, 0.02)
+"""When a way is looked at first [s], since joints start at rates of their own."""
+SHARES = (0.25, 0.5, 0.75, 1.0)
+"""And then, as shares of the time that it takes."""
+LOOKS = len(EARLY) + len(SHARES)
+UNKNOWN = 100.0
+"""Taken for a limit [rad/s] and so on that the robot does not state; its gate refuses such a motion."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Motion:
+    """What moves one generic part."""
+
+    joints: JointMap
+    bounds: Bounds
+    outside: Array
+    """Coefficients (m, n_servos) of servos of other parts in its couplings."""
+    free: NDArray[np.bool_]
+    """Which servos (n,) may leave a target that its couplings forbid: all."""
+    planner: Ruckig
+    input: InputParameter
+    trajectory: Trajectory
+
+
+class Retreat:
+    """Judges for one robot where motions lead; works in its own memory."""
+
+    def __init__(self, skin: Skin) -> None:
+        robot = skin.robot
+        self._robot = robot
+        links = tuple(dict.fromkeys(patch.link for patch in robot.patches))
+        self._steps = steps_to(robot, skin.kinematics, links)
+        ends = dict(zip(links, self._steps.ends.tolist(), strict=True))
+        self._after = {patch.name: ends[patch.link] for patch in robot.patches}
+        self._work = np.empty((len(self._steps.steps), 3, 4))
+        self._motions: dict[str, _Motion] = {}
+
+    def along(
+        self, position: Array, contacts: Sequence[Contact], part: str, target: Array, mode: Mode
+    ) -> Array:
+        """How far [m] the point of each contact (c,) would be from where it is, (0, k, c) along its inward
+        normal, below 0 where it is pressed, and (1, k, c) across it, at k moments while `part` goes to
+        generic angles `target` (n,).
+
+        The robot's servos are at `position` (n_servos,) [rad]. In position and impedance mode they arrive
+        together, in others each as fast as it can. Raises UnknownNameError for the part.
+        """
+        result = np.zeros((2, LOOKS, len(contacts)))
+        motion = self._motion(part)
+        if motion.joints.servos.size and len(contacts):
+            retreats(
+                self._way(motion, position, target, mode),
+                self._steps.steps,
+                self._steps.sums,
+                np.array([self._after[contact.patch] for contact in contacts], np.int64),
+                np.array([contact.p_L for contact in contacts]),
+                np.array([contact.n_L for contact in contacts]),
+                self._work,
+                np.empty((len(contacts), 3, 2)),
+                result,
+            )
+        return result
+
+    def _way(self, motion: _Motion, position: Array, target: Array, mode: Mode) -> Array:
+        """Angles (k + 1, n_servos) [rad] of all servos: now, and at each moment."""
+        joints, servos, bounds = motion.joints, motion.joints.servos, motion.bounds
+        here, goal = position[servos], joints.to_robot(target, position)
+        goal = np.minimum(np.maximum(goal, bounds.lower), bounds.upper)
+        if len(motion.outside):
+            shift = motion.outside @ position
+            lower, upper = bounds.coupling_lower - shift, bounds.coupling_upper - shift
+            coupled = bounds.coupling @ goal
+            if (coupled < lower).any() or (coupled > upper).any():
+                goal = replace(bounds, coupling_lower=lower, coupling_upper=upper).nearest(goal, motion.free)
+        plan = motion.input
+        plan.current_position, plan.target_position = here.tolist(), goal.tolist()
+        plan.max_velocity = np.minimum(bounds.velocity, joints.speeds(position)).tolist()
+        together = mode in (Mode.POSITION, Mode.IMPEDANCE)
+        plan.synchronization = Synchronization.Time if together else Synchronization.No
+        way = np.tile(position, (LOOKS + 1, 1))
+        try:
+            motion.planner.calculate(plan, motion.trajectory)
+        except RuckigError:  # a rare state without a synchronised way
+            way[1:, servos] += np.linspace(0.0, 1.0, LOOKS + 1)[1:, None] * (goal - here)
+            return way
+        at_time, duration = motion.trajectory.at_time, motion.trajectory.duration
+        moments = [*EARLY, *(duration * share for share in SHARES)]
+        way[1:, servos] = [at_time(moment)[0] for moment in moments]
+        return way
+
+    def _motion(self, part: str) -> _Motion:
+        found = self._motions.get(part)
+        if found is None:
+            joints = joint_map(self._robot, part)
+            count = len(joints.servos)
+            bounds, outside = bounds_of(self._robot, joints.servos.tolist(), speed_share=1.0)
+            unlimited = {"lower": -np.inf, "upper": np.inf, "velocity": UNKNOWN, "acceleration": UNKNOWN,
+                         "jerk": UNKNOWN}  # fmt: skip
+            known = {
+                name: np.where(np.isnan(limit := getattr(bounds, name)), most, limit)
+                for name, most in unlimited.items()
+            }
+            bounds = replace(bounds, **known)
+            plan = InputParameter(count)
+            plan.max_acceleration, plan.max_jerk = bounds.acceleration.tolist(), bounds.jerk.tolist()
+            free = np.ones(count, np.bool_)
+            found = _Motion(joints, bounds, outside, free, Ruckig(count), plan, Trajectory(count))
+            self._motions[part] = found
+        return found

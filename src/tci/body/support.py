@@ -1,0 +1,66 @@
+"""What carries a robot that stands: its soles, by what they feel, under its centre of mass.
+
+The ground is taken to be flat under a sole that feels weight, so that up is where the sole comes from. A
+posture is statically stable while the centre of mass lies over the polygon of the soles (Vukobratovic and
+Borovac 2004).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from tci.errors import DescriptionError
+from tci.frames import Array, apply
+from tci.messages import Contact, Support
+from tci.robot.description import SOLE
+from tci.robot.gravity import Gravity
+from tci.robot.joint_map import joint_map
+from tci.skin.skin import Skin
+
+FELT = 1.0
+"""Force [N] from which a sole counts as one that stands on something. Ours."""
+
+
+class Balance:
+    """Judges for one robot what would happen if a leg moved."""
+
+    def __init__(self, skin: Skin) -> None:
+        self._skin = skin
+        self._soles = [patch for patch in skin.robot.patches if patch.segment == SOLE]
+        try:
+            self._gravity: Gravity | None = Gravity(skin.robot) if self._soles else None
+        except DescriptionError:  # a model without masses
+            self._gravity = None
+
+    def support(self, contacts: Iterable[Contact], position: Array, part: str, target: Array) -> Support:
+        """What would carry the robot, whose servos are at `position` (n_servos,) [rad], if the leg `part`
+        went to generic angles `target` (n,) [rad]. Raises UnknownNameError for the part."""
+        forces = dict.fromkeys([patch.part for patch in self._soles], 0.0)
+        for contact in contacts:
+            if contact.segment == SOLE:
+                forces[contact.part] += contact.force
+        others = [p for p in self._soles if p.part != part and forces[p.part] >= FELT]
+        if self._gravity is None or not others:
+            return Support(forces, -np.inf)
+        joints = joint_map(self._skin.robot, part)
+        there = np.array(position)
+        there[joints.servos] = joints.to_robot(target, position)
+        poses = self._skin.kinematics.poses(position, [patch.link for patch in others])
+        surfaces = [self._skin.surfaces[patch.name] for patch in others]
+        points = np.concatenate([apply(poses[s.link], s.positions) for s in surfaces])
+        down = np.concatenate([s.normals @ poses[s.link][:3, :3].T for s in surfaces]).mean(axis=0)
+        return Support(forces, inside(self._gravity.centre_of_mass(there), points, down))
+
+
+def inside(point: Array, corners: Array, along: Array) -> float:
+    """How far [m] a `point` (3,) lies inside the hull of `corners` (n, 3), all seen along a direction (3,);
+    negative outside. -inf where the corners span no area."""
+    across = np.linalg.svd(along[None])[2][1:]
+    try:
+        hull = ConvexHull(corners @ across.T)
+    except QhullError:
+        return -np.inf
+    return -float((hull.equations[:, :2] @ (across @ point) + hull.equations[:, 2]).max())

@@ -1,0 +1,231 @@
+"""What is wrong with a link, judged from what was observed, and what to do about it. Nothing moves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from tci.commissioning.streams import Observation, Stream
+from tci.drivers.diagnosis import Finding, Level
+from tci.drivers.driver import Link
+from tci.robot.description import Patch, Robot, Sensor
+
+SLOW = 0.8
+"""A stream with less than this share of its rate is slow. Ours."""
+OFF = 0.15
+"""A skin whose median is this share of the sensor's range away from its rest value is off. Ours."""
+TURN = 2.0 * np.pi
+"""No humanoid's joint is further [rad] from zero."""
+
+
+def judge(link: Link, seen: Observation) -> tuple[Finding, ...]:
+    """Findings about a link that was observed, its own among them. Raises LinkError like `Link.diagnose`."""
+    return (
+        *link.diagnose(),
+        *_joint_stream(link, seen.streams[0], seen.cost),
+        *_joint_values(link.robot, seen),
+        *(found for stream in seen.streams[1:] for found in _skin_stream(link.robot, stream)),
+        *_skin_values(link.robot, seen),
+    )
+
+
+def _joint_stream(link: Link, stream: Stream, cost: Sequence[float] | np.ndarray) -> Iterator[Finding]:
+    stale = link.gate.stale_after
+    figures = {"rate_hz": stream.rate, "age_ms": 1e3 * stream.age, "oldest_ms": 1e3 * stream.oldest}
+    said = (
+        f"{stream.rate:.0f} readings/s, {1e3 * stream.age:.1f} ms old when read, "
+        f"at most {1e3 * stream.oldest:.1f} ms"
+    )
+    if not stream.frames:
+        yield Finding(Level.FAULT, "joints", "no joint data at all", "look at the robot's own tools first")
+    elif stream.age > stale or stream.age < -stale:
+        yield Finding(
+            Level.FAULT,
+            "joints",
+            f"{said}; the gate holds at {1e3 * stale:.0f} ms",
+            "look for a slow network or a wrong clock; a robot that is only slow needs a larger "
+            "stale_after in its description",
+            figures,
+        )
+    elif stream.oldest > stale:
+        yield Finding(
+            Level.WARNING,
+            "joints",
+            f"{said}; the gate holds at {1e3 * stale:.0f} ms",
+            "the robot would hold now and then: use a cable, not a radio link, or close other programs",
+            figures,
+        )
+    else:
+        yield Finding(Level.OK, "joints", said, figures=figures)
+    if stream.older:
+        yield Finding(Level.WARNING, "joints", f"{stream.older} readings came after newer ones")
+    late = float(np.quantile(cost, 0.99)) if len(cost) else 0.0
+    if late > link.period:
+        yield Finding(
+            Level.WARNING,
+            "joints",
+            f"reading takes {1e3 * late:.1f} ms (p99), a period has {1e3 * link.period:.1f} ms",
+            "the loop will miss periods: lower the binding's rate in the description",
+            {"read_p99_ms": 1e3 * late, "period_ms": 1e3 * link.period},
+        )
+
+
+def _joint_values(robot: Robot, seen: Observation) -> Iterator[Finding]:
+    if not seen.readings:
+        return
+    joints = seen.readings[-1].joints
+    if joints.position.shape != (len(robot.servos),):
+        yield Finding(
+            Level.FAULT,
+            "joints",
+            f"{joints.position.size} angles; the description has {len(robot.servos)} servos",
+            "another robot, or another description",
+        )
+        return
+    for servo, angle in zip(robot.servos, joints.position.tolist(), strict=True):
+        lower, upper = servo.limits.lower, servo.limits.upper
+        if not np.isfinite(angle):
+            yield Finding(Level.FAULT, servo.name, f"its angle is {angle}", "look at the servo and its cable")
+        elif abs(angle) > TURN:
+            yield Finding(
+                Level.FAULT,
+                servo.name,
+                f"its angle is {angle:.1f} rad, more than a turn",
+                "the robot may send degrees: check the unit in its binding",
+                {"angle_rad": angle},
+            )
+        elif lower is not None and upper is not None and not lower <= angle <= upper:
+            yield Finding(
+                Level.WARNING,
+                servo.name,
+                f"it is at {np.rad2deg(angle):.1f} degrees, outside its limits "
+                f"{np.rad2deg(lower):.1f} .. {np.rad2deg(upper):.1f}",
+                "only inward motion is allowed there; if the robot can be there, correct the limits "
+                "in the description, or its zero (tci check --hardware)",
+                {"angle_deg": float(np.rad2deg(angle))},
+            )
+    if joints.powered is not None and not joints.powered.all():
+        off = [servo.name for servo in robot.servos if not joints.powered[servo.index]]
+        yield Finding(
+            Level.NOTE,
+            "joints",
+            f"{len(off)} of {len(robot.servos)} servos are off: {_some(off)}",
+            "switch them on before you command them",
+        )
+    if joints.modes is not None:
+        wrong = [
+            f"{servo.name} ({mode.value})"
+            for servo, mode in zip(robot.servos, joints.modes, strict=True)
+            if mode is not None and mode not in servo.modes
+        ]
+        if wrong:
+            yield Finding(
+                Level.WARNING,
+                "joints",
+                f"in a mode that the description does not have: {_some(wrong)}",
+                "correct the description's modes, or the robot's configuration",
+            )
+
+
+def _skin_stream(robot: Robot, stream: Stream) -> Iterator[Finding]:
+    expected = stream.expected or 0.0
+    figures = {"rate_hz": stream.rate, "expected_hz": expected, "lost": float(stream.lost)}
+    said = f"{stream.rate:.0f} frames/s of {expected:.0f}, {1e3 * stream.age:.1f} ms old when read"
+    if not stream.frames:
+        yield Finding(
+            Level.FAULT,
+            stream.name,
+            "no frame at all",
+            "is the skin switched on, and published under the name in the description's binding?",
+        )
+        return
+    if stream.frames == 1 or stream.rate == 0.0:
+        yield Finding(
+            Level.FAULT,
+            stream.name,
+            f"one frame, {stream.oldest:.1f} s old, and no new one",
+            "the source of the skin stands still: restart it",
+        )
+        return
+    if stream.rate < SLOW * expected:
+        yield Finding(
+            Level.WARNING,
+            stream.name,
+            said,
+            "a reflex answers that much later: look at the skin's driver, or correct the patch's rate",
+            figures,
+        )
+    else:
+        yield Finding(Level.OK, stream.name, said, figures=figures)
+    if stream.lost or stream.older:
+        yield Finding(
+            Level.WARNING,
+            stream.name,
+            f"{stream.lost} of {stream.sent} frames lost, {stream.older} came after newer ones",
+            "look at the network: another carrier, a cable, less traffic",
+            figures,
+        )
+
+
+def _skin_values(robot: Robot, seen: Observation) -> Iterator[Finding]:
+    frames = {frame.patch: frame for reading in seen.readings for frame in reading.skin}
+    for patch in robot.patches:
+        if patch.name not in frames:
+            continue
+        values = np.asarray(frames[patch.name].values)
+        if values.shape != (patch.channels,):
+            yield Finding(
+                Level.FAULT,
+                patch.name,
+                f"frames of {values.size} values; the description has {patch.channels}",
+                "another skin, or another description: correct its channels",
+            )
+        elif values.dtype.kind not in "uif":
+            yield Finding(Level.FAULT, patch.name, f"frames of type {values.dtype}; valid: numbers")
+        else:
+            yield from _raw(patch, values.astype(float))
+
+
+def _raw(patch: Patch, values: np.ndarray) -> Iterator[Finding]:
+    sensor = patch.sensor
+    finite = np.isfinite(values)
+    valid = finite & (values >= sensor.lowest) & (values <= sensor.highest)
+    if not valid.all():
+        yield Finding(
+            Level.WARNING if valid.any() else Level.FAULT,
+            patch.name,
+            f"{int((~valid).sum())} of {values.size} values are none that its sensor can send "
+            f"({sensor.lowest:g} .. {sensor.highest:g})",
+            "they are ignored: correct the sensor's min and max in the description, or its unit",
+        )
+    if valid.any():
+        yield from _rest(patch, sensor, values[valid])
+
+
+def _rest(patch: Patch, sensor: Sensor, values: np.ndarray) -> Iterator[Finding]:
+    middle = float(np.median(values))
+    off = abs(middle - sensor.rest) / (sensor.highest - sensor.lowest)
+    figures = {"median": middle, "rest": sensor.rest}
+    if off > OFF:
+        yield Finding(
+            Level.WARNING,
+            patch.name,
+            f"its values are around {middle:g}, at rest they should be {sensor.rest:g}",
+            "is something lying on it? Otherwise it is compensated, inverted or another sensor: correct "
+            "rest and pascal_per_count in the description",
+            figures,
+        )
+    dead = int((values == 0.0).sum()) if sensor.rest != 0.0 else 0
+    if dead:
+        yield Finding(
+            Level.NOTE,
+            patch.name,
+            f"{dead} of {values.size} channels are 0",
+            "channels without a taxel are; a taxel among them is masked as dead",
+            {"zeros": float(dead)},
+        )
+
+
+def _some(names: Sequence[str], most: int = 6) -> str:
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")

@@ -1,0 +1,78 @@
+"""What a person should see when a servo moves a little: worked out from the description, in words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tci.frames import Array, read_only
+from tci.robot.description import Robot, Servo
+from tci.robot.joint_map import joint_map
+from tci.robot.kinematics import Kinematics
+
+VISIBLE = 5e-4
+"""Displacement [m] below which a turn is easier to see. Ours."""
+_WAYS = (("forward", "backward"), ("left", "right"), ("up", "down"))
+_TURNS = (
+    ("its top goes to the right", "its top goes to the left"),
+    ("its top goes forward", "its top goes backward"),
+    ("its front goes to the left", "its front goes to the right"),
+)
+"""Right-handed turns about x (forward), y (left) and z (up) of the torso, by positive and negative angles."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExpectedMotion:
+    """A small motion of one servo, seen from the torso."""
+
+    link: str
+    """Link to look at."""
+    displacement: Array
+    """Of the link's origin (3,) [m]."""
+    rotation: Array
+    """Of the link (3,) [rad], a rotation vector."""
+    words: str
+    """The same for people."""
+
+
+def expected_motion(
+    robot: Robot, kinematics: Kinematics, position: Array, servo: Servo, change: float
+) -> ExpectedMotion | None:
+    """What `servo` does when it turns by `change` [rad], with all servos at `position` (n,) [rad].
+
+    None for a servo that moves no link of the model.
+    """
+    moved = [link for link in kinematics.links if servo.index in kinematics.chain(link)]
+    if not moved:
+        return None
+    link = max(moved, key=lambda name: len(kinematics.chain(name)))
+    column = kinematics.jacobian(position, link)[:, servo.index] * change
+    displacement, rotation = column[:3], column[3:]
+    if np.linalg.norm(displacement) > VISIBLE:
+        ways = [
+            f"{1e3 * abs(value):.1f} mm {_WAYS[axis][int(value < 0.0)]}"
+            for axis, value in sorted(enumerate(displacement), key=lambda item: -abs(item[1]))
+            if abs(value) > 0.3 * np.abs(displacement).max()
+        ]
+        words = f"{link} moves {' and '.join(ways)}"
+    else:
+        axis = int(np.argmax(np.abs(rotation)))
+        words = f"{link} turns: {_TURNS[axis][int(rotation[axis] < 0.0)]}"
+    generic = _generic(robot, position, servo, change)
+    return ExpectedMotion(
+        link, read_only(displacement), read_only(rotation), words + (f" ({generic})" if generic else "")
+    )
+
+
+def _generic(robot: Robot, position: Array, servo: Servo, change: float) -> str:
+    """Which generic joint changes by how much."""
+    after = np.array(position)
+    after[servo.index] += change
+    for part in robot.parts:
+        joints = joint_map(robot, part.name)
+        difference = joints.to_generic(after) - joints.to_generic(position)
+        place = int(np.argmax(np.abs(difference))) if difference.size else 0
+        if difference.size and abs(difference[place]) > 0.1 * abs(change):
+            return f"{part.name} {part.servos[place].name} {np.rad2deg(difference[place]):+.1f} degrees"
+    return ""

@@ -1,0 +1,159 @@
+"""The first minutes with a robot, in their order: look, compare, move each servo by 2 degrees, press skin."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+
+from tci.body.posture import generic_posture
+from tci.commissioning.doctor import judge
+from tci.commissioning.hardware import ServoCheck
+from tci.commissioning.hardware_skin import SkinCheck
+from tci.commissioning.operator import Operator
+from tci.commissioning.streams import observe
+from tci.drivers.diagnosis import Finding, Level
+from tci.drivers.driver import Link
+from tci.errors import UnknownNameError
+from tci.messages import Mode, PlatformCommand
+from tci.robot.description import Patch, Robot, Servo
+from tci.runtime.lease import commanding
+
+LOOK = 1.0
+"""How long [s] the robot is read before anything else. Ours."""
+STIFFNESS = 0.8
+"""Share of its stiffness that a servo which is off gets, if the operator lets it. Ours."""
+POWER = 2.0
+"""Longest time [s] that it may take. Ours."""
+
+
+def first_minutes(
+    link: Link,
+    operator: Operator,
+    *,
+    servos: Sequence[Servo],
+    patches: Sequence[Patch],
+    taxels: int | None = 12,
+    tell: Callable[[Finding], None] = lambda finding: None,
+) -> tuple[tuple[Finding, ...], float]:
+    """Check `servos`, then `taxels` of each of `patches` (None: all of them).
+
+    `tell` is told each finding at once. Nothing is moved of a robot part about which a look finds anything
+    wrong, and nothing at all after a general fault. Returns all findings, and the largest motion [rad] that
+    was measured. Raises LinkError when somebody else commands the robot or it goes away, and what the
+    operator raises.
+    """
+    found: list[Finding] = []
+
+    def note(findings: Iterator[Finding]) -> None:
+        for finding in findings:
+            found.append(finding)
+            tell(finding)
+
+    check = ServoCheck(link, operator)
+    with commanding(link):
+        note(finding for finding in judge(link, observe(link, LOOK)) if finding.level is not Level.OK)
+        names = {servo.name for servo in link.robot.servos}
+        if any(finding.level is Level.FAULT and finding.subject not in names for finding in found):
+            note(iter([Finding(Level.NOTE, "motion", "nothing was moved", "mend the faults above first")]))
+            return tuple(found), 0.0
+        bad = {finding.subject for finding in found if finding.level in (Level.WARNING, Level.FAULT)}
+        # A unit or an order that is wrong is so for a whole part.
+        parts = {servo.robot_part for servo in link.robot.servos if servo.name in bad}
+        wrong = {servo.name for servo in link.robot.servos if servo.robot_part in parts}
+        note(_postures(link, operator, servos))
+        unsure = {finding.subject for finding in found if finding.level is Level.FAULT}
+        for part in link.robot.parts:
+            if part.name in unsure:
+                wrong |= set(_servos_of(link.robot, part.name))
+        note(_stiffen(link, operator, [servo for servo in servos if servo.name not in wrong]))
+        for servo in servos:
+            note(iter([_left_out(servo) if servo.name in wrong else check.check(servo)]))
+        if patches:
+            touch = SkinCheck(link, operator)
+            for patch in patches:
+                note(touch.check(patch, taxels))
+    return tuple(found), check.largest
+
+
+def wanted(robot: Robot, names: Sequence[str]) -> tuple[list[Servo], list[Patch]]:
+    """Servos and patches by name, or by the robot's or the generic part that they belong to; or all.
+
+    Raises UnknownNameError.
+    """
+    if not names:
+        return list(robot.servos), list(robot.patches)
+    servos: list[Servo] = []
+    patches: list[Patch] = []
+    generic = {part.name for part in robot.parts}
+    for name in names:
+        mine = _servos_of(robot, name) if name in generic else []
+        some = [
+            servo for servo in robot.servos if name in (servo.name, servo.robot_part) or servo.name in mine
+        ]
+        skin = [patch for patch in robot.patches if name in (patch.name, patch.part)]
+        if not some and not skin:
+            valid = [*generic, *(p.name for p in robot.patches), *(s.robot_part for s in robot.servos)]
+            raise UnknownNameError("servo, part or patch", name, dict.fromkeys(valid))
+        servos += some
+        patches += skin
+    return servos, patches
+
+
+def _servos_of(robot: Robot, part: str) -> list[str]:
+    return [robot.servos[s.servo].name for s in robot.part(part).servos if s.servo is not None]
+
+
+def _left_out(servo: Servo) -> Finding:
+    return Finding(Level.FAULT, servo.name, "not moved: see above", "correct that first, then check it again")
+
+
+def _postures(link: Link, operator: Operator, servos: Sequence[Servo]) -> Iterator[Finding]:
+    """Ask whether the robot stands as its encoders say: zero, sign and unit of all joints at once."""
+    names = {servo.name for servo in servos}
+    posture = generic_posture(link.robot, link.read().joints)
+    for part in link.robot.parts:
+        if not names & set(_servos_of(link.robot, part.name)):
+            continue
+        angles = ", ".join(
+            f"{servo.name} {np.rad2deg(angle):.0f}"
+            for servo, angle in zip(part.servos, posture[part.name], strict=True)
+            if servo.servo is not None
+        )
+        question = f"{part.name} is at (degrees): {angles}. Does it look so, within 10 degrees?"
+        right = operator.saw(question, None)
+        if right is None:
+            yield Finding(Level.NOTE, part.name, "its posture was not looked at")
+        elif right:
+            yield Finding(Level.OK, part.name, f"it stands as its encoders say: {angles}")
+        else:
+            yield Finding(
+                Level.FAULT, part.name, f"it does not stand as its encoders say: {angles}",
+                "correct zero (transform_displacement), sign (transform_factor) or unit in the description, "
+                "or calibrate the robot; nothing of this part is moved",
+            )  # fmt: skip
+
+
+def _stiffen(link: Link, operator: Operator, servos: Sequence[Servo]) -> Iterator[Finding]:
+    """Switch servos on that are off, if the operator lets it."""
+    powered = link.read().joints.powered
+    off = [] if powered is None else [servo for servo in servos if not powered[servo.index]]
+    if not off:
+        return
+    names = ", ".join(servo.name for servo in off)
+    if not operator.may(f"switch on {names}"):
+        yield Finding(Level.NOTE, "power", f"off: {names}")
+        return
+    count = len(off)
+    share = PlatformCommand(
+        Mode.STIFFNESS, np.array([s.index for s in off]), np.full(count, STIFFNESS), np.full(count, np.inf)
+    )
+    pending = [share]
+    for now in link.ticks(duration=POWER):
+        joints = link.read().joints
+        link.write(link.gate.step(pending, joints, now))
+        pending = []
+        if joints.powered is not None and all(joints.powered[servo.index] for servo in off):
+            yield Finding(Level.OK, "power", f"switched on: {names}")
+            return
+    yield Finding(Level.FAULT, "power", f"still off: {names}", "switch them on with the robot's own tools")

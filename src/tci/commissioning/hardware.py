@@ -1,0 +1,204 @@
+"""One servo after the other moves by 2 degrees, slowly, and a person says whether that was right.
+
+Encoders show what a robot believes. A joint whose sign, zero, unit or place is wrong in command and encoder
+alike can only be seen, so the operator is asked what moved. Everything passes the gate; the robot's own stop
+(`Link.halt`) ends a motion at the first sign that it is another one than was told.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.commissioning.expected_motion import expected_motion
+from tci.commissioning.operator import Operator
+from tci.drivers.diagnosis import Finding, Level
+from tci.drivers.driver import Link
+from tci.frames import Array
+from tci.gate.gate import GateState
+from tci.messages import Mode, PlatformCommand
+from tci.robot.description import Robot, Servo
+from tci.robot.kinematics import Kinematics
+
+MOST = float(np.deg2rad(2.0))
+"""No servo moves further [rad] than this."""
+STEPS = np.deg2rad([0.03, 0.1, 0.3, 1.0, 1.8])
+"""Ways [rad] that a servo is sent, one after the other: the first is so small that degrees taken for radians
+stay below MOST; the last leaves room for what overshoots."""
+SPEED = float(np.deg2rad(4.0))
+"""Of these motions [rad/s]. Ours."""
+SETTLE = 0.3
+"""Time [s] after a motion before it is measured. Ours."""
+ARRIVE = 8.0
+"""Longest time [s] for one step. Ours."""
+HOLDS = 2.0
+"""Time [s] for which the gate may hold in all while one step is made. Ours."""
+STRAY = float(np.deg2rad(0.4))
+"""Motion [rad] of another servo, or the wrong way, that ends a step at once. Ours: NAO's play is below it."""
+RATIO = (0.6, 1.4)
+"""Share of the way told that a sound servo goes, by its own encoder. Ours."""
+UNIT = 180.0 / np.pi
+
+
+class ServoCheck:
+    """Moves one servo after the other and judges what it did."""
+
+    def __init__(self, link: Link, operator: Operator) -> None:
+        self.link, self.operator = link, operator
+        self._kinematics = Kinematics(link.robot) if link.robot.model is not None else None
+        self._small: set[str] = set()
+        self.largest = 0.0
+        """Largest motion [rad] of any servo that was measured so far."""
+
+    def check(self, servo: Servo) -> Finding:
+        """Move one servo a little and back, if the operator lets it."""
+        limits = servo.limits
+        if None in (limits.lower, limits.upper, limits.velocity, limits.acceleration, limits.jerk):
+            return Finding(Level.NOTE, servo.name, "not moved: its description lacks limits")
+        start, noise = self._at_rest()
+        here = start[servo.index]
+        assert limits.lower is not None
+        assert limits.upper is not None
+        if not limits.lower <= here <= limits.upper:
+            return Finding(
+                Level.FAULT, servo.name,
+                f"not moved: it says {np.rad2deg(here):.1f} degrees, outside its limits "
+                f"{np.rad2deg(limits.lower):.1f} .. {np.rad2deg(limits.upper):.1f}",
+                "correct limits, zero, sign or unit in the description, or move it inside by hand",
+            )  # fmt: skip
+        way = 1.0 if 0.5 * (limits.lower + limits.upper) >= here else -1.0
+        if min(limits.upper - here, here - limits.lower) < MOST and limits.upper - limits.lower < 2.0 * MOST:
+            return Finding(Level.NOTE, servo.name, "not moved: its limits leave no room")
+        expected = None
+        if self._kinematics is not None:
+            expected = expected_motion(self.link.robot, self._kinematics, start, servo, way * STEPS[-1])
+        what = f"{servo.name} by {np.rad2deg(way * STEPS[-1]):+.1f} degrees"
+        if expected is not None:
+            what += f"; {expected.words}"
+        if not self.operator.may(f"move {what}"):
+            return Finding(Level.NOTE, servo.name, "not moved: the operator said no")
+        moved, reason = self._out(servo, start, way, noise)
+        if not reason and self.link.gate.state is not GateState.STOP:
+            self._move(servo, here, way, start, noise)
+            seen = self.operator.saw(f"It went there and back. Did you see that: {what}?", expected)
+        else:
+            seen = None
+        return _verdict(self.link.robot, servo, way * moved, reason, noise, seen)
+
+    def _out(self, servo: Servo, start: Array, way: float, noise: float) -> tuple[Array, str]:
+        """Steps outward: how far every servo (n,) went at the end, and why they ended early."""
+        moved = np.zeros(len(start))
+        here = start[servo.index]
+        for index, step in enumerate(STEPS):
+            told = way * step
+            moved, reason = self._move(servo, here + told, way, start, noise)
+            if reason:
+                return moved, reason
+            own = moved[servo.index] * way
+            if own > 3.0 * step + noise + np.deg2rad(0.2):
+                self.link.halt()
+                return moved, f"it went {own / step:.0f} times as far as it was told"
+            if index == 0 and servo.robot_part not in self._small:
+                # Where encoder and command share a wrong unit, only eyes can tell.
+                if not self.operator.still(
+                    f"{servo.name} was sent {np.rad2deg(step):.2f} degrees, too little to see"
+                ):
+                    return moved, "it moved visibly, many times as far as it was told"
+                self._small.add(servo.robot_part)
+        return moved, ""
+
+    def _move(self, servo: Servo, target: float, way: float, start: Array, noise: float) -> tuple[Array, str]:
+        """Send a servo to `target` [rad], `way` being the sign of its motion away from `start`, and wait.
+
+        Returns what all servos moved (n,) from there, and why it ended early.
+        """
+        link = self.link
+        command = PlatformCommand(
+            Mode.POSITION, np.array([servo.index]), np.array([target]), np.array([SPEED])
+        )
+        pending = [command]
+        moved = np.zeros(len(start))
+        rested: float | None = None
+        held = 0
+        others = np.arange(len(start)) != servo.index
+        tail: list[Array] = []
+        for now in link.ticks(duration=ARRIVE):
+            reading = link.read()
+            safe = link.write(link.gate.step(pending, reading.joints, now))
+            held += safe.state is GateState.HOLD
+            if safe.state is GateState.STOP or held * link.period > HOLDS:
+                return moved, f"the gate: {safe.reason}"
+            if safe.refusals and safe.state is GateState.RUN:
+                return moved, f"the gate refused: {safe.refusals[0]}"
+            pending = [command] if safe.state is GateState.HOLD else []
+            moved = reading.joints.position - start
+            self.largest = max(self.largest, float(np.abs(moved).max()))
+            reason = self._stray(moved, servo, way, others, noise)
+            if reason:
+                link.halt()
+                return moved, reason
+            place = safe.servos.tolist().index(servo.index) if servo.index in safe.servos else None
+            there = place is not None and abs(safe.position[place] - target) < 1e-4
+            rested = (now if rested is None else rested) if there else None
+            if rested is not None and now - rested > 0.5 * SETTLE:
+                tail.append(moved)
+            if rested is not None and now - rested > SETTLE:
+                return np.mean(tail, axis=0), ""
+        return moved, "" if tail else f"it did not arrive within {ARRIVE:.0f} s"
+
+    def _stray(self, moved: Array, servo: Servo, way: float, others: NDArray[np.bool_], noise: float) -> str:
+        """Why a motion must end now: another servo, the wrong way, or too far."""
+        robot = self.link.robot
+        away = np.abs(moved) > max(STRAY, 3.0 * noise)
+        if (away & others).any():
+            index = int(np.argmax(np.where(others, np.abs(moved), 0.0)))
+            return (
+                f"{robot.servos[index].name} moved instead, by {np.rad2deg(moved[index]):+.1f} degrees"
+                if abs(moved[servo.index]) < abs(moved[index])
+                else f"{robot.servos[index].name} moved with it, by {np.rad2deg(moved[index]):+.1f} degrees"
+            )
+        own = moved[servo.index] * way
+        if own < -max(STRAY, 3.0 * noise):
+            return f"it moved the wrong way, by {np.rad2deg(own):.1f} degrees"
+        if own > 0.98 * MOST:
+            return f"it moved too far, by {np.rad2deg(own):.1f} degrees"
+        return ""
+
+    def _at_rest(self) -> tuple[Array, float]:
+        """Mean angles (n,) [rad] for a while, and the noise [rad] of the encoders."""
+        samples = [self.link.read().joints.position for _ in self.link.ticks(duration=SETTLE)]
+        noise = float(np.std(samples, axis=0).max()) * 3.0
+        return np.mean(samples, axis=0), max(noise, float(np.deg2rad(0.01)))
+
+
+def _verdict(
+    robot: Robot, servo: Servo, moved: Array, reason: str, noise: float, seen: bool | None
+) -> Finding:
+    """What to make of a servo that moved by `moved` (n,) [rad] along its way."""
+    own = float(moved[servo.index])
+    ratio = own / float(STEPS[-1])
+    figures = {"told_deg": float(np.rad2deg(STEPS[-1])), "measured_deg": float(np.rad2deg(own))}
+    if reason:
+        advice = "look at cables and at the order of joints in the binding, before anything else"
+        if "wrong way" in reason:
+            advice = "command and encoder have opposite signs: correct the robot's driver"
+        elif "as far" in reason or "too far" in reason:
+            advice = "a unit is wrong: degrees and radians differ by 57.3"
+        return Finding(Level.FAULT, servo.name, reason, advice, figures)
+    if abs(ratio * UNIT - 1.0) < 0.15 and own > 2.0 * noise:
+        words = "it went 57 times less far than it was told"
+        return Finding(Level.FAULT, servo.name, words, "radians are sent where degrees belong", figures)
+    if not RATIO[0] <= ratio <= RATIO[1]:
+        words = f"it went {np.rad2deg(own):.2f} of {np.rad2deg(STEPS[-1]):.1f} degrees"
+        advice = "is it stiff, free to move, and told in the right unit?"
+        return Finding(Level.FAULT, servo.name, words, advice, figures)
+    said = f"it went {np.rad2deg(own):.2f} of {np.rad2deg(STEPS[-1]):.1f} degrees and back"
+    if seen is None:
+        return Finding(Level.NOTE, servo.name, f"{said}; nobody saw where to", figures=figures)
+    if not seen:
+        return Finding(
+            Level.FAULT, servo.name, f"{said} by its encoder, but not as the description says",
+            "another joint moved, or this one the other way: correct its sign, or its place in the part",
+            figures,
+        )  # fmt: skip
+    return Finding(Level.OK, servo.name, said, figures=figures)

@@ -1,0 +1,152 @@
+"""Taxel by taxel: the operator presses where a taxel should be, and the robot says what it felt."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.commissioning.operator import Operator
+from tci.drivers.diagnosis import Finding, Level
+from tci.drivers.driver import Link
+from tci.errors import FrameError
+from tci.frames import Array
+from tci.messages import Reading
+from tci.robot.description import Patch
+from tci.skin.skin import Skin
+
+REST = 0.5
+"""Time [s] for which the skin is watched before it is touched. Ours."""
+PRESS = 10.0
+"""Longest time [s] to wait for a touch, and for its end. Ours."""
+LEAST = 0.02
+"""Change, as a share of the sensor's range, that is a touch; or six times the noise if that is more. Ours."""
+NEAR = 0.02
+"""A touch felt further [m] from its taxel than this is elsewhere: a fingertip, and a module's size. Ours."""
+_WAYS = (("forward", "backward"), ("left", "right"), ("up", "down"))
+_SIDES = ("front (the flexor side)", "outer side", "back (the extensor side)", "inner side")
+
+
+class SkinCheck:
+    """Compares where the skin is pressed with where it says so."""
+
+    def __init__(self, link: Link, operator: Operator) -> None:
+        """Raises what Skin raises."""
+        self.link, self.operator = link, operator
+        self.skin = Skin(link.robot)
+
+    def check(self, patch: Patch, count: int | None) -> Iterator[Finding]:
+        """Press `count` taxels of a patch, evenly over its numbers; None: all of them."""
+        total = len(self.skin.surfaces[patch.name].positions)
+        chosen = np.arange(total)
+        if count is not None and count < total:
+            chosen = np.unique(np.linspace(0, total - 1, count).round().astype(int))
+        for taxel in chosen.tolist():
+            yield self._check(patch, taxel)
+
+    def _check(self, patch: Patch, taxel: int) -> Finding:
+        subject = f"{patch.name} taxel {taxel}"
+        rest, noise = self._rest()
+        if patch.name not in rest:
+            return Finding(Level.FAULT, subject, "its patch sends nothing", "run tci doctor first")
+        if not self.operator.press(patch.name, taxel, self._where(patch, taxel)):
+            return Finding(Level.NOTE, subject, "not pressed")
+        felt: dict[str, Array] = {}
+        for _ in self.link.ticks(duration=PRESS):
+            felt = self._felt(rest, noise, self.link.read())
+            if felt:
+                break
+        self._settle()
+        felt = self._felt(rest, noise, self.link.read()) or felt
+        self.operator.release()
+        for _ in self.link.ticks(duration=PRESS):
+            if not self._felt(rest, noise, self.link.read()):
+                break
+        return self._judge(subject, patch, taxel, felt)
+
+    def _judge(self, subject: str, patch: Patch, taxel: int, felt: dict[str, Array]) -> Finding:
+        if not felt:
+            words = f"nobody felt it within {PRESS:.0f} s"
+            return Finding(Level.FAULT, subject, words, "dead, or covered? Look at its module's cable")
+        if patch.name not in felt:
+            return Finding(
+                Level.FAULT, subject, f"felt by {', '.join(felt)} instead",
+                "two patches are swapped: correct the addresses in the description's binding",
+            )  # fmt: skip
+        change = felt[patch.name]
+        if change.sum() < 0.0:
+            return Finding(
+                Level.FAULT, subject, "its value goes the wrong way",
+                "correct the sign of pascal_per_count in the description",
+            )  # fmt: skip
+        surface = self.skin.surfaces[patch.name]
+        weights = np.maximum(change, 0.0)
+        centre = weights @ surface.positions / weights.sum()
+        away = float(np.linalg.norm(centre - surface.positions[taxel]))
+        strongest = int(np.argmax(weights))
+        figures = {"away_mm": 1e3 * away, "strongest": float(strongest)}
+        if away > NEAR:
+            return Finding(
+                Level.FAULT, subject, f"felt {1e3 * away:.0f} mm away, most of all by taxel {strongest}",
+                "the order of its modules or its table differs from the robot's: tci skin show draws them",
+                figures,
+            )  # fmt: skip
+        return Finding(Level.OK, subject, f"felt {1e3 * away:.0f} mm away", figures=figures)
+
+    def _felt(self, rest: dict[str, Array], noise: dict[str, Array], reading: Reading) -> dict[str, Array]:
+        """Patches that feel something: change (taxels,) [counts] of each taxel, positive with pressure."""
+        found = {}
+        for name, values in self._values(reading).items():
+            if name in rest:
+                sign = np.sign(self.link.robot.patch(name).sensor.pascal_per_count)
+                change = sign * (values - rest[name])
+                change[np.abs(change) < noise[name]] = 0.0
+                if change.any():
+                    found[name] = change
+        return found
+
+    def _rest(self) -> tuple[dict[str, Array], dict[str, Array]]:
+        """Mean value of each taxel, and the change that is a touch."""
+        samples: dict[str, list[Array]] = {}
+        for _ in self.link.ticks(duration=REST):
+            for name, values in self._values(self.link.read()).items():
+                samples.setdefault(name, []).append(values)
+        rest = {name: np.mean(some, axis=0) for name, some in samples.items()}
+        sensors = {name: self.link.robot.patch(name).sensor for name in samples}
+        noise = {
+            name: np.maximum(
+                6.0 * np.std(some, axis=0), LEAST * (sensors[name].highest - sensors[name].lowest)
+            )
+            for name, some in samples.items()
+        }
+        return rest, noise
+
+    def _settle(self) -> None:
+        """The first value of a touch is not its place: look again a little later."""
+        for _ in self.link.ticks(duration=0.1):
+            self.link.read()
+
+    def _values(self, reading: Reading) -> dict[str, NDArray[np.float64]]:
+        """Raw values of each patch's taxels."""
+        found = {}
+        for frame in reading.skin:
+            patch = self.link.robot.patch(frame.patch)
+            if frame.values.shape != (patch.channels,) or frame.values.dtype.kind not in "uif":
+                raise FrameError(
+                    f"{patch.name}: frame of {frame.values.dtype} {frame.values.shape}; "
+                    f"valid: {patch.channels} numbers. Run tci doctor first"
+                )
+            values = np.nan_to_num(frame.values.astype(float))
+            found[frame.patch] = values[self.skin.surfaces[frame.patch].channels]
+        return found
+
+    def _where(self, patch: Patch, taxel: int) -> str:
+        """Where a taxel is, for people."""
+        if self.link.robot.limb_segment(patch) is None:
+            normal = self.skin.normals(patch.name, self.link.read().joints, frame="torso")[taxel]
+            axis = int(np.argmax(np.abs(normal)))
+            return f"{patch.link}, on the side that looks {_WAYS[axis][int(normal[axis] < 0.0)]}"
+        u, theta, _ = self.skin.limb(patch.name, self.link.read().joints)
+        side = _SIDES[round(float(theta[taxel]) / (np.pi / 2.0)) % 4]
+        return f"{patch.part}, {patch.segment}: {100 * u[taxel]:.0f} % of the way down, on its {side}"

@@ -1,0 +1,106 @@
+"""What this machine offers: versions, links and robots that are installed, and how well it keeps time."""
+
+from __future__ import annotations
+
+import os
+import platform
+import sys
+from collections.abc import Iterator
+
+import numpy as np
+
+import tci
+from tci.clock import MonotonicClock, ticks
+from tci.drivers.diagnosis import Finding, Level
+from tci.drivers.registry import link_names, load_link
+from tci.errors import MissingExtraError, TciError
+from tci.installed import clashes
+from tci.robot.catalogue import load_robot, robot_names
+from tci.runtime.lease import FOLDER, lease
+
+PERIOD = 0.002
+"""Of the trial of the clock [s]: the simulated robots' own."""
+LATE = 1e-3
+"""Waking up this late [s] is too late for such a loop. Ours."""
+
+
+def examine_machine(*, duration: float = 0.4) -> tuple[Finding, ...]:
+    """Findings about this machine; the clock is watched for `duration` [s]."""
+    system = f"TCI {tci.__version__}, Python {platform.python_version()}, {platform.platform(terse=True)}"
+    return (
+        Finding(Level.OK, "machine", f"{system}, {os.cpu_count()} processors"),
+        *_shared_folders(),
+        *_links(),
+        *_robots(),
+        *_lease(),
+        *_timing(duration),
+    )
+
+
+def _shared_folders() -> Iterator[Finding]:
+    for clash in clashes():
+        yield Finding(Level.WARNING, f"package {clash.module}", clash.said, clash.advice)
+
+
+def _links() -> Iterator[Finding]:
+    for name in link_names():
+        yield _link(name)
+
+
+def _link(name: str) -> Finding:
+    subject = f"link {name}"
+    try:
+        load_link(name).load_library()
+    except MissingExtraError as error:
+        return Finding(Level.NOTE, subject, f"not installed: it needs {error.missing}", error.advice)
+    except Exception as error:
+        words = f"its module fails: {type(error).__name__}: {error}"
+        return Finding(Level.FAULT, subject, words, "install its package again")
+    return Finding(Level.OK, subject, "installed")
+
+
+def _robots() -> Iterator[Finding]:
+    for name in robot_names():
+        try:
+            robot = load_robot(name)
+        except TciError as error:
+            yield Finding(Level.NOTE, f"robot {name}", str(error))
+            continue
+        links = ", ".join(binding.middleware for binding in robot.bindings) or "none"
+        yield Finding(Level.OK, f"robot {name}", f"{robot.title}; links: {links}")
+
+
+def _lease() -> Iterator[Finding]:
+    try:
+        with lease(f"doctor:{os.getpid()}"):
+            pass
+    except (TciError, OSError) as error:
+        yield Finding(
+            Level.FAULT,
+            "lease",
+            f"nobody could command a robot: {error}",
+            f"set {FOLDER} to a folder of your own, in every program that commands the robot",
+        )
+
+
+def _timing(duration: float) -> Iterator[Finding]:
+    clock = MonotonicClock()
+    begin = clock.now()
+    late = np.array([(now - begin) % PERIOD for now in ticks(clock, PERIOD, duration=duration)])
+    # A tick a hair before its time looks like one a whole period late.
+    late = np.where(late > PERIOD * 0.999, 0.0, late)
+    middle, worst = np.quantile(late, [0.5, 0.99])
+    said = f"wakes up {1e6 * middle:.0f} us late (median), {1e3 * worst:.2f} ms (p99)"
+    figures = {"late_p50_us": 1e6 * float(middle), "late_p99_us": 1e6 * float(worst)}
+    if worst > LATE:
+        yield Finding(
+            Level.WARNING,
+            "clock",
+            said,
+            "loops will miss periods: close other programs, or run on a machine that is less busy",
+            figures,
+        )
+    else:
+        yield Finding(Level.OK, "clock", said, figures=figures)
+    if sys.platform != "linux":
+        yield Finding(Level.NOTE, "clock", "not Linux: timers are coarser here")

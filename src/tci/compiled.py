@@ -1,0 +1,75 @@
+"""Loops are compiled once and kept on disk, until any source that they are made of changes.
+
+Numba looks only at the file of the loop itself, and at its date: after an update of a file that the loop
+calls into, it would run the old machine code. So what it compares is the content of all these files here.
+
+Numba counts who uses an array, with locked instructions: that was most of what a small loop did. A loop that
+makes no array need not count (`_nrt`, which numba's own loops use too).
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from numba import njit
+
+HERE = Path(__file__).parent
+
+
+def compiled(
+    *signatures: Any, calls: tuple[ModuleType, ...] = (), allocates: bool = False
+) -> Callable[[Callable[..., Any]], Any]:
+    """Compile a loop for these signatures now, or load what was compiled before.
+
+    `calls` are modules outside all folders `kernels` that it calls or takes constants from. One that makes or
+    copies arrays `allocates`: numba raises "NRT required" for another that does. Where nothing can be
+    written, neither beside the source nor in the user's cache, it is compiled each time.
+    """
+
+    def decorate(loop: Callable[..., Any]) -> Any:
+        function: Any = _jit(loop, _nrt=allocates)
+        try:
+            function.enable_caching()
+        except RuntimeError:  # numba finds no folder to write to
+            pass
+        else:
+            function._cache._cache_file._source_stamp = _stamp(Path(loop.__code__.co_filename), calls)
+        for signature in signatures:
+            function.compile(signature)
+        function.disable_compile()
+        return function
+
+    return decorate
+
+
+def inlined(loop: Callable[..., Any]) -> Any:
+    """A loop that only compiled loops call, which keep it with themselves; it makes no arrays.
+
+    It becomes part of them: an array is seven numbers or more, which a call would write and read again.
+    """
+    return _jit(loop, _nrt=False, forceinline=True)
+
+
+def _jit(loop: Callable[..., Any], **options: bool) -> Any:
+    untyped: dict[str, Any] = {"error_model": "numpy", **options}
+    return njit(**untyped)(loop)
+
+
+def _stamp(own: Path, calls: tuple[ModuleType, ...]) -> str:
+    """A hash of all the sources."""
+    files = {
+        own,
+        Path(__file__),
+        HERE / "arrays.py",
+        HERE / "robot" / "limb.py",
+        *HERE.glob("*/kernels/*.py"),
+    }
+    files |= {Path(str(module.__file__)) for module in calls}
+    digest = hashlib.sha256()
+    for file in sorted(files):
+        digest.update(file.read_bytes())
+    return digest.hexdigest()

@@ -1,0 +1,138 @@
+"""Faults on purpose: a link around any other that spoils what passes through it, from a given time on.
+
+The inner link, its gate and its robot are as they are; only readings and writes are changed. So users
+rehearse with their own behaviours what the tests rehearse with ours (docs/reliability.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tci.drivers.driver import Link
+from tci.drivers.faults.fault_list import FAULTS
+from tci.drivers.faults.injectors import INJECTORS, Injector
+from tci.errors import CommandError, UnknownNameError
+from tci.frames import read_only
+from tci.gate.gate import SafeCommand
+from tci.messages import Reading, SkinFrame
+
+SWITCH = 16
+"""A sensor with fewer counts is a switch: it does not flicker."""
+
+
+@dataclass(frozen=True, slots=True)
+class FaultPlan:
+    """One fault and when it happens."""
+
+    name: str
+    """Name of the injector."""
+    at: float
+    """When it begins [s] after the first reading."""
+    lasts: float = float("inf")
+    """How long it lasts [s]."""
+
+    def __str__(self) -> str:
+        fault = FAULTS[INJECTORS[self.name].number]
+        return f"{self.name} (fault {fault.number}: {fault.fault})"
+
+
+def parse_fault(text: str) -> FaultPlan:
+    """A fault written as NAME@TIME or NAME@TIME:DURATION, both [s].
+
+    Raises UnknownNameError for a fault that there is not, CommandError for times that are none.
+    """
+    name, _, times = text.partition("@")
+    at, _, lasts = times.partition(":")
+    if name not in INJECTORS:
+        raise UnknownNameError("fault", name, INJECTORS)
+    try:
+        plan = FaultPlan(name, float(at), float(lasts) if lasts else float("inf"))
+    except ValueError:
+        plan = FaultPlan(name, float("nan"))
+    if not (0.0 <= plan.at < float("inf") and plan.lasts > 0.0):
+        raise CommandError(
+            f"fault {text!r}; valid: NAME@TIME or NAME@TIME:DURATION, in seconds, as in {name}@0.32"
+        )
+    return plan
+
+
+class FaultyLink(Link):
+    """Another link, with faults. It shares that link's gate, clock and lease."""
+
+    def __init__(self, inner: Link, plans: Sequence[FaultPlan], *, flicker: float = 0.0) -> None:
+        """Each raw value of the skin flickers by `flicker` counts (standard deviation), as real ones do and
+        simulated ones do not: where nothing flickers, nobody can tell a dead taxel from one at rest."""
+        self.inner = inner
+        self._flicker, self._random = flicker, np.random.default_rng(0)
+        self._frames: dict[str, SkinFrame] = {}
+        self.robot, self.clock, self.armed = inner.robot, inner.clock, inner.armed
+        self.period, self.gate, self.lease_name = inner.period, inner.gate, inner.lease_name
+        self.keep_alive, self.about, self.recorded = inner.keep_alive, inner.about, inner.recorded
+        self.begun: list[FaultPlan] = []
+        """Faults that have happened until now, in their order."""
+        self._waiting = sorted(plans, key=lambda plan: plan.at)
+        self._active: list[tuple[FaultPlan, Injector]] = []
+        self._start: float | None = None
+        self._open = True
+
+    def inject(self, plan: FaultPlan) -> None:
+        """One more fault; its time counts from now on. Call it from the loop's own thread."""
+        since = 0.0 if self._start is None else self.clock.now() - self._start
+        self._waiting.append(replace(plan, at=plan.at + since))
+        self._waiting.sort(key=lambda waiting: waiting.at)
+
+    @property
+    def active(self) -> tuple[FaultPlan, ...]:
+        """Faults that go on now."""
+        return tuple(plan for plan, _ in self._active)
+
+    def ticks(self, *, duration: float | None = None, start: float | None = None) -> Iterator[float]:
+        return self.inner.ticks(duration=duration, start=start)
+
+    def _receive(self) -> Reading:
+        reading = self.inner.read()
+        if self._flicker:
+            reading = replace(reading, skin=tuple(map(self._flickering, reading.skin)))
+        now = self.clock.now()
+        if self._start is None:
+            self._start = now
+        since = now - self._start
+        while self._waiting and self._waiting[0].at <= since + 1e-9:
+            plan = self._waiting.pop(0)
+            self._active.append((plan, INJECTORS[plan.name](self.inner, reading)))
+            self.begun.append(plan)
+        for plan, injector in list(self._active):
+            if since >= plan.at + plan.lasts:
+                injector.end()
+                self._active.remove((plan, injector))
+        frozen = Reading(replace(reading.joints), reading.skin)
+        for _, injector in self._active:
+            frozen = injector.read(frozen)
+        return frozen
+
+    def _flickering(self, frame: SkinFrame) -> SkinFrame:
+        """The frame with noise: the same noise whenever it is read again."""
+        sensor = self.robot.patch(frame.patch).sensor
+        if sensor.highest - sensor.lowest < SWITCH:
+            return frame
+        last = self._frames.get(frame.patch)
+        if last is None or last.sequence != frame.sequence:
+            noise = self._flicker * self._random.standard_normal(len(frame.values))
+            values = np.clip(np.rint(frame.values.astype(float) + noise), sensor.lowest, sensor.highest)
+            last = self._frames[frame.patch] = replace(frame, values=read_only(values))
+        return last
+
+    def _send(self, safe: SafeCommand) -> None:
+        self.inner._send(safe)
+
+    def _halt(self) -> None:
+        self.inner._halt()
+
+    def _close(self) -> None:
+        for _, injector in self._active:
+            injector.end()
+        self._active.clear()
+        self.inner.close()

@@ -1,0 +1,77 @@
+"""What comes from the robot is lost, late, doubled, or in the wrong order."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from tci.drivers.faults.injectors.injector import Injector
+from tci.errors import LinkError
+from tci.messages import JointReading, Reading, SkinFrame
+
+
+class Dropped(Injector):
+    """Nothing new arrives."""
+
+    number = 10
+    says = "the robot sends nothing new: joints and skin stay as they were, with their old stamps"
+
+    def read(self, reading: Reading) -> Reading:
+        return self.first
+
+
+class SkinSilent(Injector):
+    """Only the joints go on."""
+
+    number = 10
+    says = "the skin sends nothing new, while the joints go on"
+
+    def read(self, reading: Reading) -> Reading:
+        return replace(reading, skin=self.first.skin)
+
+
+class OutOfOrder(Injector):
+    """Every second frame of the skin is an old one."""
+
+    number = 11
+    says = "every second skin frame is an old one"
+
+    def begin(self) -> None:
+        self._count = 0
+        self._old = {frame.patch: frame for frame in self.first.skin}
+
+    def read(self, reading: Reading) -> Reading:
+        self._count += 1
+        return super().read(reading) if self._count % 2 else reading
+
+    def frame(self, frame: SkinFrame) -> SkinFrame:
+        return self._old.get(frame.patch, frame)
+
+
+class Duplicates(Injector):
+    """Frames come twice."""
+
+    number = 12
+    says = "every skin frame comes twice in one reading"
+
+    def read(self, reading: Reading) -> Reading:
+        return replace(reading, skin=reading.skin + reading.skin)
+
+
+class Frozen(Injector):
+    """Old joints under fresh stamps."""
+
+    number = 14
+    says = "the joint data stays the same under fresh stamps"
+
+    def joints(self, joints: JointReading) -> JointReading:
+        return replace(self.first.joints, stamp=joints.stamp)
+
+
+class LinkLost(Injector):
+    """The wire is cut."""
+
+    number = 28
+    says = "reading from the robot fails"
+
+    def read(self, reading: Reading) -> Reading:
+        raise LinkError(f"the link to {self.link.robot.name} is lost, on purpose")

@@ -1,0 +1,111 @@
+"""Encoders and servos that fail."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from tci.drivers.faults.injectors.injector import Injector
+from tci.frames import Array, read_only
+from tci.messages import JointReading, Mode
+
+
+class _Angles(Injector):
+    """Changes the angles that the robot reports."""
+
+    def joints(self, joints: JointReading) -> JointReading:
+        age = joints.stamp - self.first.joints.stamp
+        return replace(joints, position=read_only(self.angles(joints.position, age)))
+
+    def angles(self, position: Array, age: float) -> Array:
+        """Angles (n,) [rad] instead, `age` [s] after the beginning."""
+        raise NotImplementedError
+
+
+class WrongDirection(_Angles):
+    """Measured motion has the wrong sign."""
+
+    number = 19
+    says = "all joints move against their commands (the sign of gamma)"
+
+    def angles(self, position: Array, age: float) -> Array:
+        return 2.0 * self.first.joints.position - position
+
+
+class StaleEncoder(_Angles):
+    """Angles that do not change."""
+
+    number = 20
+    says = "all angles stay the same to the bit, under fresh stamps and numbers"
+
+    def angles(self, position: Array, age: float) -> Array:
+        return self.first.joints.position.copy()
+
+
+class Stall(Injector):
+    """Joints that only tremble."""
+
+    number = 21
+    says = "all joints are blocked where they are, and tremble"
+
+    def joints(self, joints: JointReading) -> JointReading:
+        age = joints.stamp - self.first.joints.stamp
+        angles = self.first.joints.position + 1e-5 * np.sin(300.0 * age)
+        speeds = np.full(len(angles), 3e-3 * np.cos(300.0 * age))
+        return replace(joints, position=read_only(angles), velocity=read_only(speeds))
+
+
+class EncoderStep(_Angles):
+    """A jump of the first servo."""
+
+    number = 25
+    says = "the first encoder jumps by 10 degrees"
+
+    def angles(self, position: Array, age: float) -> Array:
+        stepped = position.copy()
+        stepped[0] += np.deg2rad(10.0)
+        return stepped
+
+
+class NaNAngle(_Angles):
+    """An angle that is none."""
+
+    number = 4
+    says = "the angle of the first servo is not a number"
+
+    def angles(self, position: Array, age: float) -> Array:
+        spoilt = position.copy()
+        spoilt[0] = np.nan
+        return spoilt
+
+
+class ServoOff(Injector):
+    """Power lost."""
+
+    number = 22
+    says = "all servos report that they are off; simulated ones go limp"
+
+    def begin(self) -> None:
+        self._world = getattr(self.link, "world", None)
+        self._all = np.arange(len(self.link.robot.servos))
+        if self._world is not None:
+            self._world.set_power(self._all, on=False)
+
+    def joints(self, joints: JointReading) -> JointReading:
+        return replace(joints, powered=read_only(np.zeros(len(self._all)), np.bool_))
+
+    def end(self) -> None:
+        if self._world is not None:
+            self._world.set_power(self._all, on=True)
+
+
+class ModeMismatch(Injector):
+    """Another mode than the commanded one."""
+
+    number = 23
+    says = "all servos report torque mode; those in torque mode report position"
+
+    def joints(self, joints: JointReading) -> JointReading:
+        loose = (mode is Mode.TORQUE for mode in self.link.gate.modes)
+        return replace(joints, modes=tuple(Mode.POSITION if one else Mode.TORQUE for one in loose))

@@ -1,0 +1,64 @@
+"""What goes wrong in this process: its clock, its loop, its threads, and who ends it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable
+
+from tci.drivers.faults.injectors.injector import Injector
+
+HOUR = 3600.0
+THREAD = "rehearsal"
+"""Name of a thread that fails on purpose."""
+
+
+class ClockJump(Injector):
+    """The date changes by an hour."""
+
+    number = 13
+    says = "the date of this process jumps by an hour; the monotonic clock does not"
+
+    def begin(self) -> None:
+        self._time: Callable[[], float] = time.time
+        time.time = lambda: self._time() + HOUR
+
+    def end(self) -> None:
+        time.time = self._time
+
+
+class Overrun(Injector):
+    """One period takes five."""
+
+    number = 41
+    says = "one period takes as long as five"
+
+    def begin(self) -> None:
+        self.link.clock.sleep_until(self.link.clock.now() + 5.0 * self.link.period)
+
+
+class Terminated(Injector):
+    """The operating system asks the process to end."""
+
+    number = 42
+    says = "the process gets SIGTERM"
+
+    def begin(self) -> None:
+        os.kill(os.getpid(), signal.SIGTERM)
+
+
+class ThreadFails(Injector):
+    """An exception in a thread."""
+
+    number = 45
+    says = "a thread beside the loop raises an exception"
+
+    def begin(self) -> None:
+        def fail() -> None:
+            raise RuntimeError("a thread failed on purpose")
+
+        thread = threading.Thread(target=fail, name=THREAD)
+        thread.start()
+        thread.join()

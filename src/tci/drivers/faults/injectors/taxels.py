@@ -1,0 +1,119 @@
+"""Taxels that fail: what the first patch of skin sends is changed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.drivers.faults.injectors.injector import Injector
+from tci.frames import Array
+from tci.messages import SkinFrame
+
+
+class _Taxels(Injector):
+    """Changes raw values of the first patch."""
+
+    def frame(self, frame: SkinFrame) -> SkinFrame:
+        if frame.patch != self.link.robot.patches[0].name:
+            return frame
+        if frame.values.dtype.kind not in "uif":
+            return frame  # another fault spoilt it already
+        values = frame.values.astype(float)
+        sensor = self.link.robot.patches[0].sensor
+        pressed = sensor.lowest if sensor.pascal_per_count < 0.0 else sensor.highest
+        return replace(frame, values=self.change(values, float(pressed), float(sensor.rest)))
+
+    def change(self, values: Array, pressed: float, rest: float) -> NDArray[np.generic]:
+        """The values (channels,) instead; `pressed` is the hardest touch, `rest` none."""
+        raise NotImplementedError
+
+
+class StuckHigh(_Taxels):
+    """One taxel."""
+
+    number = 1
+    says = "one taxel of the first patch reports the hardest touch"
+    shows_after = 62.0
+
+    def change(self, values: Array, pressed: float, rest: float) -> Array:
+        values[0] = pressed
+        return values
+
+
+class StuckLow(_Taxels):
+    """One taxel."""
+
+    number = 2
+    says = "one taxel of the first patch reports rest"
+    shows_after = 62.0
+
+    def change(self, values: Array, pressed: float, rest: float) -> Array:
+        values[0] = rest
+        return values
+
+
+class DeadPatch(_Taxels):
+    """All taxels of a patch."""
+
+    number = 3
+    says = "the first patch reports zeros"
+    shows_after = 62.0
+
+    def change(self, values: Array, pressed: float, rest: float) -> Array:
+        return np.zeros_like(values)
+
+
+class NaNTaxel(_Taxels):
+    """A tenth of the taxels."""
+
+    number = 4
+    says = "every tenth taxel of the first patch is not a number"
+
+    def change(self, values: Array, pressed: float, rest: float) -> Array:
+        values[::10] = np.nan
+        return values
+
+
+class Saturated(_Taxels):
+    """A few taxels at the end of their range."""
+
+    number = 5
+    says = "twelve neighbouring channels of the first patch are at the end of their range"
+
+    def change(self, values: Array, pressed: float, rest: float) -> Array:
+        values[:12] = pressed
+        return values
+
+
+class BaselineStep(_Taxels):
+    """All rest values change."""
+
+    number = 7
+    says = "all taxels of the first patch read a fifth of their range more than before"
+    shows_after = 32.0
+
+    def change(self, values: Array, pressed: float, rest: float) -> Array:
+        stepped: Array = values + 0.2 * (pressed - rest)
+        return stepped
+
+
+class WrongCount(_Taxels):
+    """A frame of another length."""
+
+    number = 15
+    says = "frames of the first patch lack their last value"
+
+    def change(self, values: Array, pressed: float, rest: float) -> Array:
+        return values[:-1]
+
+
+class WrongType(_Taxels):
+    """A frame of text."""
+
+    number = 35
+    says = "frames of the first patch hold text instead of numbers"
+
+    def change(self, values: Array, pressed: float, rest: float) -> NDArray[np.generic]:
+        return np.array(["touch"] * len(values))

@@ -1,0 +1,1 @@
+"""LCM: robots served and commanded over its datagrams."""

@@ -1,0 +1,214 @@
+"""`lcm[:[NAME@]URL]`: a robot that `tci serve --via lcm` shows, from any number of processes.
+
+| channel | what | from |
+|---|---|---|
+| `tci/NAME/state` | `tci_lcm.state_t`: joints, gate, who commands; in every period | robot |
+| `tci/NAME/skin` | `tci_lcm.skin_t`: a frame of one patch, once | robot |
+| `tci/NAME/facts` | `tci_lcm.facts_t`: the run-time query, once a second | robot |
+| `tci/NAME/orders` | `tci_lcm.orders_t`: orders and heartbeat, in every period | behaviour |
+
+Whoever is in the multicast group may command: LCM knows no passwords. It is joined on loopback; a URL with
+ttl=1 opens the robot to everybody on the local network. Over a network use Zenoh.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+
+from tci.drivers.diagnosis import Finding, Level
+from tci.drivers.driver import Link
+from tci.drivers.lcm.datagrams import URL, Address, Receiver, Transmitter, parse_url
+from tci.drivers.lcm.encoding import (
+    facts_bytes,
+    frame_bytes,
+    orders_bytes,
+    state_bytes,
+    to_orders,
+    to_skin,
+    to_state,
+)
+from tci.drivers.remote.address import RemoteAddress, parse_remote
+from tci.drivers.remote.driver import RemoteLink
+from tci.drivers.remote.protocol import Orders, SessionFrame, State
+from tci.drivers.remote.server import RemoteServer
+from tci.errors import FrameError, LinkError
+from tci.messages import Reading, SkinFrame
+from tci.robot.description import Robot
+
+PER_POLL = 64
+"""Messages that are decoded per call. Ours."""
+FACTS = 1.0
+"""Time [s] from one telling of the run-time query to the next: LCM has no questions. Ours."""
+
+
+class _Bus:
+    """One process in a multicast group."""
+
+    def __init__(self, address: RemoteAddress) -> None:
+        """Raises LinkError."""
+        self.receiver = Receiver(address.where)
+        self.transmitter = Transmitter(address.where)
+        self._where, self._prefix = address, f"tci/{address.robot}"
+        self._works = False
+
+    def put(self, name: str, data: bytes) -> None:
+        """Send a message to the channel of that name. When the network is gone for a while it is lost, as on
+        the way. Raises LinkError where nothing could ever be sent."""
+        try:
+            self.transmitter.send(f"{self._prefix}/{name}", data)
+            self._works = True
+        except OSError as error:
+            if not self._works:
+                raise LinkError(f"{self._where}: nothing can be sent: {error.strerror}") from error
+
+    def poll(self) -> Iterable[tuple[str, bytes, Address]]:
+        """Name of the channel, bytes and sender of the latest that came, oldest first; a bounded number."""
+        latest: deque[tuple[str, bytes, Address]] = deque(maxlen=PER_POLL)
+        for channel, data, sender in self.receiver.poll():
+            prefix, _, name = channel.rpartition("/")
+            if prefix == self._prefix:
+                latest.append((name, data, sender))
+        return latest
+
+    def close(self) -> None:
+        """Let go of the sockets."""
+        self.receiver.close()
+        self.transmitter.close()
+
+
+class LcmLink(RemoteLink):
+    """A robot that another process shows through LCM."""
+
+    def __init__(self, robot: Robot, address: str = "", *, arm: bool = False) -> None:
+        """Raises LinkError when nobody answers at `address` for a robot of this description."""
+        where = _parse(address, robot)
+        super().__init__(robot, middleware="lcm", place=str(where), arm=arm)
+        self._bus = _Bus(where)
+        self._home: Address | None = None
+        self._why = ""
+        try:
+            self._wait()
+        except BaseException:
+            self._bus.close()
+            raise
+
+    def _receive(self) -> Reading:
+        before = self._state
+        reading = super()._receive()
+        end = self.clock.now() + self.gate.stale_after
+        # Where nobody reads for a while, the system keeps the oldest datagrams: the latest is still to come.
+        while self._state is not before and self._is_late() and self.clock.now() < end:
+            self.clock.sleep_until(self.clock.now() + self.period)
+            reading = super()._receive()
+        return reading
+
+    def _is_late(self) -> bool:
+        """Whether the latest state was held up."""
+        assert self._state is not None
+        return self.clock.now() - (self._state.now + self._shift) > self.gate.stale_after
+
+    def _poll(self) -> Iterator[State | SessionFrame]:
+        """Of the session that the link is in only what comes from where its first state came from: anybody in
+        the group may read its number."""
+        readers: dict[str, Callable[[Robot, bytes], State | SessionFrame]] = {
+            "state": to_state, "skin": to_skin
+        }  # fmt: skip
+        for name, data, sender in self._bus.poll():
+            if name not in readers:
+                continue
+            try:
+                message = readers[name](self.robot, data)
+            except FrameError as error:
+                self.rejected += 1
+                self._why = str(error)
+                continue
+            if self._home is None and isinstance(message, State):
+                self._home = sender
+            own = self._state is not None and message.session == self._state.session
+            if own and sender != self._home:
+                self.strangers += 1
+            else:
+                yield message
+
+    def _put(self, orders: Orders) -> None:
+        self._bus.put("orders", orders_bytes(self.robot, orders))
+
+    def _nobody(self) -> str:
+        return self._why or "start it with: tci serve ROBOT --via lcm; the same URL there and here"
+
+    @property
+    def lost(self) -> int:
+        """Messages that were sent to the group and never came."""
+        return self._bus.receiver.datagrams.lost
+
+    def diagnose(self) -> tuple[Finding, ...]:
+        seen = self._bus.receiver.datagrams
+        figures = {"lost": float(seen.lost), "rejected": float(seen.rejected + self.rejected)}
+        said = f"{seen.lost} messages lost, {seen.rejected + self.rejected} refused"
+        found = super().diagnose()
+        if not seen.lost:
+            return (*found, Finding(Level.OK, "datagrams", said, figures=figures))
+        advice = "a loss now and then is made up for; many: close other programs, or use zenoh"
+        return (*found, Finding(Level.WARNING, "datagrams", said, advice, figures))
+
+    def _close(self) -> None:
+        super()._close()
+        self._bus.close()
+
+
+class LcmServer(RemoteServer):
+    """Shows a robot through LCM."""
+
+    def __init__(self, link: Link, address: str = "") -> None:
+        """Raises LinkError when `address` can't be used."""
+        super().__init__(link, address, middleware="lcm")
+        self._where = _parse(address, link.robot)
+        self._bus = _Bus(self._where)
+        self._homes: dict[int, Address] = {}
+        self.rejected = 0
+        """Messages that were no orders for this robot, or in the name of a commander that is elsewhere."""
+        self._facts, self._due = facts_bytes(link.robot), -float("inf")
+        self._open = True
+
+    def where(self) -> str:
+        everybody = ", read and commanded by everybody on the local network"
+        return f"{self._where}{everybody if parse_url(self._where.where).ttl else ''}"
+
+    def reach(self) -> str:
+        return str(self._where)
+
+    def _poll(self) -> Iterable[Orders]:
+        there = {commander.client for commander in self.commanders.states()}
+        self._homes = {client: home for client, home in self._homes.items() if client in there}
+        for name, data, sender in self._bus.poll():
+            if name != "orders":
+                continue
+            try:
+                orders = to_orders(self.link.robot, data)
+            except FrameError:
+                self.rejected += 1
+                continue
+            if self._homes.setdefault(orders.client, sender) == sender:
+                yield orders
+            else:
+                self.rejected += 1
+
+    def _show(self, state: State) -> None:
+        self._bus.put("state", state_bytes(self.link.robot, state))
+        if state.sent >= self._due:
+            self._due = state.sent + FACTS
+            self._bus.put("facts", self._facts)
+
+    def _show_skin(self, frame: SkinFrame) -> None:
+        self._bus.put("skin", frame_bytes(self.link.robot, SessionFrame(self.number, frame)))
+
+    def close(self) -> None:
+        if self._open:
+            self._open = False
+            self._bus.close()
+
+
+def _parse(address: str, robot: Robot) -> RemoteAddress:
+    return parse_remote("lcm", address, robot.name, os.environ.get("LCM_DEFAULT_URL") or URL)

@@ -1,0 +1,129 @@
+"""What a served robot and NAOqi's services share: where threads of `qi` meet the loop."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from tci.drivers.naoqi import words
+from tci.gate.safe_command import SafeCommand
+from tci.messages import Mode, Order, PlatformCommand, Reading, SkinFrame
+from tci.robot.description import Robot, Servo
+
+
+class Board:
+    """The latest of everything, both ways; nothing waits and nothing queues."""
+
+    def __init__(self, robot: Robot, first: Reading) -> None:
+        """`first` is what is known before the robot is served."""
+        self.robot = robot
+        self.measured: list[float] = first.joints.position.tolist()
+        """Angles [rad] of all servos, measured."""
+        self.told: list[float] = list(self.measured)
+        """Angles [rad] that all servos were told last."""
+        self.stiffness = [1.0] * len(robot.servos)
+        """Share 0..1 of all servos."""
+        self.gate = ["run", ""]
+        """What the gate does, and why."""
+        self._lock = threading.Lock()
+        self._moves: dict[int, tuple[float, float]] = {}
+        self._shares: dict[int, float] = {}
+        self._frames: dict[str, SkinFrame] = {}
+        self._texts: dict[str, tuple[int, str]] = {}
+
+    def feel(self, reading: Reading) -> None:
+        """This period's skin, from the loop."""
+        for frame in reading.skin:
+            self._frames[frame.patch] = frame
+
+    def show(self, reading: Reading, sent: SafeCommand) -> None:
+        """One period, from the loop."""
+        self.measured = reading.joints.position.tolist()
+        told, stiffness = list(self.told), list(self.stiffness)
+        for servo, angle in zip(sent.servos.tolist(), sent.position.tolist(), strict=True):
+            told[servo] = angle
+        for servo, share in sent.stiffness.items():
+            stiffness[servo] = share
+        self.told, self.stiffness = told, stiffness
+        self.gate = [sent.state.value, sent.reason]
+
+    def take(self) -> Sequence[Order]:
+        """The latest orders for each servo, for the loop: older ones that nobody took are forgotten."""
+        with self._lock:
+            moves, shares = self._moves, self._shares
+            self._moves, self._shares = {}, {}
+        orders: list[Order] = []
+        if shares:
+            orders.append(_command(Mode.STIFFNESS, {s: (share, np.inf) for s, share in shares.items()}))
+        if moves:
+            orders.append(_command(Mode.POSITION, moves))
+        return orders
+
+    def move(self, servos: Sequence[Servo], angles: Sequence[float], speeds: Sequence[float]) -> None:
+        """Let servos go to angles [rad] at speeds [rad/s], from the next period on."""
+        with self._lock:
+            for servo, angle, speed in zip(servos, angles, speeds, strict=True):
+                self._moves[servo.index] = (angle, speed)
+
+    def stiffen(self, servos: Sequence[Servo], shares: Sequence[float]) -> None:
+        """Set shares 0..1 of full stiffness, from the next period on."""
+        with self._lock:
+            self._shares.update({s.index: share for s, share in zip(servos, shares, strict=True)})
+
+    def keys(self) -> dict[str, Callable[[], Any]]:
+        """What ALMemory has of the robot."""
+        keys: dict[str, Callable[[], Any]] = {"TCI/Gate": lambda: self.gate}
+        for servo in self.robot.servos:
+            keys[words.angle_key(servo.name, "Sensor")] = partial(self._measured, servo.index)
+            keys[words.angle_key(servo.name, "Actuator")] = partial(self._told, servo.index)
+        for patch, names in words.skin_keys(self.robot, self.robot.binding(words.MIDDLEWARE)).items():
+            if len(names) > 1:
+                keys |= {name: partial(self._channel, patch, place) for place, name in enumerate(names)}
+                continue
+            (key,) = names
+            keys[key] = partial(self._vector, patch)
+            keys[words.sequence_key(key)] = partial(self._number, patch)
+            keys[words.packed_key(key)] = partial(self._text, patch)
+        return keys
+
+    def _measured(self, servo: int) -> float:
+        return self.measured[servo]
+
+    def _told(self, servo: int) -> float:
+        return self.told[servo]
+
+    def _channel(self, patch: str, place: int) -> float | None:
+        frame = self._frames.get(patch)
+        return None if frame is None else float(frame.values[place])
+
+    def _vector(self, patch: str) -> list[float] | None:
+        frame = self._frames.get(patch)
+        return None if frame is None else frame.values.tolist()
+
+    def _number(self, patch: str) -> int | None:
+        frame = self._frames.get(patch)
+        return None if frame is None else frame.sequence
+
+    def _text(self, patch: str) -> str | None:
+        frame = self._frames.get(patch)
+        if frame is None:
+            return None
+        number, text = self._texts.get(patch, (-1, ""))
+        if number != frame.sequence:
+            text = words.pack(frame.sequence, frame.values)
+            self._texts[patch] = (frame.sequence, text)
+        return text
+
+
+def _command(mode: Mode, values: dict[int, tuple[float, float]]) -> PlatformCommand:
+    servos = sorted(values)
+    return PlatformCommand(
+        mode,
+        np.array(servos, dtype=np.intp),
+        np.array([values[servo][0] for servo in servos]),
+        np.array([values[servo][1] for servo in servos]),
+    )

@@ -1,0 +1,208 @@
+"""`naoqi://HOST`: a NAO over its makers' own protocol."""
+
+from __future__ import annotations
+
+import socket
+import warnings
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+
+from tci.clock import MonotonicClock
+from tci.drivers.diagnosis import Finding, Level
+from tci.drivers.driver import Link
+from tci.drivers.naoqi import autonomy, words
+from tci.drivers.naoqi.diagnose import examine
+from tci.drivers.naoqi.poller import Poller
+from tci.drivers.naoqi.session import Services, answer, parse_address, service
+from tci.drivers.naoqi.stream import AHEAD, Stream
+from tci.drivers.remote.hosts import numeric
+from tci.errors import LinkError
+from tci.frames import read_only
+from tci.gate.gate import SafeCommand
+from tci.messages import Reading
+from tci.robot.description import Robot
+
+PATIENCE = 0.9
+"""Share of a period that a reading may be waited for; else the one before counts. Ours."""
+SWITCH_ON = 0.3
+"""Time [s] that a servo has to report the stiffness that it was sent. Ours."""
+LAST = 10.0
+"""Longest time [s] that closing waits for a new connection's switching off, before it switches on. Ours."""
+
+
+class NaoqiLink(Link):
+    """A link to a NAO. It is armed only on request, and never while the robot moves by itself."""
+
+    def __init__(
+        self, robot: Robot, address: str = "", *, arm: bool = False, joints: bool = True, skin: bool = True
+    ) -> None:
+        """Connect to `address`, such as `//10.0.0.5` or `//nao@10.0.0.5`.
+
+        Without `joints` or `skin` only the other one is read; without joints nothing can be moved.
+
+        An armed link refuses a robot that moves by itself (autonomous life, breathing, ...); with `?life=off`
+        behind the address it switches that off until it is closed. Each new connection is looked at like
+        the first: what moves it then is switched off too, or stops the gate.
+
+        Raises LinkError when the robot can't be reached, is another one, or moves by itself.
+        """
+        self.where = parse_address(address)
+        clock = MonotonicClock()
+        super().__init__(robot, middleware=words.MIDDLEWARE, clock=clock, armed=arm)
+        self._switched: dict[object, autonomy.Mover] = {}
+        self._may_move: list[str] = []
+        self._lookout: autonomy.Lookout | None = None
+        self._restless = ""
+        self._generation = 0
+        self._poller = Poller(
+            robot, self.where, clock, joints=joints, skin=skin, greet=self._greet, glance=self._glance
+        )
+        self.lease_name = f"naoqi:{numeric(self.where.host)}:{self.where.port}"
+        try:
+            self._stream = self._open_stream() if joints else None
+            if arm:
+                if not joints:
+                    raise LinkError("a link without joints can't be armed")
+                self._quieten(self._poller.services)
+        except BaseException:
+            self._poller.close()
+            raise
+        self._on = np.full(len(robot.servos), -np.inf)
+
+    @classmethod
+    def probe(cls, robot: Robot, address: str) -> tuple[Finding, ...]:
+        where = parse_address(address)
+        steps = []
+        try:
+            with socket.create_connection((where.host, where.port), timeout=3.0):
+                steps.append(Finding(Level.OK, "network", f"{where.host} listens on port {where.port}"))
+        except OSError as error:
+            advice = "is the robot on and in this network? ping it; its chest button says its address"
+            return (Finding(Level.FAULT, "network", f"{where.host}, port {where.port}: {error}", advice),)
+        try:
+            Services(where, motion=True).close()
+        except LinkError as error:
+            return (*steps, Finding(Level.FAULT, "NAOqi", str(error), "see docs/nao.md"))
+        return (*steps, Finding(Level.OK, "NAOqi", f"a session at {where.url} with ALMotion and ALMemory"))
+
+    def diagnose(self) -> tuple[Finding, ...]:
+        self._check_open()
+        return examine(self.robot, self._poller, self._stream)
+
+    def _receive(self) -> Reading:
+        sensed = self._poller.read(PATIENCE * self.period)
+        if self._poller.generation != self._generation:
+            self._generation = self._poller.generation
+            if self._stream is not None:
+                if self.armed:  # what it was sent last is not gone on with
+                    with suppress(RuntimeError):
+                        motion = self._poller.services.motion
+                        motion.killTasksUsingResources(self._poller.names, _async=True)
+                self._stream.forget()
+            self.gate.drop()
+        if self._restless:
+            self.gate.stop(self._restless)
+        reading = sensed.reading
+        switching = reading.joints.stamp - self._on < SWITCH_ON
+        powered = read_only((sensed.stiffness > 0.0) | switching, np.bool_)
+        return replace(reading, joints=replace(reading.joints, powered=powered))
+
+    def _send(self, safe: SafeCommand) -> None:
+        if self._poller.trouble or self._poller.generation != self._generation:
+            return  # it is not there: joint data grows old, the gate holds, and nothing is sent later
+        motion = self._poller.services.motion
+        try:
+            if safe.stiffness:
+                names = [self._poller.names[servo] for servo in safe.stiffness]
+                values = [float(share) for share in safe.stiffness.values()]
+                # Angles must not overtake the stiffness that they need.
+                answer(motion.setStiffnesses(names, values, _async=True), "setStiffnesses", timeout=1.0)
+                self._on[list(safe.stiffness)] = self.clock.now()
+            assert self._stream is not None  # it is armed
+            measured = self._poller.latest.reading.joints.position
+            self._stream.send(motion, safe, self.gate.ahead(AHEAD), measured)
+        except (LinkError, RuntimeError) as error:
+            if self._poller.services.session.isConnected():
+                raise LinkError(f"{self.robot.name} does not take a command: {error}") from error
+
+    def _halt(self) -> None:
+        motion = self._poller.services.motion
+        answer(motion.killTasksUsingResources(self._poller.names, _async=True), "killing tasks", timeout=1.0)
+        assert self._stream is not None  # it is armed
+        self._stream.forget()
+
+    def _close(self) -> None:
+        if self.where.life == "off":
+            self._poller.end(LAST)
+            self._restore()
+        self._poller.close()
+
+    def _open_stream(self) -> Stream:
+        """What the robot says of its joints. Raises LinkError when it lacks one of the description's."""
+        motion, names = self._poller.services.motion, self._poller.names
+        limits = answer(motion.getLimits("Body", _async=True), "ALMotion.getLimits", timeout=3.0)
+        known = answer(motion.getBodyNames("Body", _async=True), "ALMotion.getBodyNames", timeout=3.0)
+        table = dict(zip(known, limits, strict=False))
+        missing = [name for name in names if name not in table]
+        if missing:
+            raise LinkError(
+                f"this robot has no {', '.join(missing)} (an H21?); valid: a description without them. "
+                f"It has {', '.join(known)}"
+            )
+        lower, upper, fastest = np.array([table[name][:3] for name in names], dtype=float).T
+        return Stream(names, lower, upper, fastest)
+
+    def _greet(self, services: Services) -> None:
+        """Look at a robot that is back, in the poller's thread: the gate holds until this is done."""
+        if not self.armed:
+            return
+        for name in self._may_move:
+            service(services.session, name)  # NAOqi may still be starting it
+        try:
+            self._quieten(services)
+            self._restless = ""
+        except LinkError as error:
+            if not services.session.isConnected():
+                raise
+            self._restless = f"after a new connection {error}"
+
+    def _glance(self) -> None:
+        """Whether somebody switches autonomous life on, in the poller's thread."""
+        if self._lookout is not None and (state := self._lookout.look(self.clock.now())):
+            words = f"autonomous life has been switched on ({state})"
+            self._restless = f"{words}; valid: end that and connect again"
+
+    def _quieten(self, services: Services) -> None:
+        """Raises LinkError for a robot that moves by itself, unless that can and shall be switched off."""
+        chains = list(dict.fromkeys(servo.robot_part for servo in self.robot.servos))
+        self._may_move = self._may_move or autonomy.present(services.session)
+        found = autonomy.movers(services.session, services.motion, chains)
+        if found and self.where.life == "refuse":
+            names = ", ".join(mover.name for mover in found)
+            raise LinkError(
+                f"the robot moves by itself: {names}; valid: end that and connect again, or connect with "
+                "?life=off behind the address, which switches it off until the link is closed"
+            )
+        autonomy.switch_off(services.session, found)
+        for mover in found:
+            self._switched.setdefault(mover.switch, mover)  # as it was before the first time
+        was_off = all(mover.service != autonomy.LIFE for mover in found)
+        self._lookout = autonomy.Lookout(services.session, was_off=was_off)
+
+    def _restore(self) -> None:
+        """Switch on what was switched off, in another session if this one is gone; warn of what stays off."""
+        found, services = list(self._switched.values()), self._poller.services
+        left: list[str] = []
+        try:
+            if found and not services.session.isConnected():
+                services = self._poller.services = Services(self.where, motion=True)
+            left = autonomy.switch_on(services.session, found)
+        except LinkError as error:
+            left = [f"{', '.join(mover.name for mover in found)} ({error})"]
+        if left:
+            warnings.warn(
+                f"still off on {self.robot.name}: {'; '.join(left)}; it was on before: switch it on by hand, "
+                "or restart the robot", RuntimeWarning, stacklevel=4,
+            )  # fmt: skip

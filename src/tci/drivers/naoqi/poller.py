@@ -1,0 +1,292 @@
+"""Asks NAOqi for joints, skin and touch in a thread, and connects again after the robot was away."""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter, deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.clock import Clock
+from tci.drivers.naoqi import words
+from tci.drivers.naoqi.session import Address, Services, answer
+from tci.errors import FrameError, LinkError
+from tci.frames import Array, read_only
+from tci.messages import JointReading, Reading, SkinFrame
+from tci.robot.description import Robot
+
+ANSWER = 0.05
+"""Longest time [s] to wait for an answer while running. Ours."""
+GONE = 1.0
+"""Time [s] without an answer after which the connection counts as lost. Ours."""
+AGAIN = 0.3
+"""Time [s] between two attempts to connect again. Ours."""
+IDLE = 0.1
+"""Longest time [s] between two questions when nobody reads. Ours."""
+EARLY, LATE = 0.0005, 0.0025
+"""From how long [s] before to how long after the time of a frame of the skin it is asked for. Ours."""
+STEP = 0.001
+"""By so much [s] a frame that was there at once may have come before it was asked for. Ours."""
+FIRST = 0.003
+"""A frame of the skin that is due within this time [s] is asked for before the joints. Ours."""
+SLOW = 0.05
+"""Time [s] between two questions for what changes slowly: stiffness. Ours."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sensed:
+    """What one question brought."""
+
+    reading: Reading
+    stiffness: Array
+    """Share 0..1 of each servo (n,)."""
+
+
+class Poller:
+    """One robot, asked whenever somebody wants to read, and now and then when nobody does."""
+
+    def __init__(
+        self, robot: Robot, address: Address, clock: Clock, *, joints: bool, skin: bool,
+        greet: Callable[[Services], None], glance: Callable[[], None],
+    ) -> None:  # fmt: skip
+        """Connect, and ask once. `greet` is called in the thread with each later connection, before the robot
+        counts as back; when it raises LinkError, another one is made. `glance` is called there after each
+        answer, for what nobody waits for. Raises LinkError."""
+        self.robot, self.address, self.clock = robot, address, clock
+        self._greet, self._glance = greet, glance
+        binding = robot.binding(words.MIDDLEWARE)
+        self.names = [binding.address(servo.name, servo.name) for servo in robot.servos]
+        """The robot's own names of its joints, in the description's order."""
+        self.keys = words.skin_keys(robot, binding) if skin else {}
+        """The ALMemory key of each patch that is read, or the keys of its channels."""
+        self.trips: deque[float] = deque(maxlen=1000)
+        """How long the latest questions took [s]."""
+        self.counts: Counter[str] = Counter()
+        """`polls`, `failures`, `reconnections`, and `bad` frames."""
+        self.trouble = ""
+        """Why there is no answer now; empty while there is."""
+        self._joints = joints
+        self._channels = {patch.name: patch.channels for patch in robot.patches}
+        self._every = {patch.name: 1.0 / patch.rate for patch in robot.patches}
+        self._period, self._until = 1.0 / binding.rate, -np.inf
+        self._frames: dict[str, SkinFrame] = {}
+        self._seen: dict[str, float] = {}
+        self._missed: dict[str, float] = {}
+        self._due: dict[str, float] = {}
+        self._stiffness = np.ones(len(robot.servos))
+        self._stiffness_due = -np.inf
+        self._before: JointReading | None = None
+        self.services = Services(address, motion=joints)
+        try:
+            self._asks = words.find_keys(self.keys, self._try)
+            self.latest = self._ask()
+        except BaseException:
+            self.services.close()
+            raise
+        self._known, self._look, self._back = dict(self._asks), -np.inf, np.inf
+        self.generation = 0
+        """Counts up with each new connection, and each time that the robot was away for long."""
+        self._wanted, self._fresh = threading.Event(), threading.Event()
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=f"naoqi {address.host}", daemon=True)
+        self._thread.start()
+
+    def read(self, patience: float) -> Sensed:
+        """The latest; waits up to `patience` [s] for one that was asked for now, or until a frame of the skin
+        that is due before then is there."""
+        self._fresh.clear()
+        self._until = self.clock.now() + patience
+        self._wanted.set()
+        self._fresh.wait(patience + (LATE if self._next_frame() is not None else 0.0))
+        return self.latest
+
+    def end(self, patience: float) -> None:
+        """End the thread, waiting up to `patience` [s] for a connection that it is just making."""
+        self._end.set()
+        self._wanted.set()
+        self._thread.join(timeout=patience)
+
+    def close(self) -> None:
+        """End the thread and the session."""
+        self.end(2.0)
+        self.services.close()
+
+    def _run(self) -> None:
+        answered, missed = self.clock.now(), False
+        stale = self.robot.binding(words.MIDDLEWARE).stale_after
+        while not self._end.is_set():
+            self._wanted.wait(IDLE)
+            self._wanted.clear()
+            if self._end.is_set():
+                return
+            try:
+                if again := bool(self.trouble):
+                    self._reconnect()
+                sensed = self.latest if self._skin_first() else self._ask()
+                while (due := self._next_frame()) is not None and not self._end.is_set():
+                    self._end.wait(max(0.0, due - EARLY - self.clock.now()))
+                    sensed = self._ask(sensed.reading.joints)
+                if again or (missed and self.clock.now() - answered > stale):
+                    self.generation += 1  # another session, or away long enough for the gate to hold
+                self.latest = sensed
+                self.trouble = ""  # last: who sees that it is back, sees the new generation too
+                answered, missed = self.clock.now(), False
+                self._fresh.set()
+                self._glance()
+                self._look_again()
+            except LinkError as error:
+                self.counts["failures"] += 1
+                missed = True
+                late = self.clock.now() - answered < GONE
+                if not self.trouble and late and self.services.session.isConnected():
+                    continue  # only late: joint data grows old, and the gate holds meanwhile
+                self.trouble = str(error)
+                self.services.close()
+                self._end.wait(AGAIN)
+
+    def _next_frame(self) -> float | None:
+        """When the next frame is due [s], if that is just now or while somebody still waits for it."""
+        now = self.clock.now()
+        due = (seen + self._every[patch] for patch, seen in self._seen.items())
+        return min((one for one in due if now - LATE < one < self._until), default=None)
+
+    def _skin_first(self) -> bool:
+        """Whether the joints of the period before will do, so that a frame that is due need not wait."""
+        due, before = self._next_frame(), self._before
+        now, longest = self.clock.now(), 2.0 * self._period
+        return due is not None and before is not None and due - now < FIRST and now - before.stamp < longest
+
+    def _reconnect(self) -> None:
+        self.services = Services(self.address, motion=self._joints)
+        self._asks = words.find_keys(self.keys, self._try)
+        self._before, self._stiffness_due, self._back = None, -np.inf, self.clock.now()
+        self._greet(self.services)
+        self.counts["reconnections"] += 1
+
+    def _look_again(self) -> None:
+        """Look for skin that was there at first: who publishes it may be back later than NAOqi."""
+        lost = {p: self.keys[p] for p, keys in self._known.items() if self._asks.get(p) != keys}
+        if lost and self.clock.now() >= self._look:
+            self._look = self.clock.now() + GONE
+            here = {p for p in lost if p in self._frames and self._frames[p].stamp > self._back}
+            self._asks |= words.find_keys(lost, self._try)
+            self._known |= {p: self._asks[p] for p in here}  # published again, if in another way
+
+    def _try(self, key: str) -> Any:
+        """A value; None where there is none, `words.REFUSED` from a NAOqi that takes no such question."""
+        try:
+            return self._values(self.services.memory.getListData([key], _async=True), [key], 1.0)[0]
+        except LinkError:
+            if not self.services.session.isConnected():
+                raise
+            return words.REFUSED
+
+    @staticmethod
+    def _values(future: Any, keys: list[str], timeout: float) -> list[Any]:
+        values = answer(future, "ALMemory.getListData", timeout=timeout)
+        if not isinstance(values, list | tuple) or len(values) != len(keys):
+            raise LinkError(f"ALMemory answers {str(values)[:60]!r} for {len(keys)} keys")
+        return list(values)
+
+    def _ask(self, joints: JointReading | None = None) -> Sensed:
+        """One question, for skin alone where `joints` were asked for just now. Raises LinkError."""
+        begin = self.clock.now()
+        motion, memory = self.services.motion, self.services.memory
+        asked = {patch: keys for patch, keys in self._asks.items() if begin >= self._due.get(patch, -np.inf)}
+        keys = [key for some in asked.values() for key in some]
+        whole = joints is None and self._joints
+        angles = motion.getAngles(self.names, True, _async=True) if whole else None
+        values = memory.getListData(keys, _async=True)
+        stiff = None
+        if whole and begin >= self._stiffness_due:
+            stiff = motion.getStiffnesses(self.names, _async=True)
+            self._stiffness_due = begin + SLOW
+        joints = self._read_joints(angles, begin) if joints is None else joints
+        answers = iter(self._values(values, keys, ANSWER))
+        for patch, some in asked.items():
+            found = [next(answers) for _ in some]
+            try:
+                frame = self._frame(patch, begin, found)
+            except FrameError:
+                self.counts["bad"] += 1
+                continue
+            if frame is not None:
+                self._frames[patch] = frame
+                if len(some) <= 2 and self._every[patch] > self._period:  # published, no switches
+                    missed = self._missed.get(patch, -np.inf)
+                    self._seen[patch] = max((missed + begin) / 2.0, begin - STEP)
+            else:
+                self._missed[patch] = begin
+        if stiff is not None:
+            self._stiffness = self._numbers(
+                answer(stiff, "ALMotion.getStiffnesses", timeout=ANSWER), "stiffness"
+            )
+        self.counts["polls"] += 1
+        if whole or not self._joints:
+            self.trips.append(self.clock.now() - begin)
+        reading = Reading(joints, tuple(self._frames[name] for name in self.keys if name in self._frames))
+        return Sensed(reading, self._stiffness)
+
+    def _read_joints(self, angles: Any, begin: float) -> JointReading:
+        count = len(self.robot.servos)
+        if angles is None:
+            return JointReading(begin, self.counts["polls"], np.zeros(count), np.zeros(count))
+        position = self._numbers(answer(angles, "ALMotion.getAngles", timeout=ANSWER), "angles")
+        before, velocity = self._before, np.zeros(count)
+        if before is not None and begin > before.stamp:
+            velocity = (position - before.position) / (begin - before.stamp)
+        # The stamp is when it was asked for: data is never younger than it says.
+        joints = JointReading(begin, self.counts["polls"], read_only(position), read_only(velocity))
+        self._before = joints
+        return joints
+
+    def _numbers(self, values: Any, what: str) -> Array:
+        count = len(self.robot.servos)
+        try:
+            numbers = np.array(values, dtype=float)
+        except (TypeError, ValueError):
+            numbers = np.zeros(0)
+        if numbers.shape != (count,):
+            raise LinkError(f"ALMotion sends {str(values)[:60]!r} as {what} of {count} joints")
+        return numbers
+
+    def _frame(self, patch: str, stamp: float, found: list[Any]) -> SkinFrame | None:
+        """The frame, if it is a new one. Raises FrameError for what is none."""
+        old = self._frames.get(patch)
+        if len(self.keys[patch]) > 1:
+            self._due[patch] = stamp + 0.9 * self._every[patch]
+            if not all(isinstance(value, int | float) for value in found):
+                return None  # a robot without these
+            # A switch is read, not published: each reading is a new one.
+            return SkinFrame(patch, stamp, 0 if old is None else old.sequence + 1, _vector(patch, found))
+        value, number = found[0], found[1] if len(found) > 1 else None
+        if isinstance(value, str):
+            if old is not None and value.startswith(f"{old.sequence} "):
+                return None
+            sequence, values = words.unpack(value, self._channels[patch])
+            return SkinFrame(patch, stamp, sequence, read_only(values, values.dtype))
+        if not isinstance(value, list | tuple):
+            return None
+        self._due[patch] = stamp + 0.5 * self._every[patch]
+        values = _vector(patch, value)
+        if isinstance(number, int):
+            new = old is None or number != old.sequence
+            return SkinFrame(patch, stamp, number, values) if new else None
+        if old is not None and np.array_equal(values, old.values):
+            return None
+        return SkinFrame(patch, stamp, 0 if old is None else old.sequence + 1, values)
+
+
+def _vector(patch: str, value: list[Any] | tuple[Any, ...]) -> NDArray[np.generic]:
+    """A plain vector of ALMemory. Its length is checked where all frames are."""
+    try:
+        values = np.array(value)
+    except ValueError:
+        values = np.array([""])
+    if values.ndim != 1 or values.dtype.kind not in "uif":
+        raise FrameError(f"{patch}: {str(value)[:60]!r}; valid: a vector of numbers")
+    return read_only(values, values.dtype)

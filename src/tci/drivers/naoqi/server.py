@@ -1,0 +1,75 @@
+"""`tci serve nao --via naoqi`: any NAO, such as the simulated one, as a NAOqi service over a real socket.
+
+Its clients are any programs that use NAOqi through `qi`. Joints move as ALMotion moves them, to the latest
+target at a share of the top speed, but behind this process's gate. Nobody logs in, so it listens on this
+machine only, unless told otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+
+import qi
+
+from tci.drivers.driver import Link
+from tci.drivers.naoqi import services
+from tci.drivers.naoqi.board import Board
+from tci.drivers.naoqi.session import PORT, first_line
+from tci.drivers.own_sockets import Watch
+from tci.drivers.server import Server
+from tci.errors import LinkError
+from tci.gate.safe_command import SafeCommand
+from tci.messages import Order, Perception, Reading
+
+LOCAL = "127.0.0.1"
+
+
+class NaoqiServer(Server):
+    """Shows the robot of a link as NAOqi would."""
+
+    def __init__(self, link: Link, address: str = "") -> None:
+        """Listen at `address`, HOST:PORT. Raises LinkError when that can't be."""
+        super().__init__(link, address)
+        host, _, port = address.removeprefix("//").rpartition(":")
+        if not host and port and not port.isdigit():
+            host, port = port, ""
+        if port and not port.isdigit():
+            raise LinkError(f"address {address!r}; valid: naoqi:HOST:PORT")
+        url = f"tcp://{host or LOCAL}:{port or PORT}"
+        self._board = Board(link.robot, link.read())
+        self._ready = False
+        self._session = qi.Session()
+        try:
+            self._session.listenStandalone(url)
+        except RuntimeError as error:
+            reason = "the port is taken" if "in use" in str(error) else first_line(error)
+            raise LinkError(f"can't listen at {url}: {reason}; valid: --via naoqi:HOST:PORT") from None
+        self._watch = Watch(int(self._session.endpoints()[0].rpartition(":")[2]))
+
+    def where(self) -> str:
+        return f"NAOqi at {', '.join(self._session.endpoints())}"
+
+    def reach(self) -> str:
+        return str(self._session.endpoints()[0]).replace("tcp://", "naoqi://")
+
+    def orders(self) -> Sequence[Order]:
+        return self._board.take()
+
+    def show(self, reading: Reading) -> None:
+        self._board.feel(reading)
+
+    def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
+        self._board.show(reading, sent)
+        if not self._ready:  # as on a robot that starts: its services come when they can do something
+            self._ready = True
+            for name, one in services.all_services(self._board).items():
+                self._session.registerService(name, one)
+
+    def refuse(self, order: Order, reason: str) -> None:
+        self._board.gate = ["refused", reason]
+
+    def close(self) -> None:
+        self._watch.close()
+        with suppress(RuntimeError):
+            self._session.close()

@@ -1,0 +1,276 @@
+"""NAOqi's services in front of a served robot. Their methods are called from threads of `qi`.
+
+Only what a NAO's own service of that name does with joints, touch and memory; names and meanings are
+Aldebaran's, those of arguments too.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import qi
+
+from tci.drivers.naoqi.board import Board
+from tci.robot.description import Servo
+
+SETTLED = 0.01
+"""Distance [rad] from its target at which a blocking motion has arrived. Ours."""
+LONGEST = 1000
+"""Most joints or keys in one call."""
+
+
+@qi.multiThreaded()
+class ALMotion:
+    """Joints: angles, stiffness, limits, blocking motions."""
+
+    def __init__(self, board: Board) -> None:
+        self._board = board
+        self._servos = {servo.name: servo for servo in board.robot.servos}
+        self._breath: dict[str, bool] = {}
+
+    def getBodyNames(self, name: str) -> list[str]:
+        """Names of the joints of a chain, or of all."""
+        return [servo.name for servo in self._find(name)]
+
+    @qi.bind(qi.List(qi.Float), [qi.Dynamic, qi.Bool])
+    def getAngles(self, names: Any, useSensors: bool) -> list[float]:
+        """Angles [rad], measured or told."""
+        angles = self._board.measured if useSensors else self._board.told
+        return [angles[servo.index] for servo in self._find(names)]
+
+    @qi.bind(qi.List(qi.Float), [qi.Dynamic])
+    def getStiffnesses(self, names: Any) -> list[float]:
+        """Shares 0..1."""
+        shares = self._board.stiffness
+        return [shares[servo.index] for servo in self._find(names)]
+
+    def getLimits(self, name: Any) -> list[list[float]]:
+        """Lower, upper [rad], speed [rad/s] and torque [N m] of each joint."""
+        return [_limits(servo) for servo in self._find(name)]
+
+    @qi.bind(qi.Void, [qi.Dynamic, qi.Dynamic])
+    def setStiffnesses(self, names: Any, stiffnesses: Any) -> None:
+        """Shares 0..1, one for all or one for each."""
+        servos = self._find(names)
+        shares = _numbers(stiffnesses, len(servos), "stiffness", 0.0, 1.0)
+        self._board.stiffen(servos, shares)
+
+    @qi.bind(qi.Void, [qi.Dynamic, qi.Dynamic, qi.Float])
+    def setAngles(self, names: Any, angles: Any, fractionMaxSpeed: float) -> None:
+        """Go there at that share of the top speed; another call takes over at once."""
+        servos = self._find(names)
+        wanted = _numbers(angles, len(servos), "angle [rad]", -7.0, 7.0)
+        share = _numbers(fractionMaxSpeed, 1, "fractionMaxSpeed", 1e-6, 1.0)[0]
+        self._board.move(servos, wanted, [share * _limits(servo)[2] for servo in servos])
+
+    @qi.bind(qi.Void, [qi.Dynamic, qi.Dynamic, qi.Float])
+    def changeAngles(self, names: Any, changes: Any, fractionMaxSpeed: float) -> None:
+        """The same from where they were told to be."""
+        servos = self._find(names)
+        changed = _numbers(changes, len(servos), "change [rad]", -7.0, 7.0)
+        told = self._board.told
+        wanted = [told[servo.index] + change for servo, change in zip(servos, changed, strict=True)]
+        self.setAngles([servo.name for servo in servos], wanted, fractionMaxSpeed)
+
+    @qi.bind(qi.Void, [qi.Dynamic, qi.Dynamic, qi.Float])
+    def angleInterpolationWithSpeed(self, names: Any, targetAngles: Any, maxSpeedFraction: float) -> None:
+        """The same, and return when they are there."""
+        servos = self._find(names)
+        self.setAngles(names, targetAngles, maxSpeedFraction)
+        wanted = _numbers(targetAngles, len(servos), "angle [rad]", -7.0, 7.0)
+        slowest = min(maxSpeedFraction * _limits(servo)[2] for servo in servos)
+        self._wait(servos, wanted, 2.0 + 7.0 / slowest)
+
+    @qi.bind(qi.Void, [qi.Dynamic, qi.Dynamic, qi.Dynamic, qi.Bool])
+    def angleInterpolation(self, names: Any, angleLists: Any, timeLists: Any, isAbsolute: bool) -> None:
+        """One target for each joint, reached after that time [s]; returns when they are there."""
+        servos = self._find(names)
+        told = self._board.told
+        wanted = _numbers(angleLists, len(servos), "angle [rad] (one for each joint)", -7.0, 7.0)
+        if not isAbsolute:
+            wanted = [told[s.index] + change for s, change in zip(servos, wanted, strict=True)]
+        times = _numbers(timeLists, len(servos), "time [s]", 1e-3, 600.0)
+        speeds = [
+            max(abs(angle - told[servo.index]) / duration, 1e-3)
+            for servo, angle, duration in zip(servos, wanted, times, strict=True)
+        ]
+        self._board.move(servos, wanted, speeds)
+        self._wait(servos, wanted, 2.0 + max(times))
+
+    def killTasksUsingResources(self, resourceNames: Any) -> None:
+        """Joints stay where they are."""
+        servos, here = self._find(resourceNames), self._board.measured
+        movable = [servo for servo in servos if servo.limits.velocity is not None]
+        self._board.move(movable, [here[s.index] for s in movable], [_limits(s)[2] for s in movable])
+
+    def killAll(self) -> None:
+        """All joints stay where they are."""
+        self.killTasksUsingResources("Body")
+
+    def wakeUp(self) -> None:
+        """Full stiffness."""
+        self.setStiffnesses("Body", 1.0)
+
+    def rest(self) -> None:
+        """No stiffness. A NAO on its legs sits down before; a served one has no legs to sit on."""
+        self.setStiffnesses("Body", 0.0)
+
+    def robotIsWakeUp(self) -> bool:
+        """Whether joints are stiff."""
+        return max(self._board.stiffness) > 0.0
+
+    def getBreathEnabled(self, chain: str) -> bool:
+        """Whether the chain breathes: moves slightly when idle."""
+        return self._breath.get(chain, False)
+
+    def setBreathEnabled(self, chain: str, enabled: bool) -> None:
+        """It is only remembered."""
+        self._breath[str(chain)[:40]] = bool(enabled)
+
+    def _find(self, names: Any) -> list[Servo]:
+        """Joints by a name, a chain, or a list of them."""
+        found: list[Servo] = []
+        every = list(names) if isinstance(names, list | tuple) else [names]
+        if len(every) > LONGEST:
+            raise ValueError(f"{len(every)} names; valid: at most {LONGEST}")
+        for name in every:
+            if not isinstance(name, str):
+                raise ValueError(f"joint or chain {str(name)[:40]}; valid: names")
+            if name in ("Body", "Joints", "JointActuators", "Actuators"):
+                found += self._servos.values()
+            elif name in self._servos:
+                found.append(self._servos[name])
+            else:
+                chain = [servo for servo in self._servos.values() if servo.robot_part == name]
+                if not chain:
+                    raise ValueError(
+                        f"no joint or chain {str(name)[:40]!r}; valid: Body, {', '.join(self._servos)}"
+                    )
+                found += chain
+        return found
+
+    def _wait(self, servos: Sequence[Servo], wanted: Sequence[float], longest: float) -> None:
+        end = time.monotonic() + longest
+        while time.monotonic() < end:
+            here = self._board.measured
+            if all(abs(here[s.index] - w) < SETTLED for s, w in zip(servos, wanted, strict=True)):
+                return
+            time.sleep(0.01)
+        raise RuntimeError(
+            f"{', '.join(servo.name for servo in servos)} did not arrive within {longest:.1f} s"
+        )
+
+
+@qi.multiThreaded()
+class ALMemory:
+    """Values by key: those of the robot, and what clients put there."""
+
+    def __init__(self, live: dict[str, Callable[[], Any]]) -> None:
+        """`live` are keys whose values the robot has."""
+        self._live = live
+        self._own: dict[str, tuple[Any, float]] = {}
+        self._lock = threading.Lock()
+
+    def getData(self, key: str) -> Any:
+        """Raises for a key that does not exist."""
+        found, value = self._value(key)
+        if not found:
+            raise KeyError(f"getData: no data at key {str(key)[:80]}")
+        return value
+
+    @qi.bind(qi.Dynamic, [qi.Dynamic])
+    def getListData(self, keys: Any) -> list[Any]:
+        """Values of several keys; nothing where there is none."""
+        if not isinstance(keys, list | tuple) or len(keys) > LONGEST:
+            raise ValueError(f"getListData: valid: a list of at most {LONGEST} keys")
+        if not all(isinstance(key, str) for key in keys):
+            raise ValueError(f"getListData: {str(keys)[:80]}; valid: names of keys")
+        return [self._value(key)[1] for key in keys]
+
+    def getTimestamp(self, key: str) -> list[Any]:
+        """Value, and when it was put there: seconds and microseconds of the robot's clock."""
+        value = self.getData(key)
+        stamp = self._own[key][1] if key in self._own else time.time()
+        return [value, int(stamp), int(1e6 * (stamp % 1.0))]
+
+    def getDataListName(self) -> list[str]:
+        """All keys."""
+        with self._lock:
+            return sorted({*self._live, *self._own})
+
+    @qi.bind(qi.Void, [qi.String, qi.Dynamic])
+    def insertData(self, key: str, value: Any) -> None:
+        """Put a value there."""
+        with self._lock:
+            if len(self._own) >= LONGEST and key not in self._own:
+                raise ValueError(f"{LONGEST} keys; there is no room for more")
+            self._own[key] = (value, time.time())
+
+    raiseEvent = insertData
+
+    def _value(self, key: Any) -> tuple[bool, Any]:
+        with self._lock:
+            if key in self._own:
+                return True, self._own[key][0]
+        live = self._live.get(key)
+        return (True, live()) if live is not None else (False, None)
+
+
+@qi.multiThreaded()
+class ALAutonomousLife:
+    """Autonomous life is a state here; it moves nothing."""
+
+    def __init__(self) -> None:
+        self._state = "disabled"
+
+    def getState(self) -> str:
+        """The state."""
+        return self._state
+
+    def setState(self, state: str) -> None:
+        """Another state."""
+        valid = ("disabled", "solitary", "interactive", "safeguard")
+        if state not in valid:
+            raise ValueError(f"state {str(state)[:40]!r}; valid: {', '.join(valid)}")
+        self._state = state
+
+
+@qi.multiThreaded()
+class ALSystem:
+    """What it is."""
+
+    def systemVersion(self) -> str:
+        """Of NAOqi: it says that this is none."""
+        return "2.8 (served by TCI)"
+
+
+def all_services(board: Board) -> dict[str, object]:
+    """Every service by its name, ALMotion last: who has that, has all."""
+    return {
+        "ALMemory": ALMemory(board.keys()),
+        "ALAutonomousLife": ALAutonomousLife(),
+        "ALSystem": ALSystem(),
+        "ALMotion": ALMotion(board),
+    }
+
+
+def _limits(servo: Servo) -> list[float]:
+    """As ALMotion tells them; a hand opens from 0 to 1."""
+    limits = servo.limits
+    values = (limits.lower, limits.upper, limits.velocity, limits.torque)
+    return [float(b if a is None else a) for a, b in zip(values, (0.0, 1.0, 8.33, 0.0), strict=True)]
+
+
+def _numbers(values: Any, count: int, what: str, lowest: float, highest: float) -> list[float]:
+    """One number for all, or one for each. Raises ValueError for anything else."""
+    given = list(values) if isinstance(values, list | tuple) else [values] * count
+    valid = len(given) == count and all(
+        isinstance(v, int | float) and math.isfinite(v) and lowest <= v <= highest for v in given
+    )
+    if not valid:
+        raise ValueError(f"{what} {str(values)[:80]}; valid: {count} numbers of {lowest:g} to {highest:g}")
+    return [float(value) for value in given]

@@ -1,0 +1,101 @@
+"""Names in NAOqi that both sides use: ALMemory keys, and skin frames as text.
+
+A skin is one vector of numbers in ALMemory, under `TCI/Skin/PATCH` or what the binding says; switches have a
+key each, with spaces between. A long vector
+takes `qi` milliseconds (720 numbers: about 6 ms), text almost nothing (0.3 ms), so a publisher may put the
+same frame under `.../Packed` as well: `SEQUENCE TYPE BASE64`, little endian.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import re
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.errors import FrameError
+from tci.robot.description import Binding, Robot
+
+MIDDLEWARE = "naoqi"
+CYCLE = 0.02
+"""ALMotion's own period [s] (Aldebaran's documentation of ALMotion, 50 Hz)."""
+TYPES: dict[str, np.dtype[Any]] = {"u1": np.dtype("u1"), "i4": np.dtype("<i4"), "f4": np.dtype("<f4")}
+"""Types of packed values."""
+LONGEST = 1_000_000
+"""Longest packed frame [characters] that is looked at."""
+REFUSED = object()
+"""What comes instead of a value from a NAOqi that refuses to be asked for a key."""
+_PACKED = re.compile(r"([0-9]{1,18}) (u1|i4|f4) ([A-Za-z0-9+/]*={0,2})")
+
+
+def skin_keys(robot: Robot, binding: Binding) -> dict[str, tuple[str, ...]]:
+    """The ALMemory key of each patch, by its name, or the keys of its channels, as of NAO's switches."""
+    return {
+        patch.name: tuple(binding.address(patch.name, f"TCI/Skin/{patch.name}").split(" "))
+        for patch in robot.patches
+    }
+
+
+def packed_key(key: str) -> str:
+    """Where the same frame is as text."""
+    return f"{key}/Packed"
+
+
+def sequence_key(key: str) -> str:
+    """Where the number of the frame is, which counts up by one; it may be missing."""
+    return f"{key}/Sequence"
+
+
+def find_keys(keys: Mapping[str, tuple[str, ...]], attempt: Callable[[str], Any]) -> dict[str, list[str]]:
+    """What to ask for each patch: text, else a vector and its number, else the vector; or its switches.
+
+    `attempt` asks for one key alone, since some NAOqi refuse a whole list for one that does not exist. It
+    returns the value, None or REFUSED.
+    """
+    asks = {}
+    for patch, names in keys.items():
+        if len(names) == 1 and isinstance(attempt(packed_key(names[0])), str):
+            asks[patch] = [packed_key(names[0])]
+            continue
+        there = [key for key in names if attempt(key) is not REFUSED]
+        if len(names) == 1 and there and isinstance(attempt(sequence_key(names[0])), int):
+            there.append(sequence_key(names[0]))
+        if len(there) >= len(names):
+            asks[patch] = there
+    return asks
+
+
+def angle_key(servo: str, side: str) -> str:
+    """ALMemory's key for a servo's angle: `side` is Sensor (measured) or Actuator (commanded)."""
+    return f"Device/SubDeviceList/{servo}/Position/{side}/Value"
+
+
+def pack(sequence: int, values: NDArray[np.generic]) -> str:
+    """A frame (channels,) as text."""
+    kind = "u1" if values.dtype == np.uint8 else "i4" if values.dtype.kind in "iu" else "f4"
+    return f"{sequence} {kind} {base64.b64encode(values.astype(TYPES[kind]).tobytes()).decode()}"
+
+
+def unpack(text: str, channels: int) -> tuple[int, NDArray[np.generic]]:
+    """Number and values (channels,) of a packed frame.
+
+    Raises FrameError for anything that is none, before memory is taken for it.
+    """
+    found = _PACKED.fullmatch(text) if len(text) <= LONGEST else None
+    if found is None:
+        raise FrameError(f"packed frame {text[:40]!r}; valid: SEQUENCE u1|i4|f4 BASE64")
+    kind = TYPES[found[2]]
+    if len(found[3]) != 4 * -(-channels * kind.itemsize // 3):
+        raise FrameError(f"packed frame of {len(found[3])} characters; {channels} values belong in it")
+    try:
+        data = base64.b64decode(found[3], validate=True)
+    except binascii.Error as error:
+        raise FrameError(f"packed frame: {error}") from error
+    values = np.frombuffer(data, dtype=kind) if len(data) == channels * kind.itemsize else None
+    if values is None:
+        raise FrameError(f"packed frame of {len(data)} bytes; valid: {channels * kind.itemsize}")
+    return int(found[1]), values

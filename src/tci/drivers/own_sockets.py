@@ -1,0 +1,164 @@
+"""Sockets that a library opens in this process and has no setting for. Linux shows them, others show none."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import socket
+import struct
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from tci.drivers.visitors import MOST, Visitor, surplus
+
+try:
+    import resource
+except ModuleNotFoundError:  # on Windows
+    resource = None  # type: ignore[assignment]
+
+FOLDER = Path("/proc/self/fd")
+LOOK = 0.25
+"""Time [s] between two looks at a library's connections. Assumed: a flood opens a few hundred meanwhile."""
+SO_DOMAIN = 39
+"""Linux's option that Python has no name for: the family of a socket."""
+INFO = 256
+"""Bytes asked for of Linux's `struct tcp_info`, which grows."""
+SILENT_AT, RECEIVED_AT = 52, 128
+"""Where it has the time [ms] since something came, as u32, and how many bytes came, as u64."""
+
+
+_C: Any = ctypes.CDLL(None, use_errno=True) if FOLDER.is_dir() else None
+
+
+class OwnSocket:
+    """A second handle of a socket. Not one of Python's: that may make the first one non-blocking, too."""
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        self.name = os.readlink(FOLDER / str(descriptor))
+        """Of the socket in the system."""
+
+    def get(self, level: int, option: int, size: int = 4) -> bytes:
+        """An option. Raises OSError."""
+        data, length = ctypes.create_string_buffer(size), ctypes.c_uint(size)
+        _checked(_C.getsockopt(self._descriptor, level, option, data, ctypes.byref(length)))
+        return data.raw[: length.value]
+
+    def flag(self, option: int) -> int:
+        """An option of the socket that is a number. Raises OSError."""
+        return int.from_bytes(self.get(socket.SOL_SOCKET, option), sys.byteorder)
+
+    def bind_to(self, device: bytes) -> None:
+        """Get only what comes in on an interface. Raises OSError."""
+        option = (socket.SOL_SOCKET, socket.SO_BINDTODEVICE, device, len(device))
+        _checked(_C.setsockopt(self._descriptor, *option))
+
+    def port(self) -> int:
+        """The port of this end. Raises OSError."""
+        data, length = ctypes.create_string_buffer(128), ctypes.c_uint(128)
+        _checked(_C.getsockname(self._descriptor, data, ctypes.byref(length)))
+        return int.from_bytes(data.raw[2:4], "big")
+
+    def end(self) -> None:
+        """Shut the connection down, for both handles. Raises OSError."""
+        _checked(_C.shutdown(self._descriptor, socket.SHUT_RDWR))
+
+
+def _checked(result: int) -> None:
+    if result:
+        raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
+
+
+def own_sockets(kind: socket.SocketKind) -> Iterator[OwnSocket]:
+    """Each IP socket of `kind`, by a handle that is closed as the next one comes."""
+    for number in os.listdir(FOLDER) if FOLDER.is_dir() else ():
+        with suppress(OSError):  # closed meanwhile
+            descriptor = os.dup(int(number))
+            try:
+                found = OwnSocket(descriptor)
+                right = found.name.startswith("socket:") and found.flag(socket.SO_TYPE) == kind
+                if right and found.flag(SO_DOMAIN) in (socket.AF_INET, socket.AF_INET6):
+                    yield found
+            finally:
+                os.close(descriptor)
+
+
+def listening() -> set[int]:
+    """TCP ports that this process listens at."""
+    return {found.port() for found in own_sockets(socket.SOCK_STREAM) if found.flag(socket.SO_ACCEPTCONN)}
+
+
+@contextmanager
+def on_loopback() -> Iterator[None]:
+    """UDP sockets that are opened meanwhile get only what comes from this machine.
+
+    DDS listens on every interface, whichever one it is told to use: what arrives elsewhere is read as well.
+    """
+    before = {found.name for found in own_sockets(socket.SOCK_DGRAM)}
+    yield
+    for found in own_sockets(socket.SOCK_DGRAM):
+        if found.name not in before:
+            found.bind_to(b"lo\0")
+
+
+class Watch:
+    """Bounds the connections to a library's server in this process, as `Visitors` does those of our own.
+
+    A stranger is one that has not sent a single byte.
+    """
+
+    def __init__(self, port: int, *, most: int = MOST) -> None:
+        self._port, self._most = port, most
+        self.ended = 0
+        """Connections that had to go."""
+        self._closed = threading.Event()
+        _open_more_files()
+        threading.Thread(target=self._keep_looking, name=f"connections to {port}", daemon=True).start()
+
+    def look(self) -> None:
+        """Let those go that have to."""
+        now, going = time.monotonic(), set[str]()
+        found = [_visitor(partial(going.add, one.name), one, now) for one in self._connections()]
+        for visitor in surplus(found, now, self._most):
+            visitor.end()
+        for one in self._connections() if going else ():
+            if one.name in going:
+                self.ended += 1
+                one.end()
+
+    def close(self) -> None:
+        """Look no more."""
+        self._closed.set()
+
+    def _connections(self) -> Iterator[OwnSocket]:
+        for one in own_sockets(socket.SOCK_STREAM):
+            if not one.flag(socket.SO_ACCEPTCONN) and one.port() == self._port:
+                yield one
+
+    def _keep_looking(self) -> None:
+        while not self._closed.wait(LOOK):
+            with suppress(OSError):  # a connection that ended meanwhile
+                self.look()
+
+
+def _open_more_files() -> None:
+    """Let this process have as many as the system grants: a server that found none left for a newcomer may
+    never accept anybody again (NAOqi's)."""
+    if resource is not None:
+        most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+
+
+def _visitor(end: Callable[[], None], one: OwnSocket, now: float) -> Visitor:
+    info = one.get(socket.IPPROTO_TCP, socket.TCP_INFO, INFO)
+    (silent,), (received,) = (
+        struct.unpack_from("=I", info, SILENT_AT),
+        struct.unpack_from("=Q", info, RECEIVED_AT),
+    )
+    return Visitor(end, now - silent / 1e3, bool(received))

@@ -1,0 +1,183 @@
+"""A client of a Player server: requests at the start, afterwards it never waits."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import socket
+import time
+
+from tci.drivers.player.wire import (
+    DATAMODE,
+    DEVLIST,
+    GREETING,
+    OPEN,
+    PLAYER,
+    PUSH,
+    SUBSCRIBE,
+    Kind,
+    Message,
+    Stream,
+    access,
+    to_access,
+    to_devices,
+)
+from tci.errors import FrameError, LinkError
+
+PORT = 6665
+"""A server's usual port."""
+TIMEOUT = 3.0
+"""Time [s] that a server has to answer. Ours."""
+CHUNK = 1 << 16
+PER_POLL = 64
+"""Chunks of CHUNK bytes that one call takes, so that a flood costs a bounded time. Ours."""
+ADDRESS = re.compile(r"(?P<host>[A-Za-z0-9_.-]*|\[[0-9a-fA-F:]+\])(:(?P<port>[0-9]{1,5}))?")
+
+
+def parse(address: str) -> tuple[str, int]:
+    """Host and port of `[HOST][:PORT]`. Raises LinkError for what is no address."""
+    found = ADDRESS.fullmatch(address)
+    if found is None or int(found["port"] or PORT) > 65535:
+        raise LinkError(f"{address!r} is no address; valid: player:HOST:PORT, each may be left out")
+    return found["host"].strip("[]") or "127.0.0.1", int(found["port"] or PORT)
+
+
+class Client:
+    """A connection to one server."""
+
+    def __init__(self, host: str, port: int) -> None:
+        """Raises LinkError when no Player server answers there."""
+        self.where, self._robot = f"{host}:{port}", port
+        self._stream = Stream()
+        self._waiting: list[Message] = []
+        self.lost = ""
+        """Why the connection is no longer of use; empty while it is."""
+        try:
+            self._socket = socket.create_connection((host, port), timeout=TIMEOUT)
+        except OSError as error:
+            raise LinkError(f"no Player server at {self.where}: {error}") from error
+        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        try:
+            greeting = self._exactly(GREETING)
+            if not greeting.startswith(b"Player v."):
+                raise LinkError(f"{self.where} is no Player server: it says {greeting!r}")
+            self._request(DATAMODE, PUSH.to_bytes(4, "big"))
+        except BaseException:
+            self.close()
+            raise
+
+    def devices(self) -> list[tuple[int, int]]:
+        """Interface and index of all devices. Raises LinkError."""
+        try:
+            return to_devices(self._request(DEVLIST, b"").body)
+        except FrameError as error:
+            raise LinkError(f"{self.where}: {error}") from error
+
+    def open(self, interface: int, index: int) -> None:
+        """Subscribe to a device. Raises LinkError when that is refused."""
+        answer = self._request(SUBSCRIBE, access(interface, index, OPEN, self._robot)).body
+        if to_access(answer)[2] != OPEN:
+            raise LinkError(f"{self.where} refuses device {interface}:{index}")
+
+    def poll(self) -> list[Message]:
+        """What had arrived, oldest first; never waits."""
+        found, self._waiting = self._waiting, []
+        self._socket.setblocking(False)
+        for _ in range(PER_POLL):
+            if self.lost:
+                break
+            try:
+                data = self._socket.recv(CHUNK)
+            except BlockingIOError:
+                break
+            except OSError as error:
+                self.lost = str(error)
+                break
+            self._acknowledge()
+            found += self._fed(data)
+        return found
+
+    def send(self, message: Message) -> bool:
+        """Whether a message left; one that would have to wait does not, since the next is newer."""
+        data = message.to_bytes()
+        try:
+            self._socket.setblocking(False)
+            sent = self._socket.send(data)
+        except BlockingIOError:
+            return False
+        except OSError as error:
+            self.lost = self.lost or str(error)
+            return False
+        if sent < len(data):  # begun messages are finished, or the stream is lost
+            self._socket.settimeout(TIMEOUT)
+            try:
+                self._socket.sendall(data[sent:])
+            except OSError as error:
+                self.lost = str(error)
+                return False
+        return True
+
+    def command(self, interface: int, index: int, subtype: int, body: bytes) -> bool:
+        """Send a command; whether it left."""
+        return self.send(
+            Message(interface, index, Kind.COMMAND, subtype, time.time(), body, robot=self._robot)
+        )
+
+    def close(self) -> None:
+        """Let go of the server."""
+        with contextlib.suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
+        self._socket.close()
+        self.lost = self.lost or "closed"
+
+    def _request(self, subtype: int, body: bytes) -> Message:
+        """The answer to a request to the server. Data that comes meanwhile waits for `poll`."""
+        self.send(Message(PLAYER, 0, Kind.REQUEST, subtype, 0.0, body, robot=self._robot))
+        end = time.monotonic() + TIMEOUT
+        while time.monotonic() < end and not self.lost:
+            self._socket.settimeout(max(0.01, end - time.monotonic()))
+            try:
+                data = self._socket.recv(CHUNK)
+            except OSError:
+                continue
+            self._acknowledge()
+            for message in self._fed(data):
+                if (
+                    message.interface == PLAYER
+                    and message.subtype == subtype
+                    and message.kind in (Kind.ACK, Kind.NACK)
+                ):
+                    if message.kind == Kind.ACK:
+                        return message
+                    raise LinkError(f"{self.where} refuses request {subtype}")
+                self._waiting.append(message)
+        raise LinkError(
+            f"{self.where} does not answer request {subtype}{': ' if self.lost else ''}{self.lost}"
+        )
+
+    def _fed(self, data: bytes) -> list[Message]:
+        if not data:
+            self.lost = "the server has closed the connection"
+            return []
+        try:
+            return list(self._stream.feed(data))
+        except FrameError as error:
+            self.lost = str(error)
+            return []
+
+    def _exactly(self, size: int) -> bytes:
+        data = b""
+        while len(data) < size:
+            try:
+                got = self._socket.recv(size - len(data))
+            except OSError as error:
+                raise LinkError(f"{self.where} says nothing: {error}") from error
+            if not got:
+                raise LinkError(f"{self.where} has closed the connection")
+            data += got
+        return data
+
+    def _acknowledge(self) -> None:
+        """At once: a server that leaves Nagle on would wait 40 ms for it."""
+        if hasattr(socket, "TCP_QUICKACK"):
+            self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)

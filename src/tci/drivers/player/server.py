@@ -1,0 +1,299 @@
+"""A robot shown as a Player server: one actarray per part, one opaque per patch, and `remote` beside them."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import struct
+import time
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+from tci.clock import Every
+from tci.drivers.driver import Link
+from tci.drivers.player.client import CHUNK, PER_POLL, parse
+from tci.drivers.player.driver import FRAMES, STATES, numbers
+from tci.drivers.player.wire import (
+    ACTARRAY,
+    CLOSE,
+    DATAMODE,
+    DEVLIST,
+    DRIVERINFO,
+    ERROR,
+    FACTS,
+    GEOMETRY,
+    GET,
+    GREETING,
+    OPAQUE,
+    OPEN,
+    PLAYER,
+    POSITION,
+    POSITIONS,
+    POWER,
+    STATE,
+    SUBSCRIBE,
+    Kind,
+    Message,
+    Stream,
+    access,
+    actuators,
+    blob,
+    devices,
+    geometry,
+    skin,
+    to_access,
+    to_blob,
+    to_floats,
+)
+from tci.drivers.remote.controllers import Controllers, Once, values_order
+from tci.drivers.remote.encoding import frame_bytes, state_bytes, to_orders
+from tci.drivers.remote.protocol import Orders, SessionFrame, State
+from tci.drivers.remote.server import RemoteServer
+from tci.drivers.visitors import Visitor, Visitors
+from tci.errors import CommandError, FrameError, LinkError
+from tci.exports.facts import query
+from tci.gate.safe_command import SafeCommand
+from tci.messages import Perception, Reading, SkinFrame
+
+BACKLOG = 128
+"""Connections that are looked at in one period. Ours."""
+MOST_WAITING = 1 << 16
+"""Bytes that may wait for a slow client before it gets no more data. Ours."""
+MOST_OWED = 1 << 20
+"""Bytes that may wait for it before it is let go, since what it asks for is not left out. Ours."""
+DRIVER = b"tci\0"
+"""Name that devices tell of their driver."""
+
+
+@dataclass(slots=True, eq=False)
+class _Client:
+    """One connection."""
+
+    socket: socket.socket
+    visitor: Visitor
+    stream: Stream = field(default_factory=Stream)
+    out: bytearray = field(default_factory=bytearray)
+    devices: set[tuple[int, int]] = field(default_factory=set)
+    sequence: int = 0
+    asked: bool = False
+    """Whether it waits for the end of a batch of data, as clients in pull mode do."""
+
+    def send(self, message: Message) -> None:
+        """Queue a message, unless it is data for a slow client. Raises FrameError when too much waits."""
+        if message.kind == Kind.DATA and len(self.out) > MOST_WAITING:
+            return
+        if len(self.out) > MOST_OWED:
+            raise FrameError(f"a client of Player was let go: it does not read, {len(self.out)} bytes wait")
+        self.sequence += 1
+        self.out += message.to_bytes(self.sequence)
+
+    def flush(self) -> None:
+        """Send what can be sent now. Raises OSError for a client that is gone."""
+        while self.out:
+            try:
+                sent = self.socket.send(self.out)
+            except BlockingIOError:
+                return
+            del self.out[:sent]
+
+
+class PlayerServer(RemoteServer):
+    """Shows a robot as a Player server."""
+
+    def __init__(self, link: Link, address: str = "") -> None:
+        """`address` is [HOST][:PORT], this machine by default. Raises LinkError for a port that is taken."""
+        super().__init__(link, address, middleware="player")
+        host, self.port = parse(address)
+        self._devices = numbers(link.robot)
+        self._frames = {patch.name: FRAMES + n for n, patch in enumerate(link.robot.patches)}
+        own = [STATES, *self._frames.values()]
+        self._offered = [*self._devices, *((OPAQUE, index) for index in own)]
+        self._controllers = Controllers(link.robot, self.number, of="a Player client")
+        self._position = link.robot.initial_position
+        self._states, self._is_due = Every(1.0 / link.robot.binding("player").rate), False
+        self._arrived: deque[bytes] = deque(maxlen=64)
+        self.rejected = 0
+        """Messages that were of no use."""
+        self.last_error = ""
+        """Why a client was let go, the last time that this was its own doing."""
+        self._facts = blob(query(link.robot).model_dump_json().encode())
+        self._clients: list[_Client] = []
+        self._visitors = Visitors()
+        try:
+            self._listener = socket.create_server((host, self.port), backlog=BACKLOG)
+        except OSError as error:
+            raise LinkError(f"Player at {host}:{self.port}: {error.strerror}; valid: a free port") from error
+        self._listener.setblocking(False)
+        self._host, self.port = host, self._listener.getsockname()[1]
+
+    def where(self) -> str:
+        return f"Player at {self._host}:{self.port}"
+
+    def reach(self) -> str:
+        return f"player:{self._host}:{self.port}"
+
+    def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
+        self._position = reading.joints.position
+        self._is_due = self._states.due(self.link.clock.now())
+        if self._is_due:
+            stamp = self._epoch(reading.joints.stamp)
+            for (interface, index), name in self._devices.items():
+                if interface == ACTARRAY:
+                    servos = [servo.index for servo in self.link.robot.servos_of(name)]
+                    body = actuators(reading.joints.position[servos], reading.joints.velocity[servos])
+                    self._say(ACTARRAY, index, stamp, body)
+        super().publish(reading, perception, sent)
+        self.rejected += len(self._controllers.refusals(self.commanders.states()))
+        for client in list(self._clients):
+            with self._dropping(client):
+                if client.asked and self._is_due:
+                    client.asked = False
+                    client.send(Message(PLAYER, 0, Kind.SYNCH, 1, time.time(), b"", robot=self.port))
+                client.flush()
+
+    def close(self) -> None:
+        self._listener.close()
+        while self._clients:
+            self._drop(self._clients[-1])
+
+    def _poll(self) -> Iterator[Orders]:
+        with contextlib.suppress(BlockingIOError, OSError):
+            for _ in range(BACKLOG):
+                self._welcome(self._listener.accept()[0])
+        self._visitors.look()
+        for client in list(self._clients):
+            with self._dropping(client):
+                self._hear(client)
+                client.flush()
+        yield from self._controllers.messages(self._position, self.link.clock.now())
+        while self._arrived:
+            try:
+                yield to_orders(self.link.robot, self._arrived.popleft())
+            except FrameError:
+                self.rejected += 1
+
+    def _show(self, state: State) -> None:
+        if self._is_due:
+            self._say(OPAQUE, STATES, time.time(), blob(state_bytes(self.link.robot, state)))
+
+    def _show_skin(self, frame: SkinFrame) -> None:
+        stamp = self._epoch(frame.stamp)
+        whole = blob(frame_bytes(self.link.robot, SessionFrame(self.number, frame)))
+        self._say(OPAQUE, self._frames[frame.patch], stamp, whole)
+        for (interface, index), name in self._devices.items():
+            if (interface, name) == (OPAQUE, frame.patch):
+                self._say(OPAQUE, index, stamp, blob(skin(frame.values)))
+
+    def _say(self, interface: int, index: int, stamp: float, body: bytes) -> None:
+        for client in self._clients:
+            if (interface, index) in client.devices:
+                client.send(Message(interface, index, Kind.DATA, STATE, stamp, body, robot=self.port))
+
+    def _welcome(self, connection: socket.socket) -> None:
+        connection.setblocking(False)
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        client = _Client(connection, self._visitors.welcome(connection.close))
+        client.out += b"Player v.3.1.1 (TCI)".ljust(GREETING, b"\0")
+        self._clients.append(client)
+
+    @contextlib.contextmanager
+    def _dropping(self, client: _Client) -> Iterator[None]:
+        """Let a client go that is gone, or asks for what can't be."""
+        try:
+            yield
+        except OSError:
+            self._drop(client)
+        except (FrameError, struct.error) as error:
+            self.last_error = str(error)
+            self._drop(client)
+
+    def _drop(self, client: _Client) -> None:
+        self._visitors.leave(client.visitor)
+        client.socket.close()
+        self._clients.remove(client)
+
+    def _hear(self, client: _Client) -> None:
+        """What a client says. Raises OSError when it is gone, FrameError when it says what can't be."""
+        for _ in range(PER_POLL):
+            try:
+                data = client.socket.recv(CHUNK)
+            except BlockingIOError:
+                return
+            if not data:
+                raise OSError("gone")
+            for message in client.stream.feed(data):
+                client.visitor.hear()
+                if message.kind == Kind.REQUEST:
+                    self._answer(client, message)
+                elif message.kind == Kind.COMMAND:
+                    self._order(message)
+
+    def _answer(self, client: _Client, message: Message) -> None:
+        body = self._reply(client, message)
+        kind = Kind.NACK if body is None else Kind.ACK
+        client.send(
+            Message(
+                message.interface, message.index, kind, message.subtype, time.time(), body or b"",
+                host=message.host, robot=message.robot,
+            )
+        )  # fmt: skip
+
+    def _reply(self, client: _Client, message: Message) -> bytes | None:
+        """The answer to a request; None for one that is not understood. Raises FrameError."""
+        if message.interface == PLAYER:
+            if message.subtype == DEVLIST:
+                return devices(self._offered, self.port)
+            if message.subtype in (DATAMODE, GET):
+                client.asked |= message.subtype == GET
+                return b""
+            if message.subtype == DRIVERINFO:
+                return message.body[:16] + blob(DRIVER)
+            if message.subtype != SUBSCRIBE:
+                return None
+            interface, index, mode = to_access(message.body)
+            known = (interface, index) in self._offered and mode in (OPEN, CLOSE)
+            if known:
+                (client.devices.add if mode == OPEN else client.devices.discard)((interface, index))
+            return access(interface, index, mode if known else ERROR, self.port, DRIVER)
+        if (message.interface, message.index, message.subtype) == (OPAQUE, STATES, FACTS):
+            return self._facts
+        name = self._devices.get((message.interface, message.index))
+        if message.interface != ACTARRAY or name is None:
+            return None
+        if message.subtype == GEOMETRY:
+            limits = []
+            for servo in self.link.robot.servos_of(name):
+                low, high = servo.limits.lower or 0.0, servo.limits.upper or 0.0
+                home = float(self.link.robot.initial_position[servo.index])
+                limits.append((low, high, home, servo.limits.velocity or 0.0))
+            return geometry(limits)
+        return b"" if message.subtype == POWER else None
+
+    def _order(self, message: Message) -> None:
+        """A command: positions for a part, or orders of a TCI process."""
+        try:
+            if (message.interface, message.index) == (OPAQUE, STATES):
+                self._arrived.append(to_blob(message.body))
+                return
+            name = self._devices.get((message.interface, message.index))
+            if message.interface != ACTARRAY or name is None:
+                raise FrameError("a command for no actarray")
+            servos = self.link.robot.servos_of(name)
+            if message.subtype == POSITIONS:
+                order = values_order(name, servos, to_floats(message.body))
+            elif message.subtype == POSITION and len(message.body) >= 8:
+                joint, value = struct.unpack_from(">if", message.body)
+                if not 0 <= joint < len(servos):
+                    raise FrameError(f"joint {joint} of {name}; valid: 0 to {len(servos) - 1}")
+                order = values_order(name, (servos[joint],), [value])
+            else:
+                raise FrameError(f"command {message.subtype} for {name}; valid: positions")
+        except (FrameError, CommandError):
+            self.rejected += 1
+            return
+        self._controllers.hear(name, lambda *_: Once(order))
+
+    def _epoch(self, stamp: float) -> float:
+        """A time on the link's clock as Player counts: seconds since 1970."""
+        return time.time() + stamp - self.link.clock.now()

@@ -1,0 +1,127 @@
+"""Links and servers by name, found through the entry-point groups `tci.links` and `tci.servers`."""
+
+from __future__ import annotations
+
+import inspect
+import os
+from collections.abc import Callable, Iterable
+from importlib.metadata import entry_points
+from typing import Any
+
+from tci.drivers.combined import JoinedLink
+from tci.drivers.driver import Link
+from tci.drivers.server import Server
+from tci.errors import LinkError, TciError, UnknownNameError
+from tci.installed import needs
+from tci.robot.description import Robot
+from tci.runtime.arguments import as_robot
+
+LINKS = "tci.links"
+JOIN = " + "
+"""Between links that are joined to one."""
+SERVERS = "tci.servers"
+
+
+def link_names() -> tuple[str, ...]:
+    """Names that `connect` takes, without an address."""
+    return tuple(sorted({point.name for point in entry_points(group=LINKS)}))
+
+
+def server_names() -> tuple[str, ...]:
+    """Names that `open_server` takes, without an address."""
+    return tuple(sorted({point.name for point in entry_points(group=SERVERS)}))
+
+
+def load_link(name: str) -> type[Link]:
+    """The class of a link by its entry point.
+
+    Raises UnknownNameError for a link that is not installed, MissingExtraError when its library is not.
+    """
+    link: type[Link] = _load(LINKS, "link", name)
+    return link
+
+
+def load_server(name: str) -> Callable[..., Server]:
+    """What makes a server, by its entry point. Raises as `load_link` does."""
+    factory: Callable[..., Server] = _load(SERVERS, "server", name)
+    return factory
+
+
+def connect(
+    robot: Robot | str | os.PathLike[str], via: str = "sim", *, arm: bool | None = None, **options: Any
+) -> Link:
+    """Open a link to `robot`, or to the one of that name or path: "sim", or "NAME:ADDRESS" for those that
+    need an address.
+
+    With "LINK + LINK" the joints come over the first link, the skin over the others. A simulated robot is
+    armed from the start, a real one only by `arm=True`. `options` go to the link, or to that of the joints.
+    Raises UnknownNameError for a link that is not installed or an option that it does not have,
+    MissingExtraError when its library is not installed, LinkError when the robot can't be reached, and what
+    `load_robot` raises.
+    """
+    robot = as_robot(robot)
+    if not isinstance(via, str):
+        raise TciError(
+            f"connect: a {type(via).__name__} as the name of a link; valid: {', '.join(link_names())}"
+        )
+    first, *others = via.split(JOIN)
+    if arm is not None:
+        options["arm"] = arm
+    if not others:
+        return _open(robot, first, **options)
+    opened: list[Link] = []
+    try:
+        opened.append(_open_half(robot, first, without="skin", **options))
+        for other in others:
+            opened.append(_open_half(robot, other, without="joints"))
+        return JoinedLink(opened[0], opened[1:])
+    except BaseException:
+        for link in opened:
+            link.close()
+        raise
+
+
+def _open_half(robot: Robot, via: str, *, without: str, **options: Any) -> Link:
+    """A link for the joints or the skin alone."""
+    if without not in inspect.signature(load_link(via.partition(":")[0])).parameters:
+        raise LinkError(f"{via} can't leave out its {without}; valid in a joined link: naoqi, yarp")
+    return _open(robot, via, **{without: False}, **options)
+
+
+def _open(robot: Robot, via: str, **options: Any) -> Link:
+    name, _, address = via.partition(":")
+    factory: Any = load_link(name)
+    _check(options, factory, f"option of the link {name!r}")
+    link: Link = factory(robot, address, **options)
+    return link
+
+
+def open_server(link: Link, via: str, **options: Any) -> Server:
+    """Show the robot of `link` to others through "NAME" or "NAME:ADDRESS"; see `tci.runtime.serve`.
+
+    Raises as `connect` does.
+    """
+    name, _, address = via.partition(":")
+    factory = load_server(name)
+    _check(options, factory, f"option of the server {name!r}")
+    return factory(link, address, **options)
+
+
+def _check(options: Iterable[str], factory: Any, what: str) -> None:
+    """Raises UnknownNameError for an option that the factory does not have."""
+    parameters = inspect.signature(factory).parameters.values()
+    if any(one.kind is one.VAR_KEYWORD for one in parameters):
+        return  # it judges them itself
+    valid = [one.name for one in parameters if one.kind is one.KEYWORD_ONLY]
+    for name in options:
+        if name not in valid:
+            raise UnknownNameError(what, name, valid)
+
+
+def _load(group: str, what: str, name: str) -> Any:
+    points = {point.name: point for point in entry_points(group=group)}
+    if name not in points:
+        raise UnknownNameError(what, name, sorted(points))
+    point = points[name]
+    with needs(f"the {what} {name!r}", name, of=point.dist):
+        return point.load()

@@ -1,0 +1,148 @@
+"""Who commands a served robot: freshness, one commander per joint, each order once."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from tci.drivers.remote.protocol import MOST_COMMANDERS, MOST_ORDERS, MOST_WORDS, Commander, Orders
+from tci.gate.safe_command import SafeCommand
+from tci.messages import Order, PlatformOrder
+from tci.robot.description import Robot
+
+LEASE = 1.0
+"""Time [s] from when a commander fell silent until its joints are free for others. Ours."""
+
+
+@dataclass(slots=True)
+class _Member:
+    """One process that commands."""
+
+    name: str
+    heard: float
+    """When its last message came that answers a fresh state [s]."""
+    sequence: int = 0
+    acknowledged: int = 0
+    refused: int = 0
+    reason: str = ""
+    halt: str = ""
+    servos: set[int] = field(default_factory=set)
+    """Joints that only it may command."""
+
+
+class Commanders:
+    """All processes that command one robot.
+
+    A message counts only when it answers a state of this session that is at most `silence` [s] old, and that
+    its sender saw after it last left: what was held up on the way, or recorded, moves nothing. While a
+    commander is silent for longer, or its own gate holds, the robot holds.
+    """
+
+    def __init__(
+        self, robot: Robot, session: int, silence: float, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._robot = robot
+        self._session = session
+        self._silence = silence
+        self._clock = clock
+        self._members: dict[int, _Member] = {}
+        self._waiting: deque[tuple[int, int, PlatformOrder]] = deque(maxlen=MOST_ORDERS * MOST_COMMANDERS)
+        self._handed: list[tuple[int, int, PlatformOrder]] = []
+        self._left = ""
+        self._gone: dict[int, float] = {}
+        self.rejected = 0
+        """Messages that did not count: late, repeated, of another session, of one who left, or too many."""
+
+    def hear(self, message: Orders) -> None:
+        """A message came."""
+        now = self._clock()
+        member = self._members.get(message.client)
+        fresh = message.session == self._session and 0.0 <= now - message.seen <= self._silence
+        full = member is None and len(self._members) >= MOST_COMMANDERS
+        gone = message.seen <= self._gone.get(message.client, -math.inf)
+        if not fresh or full or gone or (member is not None and message.sequence <= member.sequence):
+            self.rejected += 1
+            return
+        if member is None:
+            member = self._members[message.client] = _Member(message.name, now)
+        member.heard, member.sequence, member.halt = now, message.sequence, message.halt
+        for number, order in enumerate(message.orders, start=message.first):
+            if number > member.acknowledged:
+                member.acknowledged = number
+                self._waiting.append((message.client, number, order))
+        if message.leaving:
+            self._gone = {client: seen for client, seen in self._gone.items() if now - seen <= self._silence}
+            self._gone[message.client] = message.seen
+            self._forget(message.client, f"{member.name} left")
+
+    def fault(self) -> str:
+        """Why the robot should hold: a commander that is silent, holds itself, or has just left."""
+        now = self._clock()
+        reason, self._left = self._left, ""
+        for client, member in list(self._members.items()):
+            silent = now - member.heard
+            if silent > self._silence + LEASE:
+                self._forget(client, "")
+            elif silent > self._silence and member.servos:
+                reason = reason or f"no word from {member.name} for {self._silence * 1e3:.0f} ms"
+            elif member.halt and member.servos:
+                reason = reason or f"{member.name} holds: {member.halt}"
+        return reason
+
+    def take(self) -> list[PlatformOrder]:
+        """What the gate should look at now, oldest first; orders for another's joints are refused."""
+        self._handed = []
+        while self._waiting:
+            client, number, order = self._waiting.popleft()
+            member = self._members.get(client)
+            if member is None:
+                continue
+            wanted = {servo for servo in order.servos.tolist() if 0 <= servo < len(self._robot.servos)}
+            if owner := self._owner(client, wanted):
+                self._refuse(client, number, owner)
+                continue
+            member.servos |= wanted
+            self._handed.append((client, number, order))
+        return [order for _, _, order in self._handed]
+
+    def refuse(self, order: Order, reason: str) -> None:
+        """An order that was taken did not reach the gate."""
+        for place, (client, number, handed) in enumerate(self._handed):
+            if handed is order:
+                self._refuse(client, number, reason)
+                del self._handed[place]
+                return
+
+    def decided(self, sent: SafeCommand) -> None:
+        """The gate has judged what was taken: it names those it took over, and the reasons of the others."""
+        over = {id(order) for order in sent.orders}
+        refused = [(client, number) for client, number, order in self._handed if id(order) not in over]
+        for (client, number), reason in zip(refused, sent.refusals, strict=False):
+            self._refuse(client, number, reason)
+        self._handed = []
+
+    def states(self) -> tuple[Commander, ...]:
+        """What the next state says to each of them."""
+        return tuple(
+            Commander(client, member.name, member.acknowledged, member.refused, member.reason)
+            for client, member in self._members.items()
+        )
+
+    def _owner(self, client: int, servos: set[int]) -> str:
+        for other, member in self._members.items():
+            if other != client and (shared := servos & member.servos):
+                names = ", ".join(self._robot.servos[servo].name for servo in sorted(shared))
+                return f"{names}: commanded by {member.name} already; valid: one commander per joint"
+        return ""
+
+    def _refuse(self, client: int, number: int, reason: str) -> None:
+        if member := self._members.get(client):
+            member.refused, member.reason = number, reason[:MOST_WORDS]
+
+    def _forget(self, client: int, reason: str) -> None:
+        member = self._members.pop(client)
+        if member.servos:
+            self._left = reason

@@ -1,0 +1,240 @@
+"""The behaviour's side of `remote`, whatever carries the messages."""
+
+from __future__ import annotations
+
+import math
+import os
+import secrets
+import socket
+import time
+from abc import abstractmethod
+from collections import deque
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import replace
+
+from tci.clock import MonotonicClock
+from tci.drivers.diagnosis import Finding, Level
+from tci.drivers.driver import Link
+from tci.drivers.remote.commanders import LEASE
+from tci.drivers.remote.protocol import MOST_ORDERS, Commander, Orders, SessionFrame, State
+from tci.errors import LinkError
+from tci.gate.gate import GateSettings
+from tci.gate.safe_command import GateState, SafeCommand
+from tci.messages import PlatformOrder, Reading, SkinFrame
+from tci.robot.description import Robot
+
+TIMEOUT = 3.0
+"""Time [s] that a robot has to answer when a link is opened. Ours."""
+STARTING = 30.0
+"""The same while its process is there, which may still compile. Ours."""
+SKIN = 2.0
+"""Time [s] that the first frames of the skin have after that; a dead patch is for the skin to see. Ours."""
+WINDOW = 1.0
+"""Time [s] over which the shortest way of a state counts as its undelayed one, silence left out: what comes
+after it was held up. Ours."""
+
+
+class RemoteLink(Link):
+    """A robot that another TCI process owns and shows. The gate here is the behaviour's own: it refuses
+    early, and leaves the robot's body and whether it follows to the gate there. While one of them holds,
+    both do.
+
+    A subclass carries messages in `_poll` and `_put`, and calls `_wait` at the end of its `__init__`.
+    Stamps are on this process's clock: time on the way counts as age.
+    """
+
+    def __init__(self, robot: Robot, *, middleware: str, place: str, arm: bool) -> None:
+        """`place` says where the robot is, for people. Raises UnknownNameError without a binding."""
+        settings = GateSettings(self_collision=None, watch=None)
+        super().__init__(robot, middleware=middleware, clock=MonotonicClock(), armed=arm, settings=settings)
+        self.place = place
+        self.client = secrets.randbits(62) + 1
+        """Number of this link."""
+        self.lease_name = f"{middleware}:{robot.name}:{self.client}"  # the lease is there
+        self.name = f"{socket.gethostname()}, process {os.getpid()}"
+        self.refusals: deque[str] = deque(maxlen=100)
+        """What the robot's process refused, latest last."""
+        self.rejected = 0
+        """Messages that did not count: damaged, out of order, for another robot."""
+        self.strangers = 0
+        """Messages of another session or another sender than the robot's process; they are ignored."""
+        self._state: State | None = None
+        self._delays: deque[tuple[float, float]] = deque()
+        self._shift = self._heard = 0.0
+        self._arrival = -math.inf
+        self._skin: dict[str, SkinFrame] = {}
+        self._told = self._lost = ""
+        self._pending: deque[tuple[float, PlatformOrder]] = deque()
+        self._next, self._sequence, self._refused = 1, 0, 0
+
+    @abstractmethod
+    def _poll(self) -> Iterable[State | SessionFrame]:
+        """Messages that came, a bounded number of the latest."""
+
+    @abstractmethod
+    def _put(self, orders: Orders) -> None:
+        """Send orders to the robot's process."""
+
+    def _starting(self) -> bool:
+        """Whether the robot's process is known to be there, so that it pays to wait for it."""
+        return False
+
+    @abstractmethod
+    def _nobody(self) -> str:
+        """Why no state may have come, for the error."""
+
+    def diagnose(self) -> tuple[Finding, ...]:
+        """What the robot's process says: its gate, who commands. Raises LinkError when the link is closed."""
+        self._check_open()
+        self._take()
+        state = self._state
+        assert state is not None
+        running = state.gate == GateState.RUN.value
+        said = f"the gate there: {state.gate}" + (f", {state.reason}" if state.reason else "")
+        advice = (
+            "" if running else "a hold clears by itself; after a stop look at the robot, then serve it anew"
+        )
+        found = [Finding(Level.OK if running else Level.WARNING, "gate", said, advice)]
+        for commander in state.commanders:
+            words = f"commanded by {commander.name}"
+            found.append(Finding(Level.NOTE, "commander", words, "its joints can't be ordered from here"))
+        if self.rejected:
+            words = f"{self.rejected} messages did not count: damaged, out of order or for another robot"
+            advice = "is somebody else using the same name there?"
+            found.append(Finding(Level.WARNING, "messages", words, advice, {"rejected": self.rejected}))
+        if self.strangers:
+            words = f"{self.strangers} messages of another process than the robot's were ignored"
+            advice = "two robots of one name? give each a name of its own: NAME@"
+            found.append(Finding(Level.WARNING, "strangers", words, advice, {"strangers": self.strangers}))
+        return tuple(found)
+
+    def _wait(self) -> None:
+        """Return when a state and all patches have come. Raises LinkError when no state comes in time."""
+        begin = time.monotonic()
+        while self._state is None:
+            self._take()
+            waited = time.monotonic() - begin
+            if self._state is None and waited > TIMEOUT and not (waited < STARTING and self._starting()):
+                raise LinkError(f"{self.robot.name} does not answer at {self.place}: {self._nobody()}")
+            time.sleep(0.002)
+        end = time.monotonic() + SKIN
+        while len(self._skin) < len(self.robot.patches) and time.monotonic() < end:
+            self._take()
+            time.sleep(0.002)
+
+    def _receive(self) -> Reading:
+        self._take()
+        state = self._state
+        assert state is not None
+        if self._lost:
+            self.gate.stop(self._lost)
+        if state.gate != GateState.RUN.value:
+            self._hold(f"the robot's process: {state.reason}")
+        for commander in state.commanders:
+            if commander.client == self.client:
+                self._heed(commander)
+        joints = replace(state.joints, stamp=state.joints.stamp + self._shift)
+        skin = (replace(frame, stamp=frame.stamp + self._shift) for frame in self._skin.values())
+        return Reading(joints, tuple(skin))
+
+    def _send(self, safe: SafeCommand) -> None:
+        state = self._state
+        assert state is not None
+        now = self.clock.now()
+        if safe.state is not GateState.RUN:
+            self._pending.clear()
+            self.gate.drop()
+        self._pending.extend((now, order) for order in safe.orders)
+        self._next += len(safe.orders)
+        if self._pending and (
+            now - self._pending[0][0] > self.gate.stale_after or len(self._pending) > MOST_ORDERS
+        ):
+            self._pending.clear()
+            self.gate.hold(f"no answer of {self.robot.name} to orders")
+        halt = safe.reason if safe.state is not GateState.RUN and safe.reason != self._told else ""
+        self._told = ""
+        self._say(state, halt, leaving=False)
+
+    def _hold(self, told: str) -> None:
+        """Hold for what the robot's process said. It is not told that: each would wait for the other."""
+        self._told = told
+        self.gate.hold(told)
+
+    def _halt(self) -> None:
+        """What was ordered is not gone on with: the robot's process is told until it holds. When no word gets
+        through it holds by itself."""
+        if self._state is None or not self._sequence:
+            return
+        self._pending.clear()
+        end = self.clock.now() + self.gate.stale_after
+        while self.clock.now() < end:
+            self._say(self._state, "halted", leaving=False)
+            self.clock.sleep_until(self.clock.now() + self.period)
+            self._take()
+            if self._state.gate != GateState.RUN.value:
+                return
+
+    def _close(self) -> None:
+        if self._state is not None and self._sequence:
+            self._pending.clear()
+            with suppress(LinkError):  # then the silence tells it
+                self._say(self._state, "", leaving=True)
+
+    def _say(self, state: State, halt: str, *, leaving: bool) -> None:
+        self._sequence += 1
+        self._put(
+            Orders(
+                session=state.session, seen=state.sent, client=self.client, name=self.name,
+                sequence=self._sequence, halt=halt, leaving=leaving,
+                first=self._next - len(self._pending),
+                orders=tuple(order for _, order in self._pending),
+            )
+        )  # fmt: skip
+
+    def _take(self) -> None:
+        for message in self._poll():
+            if self._state is None:
+                if isinstance(message, State):  # before that nobody can tell whose skin it is
+                    self._accept(message)
+            elif message.session != self._state.session:
+                self.strangers += 1
+                # Its own states end it only once the robot's process, which owns the robot, is silent.
+                if isinstance(message, State) and self.clock.now() - self._arrival > LEASE:
+                    self._lost = f"the process that owns {self.robot.name} was restarted; connect again"
+            elif isinstance(message, SessionFrame):
+                self._accept_skin(message.frame)
+            elif message.sequence <= self._state.sequence:
+                self.rejected += 1
+            else:
+                self._accept(message)
+
+    def _accept_skin(self, frame: SkinFrame) -> None:
+        before = self._skin.get(frame.patch)
+        if before is not None and frame.sequence <= before.sequence:
+            self.rejected += 1
+        else:
+            self._skin[frame.patch] = frame
+
+    def _accept(self, state: State) -> None:
+        self._state = state
+        arrival = self.clock.now()
+        self._heard += min(arrival - self._arrival, self.gate.stale_after)
+        self._arrival = arrival
+        delay, begin = arrival - state.sent, self._heard - WINDOW
+        while self._delays and (self._delays[0][0] < begin or self._delays[-1][1] >= delay):
+            self._delays.popleft() if self._delays[0][0] < begin else self._delays.pop()
+        self._delays.append((self._heard, delay))
+        # Where the robot's time is here: when the state was sent, if its way was the shortest one.
+        self._shift = state.sent + self._delays[0][1] - state.now
+
+    def _heed(self, commander: Commander) -> None:
+        """What the robot's process says to this one."""
+        while self._pending and self._next - len(self._pending) <= commander.acknowledged:
+            self._pending.popleft()
+        if commander.refused > self._refused:
+            self._refused = commander.refused
+            self.refusals.append(commander.reason)
+            if "commanded by" in commander.reason:
+                raise LinkError(commander.reason)
+            self._hold(f"refused by the robot's process: {commander.reason}")

@@ -1,0 +1,209 @@
+"""The messages of `remote` as bytes: a checked envelope around ROS 2's CDR, which any ROS tool can read.
+
+Envelope: `TCI2`, kind (1 byte), 8 bytes of the description's SHA-256, CRC-32 of all that follows and of the
+13 bytes before. Anything that does not fit is refused before it is looked at.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import numpy as np
+
+from tci.drivers.remote.protocol import (
+    HIGHEST,
+    MOST_COMMANDERS,
+    MOST_ORDERS,
+    MOST_WORDS,
+    Commander,
+    Orders,
+    SessionFrame,
+    State,
+    shown,
+)
+from tci.errors import FrameError, RecordingError
+from tci.frames import read_only
+from tci.messages import Mode, PlatformCommand, PlatformOrder, PlatformSwitch
+from tci.recording.schemas import MODES, SKIN, header, mode_number, skin_values, to_frame, to_joints
+from tci.robot.description import Robot
+from tci.rosmsg.cdr import MessageType, decode, encode
+
+ENVELOPE = struct.Struct("<4sc8sI")
+MAGIC = b"TCI2"
+LONGEST = 1 << 16
+"""Bytes that a message may have. Ours."""
+Kind = Literal[b"S", b"F", b"O"]
+"""A state, a frame of skin, orders."""
+
+STATE = MessageType(
+    "tci_msgs/msg/State",
+    (
+        ("int64", "session"), ("int64", "sequence"), ("float64", "sent"), ("float64", "now"),
+        ("float64", "joints_stamp"), ("int64", "joints_sequence"),
+        ("float64[]", "position"), ("float64[]", "velocity"), ("float64[]", "effort"),
+        ("bool", "has_modes"), ("uint8[]", "modes"), ("bool", "has_powered"), ("bool[]", "powered"),
+        ("string", "gate"), ("string", "reason"),
+        ("int64[]", "clients"), ("string[]", "names"), ("int64[]", "acknowledged"), ("int64[]", "refused"),
+        ("string[]", "reasons"),
+    ),
+    says="A served robot in one period: [s], [rad], [rad/s], [N m]; joints in the order of its description.",
+)  # fmt: skip
+FRAME = MessageType(
+    "tci_msgs/msg/SessionFrame", (("int64", "session"), *SKIN.fields),
+    says="A SkinFrame, and the session of the robot's process that sent it.",
+)  # fmt: skip
+ORDERS = MessageType(
+    "tci_msgs/msg/Orders",
+    (
+        ("int64", "session"), ("float64", "seen"), ("int64", "client"), ("string", "name"),
+        ("int64", "sequence"), ("string", "halt"), ("bool", "leaving"), ("int64", "first"),
+        ("bool[]", "switches"), ("uint8[]", "modes"), ("uint32[]", "counts"),
+        ("uint32[]", "servos"), ("float64[]", "values"), ("float64[]", "speeds"),
+    ),
+    says="What a behaviour's process orders: for each order whether it switches the mode, the mode, and its\n"
+    "count of servos; servos, values and speeds of all, one after the other; 0 for a switch.",
+)  # fmt: skip
+
+
+def seal(robot: Robot, kind: Kind, body: bytes) -> bytes:
+    """A message of `kind`."""
+    begin = MAGIC + kind + bytes.fromhex(robot.digest[:16])
+    return begin + struct.pack("<I", zlib.crc32(body, zlib.crc32(begin))) + body
+
+
+def unseal(robot: Robot, kind: Kind, data: bytes) -> bytes:
+    """The body of a message. Raises FrameError for damaged bytes, another kind or another robot."""
+    if not ENVELOPE.size <= len(data) <= LONGEST:
+        raise FrameError(f"message of {len(data)} bytes; valid: {ENVELOPE.size} to {LONGEST}")
+    magic, found, digest, check = ENVELOPE.unpack_from(data)
+    body = data[ENVELOPE.size :]
+    if magic != MAGIC or check != zlib.crc32(body, zlib.crc32(data[:13])):
+        raise FrameError("no message of TCI, or a damaged one")
+    if found != kind:
+        raise FrameError(f"message of kind {found!r}; valid here: {kind!r}")
+    if digest != bytes.fromhex(robot.digest[:16]):
+        raise FrameError(
+            f"message for a robot of description {digest.hex()}; this is {robot.name}, {robot.digest[:16]}"
+        )
+    return body
+
+
+def state_bytes(robot: Robot, state: State) -> bytes:
+    """A State."""
+    joints, members = state.joints, state.commanders
+    modes = [] if joints.modes is None else [mode_number(mode) for mode in joints.modes]
+    values = (
+        state.session, state.sequence, state.sent, state.now, joints.stamp, joints.sequence,
+        joints.position, joints.velocity, joints.torque if joints.torque is not None else (),
+        joints.modes is not None, modes,
+        joints.powered is not None, joints.powered if joints.powered is not None else (),
+        state.gate, state.reason,
+        [m.client for m in members], [m.name for m in members], [m.acknowledged for m in members],
+        [m.refused for m in members], [m.reason for m in members],
+    )  # fmt: skip
+    return seal(robot, b"S", encode(STATE, (*header(state.now), *values)))
+
+
+def to_state(robot: Robot, data: bytes) -> State:
+    """The State in a message. Raises FrameError."""
+    found = _decode(STATE, unseal(robot, b"S", data))
+    columns = [found[name] for name in ("clients", "names", "acknowledged", "refused", "reasons")]
+    sizes = {len(column) for column in columns}
+    joints = _checked(robot, to_joints, found, found)
+    if len(sizes) != 1 or max(sizes) > MOST_COMMANDERS:
+        raise FrameError(f"state with {sizes} commanders; valid: at most {MOST_COMMANDERS}")
+    members = tuple(
+        Commander(int(client), shown(name, 64), int(acknowledged), int(refused), shown(reason, MOST_WORDS))
+        for client, name, acknowledged, refused, reason in zip(*columns, strict=True)
+    )
+    return State(
+        found["session"], found["sequence"], found["sent"], found["now"], joints,
+        shown(found["gate"], 16), shown(found["reason"], 200), members,
+    )  # fmt: skip
+
+
+def frame_bytes(robot: Robot, message: SessionFrame) -> bytes:
+    """A frame of skin, its patch by its number in the description."""
+    frame, names = message.frame, [patch.name for patch in robot.patches]
+    seconds, nanoseconds, name, *values = skin_values(frame, names.index(frame.patch), frame.stamp)
+    body = encode(FRAME, (seconds, nanoseconds, name, message.session, *values))
+    return seal(robot, b"F", body)
+
+
+def to_skin(robot: Robot, data: bytes) -> SessionFrame:
+    """The frame in a message. Raises FrameError; whether it fits its patch is for the skin to say."""
+    found = _decode(FRAME, unseal(robot, b"F", data))
+    frame = _checked(robot, to_frame, found)
+    if frame.patch not in {patch.name for patch in robot.patches}:
+        raise FrameError(f"frame of a patch {frame.patch[:40]!r}, which {robot.name} lacks")
+    return SessionFrame(found["session"], frame)
+
+
+def orders_bytes(robot: Robot, message: Orders) -> bytes:
+    """Orders."""
+    servos, values, speeds = [], [], []
+    for order in message.orders:
+        nothing = np.zeros(len(order.servos))
+        servos.append(order.servos)
+        values.append(order.values if isinstance(order, PlatformCommand) else nothing)
+        speeds.append(order.speed if isinstance(order, PlatformCommand) else nothing)
+    fields = (
+        message.session, message.seen, message.client, message.name, message.sequence, message.halt,
+        message.leaving, message.first,
+        [isinstance(order, PlatformSwitch) for order in message.orders],
+        [mode_number(order.mode) for order in message.orders],
+        [len(order.servos) for order in message.orders],
+        _joined(servos), _joined(values), _joined(speeds),
+    )  # fmt: skip
+    return seal(robot, b"O", encode(ORDERS, (*header(0.0), *fields)))
+
+
+def to_orders(robot: Robot, data: bytes) -> Orders:
+    """The Orders in a message. Raises FrameError; what they ask for is for the gate to judge."""
+    found = _decode(ORDERS, unseal(robot, b"O", data))
+    counts, columns = found["counts"], [found[name] for name in ("servos", "values", "speeds")]
+    if len(counts) > MOST_ORDERS or {len(found[name]) for name in ("switches", "modes")} != {len(counts)}:
+        raise FrameError(f"{len(counts)} orders; valid: at most {MOST_ORDERS}, each with its mode")
+    if {len(column) for column in columns} != {int(counts.sum())}:
+        raise FrameError(f"orders for {counts.tolist()} servos that are not there")
+    if not 0 < found["first"] < HIGHEST:
+        raise FrameError(f"orders from number {found['first']}; valid: from 1")
+    begin, orders = 0, []
+    for switch, number, count in zip(found["switches"], found["modes"], counts.tolist(), strict=True):
+        if number >= len(MODES):
+            raise FrameError(f"an order in mode {number}; valid: 0 to {len(MODES) - 1}")
+        parts = [column[begin : begin + count] for column in columns]
+        orders.append(_order(bool(switch), MODES[number], *parts))
+        begin += count
+    return Orders(
+        found["session"], found["seen"], found["client"], shown(found["name"], 64), found["sequence"],
+        shown(found["halt"], 200), found["leaving"], found["first"], tuple(orders),
+    )  # fmt: skip
+
+
+def _order(switch: bool, mode: Mode, servos: Any, values: Any, speeds: Any) -> PlatformOrder:
+    numbers = read_only(servos, np.intp)
+    if switch:
+        return PlatformSwitch(numbers, mode)
+    return PlatformCommand(mode, numbers, read_only(values), read_only(speeds))
+
+
+def _joined(columns: Sequence[Any]) -> Any:
+    return np.concatenate(columns) if columns else ()
+
+
+def _decode(kind: MessageType, body: bytes) -> dict[str, Any]:
+    try:
+        return decode(kind, body)
+    except RecordingError as error:
+        raise FrameError(str(error)) from None
+
+
+def _checked(robot: Robot, make: Any, *found: Any) -> Any:
+    try:
+        return make(*found)
+    except RecordingError as error:
+        raise FrameError(f"{robot.name}: {error}") from None

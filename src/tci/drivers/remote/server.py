@@ -1,0 +1,76 @@
+"""The robot's side of `remote`, whatever carries the messages."""
+
+from __future__ import annotations
+
+import secrets
+import time
+from abc import abstractmethod
+from collections.abc import Iterable, Sequence
+
+from tci.drivers.driver import Link
+from tci.drivers.remote.commanders import Commanders
+from tci.drivers.remote.protocol import Orders, State
+from tci.drivers.server import Server
+from tci.gate.safe_command import SafeCommand
+from tci.messages import Order, Perception, Reading, SkinFrame
+
+
+class RemoteServer(Server):
+    """Shows a robot to other TCI processes, which command it under the gate of this one.
+
+    A subclass carries messages in `_poll`, `_show` and `_show_skin`, and never waits there.
+    """
+
+    def __init__(self, link: Link, address: str = "", *, middleware: str) -> None:
+        """Raises UnknownNameError when the robot has no binding to `middleware`."""
+        super().__init__(link, address)
+        self.number = secrets.randbits(62) + 1
+        """Number of this start."""
+        silence = link.robot.binding(middleware).stale_after
+        self.commanders = Commanders(link.robot, self.number, silence)
+        """Who commands now."""
+        self._sequence = 0
+        self._shown: dict[str, int] = {}
+
+    @abstractmethod
+    def _poll(self) -> Iterable[Orders]:
+        """Messages that came, a bounded number."""
+
+    @abstractmethod
+    def _show(self, state: State) -> None:
+        """Send a state to everybody."""
+
+    @abstractmethod
+    def _show_skin(self, frame: SkinFrame) -> None:
+        """Send a frame of skin to everybody."""
+
+    def fault(self) -> str:
+        for message in self._poll():
+            self.commanders.hear(message)
+        return self.commanders.fault()
+
+    def orders(self) -> Sequence[Order]:
+        return self.commanders.take()
+
+    def refuse(self, order: Order, reason: str) -> None:
+        self.commanders.refuse(order, reason)
+
+    def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
+        self.commanders.decided(sent)
+        self._sequence += 1
+        self._show(
+            State(
+                session=self.number,
+                sequence=self._sequence,
+                sent=time.monotonic(),
+                now=self.link.clock.now(),
+                joints=reading.joints,
+                gate=sent.state.value,
+                reason=sent.reason[:200],
+                commanders=self.commanders.states(),
+            )
+        )
+        for frame in reading.skin:
+            if self._shown.get(frame.patch) != frame.sequence:
+                self._shown[frame.patch] = frame.sequence
+                self._show_skin(frame)

@@ -1,0 +1,53 @@
+"""Set-points for controllers that take the joints of a robot part only all together."""
+
+from __future__ import annotations
+
+from collections.abc import Set as AbstractSet
+
+from tci.errors import LinkError
+from tci.frames import Array
+from tci.gate.safe_command import GateState, SafeCommand
+from tci.messages import Mode
+from tci.robot.description import Robot
+
+
+class WholeParts:
+    """Completes commands: joints that nobody commands stay where they were when others of their part came
+    under command."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._robot = robot
+        self._commanded: AbstractSet[int] = frozenset()
+        self._stopped = False
+        self._stays: dict[int, float] = {}
+
+    def forget(self) -> None:
+        """No joint stays where it was: the robot was away or halted, and may stand elsewhere."""
+        self._stays.clear()
+
+    def complete(self, safe: SafeCommand, here: Array) -> dict[str, list[float]]:
+        """Angles [rad] of all servos of each part that has one under command, in the order of
+        `Robot.servos_of`; the robot's servos (n_servos,) are `here` [rad].
+
+        Raises LinkError for a mode but position.
+        """
+        for servo, mode in zip(safe.servos.tolist(), safe.modes, strict=True):
+            if mode is not Mode.POSITION:
+                name = self._robot.servos[servo].name
+                raise LinkError(f"{name} is in {mode.value} mode; this robot takes: position")
+        wanted = dict(zip(safe.servos.tolist(), safe.position.tolist(), strict=True))
+        was_stopped, self._stopped = self._stopped, safe.state is GateState.STOP
+        if not self._commanded <= wanted.keys() or (was_stopped and not self._stopped):
+            # What was no longer under command may have been moved by hand, and its neighbours with it.
+            self.forget()
+        self._commanded = wanted.keys()
+        for servo in wanted:
+            self._stays.pop(servo, None)
+        parts = dict.fromkeys(self._robot.servos[servo].robot_part for servo in wanted)
+        return {
+            part: [
+                wanted[i] if i in wanted else self._stays.setdefault(i, float(here[i]))
+                for i in (servo.index for servo in self._robot.servos_of(part))
+            ]
+            for part in parts
+        }

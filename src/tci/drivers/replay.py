@@ -1,0 +1,120 @@
+"""`replay:FILE`: a robot that sends what it sent when it was recorded. It reaches no hardware.
+
+The loop, the behaviour and the gate are the real ones. With the behaviour and the settings of then they
+decide the same, bit for bit; with others one sees what would have happened, as long as the robot would
+have felt the same.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+
+from tci.drivers.driver import Link
+from tci.errors import LinkError
+from tci.gate.gate import SafeCommand
+from tci.messages import Reading
+from tci.recording.recorder import versions
+from tci.recording.recording import RecordedTick, Recording
+from tci.recording.schemas import decision_bytes
+from tci.robot.description import Robot
+
+
+def changed_versions(then: str) -> list[str]:
+    """Which of a recording's versions (JSON) are others here, in words; none where they can't be read."""
+    try:
+        known = json.loads(then)
+    except ValueError:
+        return []
+    here = versions()
+    known = known if isinstance(known, dict) else {}
+    return [f"{name} {str(old)[:20]}, here {here.get(name, 'none')}"
+            for name, old in known.items() if name in here and here[name] != old]  # fmt: skip
+
+
+class ReplayClock:
+    """The times of a recording, one after the other."""
+
+    def __init__(self) -> None:
+        self.time = 0.0
+
+    def now(self) -> float:
+        return self.time
+
+    def sleep_until(self, stamp: float) -> None:
+        """Return at once: the recording says what time it is."""
+
+
+class ReplayLink(Link):
+    """A link to a recording."""
+
+    def __init__(self, robot: Robot, address: str = "", *, arm: bool = True) -> None:
+        """Open the file `address`, recorded from this robot by this description.
+
+        Raises LinkError for no file or another robot, RecordingError for a file that is no recording.
+        """
+        if not address:
+            raise LinkError("a replay needs a recording; valid: replay:FILE")
+        try:
+            self.recording = Recording(address)
+        except OSError as error:
+            raise LinkError(f"the recording {address!r} can't be read: {error.strerror}") from error
+        about = self.recording.about
+        if (about.get("robot"), about.get("description_sha256")) != (robot.name, robot.digest):
+            raise LinkError(
+                f"{address} was recorded from {about.get('robot', '')[:40]!r}, description "
+                f"{about.get('description_sha256', '')[:12]}; "
+                f"this is {robot.name!r}, description {robot.digest[:12]}; valid: the one of then"
+            )
+        self._clock = ReplayClock()
+        super().__init__(
+            robot,
+            middleware=about.get("middleware", ""),
+            clock=self._clock,
+            armed=arm,
+            period=self.recording.period or None,
+        )
+        self.recorded = True
+        self.keep_alive = self.recording.keep_alive
+        self.about = {key: about[key] for key in ("seed", "step_s") if key in about}
+        self.lease_name = f"replay:{robot.name}:{os.getpid()}:{id(self)}"
+        self.compared = 0
+        """Decisions that were compared with those of then."""
+        self.different: list[float] = []
+        """Times [s] of those that differ in any bit."""
+        self.changed = changed_versions(about.get("versions", ""))
+        """Whose versions are others than then, in words: `numpy 2.4.6, here 2.5.0`. Their bits may differ."""
+        self._ticks = self.recording.ticks()
+        self._tick: RecordedTick | None = None
+        if (first := next(self.recording.ticks(), None)) is not None:
+            self._clock.time = first.now
+
+    def ticks(self, *, duration: float | None = None, start: float | None = None) -> Iterator[float]:
+        """The times [s] of then, as fast as they are asked for, to the end of the file, whatever `start`."""
+        del start
+        begun: float | None = None
+        for tick in self._ticks:
+            self._tick, self._clock.time = tick, tick.now
+            begun = tick.now if begun is None else begun
+            if duration is not None and tick.now - begun >= duration - 1e-9:
+                return
+            yield tick.now
+
+    def _receive(self) -> Reading:
+        if self._tick is None:
+            self._tick = next(self._ticks, None)
+            if self._tick is None:
+                raise LinkError(f"{self.recording.path} has no whole period")
+            self._clock.time = self._tick.now
+        return self._tick.reading
+
+    def _send(self, safe: SafeCommand) -> None:
+        recorded = self._tick.decision if self._tick is not None else None
+        if recorded is not None:
+            self.compared += 1
+            if decision_bytes(safe) != recorded:
+                self.different.append(safe.stamp)
+
+    def _close(self) -> None:
+        self._ticks = iter(())

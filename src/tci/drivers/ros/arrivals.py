@@ -1,0 +1,135 @@
+"""What came in: messages of joints and skin become TCI's own types, or are counted as no use."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.drivers.remote.source_clock import SourceClock
+from tci.errors import FrameError
+from tci.frames import Array, read_only
+from tci.messages import JointReading, SkinFrame
+from tci.robot.description import Robot
+
+MOST_ORDERS = 32
+"""Different orders of joint names that are remembered. Ours."""
+FORMATS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+"""NumPy's names of PointField's datatypes."""
+
+
+def stamp_of(fields: Mapping[str, Any]) -> float:
+    """The stamp [s] in a message's header."""
+    return float(fields["sec"]) + float(fields["nanosec"]) * 1e-9
+
+
+class JointArrivals:
+    """JointStates of one robot, of one publisher or of several with a share each."""
+
+    def __init__(self, robot: Robot, indices: Mapping[str, int]) -> None:
+        """`indices` of servos by their names in ROS."""
+        self._robot = robot
+        self._names = indices
+        self._orders: dict[tuple[str, ...], tuple[NDArray[np.intp], NDArray[np.intp]]] = {}
+        self._clocks: dict[tuple[str, ...], SourceClock] = {}
+        count = len(robot.servos)
+        self._position, self._velocity = np.full(count, np.nan), np.zeros(count)
+        self._torque = np.full(count, np.nan)
+        self._stamps = np.full(count, -np.inf)
+        self._sequence = 0
+        self.latest: JointReading | None = None
+        """The latest reading, once every servo was heard of."""
+
+    @property
+    def missing(self) -> list[str]:
+        """Names of servos that nobody has told of."""
+        return [servo.name for servo in self._robot.servos if np.isnan(self._position[servo.index])]
+
+    def hear(self, fields: Mapping[str, Any], arrival: float) -> None:
+        """A JointState arrived at `arrival` [s]. Raises FrameError for one whose lengths do not fit."""
+        names = tuple(fields["name"])
+        position, velocity, effort = fields["position"], fields["velocity"], fields["effort"]
+        for what, values in (("velocity", velocity), ("effort", effort)):
+            if len(values) not in (0, len(names)):
+                raise FrameError(f"JointState: {len(names)} names, {len(values)} values of {what}")
+        if len(position) != len(names):
+            raise FrameError(f"JointState: {len(names)} names, {len(position)} values of position")
+        servos, places = self._order(names)
+        stamp = self._clocks[names].place(stamp_of(fields), arrival)
+        if stamp is None or not len(servos):
+            return
+        new = np.asarray(position, dtype=float)[places]
+        if len(velocity):
+            self._velocity[servos] = np.asarray(velocity, dtype=float)[places]
+        else:
+            self._velocity[servos] = self._speed(servos, new, stamp)
+        self._position[servos] = new
+        if len(effort):
+            self._torque[servos] = np.asarray(effort, dtype=float)[places]
+        self._stamps[servos] = stamp
+        self._sequence += 1
+        if np.all(self._stamps > -np.inf):
+            self.latest = JointReading(
+                stamp=float(self._stamps.min()),
+                sequence=self._sequence,
+                position=read_only(self._position),
+                velocity=read_only(self._velocity),
+                torque=read_only(self._torque) if np.all(np.isfinite(self._torque)) else None,
+            )
+
+    def _order(self, names: tuple[str, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Servos that a message tells of, and their places in it."""
+        if names not in self._orders:
+            if len(self._orders) >= MOST_ORDERS:
+                raise FrameError(f"JointState: more than {MOST_ORDERS} different lists of names")
+            known = [(self._names[name], place) for place, name in enumerate(names) if name in self._names]
+            servos = np.array([servo for servo, _ in known], dtype=np.intp)
+            if len(set(servos.tolist())) != len(servos):
+                raise FrameError(f"JointState: a joint is named twice: {', '.join(names)[:200]}")
+            self._orders[names] = servos, np.array([place for _, place in known], dtype=np.intp)
+            self._clocks[names] = SourceClock()
+        return self._orders[names]
+
+    def _speed(self, servos: NDArray[np.intp], position: Array, stamp: float) -> Array:
+        """Speeds [rad/s] from the positions before, for a robot that does not say."""
+        passed = stamp - self._stamps[servos]
+        moved = position - self._position[servos]
+        known = np.isfinite(passed) & (passed > 0.0) & np.isfinite(moved)
+        return np.where(known, moved / np.where(known, passed, 1.0), 0.0)
+
+
+class SkinArrivals:
+    """Frames of one patch."""
+
+    def __init__(self, robot: Robot, patch: str) -> None:
+        self._patch = patch
+        self._channels = robot.patch(patch).channels
+        self._clock = SourceClock()
+        self._sequence = 0
+        self.latest: SkinFrame | None = None
+        """The latest frame."""
+
+    def hear(self, fields: Mapping[str, Any], values: NDArray[np.generic], arrival: float) -> None:
+        """Raw values arrived at `arrival` [s]."""
+        stamp = self._clock.place(stamp_of(fields), arrival)
+        if stamp is None:
+            return
+        self._sequence += 1
+        self.latest = SkinFrame(self._patch, stamp, self._sequence, values)
+
+
+def raw_of_cloud(fields: Mapping[str, Any]) -> NDArray[np.generic]:
+    """The field `raw` of a PointCloud2 (n,). Raises FrameError for one without, or that does not fit."""
+    field = next((field for field in fields["fields"] if field["name"] == "raw"), None)
+    if field is None or field["datatype"] not in FORMATS or fields["is_bigendian"]:
+        raise FrameError("PointCloud2: no little-endian field named raw")
+    dtype = np.dtype("<" + FORMATS[field["datatype"]])
+    step, data = int(fields["point_step"]), fields["data"]
+    count = int(fields["width"]) * int(fields["height"])
+    offset = int(field["offset"])
+    if offset + dtype.itemsize > step or count * step != len(data):
+        raise FrameError(f"PointCloud2: {count} points of {step} bytes, raw at {offset}, {len(data)} bytes")
+    column = np.asarray(data).reshape(count, step)[:, offset : offset + dtype.itemsize]
+    return np.frombuffer(column.tobytes(), dtype=dtype)

@@ -1,0 +1,49 @@
+"""A frame of skin as sensor_msgs/PointCloud2: one point per channel, in the frame of the patch's link."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.drivers.ros.arrivals import FORMATS
+from tci.messages import SkinFrame
+from tci.recording.schemas import header
+from tci.robot.description import Patch
+from tci.skin.surfaces import Surface
+
+DATATYPES = {name: number for number, name in FORMATS.items()}
+FLOAT32 = DATATYPES["f4"]
+
+
+class PatchCloud:
+    """Points of one patch: x, y, z [m], pressure [Pa] by the description, and the raw value.
+
+    A channel that is no taxel lies at NaN, so that `raw` is the whole frame in its own order.
+    """
+
+    def __init__(self, patch: Patch, surface: Surface) -> None:
+        self._patch = patch
+        self._places = np.full((patch.channels, 3), np.nan, dtype=np.float32)
+        self._places[surface.channels] = surface.positions
+
+    def values(self, frame: SkinFrame, stamp: float) -> tuple[Any, ...]:
+        """The values of a message stamped `stamp` [s]."""
+        raw: NDArray[Any] = frame.values
+        kind = raw.dtype.str[1:]
+        if kind not in DATATYPES:  # of 8 bytes: PointField has no such integers
+            raw, kind = raw.astype(np.float64), "f8"
+        sensor = self._patch.sensor
+        layout = np.dtype([("place", "<f4", 3), ("pressure", "<f4"), ("raw", f"<{kind}")])
+        points = np.zeros(len(raw), dtype=layout)
+        places = self._places[: len(raw)]
+        points["place"] = np.nan
+        points["place"][: len(places)] = places
+        points["pressure"] = sensor.pressure((raw - sensor.rest) * np.sign(sensor.pascal_per_count))
+        points["raw"] = raw
+        names = [(name, 4 * place, FLOAT32, 1) for place, name in enumerate(("x", "y", "z", "pressure"))]
+        fields = [*names, ("raw", 16, DATATYPES[kind], 1)]
+        data = np.frombuffer(points.tobytes(), dtype=np.uint8)
+        head = header(stamp, self._patch.link)
+        return *head, 1, len(raw), fields, False, layout.itemsize, len(data), data, False

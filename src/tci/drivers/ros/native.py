@@ -1,0 +1,94 @@
+"""A robot that speaks ROS itself, as ros2_control has it: JointState in, JointTrajectory or values out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from tci.drivers.remote.whole_parts import WholeParts
+from tci.drivers.ros.arrivals import JointArrivals, SkinArrivals, raw_of_cloud
+from tci.drivers.ros.messages import NO_LAYOUT, TRAJECTORY, VALUES
+from tci.drivers.ros.names import Names
+from tci.drivers.ros.node import Hear, Publish, RosNode
+from tci.errors import LinkError
+from tci.frames import Array
+from tci.gate.safe_command import SafeCommand
+from tci.messages import Reading
+from tci.recording.schemas import CLOUD, JOINTS, SKIN, to_frame
+from tci.robot.description import Robot
+
+QUEUE = 16
+"""JointStates between two periods that are looked at: several publishers may have a share each. Ours."""
+
+
+class NativeRobot:
+    """What a link does with a robot's own topics."""
+
+    def __init__(
+        self, robot: Robot, node: RosNode, names: Names, *, arm: bool, period: float, now: Callable[[], float]
+    ) -> None:
+        """Subscribe to joints and skin and, armed, offer commands once per `period` [s]."""
+        self.robot = robot
+        self._names = names
+        self._now = now
+        self._nanoseconds = round(period * 1e9)
+        self.joints = JointArrivals(robot, names.indices)
+        self.skin = {patch.name: SkinArrivals(robot, patch.name) for patch in robot.patches}
+        self._parts = WholeParts(robot)
+        self._out: dict[str, Publish] = {}
+        node.subscribe(names.joints, JOINTS, self._timed(self.joints.hear), keep=QUEUE)
+        for patch in self.skin:
+            node.subscribe(names.points(patch), CLOUD, self._timed(partial(self._hear_cloud, patch)))
+            if node.knows(SKIN):
+                node.subscribe(names.skin(patch), SKIN, self._timed(partial(self._hear_frame, patch)))
+        if arm:
+            for part in names.parts():
+                kind = VALUES if self._plain(part) else TRAJECTORY
+                self._out[part] = node.advertise(names.command(part), kind)
+
+    @property
+    def complete(self) -> bool:
+        """Whether every joint and every patch was heard of."""
+        heard = (arrivals.latest is not None for arrivals in self.skin.values())
+        return self.joints.latest is not None and all(heard)
+
+    def reading(self) -> Reading:
+        """The latest of everything. Raises LinkError before the first joints."""
+        if self.joints.latest is None:
+            raise LinkError(f"no joints of {self.robot.name} yet")
+        frames = (arrivals.latest for arrivals in self.skin.values())
+        return Reading(self.joints.latest, tuple(frame for frame in frames if frame is not None))
+
+    def forget(self) -> None:
+        """Hold no joint any more that nobody commands: the robot was away, and may stand elsewhere."""
+        self._parts.forget()
+
+    def send(self, safe: SafeCommand) -> None:
+        """Command each part that has a servo under command. Raises LinkError for a mode but position."""
+        for part, position in self._parts.complete(safe, self.reading().joints.position).items():
+            self._out[part](self._message(part, np.array(position)))
+
+    def _message(self, part: str, position: Array) -> tuple[Any, ...]:
+        if self._plain(part):
+            return NO_LAYOUT, position
+        duration = self._nanoseconds // 10**9, self._nanoseconds % 10**9
+        names = [self._names.joint(servo) for servo in self.robot.servos_of(part)]
+        return 0, 0, "", names, [(position, (), (), (), duration)]
+
+    def _plain(self, part: str) -> bool:
+        return self._names.command(part).endswith("/commands")
+
+    def _timed(self, use: Callable[[Mapping[str, Any], float], None]) -> Hear:
+        return lambda fields: use(fields, self._now())
+
+    def _hear_cloud(self, patch: str, fields: Mapping[str, Any], arrival: float) -> None:
+        self.skin[patch].hear(fields, raw_of_cloud(fields), arrival)
+
+    def _hear_frame(self, patch: str, fields: Mapping[str, Any], arrival: float) -> None:
+        frame = to_frame(fields)
+        if frame.patch != patch:
+            raise LinkError(f"a frame of {frame.patch[:40]!r} on the topic of {patch}")
+        self.skin[patch].hear(fields, frame.values, arrival)

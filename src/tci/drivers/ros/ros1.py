@@ -1,0 +1,247 @@
+"""`ros1[:NAMESPACE]`: robots in ROS 1 (noetic), by the machine's own rospy.
+
+rospy comes with ROS or with Debian (`apt-get install python3-rospy python3-sensor-msgs
+python3-trajectory-msgs`), not from PyPI; it is found where those put it.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from functools import cache, partial
+from http.client import HTTPConnection
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from threading import Thread
+from typing import Any
+from urllib.parse import urlsplit
+from xmlrpc.client import ServerProxy, Transport
+
+from tci.drivers.driver import Link
+from tci.drivers.own_sockets import Watch, listening
+from tci.drivers.remote.hosts import numeric
+from tci.drivers.ros.driver import WAIT, RosLink
+from tci.drivers.ros.node import Hear, Publish, RosNode, namespace_of
+from tci.drivers.ros.server import RosServer
+from tci.drivers.ros.tree import Trees
+from tci.drivers.visitors import MOST
+from tci.errors import LinkError, MissingExtraError
+from tci.robot.description import Robot
+from tci.rosmsg.cdr import MessageType
+
+PLACES = ("/opt/ros/noetic/lib/python3/dist-packages", "/usr/lib/python3/dist-packages")
+"""Where ROS 1 and Debian put their Python packages."""
+HOW = (
+    "install ROS 1, or on Debian: apt-get install python3-rospy python3-sensor-msgs python3-trajectory-msgs, "
+    "with a Python of the system's version"
+)
+MASTER_TIMEOUT = 3.0
+"""Time [s] that the master or a node has to answer. Ours."""
+BUFFER = 1 << 20
+"""Bytes that a subscriber takes at once, so that the newest of a flood is found. Ours."""
+MASTER = "http://localhost:11311"
+"""The master where ROS_MASTER_URI does not say another."""
+NEEDED = ("rospy", "sensor_msgs.msg", "trajectory_msgs.msg")
+"""Modules of ROS 1; rospy brings the other messages."""
+NAMES = ("ROS_IP", "ROS_HOSTNAME")
+"""Variables that name this machine to others."""
+FLUSH, SENT = 0.2, 0.005
+"""How long [s] closing waits at most until the last messages have left their queues, and then until they are
+on the wire. Ours."""
+
+
+def _rospy() -> Any:
+    """The module, once all that is needed beside it is there too. Raises MissingExtraError."""
+    if find_spec("rospy") is None:
+        for place in PLACES:
+            if Path(place, "rospy").is_dir():
+                sys.path.append(place)  # at the end: nothing of ours is replaced
+                break
+    try:
+        found, *_ = map(import_module, NEEDED)
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("the link 'ros1'", str(error.name), HOW) from error
+    return found
+
+
+class Ros1Node(RosNode):
+    """A share in this process's node: rospy has one per process, which ends with it."""
+
+    def __init__(self, name: str) -> None:
+        """Raises LinkError without a master, MissingExtraError without rospy."""
+        super().__init__()
+        _stay_here()
+        self._rospy = _rospy()
+        self._master = import_module("rosgraph").Master("/tci")
+        before = socket.getdefaulttimeout()
+        socket.setdefaulttimeout(MASTER_TIMEOUT)
+        try:
+            self._master.getPid()
+        except Exception as error:
+            uri = self._master.master_uri
+            raise LinkError(
+                f"no ROS master at {uri} ({error}); start roscore, or set ROS_MASTER_URI"
+            ) from error
+        finally:
+            socket.setdefaulttimeout(before)
+        if not self._rospy.core.is_initialized():
+            others = listening()
+            self._rospy.init_node(name, anonymous=True, disable_signals=True)
+            self._hear_everybody()
+            for port in listening() - others:
+                Watch(port)  # to the end of this process, as the node
+        self._topics: list[Any] = []
+
+    def _hear_everybody(self) -> None:
+        """Let each connection have a thread: rospy has one for all, and waits for who says nothing."""
+        server = import_module("rospy.impl.tcpros_base").init_tcpros_server()  # the one that is there
+        server.start_server()
+        tcp = server.tcp_ros_server
+        greet = tcp.inbound_handler
+        tcp.inbound_handler = lambda *found: Thread(target=greet, args=found, daemon=True).start()
+        tcp.server_sock.listen(MOST)
+
+    def advertise(self, topic: str, kind: MessageType, *, latched: bool = False) -> Publish:
+        publisher = self._rospy.Publisher(topic, _type(kind), queue_size=1, latch=latched, tcp_nodelay=True)
+        self._topics.append(publisher)
+
+        def send(values: Sequence[Any]) -> None:
+            try:
+                publisher.publish(_trees(kind).grow(kind, values))
+            except self._rospy.ROSException as error:
+                raise LinkError(f"{topic} can't be sent: {error}") from error
+
+        return send
+
+    def subscribe(
+        self, topic: str, kind: MessageType, hear: Hear, *, latched: bool = False, keep: int = 1
+    ) -> None:
+        def heard(message: Any) -> None:
+            self._hand_on(topic, partial(_trees(kind).flatten, kind, message), hear)
+
+        subscriber = self._rospy.Subscriber(
+            topic, _type(kind), heard, queue_size=keep, buff_size=BUFFER, tcp_nodelay=True
+        )
+        self._topics.append(subscriber)
+
+    def types_of(self, topic: str) -> tuple[str, ...]:
+        nodes: Sequence[str] = ()
+        with suppress(Exception):  # a master that is away offers nothing
+            nodes = dict(self._master.getSystemState()[0]).get(topic, ())
+        found = {dict(self._publications(node)).get(topic, "") for node in nodes} - {""}
+        return tuple(sorted(type_.replace("/", "/msg/", 1) for type_ in found))
+
+    def _publications(self, node: str) -> Sequence[tuple[str, str]]:
+        """Topics and types, as the node itself says: the master still lists one that was killed."""
+        uri = ""
+        with suppress(Exception):
+            uri = self._master.lookupNode(node)
+            with ServerProxy(uri, transport=_Brief()) as asked:
+                answer: Any = asked.getPublications("/tci")
+                return [(topic, type_) for topic, type_ in answer[2]]
+        self.silent.add(f"{node} ({uri})")
+        return ()
+
+    def close(self) -> None:
+        self._flush()
+        while self._topics:
+            self._topics.pop().unregister()
+        self._master = None  # and its connection
+
+    def _flush(self) -> None:
+        """Let rospy's threads send what was published: closing cuts them off, a farewell would be lost."""
+        publishers = [topic for topic in self._topics if isinstance(topic, self._rospy.Publisher)]
+        queued = [connection for publisher in publishers for connection in publisher.impl.connections]
+        until = time.monotonic() + FLUSH
+        while any(getattr(one, "_queue", ()) for one in queued) and time.monotonic() < until:
+            time.sleep(1e-3)
+        if queued:
+            time.sleep(SENT)
+
+
+def _stay_here() -> None:
+    """Let a node be known by a name that only this machine knows: so rospy listens on loopback. A master
+    elsewhere, ROS_IP or ROS_HOSTNAME say that the network is meant."""
+    if _is_here() and not any(map(os.environ.get, NAMES)):
+        os.environ["ROS_HOSTNAME"] = "localhost"
+
+
+def _is_here() -> bool:
+    """Whether nothing says that the network is meant."""
+    asked = urlsplit(os.environ.get("ROS_MASTER_URI") or MASTER).hostname, *map(os.environ.get, NAMES)
+    return all(numeric(host) == "127.0.0.1" for host in asked if host)
+
+
+class _Brief(Transport):
+    """A call that ends when nobody answers."""
+
+    def make_connection(self, host: Any) -> HTTPConnection:
+        connection = super().make_connection(host)
+        connection.timeout = MASTER_TIMEOUT
+        return connection
+
+
+class Ros1Link(RosLink):
+    """A link to a robot in ROS 1."""
+
+    @classmethod
+    def load_library(cls) -> None:
+        _rospy()
+
+    def __init__(self, robot: Robot, address: str = "", *, arm: bool = False, wait: float = WAIT) -> None:
+        """`address` is the robot's namespace. Raises LinkError when no joints come within `wait` [s]."""
+        namespace = namespace_of(address)
+        node = Ros1Node(f"tci_{robot.name}_behaviour")
+        super().__init__(robot, node, middleware="ros1", namespace=namespace, arm=arm, wait=wait)
+
+
+class Ros1Server(RosServer):
+    """Shows a robot in ROS 1."""
+
+    def __init__(self, link: Link, address: str = "") -> None:
+        """`address` is the namespace to show it in. Raises LinkError without a master."""
+        namespace = namespace_of(address)
+        node = Ros1Node(f"tci_{link.robot.name}")
+        super().__init__(link, address, node, middleware="ros1", namespace=namespace)
+
+    def where(self) -> str:
+        everybody = "read and commanded by everybody on the network"
+        return f"{super().where()}, {'on this machine' if _is_here() else everybody}"
+
+
+@cache
+def _type(kind: MessageType) -> Any:
+    """The class of a message: the installed one, so that both sides agree on its check sum, or our own."""
+    package, _, name = kind.name.split("/")
+    if package != "tci_msgs":
+        return _installed(f"{package}/{name}")
+    own = kind.definition.partition("=" * 80)[0].replace("std_msgs/Header", "Header")
+    header = "MSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
+    found: dict[str, Any] = import_module("genpy.dynamic").generate_dynamic(
+        f"{package}/{name}", f"{own}{'=' * 80}\n{header}"
+    )
+    return found[f"{package}/{name}"]
+
+
+@cache
+def _installed(type_: str) -> Any:
+    """A class of an installed package."""
+    package, _, name = type_.partition("/")
+    if package == "builtin_interfaces":
+        return getattr(import_module("genpy"), name)
+    return getattr(import_module(f"{package}.msg"), name)
+
+
+@cache
+def _trees(kind: MessageType) -> Trees:
+    """Messages of rospy, made and read."""
+
+    def new(type_: str, fields: Mapping[str, Any]) -> Any:
+        return (_installed(type_) if type_ else _type(kind))(**fields)
+
+    return Trees(new, getattr, ("secs", "nsecs"))

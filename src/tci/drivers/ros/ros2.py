@@ -1,0 +1,81 @@
+"""`ros2[:NAMESPACE]`: robots in ROS 2, by the machine's own rclpy, or without ROS by cyclonedds.
+
+Whoever reaches a robot in ROS 2 may command it. So nodes meet on this machine only, unless
+ROS_AUTOMATIC_DISCOVERY_RANGE says otherwise.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from contextlib import nullcontext
+from importlib.util import find_spec
+
+from tci.drivers.driver import Link
+from tci.drivers.own_sockets import on_loopback
+from tci.drivers.ros.driver import WAIT, RosLink
+from tci.drivers.ros.node import RosNode, namespace_of
+from tci.drivers.ros.server import RosServer
+from tci.errors import LinkError
+from tci.robot.description import Robot
+
+RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+RANGES = ("LOCALHOST", "SUBNET", "OFF", "SYSTEM_DEFAULT")
+HERE = ("LOCALHOST", "OFF")
+"""Those that open nothing beyond this machine."""
+
+_Node: Callable[..., RosNode]
+if find_spec("rclpy") is not None:
+    from tci.drivers.ros.ros2_rclpy import RclpyNode
+
+    _Node = RclpyNode
+else:
+    from tci.drivers.ros.ros2_dds import DdsNode
+
+    _Node = DdsNode
+
+
+def discovery_range() -> str:
+    """How far nodes find each other. ROS itself takes SUBNET where nothing is set. Raises LinkError."""
+    found = os.environ.get(RANGE) or RANGES[0]
+    if found not in RANGES:
+        raise LinkError(f"{RANGE} is {found!r}; valid: {', '.join(RANGES)}")
+    return found
+
+
+def open_node(name: str, namespace: str) -> RosNode:
+    """A node of rclpy where that is installed, else of cyclonedds.
+
+    Raises LinkError for settings of the environment that can't be.
+    """
+    reach = discovery_range()
+    with on_loopback() if reach in HERE else nullcontext():
+        return _Node(name, namespace, reach=reach)
+
+
+class Ros2Link(RosLink):
+    """A link to a robot in ROS 2."""
+
+    def __init__(self, robot: Robot, address: str = "", *, arm: bool = False, wait: float = WAIT) -> None:
+        """`address` is the robot's namespace. Raises LinkError when no joints come within `wait` [s]."""
+        namespace = namespace_of(address)
+        node = open_node(f"tci_{robot.name}_behaviour", namespace)
+        super().__init__(robot, node, middleware="ros2", namespace=namespace, arm=arm, wait=wait)
+
+    def _where_else(self) -> str:
+        here = discovery_range() in HERE
+        return f"; for robots on other machines set {RANGE}=SUBNET" if here else ""
+
+
+class Ros2Server(RosServer):
+    """Shows a robot in ROS 2."""
+
+    def __init__(self, link: Link, address: str = "") -> None:
+        """`address` is the namespace to show it in. Raises LinkError when ROS refuses."""
+        namespace = namespace_of(address)
+        node = open_node(f"tci_{link.robot.name}", namespace)
+        super().__init__(link, address, node, middleware="ros2", namespace=namespace)
+
+    def where(self) -> str:
+        everybody = "read and commanded by everybody on the network"
+        return f"{super().where()}, {'on this machine' if discovery_range() in HERE else everybody}"

@@ -1,0 +1,172 @@
+"""`rosbridge:[HOST][:PORT][/NAMESPACE]`: robots in ROS behind a rosbridge server with rosapi, by roslibpy."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import threading
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import roslibpy
+
+from tci.drivers.driver import Link
+from tci.drivers.ros.driver import WAIT, RosLink
+from tci.drivers.ros.node import Hear, Publish, RosNode, namespace_of
+from tci.drivers.ros.server import RosServer
+from tci.drivers.ros.tree import Trees
+from tci.errors import LinkError
+from tci.robot.description import Robot
+from tci.rosmsg.cdr import MessageType
+
+PORT = 9090
+"""The server's usual port."""
+TIMEOUT = 5.0
+"""Time [s] that a server has to answer. Ours."""
+RETRY = 5.0
+"""Longest time [s] from one try to reach a server that went away to the next. Ours; roslibpy's is an hour."""
+MOST_WAITING = 1 << 20
+"""Bytes that may wait for a slow server before it gets no more. Ours."""
+ADDRESS = re.compile(
+    r"(?P<host>[A-Za-z0-9_.-]*|\[[0-9a-fA-F:]+\])(:(?P<port>[0-9]{1,5}))?(?P<namespace>/.*)?"
+)
+TIMES = {"secs": "sec", "nsecs": "nanosec"}
+"""Names of times in ROS 1, and in ROS 2."""
+
+
+class RosbridgeNode(RosNode):
+    """A client of a rosbridge server. What arrives is handed on in roslibpy's thread."""
+
+    def __init__(self, host: str, port: int) -> None:
+        """Raises LinkError when nobody answers at `host` and `port`."""
+        super().__init__()
+        self._where = f"ws://{host}:{port}"
+        self._ros = roslibpy.Ros(host, port, transport="asyncio")
+        self._ros.factory.maxDelay = RETRY
+        self._topics: list[Any] = []
+        self._open = True
+        try:
+            self._ros.run(timeout=TIMEOUT)
+        except Exception as error:
+            self.close()
+            raise LinkError(f"no rosbridge server at {self._where}: {error}") from error
+        try:
+            # Both kinds of ROS tell the time; its form shows which one this is.
+            first = "secs" if "secs" in self._ask("get_time", "GetTime", {})["time"] else "sec"
+        except LinkError:
+            self.close()
+            raise
+        self._trees = Trees(_new, _get, ("secs", "nsecs") if first == "secs" else ("sec", "nanosec"))
+
+    def advertise(self, topic: str, kind: MessageType, *, latched: bool = False) -> Publish:
+        found = roslibpy.Topic(self._ros, topic, _short(kind), latch=latched, queue_size=1)
+        found.advertise()
+        self._topics.append(found)
+
+        def send(values: Sequence[Any]) -> None:
+            message = self._trees.grow(kind, values)
+            said = {"op": "publish", "topic": topic, "msg": message, "latch": latched}
+            self._ros.factory.manager.loop.call_soon_threadsafe(self._say, said)
+
+        return send
+
+    def _say(self, said: Mapping[str, Any]) -> None:
+        """Send a message, in roslibpy's thread, where connections come and go. Nothing is kept for later: old
+        commands are never sent."""
+        connection = self._ros.factory._proto
+        if connection is not None and connection.transport.get_write_buffer_size() < MOST_WAITING:
+            connection.sendMessage(json.dumps(said).encode())
+
+    def subscribe(
+        self, topic: str, kind: MessageType, hear: Hear, *, latched: bool = False, keep: int = 1
+    ) -> None:
+        found = roslibpy.Topic(self._ros, topic, _short(kind), queue_length=keep)
+
+        def heard(message: Any) -> None:
+            self._hand_on(topic, partial(self._trees.flatten, kind, message), hear)
+
+        found.subscribe(heard)
+        self._topics.append(found)
+
+    def types_of(self, topic: str) -> tuple[str, ...]:
+        if not self._ask("publishers", "Publishers", {"topic": topic}).get("publishers"):
+            return ()
+        type_ = str(self._ask("topic_type", "TopicType", {"topic": topic}).get("type", ""))
+        return (type_.replace("/msg/", "/").replace("/", "/msg/", 1),) if type_ else ()
+
+    def knows(self, kind: MessageType) -> bool:
+        return not kind.name.startswith("tci_msgs/")  # the server would need the package
+
+    def close(self) -> None:
+        if not self._open:
+            return
+        self._open = False
+        for topic in self._topics:
+            topic.unsubscribe()
+            topic.unadvertise()
+        self._topics.clear()
+        gone, connected = threading.Event(), self._ros.is_connected
+        self._ros.on("close", lambda _: gone.set())
+        factory = self._ros.factory
+        factory._stop = True  # else it looks for a server that is away for ever
+        factory.on_ready(lambda connection: connection.send_close())  # now, or if it is found just now
+        if connected:
+            gone.wait(TIMEOUT)
+
+    def _ask(self, name: str, type_: str, request: Mapping[str, Any]) -> Mapping[str, Any]:
+        """An answer of rosapi. Raises LinkError for none."""
+        service = roslibpy.Service(self._ros, f"/rosapi/{name}", f"rosapi/{type_}")
+        try:
+            answer: Mapping[str, Any] = service.call(roslibpy.ServiceRequest(request), timeout=TIMEOUT)
+        except Exception as error:
+            raise LinkError(f"rosapi at {self._where} does not answer: {error}; start it too") from error
+        return answer
+
+
+class RosbridgeLink(RosLink):
+    """A link to a robot behind a rosbridge server."""
+
+    def __init__(self, robot: Robot, address: str = "", *, arm: bool = False, wait: float = WAIT) -> None:
+        """Raises LinkError when no joints come within `wait` [s]."""
+        host, port, namespace = parse(address)
+        node = RosbridgeNode(host, port)
+        super().__init__(robot, node, middleware="rosbridge", namespace=namespace, arm=arm, wait=wait)
+
+
+class RosbridgeServer(RosServer):
+    """Shows a robot in the ROS behind a rosbridge server."""
+
+    def __init__(self, link: Link, address: str = "") -> None:
+        """Raises LinkError when nobody answers at `address`."""
+        host, port, namespace = parse(address)
+        node = RosbridgeNode(host, port)
+        super().__init__(link, address, node, middleware="rosbridge", namespace=namespace)
+
+
+def parse(address: str) -> tuple[str, int, str]:
+    """Host, port and namespace. Raises LinkError for what is no address."""
+    found = ADDRESS.fullmatch(address)
+    if found is None or int(found["port"] or PORT) > 65535:
+        raise LinkError(
+            f"{address!r} is no address; valid: rosbridge:HOST:PORT/NAMESPACE, each may be left out"
+        )
+    return found["host"] or "127.0.0.1", int(found["port"] or PORT), namespace_of(found["namespace"] or "")
+
+
+def _short(kind: MessageType) -> str:
+    """`package/Name`, which servers of both kinds of ROS take."""
+    return kind.name.replace("/msg/", "/")
+
+
+def _new(type_: str, fields: Mapping[str, Any]) -> dict[str, Any]:
+    """An object of JSON; bytes travel in base64."""
+    return {
+        name: base64.b64encode(value).decode() if isinstance(value, bytes) else value
+        for name, value in fields.items()
+    }
+
+
+def _get(found: Mapping[str, Any], name: str) -> Any:
+    return found[name] if name in found else found[TIMES.get(name, name)]

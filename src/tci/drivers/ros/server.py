@@ -1,0 +1,154 @@
+"""A robot shown to a ROS: as ros2_control shows one, and to other TCI processes (`remote`).
+
+Its topics are listed in docs/ros.md; their names come from `Names`.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Iterator, Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from tci.clock import Every
+from tci.drivers.driver import Link
+from tci.drivers.remote.controllers import Controllers, Once, values_order
+from tci.drivers.remote.encoding import frame_bytes, state_bytes, to_orders
+from tci.drivers.remote.protocol import Orders, SessionFrame, State
+from tci.drivers.remote.server import RemoteServer
+from tci.drivers.ros.cloud import PatchCloud
+from tci.drivers.ros.messages import BYTES, NO_LAYOUT, TEXT, TRAJECTORY, VALUES
+from tci.drivers.ros.names import Names
+from tci.drivers.ros.node import RosNode
+from tci.drivers.ros.trajectory import Trajectory
+from tci.errors import FrameError
+from tci.exports.facts import query
+from tci.exports.urdf import to_urdf
+from tci.gate.safe_command import SafeCommand
+from tci.messages import Order, Perception, Reading, SkinFrame
+from tci.recording.schemas import CLOUD, JOINTS, SKIN, joints_values, skin_values
+from tci.robot.description import Robot
+from tci.robot.kinematics import Kinematics
+from tci.skin.surfaces import build_surface
+
+MOST_ORDERS = 64
+"""Messages with orders between two periods that are kept. Ours."""
+
+
+class RosServer(RemoteServer):
+    """Shows a robot by a node of any ROS, which is closed with it."""
+
+    def __init__(self, link: Link, address: str, node: RosNode, *, middleware: str, namespace: str) -> None:
+        """Raises UnknownNameError when the robot has no binding to `middleware`."""
+        self._node = node
+        try:
+            super().__init__(link, address, middleware=middleware)
+            self._middleware = middleware
+            robot = link.robot
+            names = self._names = Names(robot, middleware, namespace)
+            self._position = robot.initial_position
+            period = 1.0 / robot.binding(middleware).rate
+            self._states, self._is_due = Every(period), False
+            self._joint_names = [names.joint(servo) for servo in robot.servos]
+            self._state = node.advertise(names.state, BYTES)
+            self._joints = node.advertise(names.joints, JOINTS)
+            self._refusals = node.advertise(names.topic("tci/refusals"), TEXT)
+            self._arrived: deque[bytes] = deque(maxlen=MOST_ORDERS)
+            node.subscribe(names.orders, BYTES, self._hear, keep=MOST_ORDERS)
+            kinematics = Kinematics(robot)
+            self._skin = {
+                patch.name: PatchTopics(robot, number, node, names, kinematics, period)
+                for number, patch in enumerate(robot.patches)
+            }
+            self._controllers = Controllers(robot, self.number, of="a ROS node")
+            for part in names.parts():
+                node.subscribe(names.trajectory(part), TRAJECTORY, partial(self._follow, part))
+                node.subscribe(names.values(part), VALUES, partial(self._take, part))
+            node.advertise(names.topic("tci/facts"), TEXT, latched=True)((query(robot).model_dump_json(),))
+            if robot.model is not None:
+                node.advertise(names.topic("robot_description"), TEXT, latched=True)((to_urdf(robot),))
+        except BaseException:
+            node.close()
+            raise
+
+    def where(self) -> str:
+        return f"{self._names.joints} and the topics beside it"
+
+    def reach(self) -> str:
+        return f"{self._middleware}:{self.address}"
+
+    def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
+        self._position = reading.joints.position
+        self._is_due = self._states.due(self.link.clock.now())
+        if self._is_due:
+            self._joints(joints_values(self._joint_names, reading.joints, self._epoch(reading.joints.stamp)))
+        super().publish(reading, perception, sent)
+        for reason in (*sent.refusals, *self._controllers.refusals(self.commanders.states())):
+            self._refusals((reason,))
+
+    def refuse(self, order: Order, reason: str) -> None:
+        super().refuse(order, reason)
+        self._refusals((reason,))
+
+    def close(self) -> None:
+        self._node.close()
+
+    def _poll(self) -> Iterator[Orders]:
+        self._node.poll()
+        yield from self._controllers.messages(self._position, self.link.clock.now())
+        while self._arrived:
+            try:
+                yield to_orders(self.link.robot, self._arrived.popleft())
+            except FrameError as error:
+                self._refusals((str(error),))
+
+    def _show(self, state: State) -> None:
+        if self._is_due:
+            self._state((NO_LAYOUT, np.frombuffer(state_bytes(self.link.robot, state), dtype=np.uint8)))
+
+    def _show_skin(self, frame: SkinFrame) -> None:
+        topics = self._skin[frame.patch]
+        if topics.every.due(frame.stamp):
+            topics.publish(SessionFrame(self.number, frame), self._epoch(frame.stamp))
+
+    def _hear(self, fields: Mapping[str, Any]) -> None:
+        self._arrived.append(bytes(fields["data"]))
+
+    def _follow(self, part: str, fields: Mapping[str, Any]) -> None:
+        joints = {self._names.joint(servo): servo.index for servo in self.link.robot.servos_of(part)}
+        self._controllers.hear(part, partial(Trajectory, part, joints, fields))
+
+    def _take(self, part: str, fields: Mapping[str, Any]) -> None:
+        servos = self.link.robot.servos_of(part)
+        self._controllers.hear(part, lambda *_: Once(values_order(part, servos, fields["data"])))
+
+    def _epoch(self, stamp: float) -> float:
+        """A time on the link's clock as ROS counts: seconds since 1970."""
+        return time.time() + stamp - self.link.clock.now()
+
+
+class PatchTopics:
+    """The topics of one patch."""
+
+    def __init__(
+        self, robot: Robot, number: int, node: RosNode, names: Names, kinematics: Kinematics, period: float
+    ) -> None:
+        patch = robot.patches[number]
+        self._robot, self._number = robot, number
+        self.every = Every(period)
+        """When a frame is shown: no more of them than the binding's rate."""
+        self._cloud = PatchCloud(patch, build_surface(robot, patch, kinematics))
+        self._points = node.advertise(names.points(patch.name), CLOUD)
+        self._frames = node.advertise(names.frames(patch.name), BYTES)
+        self._raw = node.advertise(names.skin(patch.name), SKIN) if node.knows(SKIN) else None
+
+    def publish(self, message: SessionFrame, stamp: float) -> None:
+        """Show a frame, measured at `stamp` [s] since 1970."""
+        frame = message.frame
+        self._frames((NO_LAYOUT, np.frombuffer(frame_bytes(self._robot, message), dtype=np.uint8)))
+        self._points(self._cloud.values(frame, stamp))
+        if self._raw is not None:
+            self._raw(skin_values(frame, self._number, stamp))

@@ -1,0 +1,132 @@
+"""`sim`: the robot that is not there, behind the same link as a real one."""
+
+from __future__ import annotations
+
+import os
+from inspect import signature
+from typing import Any
+
+import numpy as np
+
+from tci.clock import MonotonicClock
+from tci.drivers.driver import Link
+from tci.errors import LinkError, UnknownNameError
+from tci.gate.gate import SafeCommand
+from tci.messages import Mode, Reading, SkinFrame
+from tci.robot.description import Robot
+from tci.simulation.world import World
+from tci.skin.send_on_delta import ChangedFrames
+
+FASTEST = 10_000.0
+"""Highest rate [Hz] of commands. Ours."""
+LATE = 0.1
+"""How far [s] a paced simulation may fall behind real time before it stops catching up. Ours."""
+
+
+class WorldClock:
+    """A clock that is the simulation: sleeping on it steps the physics."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+
+    def now(self) -> float:
+        return self._world.time
+
+    def sleep_until(self, stamp: float) -> None:
+        self._world.advance(stamp)
+
+
+class PacedWorldClock(WorldClock):
+    """The same, no faster than real time: for programs outside that share the simulation."""
+
+    def __init__(self, world: World) -> None:
+        super().__init__(world)
+        self._pace = MonotonicClock()
+        self._ahead = self._pace.now() - world.time
+
+    def sleep_until(self, stamp: float) -> None:
+        super().sleep_until(stamp)
+        late = self._pace.now() - (self.now() + self._ahead)
+        if late > LATE:
+            self._ahead += late
+        self._pace.sleep_until(self.now() + self._ahead)
+
+
+class SimulatedLink(Link):
+    """A link to a simulated robot. It is armed from the start, since nothing can be hurt."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        address: str = "",
+        *,
+        arm: bool = True,
+        world: World | None = None,
+        paced: bool = False,
+        keep_alive: float | None = None,
+        rate: float | None = None,
+        **options: Any,
+    ) -> None:
+        """A link to `world`, or to a new one; `options` go to it: `step`, `seed`, `posture`, ...
+
+        `rate` [Hz] of the commands is the description's if not given.
+
+        `paced` worlds run no faster than real time. With a `keep_alive` [s] the skin is event-driven: patches
+        send when they change, and at least that often.
+
+        Raises LinkError for an address, which a simulation does not have, for a rate that is none and for
+        options beside a `world`, UnknownNameError for an option that there is not.
+        """
+        if address:
+            raise LinkError(f"the simulation has no address; got {address!r}, valid: sim")
+        if rate is not None and not 1.0 <= rate <= FASTEST:
+            raise LinkError(f"rate {rate}; valid: 1 to {FASTEST:g} Hz")
+        for name in options:
+            if name not in (valid := _options()):
+                raise UnknownNameError("option of the link 'sim'", name, valid)
+        if world is not None and options:
+            raise LinkError(f"{', '.join(options)} beside a world; valid: give them to the World")
+        period = None if rate is None else 1.0 / rate
+        self.world = world or World(robot, period=period, **options)
+        """The simulated world: poke its `finger`, look at its physics."""
+        clock = PacedWorldClock(self.world) if paced else WorldClock(self.world)
+        super().__init__(robot, middleware="sim", clock=clock, armed=arm, period=period)
+        self.keep_alive = keep_alive
+        self.about = {"seed": str(self.world.seed), "step_s": repr(self.world.step)}
+        self._events = None if keep_alive is None else ChangedFrames(keep_alive)
+        self._sent: dict[str, SkinFrame] = {}
+        self.lease_name = f"sim:{robot.name}:{os.getpid()}:{id(self.world)}"
+
+    def _receive(self) -> Reading:
+        skin = self.world.frames()
+        if self._events is not None:
+            self._sent.update({frame.patch: frame for frame in self._events.select(skin)})
+            skin = tuple(self._sent.values())
+        return Reading(joints=self.world.joints(), skin=skin)
+
+    def _send(self, safe: SafeCommand) -> None:
+        if safe.servos.size:
+            self.world.set_modes(safe.servos, safe.modes)
+        if Mode.TORQUE in safe.modes:
+            loose = np.array([mode is Mode.TORQUE for mode in safe.modes], dtype=bool)
+            self.world.set_position_targets(safe.servos[~loose], safe.position[~loose])
+            self.world.set_torques(safe.servos[loose], safe.torque[loose])
+        elif safe.servos.size:
+            self.world.set_position_targets(safe.servos, safe.position)
+        if safe.stiffness or safe.damping:
+            for servo, share in safe.stiffness.items():
+                self.world.set_stiffness([servo], [share])
+            for servo, share in safe.damping.items():
+                self.world.set_damping([servo], [share])
+
+    def _halt(self) -> None:
+        self.world.halt()
+
+    def _close(self) -> None:
+        pass
+
+
+def _options() -> list[str]:
+    """Names of what a simulated link takes, for itself and for its world."""
+    both = *signature(SimulatedLink).parameters.values(), *signature(World).parameters.values()
+    return [one.name for one in both if one.kind is one.KEYWORD_ONLY and one.name != "period"]

@@ -1,0 +1,121 @@
+"""What `tci doctor` finds out about a robot on YARP."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from tci.drivers.diagnosis import Finding, Level
+from tci.drivers.yarp import address as addresses
+from tci.drivers.yarp.address import patch_port
+from tci.drivers.yarp.bindings.module import importable
+from tci.drivers.yarp.board import find_board
+from tci.drivers.yarp.feed import Feed
+from tci.drivers.yarp.network import Network
+from tci.errors import MissingExtraError, TciError
+from tci.robot.description import Robot
+
+if TYPE_CHECKING:
+    from tci.drivers.yarp.board_driver import BoardLink
+    from tci.drivers.yarp.driver import YarpLink
+
+NEAR = 0.5
+"""Limits that differ by no more [deg] count as the same. Ours."""
+
+
+def probe(robot: Robot, address: str) -> tuple[Finding, ...]:
+    """Step by step: the library, the name server, the boards, the skin."""
+    try:
+        options = addresses.parse(address)
+        network = options.network()
+    except MissingExtraError as error:
+        return (Finding(Level.FAULT, "YARP library", str(error)),)
+    except TciError as error:
+        return (_no_server(error),)
+    try:
+        there = {contact.name for contact in network.list()}
+    except TciError as error:
+        return _library(network), _no_server(error)
+    host, port = network.address
+    found = [_library(network)]
+    found += [Finding(Level.OK, "name server", f"{host}:{port} knows {len(there)} ports")]
+    prefix = options.robot or robot.name
+    dialect = options.dialect or network.dialect
+    for part in dict.fromkeys(servo.robot_part for servo in robot.servos):
+        try:
+            board = find_board(network, f"/{prefix}/{part}", f"/tci/{os.getpid()}/probe/{part}", dialect)
+            axes = board.axes()
+            board.close()
+            found.append(
+                Finding(Level.OK, part, f"a control board of YARP {board.dialect.name}, {axes} axes")
+            )
+        except TciError as error:
+            advice = "is its device running (yarprobotinterface)? another name? --via yarp:...,robot=NAME"
+            found.append(Finding(Level.FAULT, part, str(error), advice))
+    for patch in robot.patches:
+        name = patch_port(robot, prefix, patch.name)
+        if name not in there:
+            advice = f"leave it out: --via yarp:...,without={patch.name}"
+            found.append(Finding(Level.FAULT, patch.name, f"no port {name}", advice))
+    return tuple(found)
+
+
+def _library(network: Network) -> Finding:
+    bindings = importable()
+    also = f"; {bindings or 'no bindings of YARP'} can be imported"
+    said = network.title + ("" if network.title == bindings else also)
+    return Finding(Level.OK, "YARP library", said, figures={"library": network.title, "bindings": bindings})
+
+
+def _no_server(error: TciError) -> Finding:
+    advice = "start yarpserver, or say where it is: --via yarp:HOST:PORT; see docs/yarp.md"
+    return Finding(Level.FAULT, "name server", str(error), advice)
+
+
+def examine(link: YarpLink) -> tuple[Finding, ...]:
+    """Dialect, joints and limits that differ from the description, lost and wrong messages, clocks."""
+    found = [
+        Finding(Level.OK, "dialect", f"YARP {link.dialect.name}", figures={"dialect": link.dialect.name})
+    ]
+    for part, board in link.boards.items():
+        found += _examine_board(part, board)
+    feeds: dict[str, Feed[Any]] = {
+        part: board.feed for part, board in link.boards.items() if board.feed is not None
+    }
+    for name, feed in {**feeds, **link.skin}.items():
+        said = feed.last_error or feed.port.last_error
+        level = Level.WARNING if feed.wrong or feed.lost or said else Level.OK
+        what = f"{feed.lost} messages lost, {feed.wrong} wrong"
+        advice = said or ("a faster carrier or network: yarp:...,carrier=fast_tcp" if feed.lost else "")
+        figures: dict[str, float | str] = {"lost": feed.lost, "wrong": feed.wrong}
+        if feed.clock.difference is not None:
+            figures["clock_offset_s"] = feed.clock.difference
+        found.append(Finding(level, name, what, advice if level is not Level.OK else "", figures=figures))
+    return tuple(found)
+
+
+def _examine_board(part: str, board: BoardLink) -> list[Finding]:
+    found = []
+    for servo, axis, limits in zip(board.servos, board.axis, board.limits(), strict=True):
+        if board.axes[axis] != servo.name:
+            what = f"axis {axis} is called {board.axes[axis]!r} by the board"
+            found.append(Finding(Level.NOTE, servo.name, what, "taken by its number; compare with the robot"))
+        ours = (servo.limits.lower, servo.limits.upper)
+        if ours[0] is None or ours[1] is None:
+            continue
+        lower, upper = np.rad2deg(np.array(ours))
+        if limits.lower > lower + NEAR or limits.upper < upper - NEAR:
+            what = (
+                f"the board allows {limits.lower:g} to {limits.upper:g} degrees, "
+                f"the description {lower:g} to {upper:g}"
+            )
+            advice = (
+                "put the board's limits into the description: set-points beyond them are cut by the board"
+            )
+            figures = {"lower_deg": limits.lower, "upper_deg": limits.upper}
+            found.append(Finding(Level.WARNING, servo.name, what, advice, figures=figures))
+    if not found:
+        found.append(Finding(Level.OK, part, f"{len(board.servos)} joints, named and limited as described"))
+    return found

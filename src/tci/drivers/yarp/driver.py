@@ -1,0 +1,288 @@
+"""`yarp`: a robot behind YARP, such as iCub: its control boards and the ports of its skin."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import os
+import threading
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.clock import MonotonicClock
+from tci.drivers.diagnosis import Finding
+from tci.drivers.driver import Link
+from tci.drivers.remote.hosts import numeric
+from tci.drivers.yarp import address as addresses
+from tci.drivers.yarp.address import patch_port
+from tci.drivers.yarp.board_driver import AHEAD, BoardLink
+from tci.drivers.yarp.diagnose import examine, probe
+from tci.drivers.yarp.dialect import Dialect
+from tci.drivers.yarp.feed import Feed
+from tci.drivers.yarp.incoming import Delivery
+from tci.drivers.yarp.network import Network
+from tci.drivers.yarp.skin_events import SkinEvent, decode_events
+from tci.errors import LinkError, UnknownNameError, WireError
+from tci.frames import read_only
+from tci.gate.gate import SafeCommand
+from tci.messages import JointReading, Mode, Reading, SkinFrame
+from tci.robot.description import Patch, Robot
+
+FIRST = 3.0
+"""How long [s] a port may take for its first message when the link is opened. Ours."""
+AWAY = 0.3
+"""How long [s] a port is silent before it is asked again. Ours."""
+LOOK = 0.25
+"""How often [s] it is looked whether somebody is silent. Ours."""
+REGISTER_AGAIN = 1.0
+"""How often [s] it is looked whether the name server forgot us. Ours."""
+PATIENCE = 0.9
+"""Frames of the skin that are due within this share of a period are waited for. Ours."""
+REFUSED = 3.0
+"""How long [s] a board may refuse a change of mode, or not answer one, before that is an error. Ours."""
+EVENTS = "/skinManager/skin_events:o"
+_numbers = itertools.count()
+
+
+class YarpLink(Link):
+    """A link to a robot on YARP. It is armed only on request. After a restart of the name server, a board or
+    the robot it goes on by itself; meanwhile the joint data is old, and the gate holds."""
+
+    def __init__(
+        self, robot: Robot, address: str = "", *, arm: bool = False, joints: bool = True, skin: bool = True
+    ) -> None:
+        """Connect to every board and every patch; `address` as in docs/yarp.md.
+
+        Without `joints` or `skin` only the other one is read. Skin alone does not tell the dialect, so the
+        address must. Raises LinkError when a port is not there, sends nothing, or sends what the description
+        does not say.
+        """
+        options = addresses.parse(address)
+        clock = MonotonicClock()
+        super().__init__(robot, middleware="yarp", clock=clock, armed=arm)
+        self.network: Network = options.network()
+        self.prefix = options.robot or robot.name
+        host, port = self.network.address
+        self.lease_name = f"yarp:{numeric(host)}:{port}/{self.prefix}"
+        own = f"/tci/{os.getpid()}/{next(_numbers)}"
+        self.boards: dict[str, BoardLink] = {}
+        self.skin: dict[str, Feed[NDArray[np.float64]]] = {}
+        self._events: Feed[tuple[SkinEvent, ...]] | None = None
+        self._own, self._carrier = own, options.carrier
+        self._dialect = dialect = options.dialect or self.network.dialect
+        self._compensated = options.skin == "comp"
+        self._joints: JointReading | None = None
+        self._away: set[str] = set()
+        self._reconnected = threading.Event()
+        self._refused: dict[str, tuple[float, LinkError]] = {}
+        self._closed = threading.Event()
+        try:
+            if joints:
+                self._open_boards(dialect)
+            elif dialect is None:
+                raise LinkError(f"skin alone over yarp:{address} needs dialect=3 or dialect=4 in its address")
+            for patch in robot.patches if skin else ():
+                if patch.name not in options.without:
+                    self._open_skin(patch)
+            self._wait_for_all()
+        except UnknownNameError as error:
+            self._close()
+            raise LinkError(
+                f"{error}; a patch that the robot lacks can be left out: yarp:...,without=PATCH"
+            ) from error
+        except BaseException:
+            self._close()
+            raise
+        threading.Thread(target=self._watch, name="yarp watch", daemon=True).start()
+
+    @property
+    def dialect(self) -> Dialect:
+        """What the robot speaks."""
+        if self._dialect is not None:
+            return self._dialect
+        return next(iter(self.boards.values())).board.dialect
+
+    def skin_events(self) -> tuple[SkinEvent, ...]:
+        """The contacts that the robot's own skinManager says now. Raises LinkError when it is not running."""
+        if self._events is None:
+            try:
+                self._events = Feed(
+                    EVENTS, self.network, self.dialect, lambda d: decode_events(d.items(self.dialect)),
+                    own=f"{self._own}/skin_events:i", carrier=self._carrier,
+                )  # fmt: skip
+            except UnknownNameError as error:
+                raise LinkError(f"no skinManager: {error}") from error
+            self._events.wait(AWAY)
+        latest = self._events.latest
+        return latest.value if latest is not None else ()
+
+    @classmethod
+    def probe(cls, robot: Robot, address: str) -> tuple[Finding, ...]:
+        return probe(robot, address)
+
+    def diagnose(self) -> tuple[Finding, ...]:
+        self._check_open()
+        return examine(self)
+
+    def _receive(self) -> Reading:
+        until = time.monotonic() + PATIENCE * self.period
+        stamp = min((board.state()[1] for board in self.boards.values()), default=self.clock.now())
+        if self._joints is None or stamp != self._joints.stamp:
+            self._joints = self._joints_at(stamp)
+        back = self._away and self.clock.now() - stamp <= self.gate.stale_after
+        if back or self._reconnected.is_set():  # it is not where it was led meanwhile
+            self._away.clear()
+            self._reconnected.clear()
+            self.gate.drop()
+        for feed in self.skin.values():  # last: what is felt is answered at once
+            feed.await_due(until, self.period)
+        return Reading(joints=self._joints, skin=tuple(self._frames()))
+
+    def _joints_at(self, stamp: float) -> JointReading:
+        """All boards at about one time [s]: the latest of the oldest, and of the others the nearest to it."""
+        count = len(self.robot.servos)
+        position, velocity, torque = np.full((3, count), np.nan)
+        modes: list[Mode | None] = [None] * count
+        powered = np.ones(count, dtype=bool)
+        for board in self.boards.values():
+            state, _ = board.state(stamp)
+            servos, axes = [servo.index for servo in board.servos], list(board.axis)
+            position[servos] = np.deg2rad(state.position[axes])
+            if state.velocity is not None:
+                velocity[servos] = np.deg2rad(state.velocity[axes])
+            if state.torque is not None:
+                torque[servos] = state.torque[axes]
+            for servo, (mode, on) in zip(servos, board.modes(state), strict=True):
+                modes[servo], powered[servo] = mode, on
+        return JointReading(
+            stamp=float(stamp),
+            sequence=min((board.number() for board in self.boards.values()), default=0),
+            position=read_only(position),
+            velocity=read_only(velocity),
+            torque=None if np.isnan(torque).all() else read_only(torque),
+            modes=tuple(modes),
+            powered=read_only(powered, np.bool_),
+        )
+
+    def _frames(self) -> list[SkinFrame]:
+        frames = []
+        for name, feed in self.skin.items():
+            if (latest := feed.latest) is not None:
+                frames.append(SkinFrame(name, latest.stamp, latest.sequence, latest.value))
+        return frames
+
+    def _send(self, safe: SafeCommand) -> None:
+        now, ahead = self.clock.now(), self.gate.ahead(AHEAD)
+        for part, board in self.boards.items():
+            if now - board.state()[1] > self.gate.stale_after:
+                self._away.add(part)
+                self._refused.pop(part, None)
+            if part in self._away:
+                board.let_go(safe)
+                continue
+            try:
+                board.send(safe, ahead)
+            except LinkError as error:
+                self._refused.setdefault(part, (now, error))
+            else:
+                if not board.switches:
+                    self._refused.pop(part, None)
+        self._bear(now)
+
+    def _bear(self, now: float) -> None:
+        """A board that holds, or starts, refuses for a moment: hold too; it is asked again in each period.
+        Raises LinkError when it goes on refusing."""
+        for since, error in self._refused.values():
+            if now - since > REFUSED:
+                raise LinkError(
+                    f"{error}; for {now - since:.1f} s; does the robot's own process hold? `tci doctor` looks"
+                ) from error
+            self.gate.hold(str(error))
+
+    def _halt(self) -> None:
+        for board in self.boards.values():
+            board.halt()
+
+    def _close(self) -> None:
+        self._closed.set()
+        for connection in (*self.boards.values(), *self.skin.values(), self._events):
+            if connection is not None:
+                connection.close()
+
+    def _open_boards(self, dialect: Dialect | None) -> None:
+        for part in dict.fromkeys(servo.robot_part for servo in self.robot.servos):
+            where = self.robot.binding("yarp").address(part, part)
+            self.boards[part] = BoardLink(
+                f"/{self.prefix}/{where}", self.robot.servos_of(part), self.network,
+                own=f"{self._own}/{part}", carrier=self._carrier, dialect=dialect,
+            )  # fmt: skip
+            dialect = self.boards[part].board.dialect
+
+    def _open_skin(self, patch: Patch) -> None:
+        source = patch_port(self.robot, self.prefix, patch.name) + ("_comp" if self._compensated else "")
+
+        def decode(delivery: Delivery) -> NDArray[np.float64]:
+            values = delivery.vector(self.dialect)
+            if len(values) != patch.channels:
+                raise WireError(f"{source} sends {len(values)} values; the description says {patch.channels}")
+            if self._compensated:
+                values = patch.sensor.rest + np.copysign(values, patch.sensor.pascal_per_count)
+            return read_only(values)
+
+        self.skin[patch.name] = Feed(
+            source,
+            self.network,
+            self.dialect,
+            decode,
+            own=f"{self._own}/skin/{patch.name}:i",
+            carrier=self._carrier,
+        )
+
+    def _wait_for_all(self) -> None:
+        until = time.monotonic() + FIRST
+        for board in self.boards.values():
+            assert board.feed is not None
+            self._wait_for(board.feed, until)
+        for feed in self.skin.values():
+            self._wait_for(feed, until)
+
+    def _wait_for(self, feed: Feed[Any], until: float) -> None:
+        if feed.wait(max(0.0, until - time.monotonic())):
+            return
+        why = feed.last_error or feed.port.last_error or f"nothing within {FIRST:g} s"
+        raise LinkError(
+            f"{feed.source}: {why}; valid: what the description of {self.robot.name} says, "
+            "or a patch left out: yarp:...,without=PATCH"
+        )
+
+    def _watch(self) -> None:
+        """Ask silent ports again, and tell a name server that restarted where ours are."""
+        due = time.monotonic() + REGISTER_AGAIN
+        while not self._closed.wait(LOOK):
+            now = time.monotonic()
+            for board in self.boards.values():
+                if board.feed is not None and board.feed.silent(now) > AWAY:
+                    with contextlib.suppress(LinkError, UnknownNameError):
+                        board.reconnect()
+                        self._reconnected.set()
+                else:
+                    with contextlib.suppress(LinkError, UnknownNameError):
+                        board.mind_commands()
+            for feed in self._feeds(boards=False):
+                if feed.silent(now) > AWAY:
+                    with contextlib.suppress(LinkError, UnknownNameError):
+                        feed.reconnect()
+            if now > due:
+                due = now + REGISTER_AGAIN
+                with contextlib.suppress(LinkError):
+                    known = {contact.name for contact in self.network.list()}
+                    for feed in self._feeds():
+                        if feed.port.name not in known and not self._closed.is_set():
+                            feed.port.register()
+
+    def _feeds(self, *, boards: bool = True) -> list[Feed[Any]]:
+        states = [board.feed for board in self.boards.values()] if boards else []
+        return [feed for feed in (*states, *self.skin.values(), self._events) if feed is not None]

@@ -1,0 +1,229 @@
+"""`tci serve ROBOT --via yarp`: any robot as YARP control boards and skin ports.
+
+YARP's own tools and iCub's software drive it then. Each robot part is a board, `/ROBOT/PART/...`; each patch
+a port, `/ROBOT/skin/PATCH`.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from tci.drivers.driver import Link
+from tci.drivers.server import Server
+from tci.drivers.yarp import address as addresses
+from tci.drivers.yarp.address import YarpAddress, patch_port
+from tci.drivers.yarp.calls_v3 import answer_v3
+from tci.drivers.yarp.calls_v4 import answer_v4
+from tci.drivers.yarp.dialect import V3, V4, Dialect
+from tci.drivers.yarp.incoming import Answer, Delivery
+from tci.drivers.yarp.message import CALL, Stamp
+from tci.drivers.yarp.name_server import NameServer
+from tci.drivers.yarp.names import config_file, namespace, read_key
+from tci.drivers.yarp.network import NamedPort, Network
+from tci.drivers.yarp.served_board import ServedBoard
+from tci.drivers.yarp.skin_events import encode_events
+from tci.drivers.yarp.state import encode_state
+from tci.drivers.yarp.streams import obey
+from tci.errors import CommandError, LinkError
+from tci.frames import Array
+from tci.gate.safe_command import SafeCommand
+from tci.messages import Order, Perception, Reading, SkinFrame
+
+PERIOD = 0.01
+"""Time [s] between two states of a board, as on iCub."""
+APART = 0.003
+"""So long [s] after a frame of the skin no states are sent, if they can wait: who answers a touch is not to
+read them just then. Ours."""
+DEFAULT = ("127.0.0.1", 10000)
+"""Where a name server of our own listens unless an address is given."""
+REGISTER_AGAIN = 1.0
+"""How often [s] it is looked whether the name server forgot us. Ours."""
+
+
+class YarpServer(Server):
+    """A robot on YARP. Commands need a link that is armed."""
+
+    def __init__(self, link: Link, address: str = "") -> None:
+        """Open all ports. Without a name server, one of our own is started.
+
+        Raises LinkError for a port that is taken and for a name server that doesn't answer.
+        """
+        super().__init__(link, address)
+        options = addresses.parse(address)
+        self.prefix = options.robot or link.robot.name
+        self._bindings = options.bindings
+        self._own, self.network = self._name_server(options)
+        self.dialect: Dialect = options.dialect or self.network.dialect or V3
+        parts = dict.fromkeys(servo.robot_part for servo in link.robot.servos)
+        self.boards = {part: ServedBoard(part, link.robot.servos_of(part)) for part in parts}
+        joints = link.read().joints
+        for board in self.boards.values():
+            board.see(joints, link.gate.modes)
+        self.last_error = ""
+        """Why the latest command was not obeyed."""
+        self.refused = 0
+        """Commands that were not obeyed."""
+        self._ports: dict[str, NamedPort] = {}
+        self._sequences: dict[str, int] = {}
+        self._stamps: dict[str, int] = {}
+        self._due = 0.0
+        self._felt = -np.inf
+        self._shown = False
+        self._closed = threading.Event()
+        try:
+            for part in self.boards:
+                self.open_board(part)
+            for patch in link.robot.patches:
+                name = patch_port(link.robot, self.prefix, patch.name)
+                self._open(name)
+                self._open(f"{name}_comp")
+            self._events = self._open("/skinManager/skin_events:o")
+        except LinkError:
+            self.close()
+            raise
+        threading.Thread(target=self._keep_registered, name="yarp registration", daemon=True).start()
+
+    def where(self) -> str:
+        host, port = self.network.address
+        file = config_file(namespace())
+        hint = "" if file.is_file() else f"; for YARP's tools: yarp conf {host} {port}"
+        return f"yarp:{host}:{port}, ports /{self.prefix}/... of YARP {self.dialect.name}{hint}"
+
+    def reach(self) -> str:
+        host, port = self.network.address
+        return f"yarp:{host}:{port}{',bindings' if self._bindings else ''}"
+
+    def orders(self) -> Sequence[Order]:
+        if not self._shown:
+            return []  # they wait for the first reading
+        return [order for board in self.boards.values() for order in board.book.take()]
+
+    def refuse(self, order: Order, reason: str) -> None:
+        self._refuse(reason)
+        for board in self.boards.values():
+            board.book.refuse(order, reason)
+
+    def show(self, reading: Reading) -> None:
+        offset = time.time() - self.link.clock.now()
+        for frame in reading.skin:
+            if self._sequences.get(frame.patch) != frame.sequence:
+                self._sequences[frame.patch] = frame.sequence
+                self._felt = time.monotonic()
+                self._publish_skin(frame, offset)
+
+    def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
+        self._shown = True
+        for board in self.boards.values():
+            board.book.judge(sent.orders, sent.refusals)
+        offset = time.time() - self.link.clock.now()
+        now = time.monotonic()
+        if now < self._due or (now - self._felt < APART and now < self._due + PERIOD / 2):
+            return
+        self._due = max(self._due + PERIOD, now)
+        for part, board in self.boards.items():
+            board.see(reading.joints, self.link.gate.modes)
+            if f"/{self.prefix}/{part}/state:o" not in self._ports:
+                continue  # it is away
+            stamp = self._stamp(part, reading.joints.stamp + offset)
+            self._write(f"/{self.prefix}/{part}/state:o", board.state.position, stamp)
+            extended = f"/{self.prefix}/{part}/stateExt:o"
+            if self._ports[extended].outputs:
+                self._write(extended, encode_state(board.state, self.dialect), stamp)
+        if self._events.outputs:
+            self._events.write(
+                encode_events(perception.contacts), self._stamp("events", offset + perception.stamp)
+            )
+
+    def close(self) -> None:
+        self._closed.set()
+        for port in self._ports.values():
+            port.close()
+        if self._own is not None:
+            self._own.close()
+
+    def _name_server(self, options: YarpAddress) -> tuple[NameServer | None, Network]:
+        """The name server of the address or of yarp.conf, else one here: the network is not asked, since who
+        answers would be told of every port, and each would listen to where it is."""
+        if options.server is None and not config_file(namespace()).is_file():
+            options = replace(options, server=DEFAULT)
+        where = options.server or DEFAULT
+        try:
+            network = options.network()
+            where = network.address
+            network.list()
+            return None, network
+        except LinkError:
+            own = NameServer(*where, key=read_key(), space=namespace())
+            try:
+                return own, replace(options, server=own.address).network()
+            except LinkError:
+                own.close()
+                raise
+
+    def open_board(self, part: str) -> None:
+        """Show one robot part as a control board. Raises LinkError."""
+        board = self.boards[part]
+        calls = "nws/rpc:i" if self.dialect is V4 else "rpc:i"
+        answer = answer_v4 if self.dialect is V4 else answer_v3
+
+        def call(delivery: Delivery) -> Answer:
+            return answer(board, delivery.items(self.dialect)) if delivery.command.kind == CALL else None
+
+        def command(delivery: Delivery) -> None:
+            try:
+                obey(board, delivery.items(self.dialect), self.dialect)
+            except CommandError as error:
+                self._refuse(str(error))
+
+        board.armed = self.link.armed
+        for name, receive in ((calls, call), ("command:i", command), ("state:o", None), ("stateExt:o", None)):
+            self._open(f"/{self.prefix}/{part}/{name}", receive)
+
+    def close_board(self, part: str) -> None:
+        """Let one control board be away until `open_board`, as one that restarts; for rehearsals."""
+        for name in list(self._ports):
+            if name.startswith(f"/{self.prefix}/{part}/"):
+                self._ports.pop(name).close()
+
+    def _open(self, name: str, receive: Callable[[Delivery], Answer] | None = None) -> NamedPort:
+        port = self._ports[name] = self.network.port(name, self.dialect, receive)
+        return port
+
+    def _publish_skin(self, frame: SkinFrame, offset: float) -> None:
+        name = patch_port(self.link.robot, self.prefix, frame.patch)
+        raw, compensated = self._ports[name], self._ports[f"{name}_comp"]
+        stamp = self._stamp(frame.patch, frame.stamp + offset)
+        if raw.outputs:
+            raw.write(np.asarray(frame.values, dtype=float), stamp)
+        if compensated.outputs:
+            sensor = self.link.robot.patch(frame.patch).sensor
+            sign = 1.0 if sensor.pascal_per_count > 0 else -1.0
+            away = np.clip(sign * (np.asarray(frame.values, dtype=float) - sensor.rest), 0.0, 255.0)
+            compensated.write(away)
+
+    def _stamp(self, what: str, stamp: float) -> Stamp:
+        count = self._stamps[what] = self._stamps.get(what, -1) + 1
+        return Stamp(count, stamp)
+
+    def _write(self, name: str, value: Array | list[Any], stamp: Stamp) -> None:
+        self._ports[name].write(value, stamp)
+
+    def _refuse(self, reason: str) -> None:
+        self.refused += 1
+        self.last_error = reason
+
+    def _keep_registered(self) -> None:
+        """A name server that restarts forgets its ports; what flows between ports goes on meanwhile."""
+        while not self._closed.wait(REGISTER_AGAIN):
+            with contextlib.suppress(LinkError):
+                known = {contact.name for contact in self.network.list()}
+                for port in list(self._ports.values()):
+                    if port.name not in known and not self._closed.is_set():
+                        port.register()

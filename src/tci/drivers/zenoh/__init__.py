@@ -1,0 +1,1 @@
+"""Zenoh: robots served and commanded over its sessions."""

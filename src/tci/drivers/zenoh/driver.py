@@ -1,0 +1,191 @@
+"""`zenoh[:[NAME@]WHERE]`: a robot that `tci serve --via zenoh` shows, to any number of processes elsewhere.
+
+| key | what | from |
+|---|---|---|
+| `tci/NAME/state` | joints, gate, who commands; in every period | robot |
+| `tci/NAME/skin/PATCH` | a frame of skin, once | robot |
+| `tci/NAME/orders/CLIENT` | orders and heartbeat, in every period | behaviour |
+| `tci/NAME/facts` | answers a query: the run-time query as JSON | robot |
+| `tci/NAME/alive` | liveliness of the robot's process | robot |
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import zenoh
+
+from tci.drivers.diagnosis import Finding, Level
+from tci.drivers.driver import Link
+from tci.drivers.own_sockets import Watch, listening
+from tci.drivers.remote.driver import RemoteLink
+from tci.drivers.remote.encoding import frame_bytes, orders_bytes, state_bytes, to_orders, to_skin, to_state
+from tci.drivers.remote.protocol import Orders, SessionFrame, State
+from tci.drivers.remote.server import RemoteServer
+from tci.drivers.zenoh.session import close_session, open_session, parse_address
+from tci.errors import FrameError, LinkError, TciError
+from tci.exports.facts import query, read_facts
+from tci.messages import SkinFrame
+from tci.robot.description import Robot
+
+PER_POLL = 16
+"""Messages looked at per call, so that a flood costs a bounded time; the latest are kept. Ours."""
+QOS: dict[str, Any] = {
+    "congestion_control": zenoh.CongestionControl.DROP,  # the loop never waits; orders are repeated
+    "priority": zenoh.Priority.REAL_TIME,
+    "express": True,
+}
+
+
+class ZenohLink(RemoteLink):
+    """A robot that another process shows through Zenoh."""
+
+    def __init__(self, robot: Robot, address: str = "", *, arm: bool = False) -> None:
+        """Raises LinkError when nobody answers at `address` for a robot of this description."""
+        self._address = parse_address(address, robot.name)
+        super().__init__(robot, middleware="zenoh", place=str(self._address), arm=arm)
+        self.session = open_session(self._address, "connect")
+        """The session: ask it for `tci/NAME/facts`."""
+        key = f"tci/{self._address.robot}"
+        self._why = ""
+        patches = max(1, len(robot.patches))
+        try:
+            self._states = self.session.declare_subscriber(f"{key}/state", zenoh.handlers.RingChannel(1))
+            self._frames = self.session.declare_subscriber(
+                f"{key}/skin/*", zenoh.handlers.RingChannel(2 * patches)
+            )
+            self._orders = self.session.declare_publisher(f"{key}/orders/{self.client:x}", **QOS)
+            self._wait()
+        except BaseException:
+            close_session(self.session)
+            raise
+
+    @classmethod
+    def probe(cls, robot: Robot, address: str) -> tuple[Finding, ...]:
+        try:
+            where = parse_address(address, robot.name)
+            session = open_session(where, "connect")
+        except LinkError as error:
+            advice = "is tci serve, or the router, running there? with TLS: do key and certificate fit?"
+            return (Finding(Level.FAULT, "session", str(error), advice),)
+        try:
+            return (Finding(Level.OK, "session", f"open at {where}"), *_look(session, robot, where.robot))
+        finally:
+            close_session(session)
+
+    def _poll(self) -> Iterator[State | SessionFrame]:
+        for subscriber, read in ((self._states, to_state), (self._frames, to_skin)):
+            for data in _received(subscriber):
+                try:
+                    yield read(self.robot, data)
+                except FrameError as error:
+                    self.rejected += 1
+                    self._why = str(error)
+
+    def _put(self, orders: Orders) -> None:
+        try:
+            self._orders.put(orders_bytes(self.robot, orders))
+        except zenoh.ZError as error:
+            raise LinkError(f"{self.place}: {error}") from error
+
+    def _nobody(self) -> str:
+        if self._why:
+            return self._why
+        there = ", ".join(_alive(self.session)) or "none"
+        return f"robots there: {there}; to serve one: tci serve ROBOT --via zenoh"
+
+    def _starting(self) -> bool:
+        return not self._why and self._address.robot in _alive(self.session)
+
+    def _close(self) -> None:
+        super()._close()
+        close_session(self.session)
+
+
+class ZenohServer(RemoteServer):
+    """Shows a robot through Zenoh."""
+
+    def __init__(self, link: Link, address: str = "") -> None:
+        """Raises LinkError when `address` can't be used."""
+        super().__init__(link, address, middleware="zenoh")
+        self._where = parse_address(address, link.robot.name)
+        self._key = f"tci/{self._where.robot}"
+        facts = query(link.robot).model_dump_json()
+        before = listening()
+        self.session = open_session(self._where, "listen")
+        """The session."""
+        self._watches = [Watch(port) for port in listening() - before]
+        self.rejected = 0
+        """Messages that were no orders for this robot."""
+        self._orders = self.session.declare_subscriber(
+            f"{self._key}/orders/*", zenoh.handlers.RingChannel(PER_POLL)
+        )
+        self._states = self.session.declare_publisher(f"{self._key}/state", **QOS)
+        self._frames = {
+            patch.name: self.session.declare_publisher(f"{self._key}/skin/{patch.name}", **QOS)
+            for patch in link.robot.patches
+        }
+        key = f"{self._key}/facts"  # what is asked for may be tci/*/facts
+        self._facts = self.session.declare_queryable(
+            key, lambda asked: asked.reply(key, facts, encoding=zenoh.Encoding.APPLICATION_JSON)
+        )
+        self._alive = self.session.liveliness().declare_token(f"{self._key}/alive")
+
+    def where(self) -> str:
+        return str(self._where)
+
+    def _poll(self) -> Iterable[Orders]:
+        for data in _received(self._orders):
+            try:
+                yield to_orders(self.link.robot, data)
+            except FrameError:
+                self.rejected += 1
+
+    def _show(self, state: State) -> None:
+        self._states.put(state_bytes(self.link.robot, state))
+
+    def _show_skin(self, frame: SkinFrame) -> None:
+        self._frames[frame.patch].put(frame_bytes(self.link.robot, SessionFrame(self.number, frame)))
+
+    def close(self) -> None:
+        for watch in self._watches:
+            watch.close()
+        close_session(self.session)
+
+
+def _alive(session: zenoh.Session) -> list[str]:
+    """Names of all robots that are shown there."""
+    found = session.liveliness().get("tci/*/alive", timeout=1.0)
+    return sorted(str(reply.ok.key_expr).split("/")[1] for reply in found if reply.ok is not None)
+
+
+def _look(session: zenoh.Session, robot: Robot, name: str) -> Iterator[Finding]:
+    """Whether a robot of that name is there, and is the one that is described here."""
+    names = _alive(session)
+    if name not in names:
+        said = f"{name} is not there; robots there: {', '.join(names) or 'none'}"
+        yield Finding(Level.FAULT, "robot", said, "tci serve ROBOT --via zenoh; is its key readable for you?")
+        return
+    yield Finding(Level.OK, "robot", f"{name} is alive")
+    for reply in session.get(f"tci/{name}/facts", timeout=2.0):
+        if reply.ok is not None:
+            try:
+                same = read_facts(reply.ok.payload.to_string()).digest == robot.digest
+            except (TciError, ValueError) as error:
+                yield Finding(Level.FAULT, "description", f"it answers with what is no description: {error}")
+                return
+            advice = "" if same else "use the same description on both machines: tci check FILE"
+            said = "the same there and here" if same else "another one there than here"
+            yield Finding(Level.OK if same else Level.FAULT, "description", said, advice)
+            return
+    yield Finding(Level.WARNING, "description", "it does not answer tci/NAME/facts", "may you ask that key?")
+
+
+def _received(subscriber: zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]) -> Iterator[bytes]:
+    """The payloads that came, oldest first; a bounded number."""
+    for _ in range(PER_POLL):
+        sample = subscriber.try_recv()
+        if sample is None:
+            return
+        yield sample.payload.to_bytes()

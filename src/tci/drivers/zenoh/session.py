@@ -1,0 +1,75 @@
+"""Addresses of Zenoh, and what is opened for them."""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import Literal
+
+import zenoh
+
+from tci.drivers.remote.address import RemoteAddress, parse_remote
+from tci.drivers.visitors import PATIENCE
+from tci.errors import LinkError
+
+ENDPOINT = "tcp/127.0.0.1:7447"
+"""Where a robot is served unless the address says otherwise: this machine only."""
+VALID = "valid: [NAME@]PROTOCOL/HOST:PORT, as in tcp/10.0.0.5:7447, or [NAME@]FILE.json5"
+PENDING = 10_000
+"""Strangers that Zenoh lets wait, and then nobody: more than `Watch` leaves to it."""
+LEASE = 2000
+"""Silence [ms] after which a connection counts as broken and is made anew. Ours."""
+
+
+def parse_address(text: str, robot: str) -> RemoteAddress:
+    """An address; `robot` is the name where it gives none. Raises LinkError."""
+    address = parse_remote("zenoh", text, robot, ENDPOINT)
+    if not is_file(address) and not re.fullmatch(r"[a-z][a-z0-9_]*/[^\s/]\S*", address.where):
+        raise LinkError(f"zenoh: address {address.where!r}; {VALID}")
+    return address
+
+
+def is_file(address: RemoteAddress) -> bool:
+    """Whether an address is a configuration file of Zenoh, which says all there is to say."""
+    return address.where.endswith((".json5", ".json"))
+
+
+def open_session(address: RemoteAddress, does: Literal["listen", "connect"]) -> zenoh.Session:
+    """A session of Zenoh. Without a file it talks to nobody but those at the endpoint.
+
+    Raises LinkError for a file or an endpoint that can't be used, a port that is taken, and nobody there.
+    """
+    zenoh.init_log_from_env_or("off")
+    try:
+        if is_file(address):
+            config = zenoh.Config.from_file(address.where)
+        else:
+            config = zenoh.Config.from_json5(json.dumps(_settings(address.where, does)))
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        raise LinkError(f"{address}: {_brief(error)}; {VALID}") from error
+
+
+def close_session(session: zenoh.Session) -> None:
+    """Close what `open_session` gave. A second call does nothing."""
+    if not session.is_closed():
+        session.close()  # type: ignore[no-untyped-call] # Zenoh's own stub
+
+
+def _settings(endpoint: str, does: Literal["listen", "connect"]) -> dict[str, object]:
+    return {
+        "mode": "peer" if does == "listen" else "client",
+        does: {"endpoints": [endpoint], "retry": {"period_init_ms": 100, "period_max_ms": 1000}},
+        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        # Shared memory gains nothing for messages of this size, and Zenoh 1.10 leaves a segment behind.
+        "transport": {
+            "unicast": {"accept_pending": PENDING, "accept_timeout": int(1e3 * PATIENCE)},
+            "link": {"tx": {"lease": LEASE}},
+            "shared_memory": {"enabled": False},
+        },
+    }
+
+
+def _brief(error: zenoh.ZError) -> str:
+    """What went wrong, without places in Zenoh's own source."""
+    return re.sub(r"\s+at /\S+\.rs:\d+\.?", "", str(error)).strip().rstrip(".")

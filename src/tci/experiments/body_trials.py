@@ -1,0 +1,53 @@
+"""Pokes of head, torso, hands and legs: what `experiment` is for arms."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from tci.body.generic_body import Body
+from tci.capabilities.body_fields import BodyField
+from tci.capabilities.body_withdrawal import BodyWithdrawal
+from tci.errors import TciError
+from tci.experiments.measure import Trial, measure
+from tci.experiments.poke import Stimulus, poke_place
+from tci.robot.description import Robot
+from tci.simulation.world import World
+
+
+def answerable(body: Body, field: BodyField) -> list[str]:
+    """The parts of a robot that can answer in a field: with skin there, and a joint for the motion."""
+    found = []
+    for part in body.robot.parts:
+        has = [float(joint.servo is not None) for joint in part.servos]
+        if part.kind != field.kind or not (np.array(field.motion) * has).any():
+            continue
+        try:
+            body.spots.place(part.name, field.spot)
+        except TciError:
+            continue
+        found.append(part.name)
+    return found
+
+
+def deaf(reflex: BodyWithdrawal) -> BodyWithdrawal:
+    """The same with fields that feel no force below 1 MN."""
+    force = reflex.fields.force.model_copy(update={"threshold_n": 1e6, "saturation_n": 2e6})
+    return replace(reflex, fields=reflex.fields.model_copy(update={"force": force}))
+
+
+def body_trials_of(
+    robot: Robot, reflex: BodyWithdrawal, *, stimulus: Stimulus | None = None, seed: int = 0
+) -> Iterator[Trial]:
+    """Poke the centre of every field that a part of the robot can answer in, with the reflex and without."""
+    world, body = World(robot, seed=seed), Body(robot)
+    stimulus = stimulus or Stimulus()
+    for field in reflex.fields.field:
+        for part in answerable(body, field):
+            place = body.spots.place(part, field.spot)
+            held = poke_place(world, place, stimulus, reflex=deaf(reflex), seed=seed)
+            acted = poke_place(world, place, stimulus, reflex=reflex, seed=seed)
+            yield measure(robot, part, field.name, acted, held)
+            seed += 1

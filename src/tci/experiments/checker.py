@@ -1,0 +1,108 @@
+"""The second pair of eyes: what was sent and what the physics did, against the description.
+
+Nothing here is shared with the gate; it reads the limits from the description by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tci.frames import Array
+from tci.gate.gate import SafeCommand
+from tci.messages import Mode
+from tci.robot.description import Coupling, Robot, Servo
+
+COMMAND_TOLERANCE = 1e-6
+"""Relative: rounding of the differences below."""
+HELD = 1e-9
+"""Change of a position [rad] that is only rounding."""
+STOP_TOLERANCE = float(np.deg2rad(0.1))
+"""How far [rad] a joint of the physics may press into its end stop, which is soft there."""
+
+
+def command_violations(
+    robot: Robot, sent: Sequence[SafeCommand], measured: Sequence[Array], period: float
+) -> list[str]:
+    """Limits that the commands break, one sentence per servo and limit.
+
+    `sent` is all that was written, one command per `period` [s], `measured` the joint angles
+    (servos,) [rad] at each of them. Velocity, acceleration and jerk are differences of successive
+    positions; before its first command a servo is taken to rest where it was measured.
+    """
+    series: dict[int, list[float]] = {}
+    for command, here in zip(sent, measured, strict=True):
+        for servo, angle in zip(command.servos, command.position, strict=True):
+            series.setdefault(int(servo), [float(here[servo])] * 3).append(float(angle))
+    faults = []
+    for index, angles in sorted(series.items()):
+        faults += _servo_faults(robot.servos[index], np.array(angles), period)
+    for coupling in robot.couplings:
+        if any(servo in series for servo in coupling.servos):
+            faults += _coupling_faults(coupling, sent, measured)
+    return faults
+
+
+def _servo_faults(servo: Servo, angles: Array, period: float) -> list[str]:
+    limits = servo.limits
+    derivatives = [("position", angles[3:], limits.lower, limits.upper)]
+    for order, (name, limit) in enumerate(
+        [("velocity", limits.velocity), ("acceleration", limits.acceleration), ("jerk", limits.jerk)], start=1
+    ):
+        bound = None if limit is None else limit * (1.0 + COMMAND_TOLERANCE)
+        derivatives.append(
+            (name, np.diff(angles, order) / period**order, None if bound is None else -bound, bound)
+        )
+    faults = []
+    for name, values, lower, upper in derivatives:
+        if lower is None or upper is None:
+            faults.append(f"{servo.name}: commanded, but its limit of {name} is not known")
+        elif not np.all(np.isfinite(values) & (values >= lower) & (values <= upper)):
+            worst = values[np.argmax(np.maximum(values - upper, lower - values))]
+            faults.append(f"{servo.name}: {name} {worst:.6g} sent, allowed {lower:.6g} .. {upper:.6g}")
+    return faults
+
+
+def _coupling_faults(coupling: Coupling, sent: Sequence[SafeCommand], measured: Sequence[Array]) -> list[str]:
+    """The first time that the commands leave a coupling; a servo without command is where it is measured."""
+    for command, here in zip(sent, measured, strict=True):
+        angles = here.copy()
+        angles[command.servos] = command.position
+        value = float(angles[list(coupling.servos)] @ np.array(coupling.coefficients))
+        if not coupling.lower - COMMAND_TOLERANCE <= value <= coupling.upper + COMMAND_TOLERANCE:
+            bounds = f"{coupling.lower:.6g} .. {coupling.upper:.6g}"
+            return [f"{coupling.name}: {value:.6g} sent, allowed {bounds}"]
+    return []
+
+
+def stray_servos(robot: Robot, part: str, sent: Sequence[SafeCommand]) -> list[str]:
+    """Servos that were moved although the generic `part` does not map them.
+
+    In position mode nothing at all may be sent to them. In another mode, to which both arms are
+    switched, they may be held.
+    """
+    mapped = {servo.servo for servo in robot.part(part).servos}
+    first: dict[int, float] = {}
+    stray = set()
+    for command in sent:
+        for servo, mode, angle in zip(command.servos.tolist(), command.modes, command.position, strict=True):
+            held = mode is not Mode.POSITION and abs(angle - first.setdefault(servo, angle)) <= HELD
+            if servo not in mapped and not held:
+                stray.add(servo)
+    return [f"{robot.servos[index].name}: commanded, but {part} does not map it" for index in sorted(stray)]
+
+
+def physics_violations(robot: Robot, positions: Array, velocities: Array) -> list[str]:
+    """Limits that the simulated joints break: `positions` and `velocities` (samples, servos)."""
+    faults = []
+    for servo in robot.servos:
+        limits = servo.limits
+        angles, speeds = positions[:, servo.index], np.abs(velocities[:, servo.index])
+        if limits.lower is not None and limits.upper is not None:
+            outside = np.maximum(angles - limits.upper, limits.lower - angles).max()
+            if not outside <= STOP_TOLERANCE:
+                faults.append(f"{servo.name}: {np.rad2deg(outside):.2f} degrees outside its limits")
+        if limits.velocity is not None and not speeds.max() <= limits.velocity:
+            faults.append(f"{servo.name}: {speeds.max():.3f} rad/s, allowed {limits.velocity:.3f}")
+    return faults

@@ -1,0 +1,69 @@
+"""One poke in the middle of every patch: what is felt there must not be pressed, whatever answers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tci.body.places import Place
+from tci.capabilities.body_withdrawal import BodyWithdrawal
+from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.errors import TciError
+from tci.experiments.body_trials import deaf
+from tci.experiments.measure import measure
+from tci.experiments.poke import Stimulus, poke_place
+from tci.robot.description import Robot
+from tci.simulation.world import World
+
+PRESSED = 0.1
+"""How much more [N] the finger may feel than without the reflex. Assumed: two simulations differ by less."""
+
+
+@dataclass(frozen=True, slots=True)
+class PatchTrial:
+    """What came of one poke."""
+
+    patch: str
+    part: str
+    answered: bool
+    """The reflex commanded this part, and no other, and its skin moved away from the finger."""
+    reason: str
+    """Why the part stays; empty where it moved, or nothing answers there."""
+    peak_force_n: float
+    """Largest force on the finger."""
+    peak_force_without_reflex_n: float
+
+    @property
+    def fault(self) -> str:
+        """What is wrong with it; empty when nothing is."""
+        if self.peak_force_n <= self.peak_force_without_reflex_n + PRESSED:
+            return ""
+        return (
+            f"{self.patch}: {self.part} moves towards the finger, which feels {self.peak_force_n:.1f} N; "
+            f"valid: at most the {self.peak_force_without_reflex_n:.1f} N without the reflex"
+        )
+
+
+def patch_trials_of(
+    robot: Robot, arms: WithdrawalReflex, others: BodyWithdrawal, *, seed: int = 0
+) -> Iterator[PatchTrial]:
+    """Poke the taxel in the middle of every patch, with the reflex of its part and without."""
+    world = World(robot, seed=seed)
+    for patch in robot.patches:
+        surface = world.surfaces[patch.name]
+        middle = (surface.positions.min(axis=0) + surface.positions.max(axis=0)) / 2.0
+        taxel = int(np.linalg.norm(surface.positions - middle, axis=1).argmin())
+        place = Place(patch.name, surface.positions[taxel], surface.normals[taxel])
+        is_arm = robot.part(patch.part).kind == "arm"
+        reflex, without = (arms, replace(arms, fields=())) if is_arm else (others, deaf(others))
+        try:
+            held = poke_place(world, place, Stimulus(), reflex=without, seed=seed)
+            acted = poke_place(world, place, Stimulus(), reflex=reflex, seed=seed)
+        except TciError as error:  # no room for the finger, as under another patch
+            yield PatchTrial(patch.name, patch.part, False, str(error), 0.0, 0.0)
+            continue
+        trial = measure(robot, patch.part, patch.name, acted, held)
+        reason = "; ".join(acted.notes)
+        yield PatchTrial(patch.name, patch.part, trial.responded, reason, acted.peak_force, held.peak_force)

@@ -1,0 +1,151 @@
+"""What the demo draws: two pokes of each robot's left forearm, when it hurts most and at the end."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.capabilities.fields import ReceptiveField
+from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.experiments.figure import Panel, draw_figure
+from tci.experiments.poke import Stimulus, Trace, poke
+from tci.frames import Array, apply
+from tci.pictures.camera import Camera, fit, look_at, project
+from tci.pictures.paint import FIELD_COLOURS, FULL_SCALE, FieldLook
+from tci.pictures.portrait import Moment, Portrait, keep_moment
+from tci.robot.description import Robot
+from tci.runtime.loop import Tick
+from tci.simulation.world import World
+
+# All looks are ours.
+PART = "left_arm"
+VIEWS = {"forearm_extensor": (0.95, 0.0), "forearm_medial": (-0.30, 0.30)}
+"""Sites that are poked, as in the paper's Figure 6 (below, and inside), and from where [rad] we look."""
+WIDTH, HEIGHT = 440, 480
+CLOSE_UP = 170
+"""Size of a close-up [pixels]."""
+TILT = np.deg2rad(55.0)
+"""A close-up is taken this far off the skin's normal, past the finger."""
+
+
+def draw_demo(robots: Sequence[Robot], reflex: WithdrawalReflex, path: Path, *, seed: int) -> None:
+    """Write the figure: a row for each robot, before and after each of two pokes."""
+    looks = field_looks(reflex.fields)
+    sites = [field for field in reflex.fields if field.name in VIEWS]
+    panels = [panel for robot in robots for panel in _row(robot, reflex, sites, looks, seed)]
+    names = [field.name.replace("_", " ") for field in reflex.fields]
+    draw_figure(
+        panels,
+        path,
+        fields=list(zip(names, looks, strict=True)),
+        full_scale=FULL_SCALE,
+        caption="The same reflex, from the same source, on each robot. Left of a pair: the largest force "
+        "that the skin felt. Right: withdrawn.\nReceptive fields and base motions are ours.",
+    )
+
+
+def field_looks(fields: Sequence[ReceptiveField]) -> list[FieldLook]:
+    """How receptive fields look in pictures."""
+    return [
+        FieldLook(
+            field.segment, field.u, field.theta, field.radius, FIELD_COLOURS[index % len(FIELD_COLOURS)]
+        )
+        for index, field in enumerate(fields)
+    ]
+
+
+def _row(
+    robot: Robot,
+    reflex: WithdrawalReflex,
+    sites: Sequence[ReceptiveField],
+    looks: Sequence[FieldLook],
+    seed: int,
+) -> list[Panel]:
+    world = World(robot, seed=seed)
+    portrait = Portrait(world, looks, full_scale=FULL_SCALE)
+    name = (robot.title or robot.name).split()[0]
+    panels = []
+    for site in sites:
+        worst, last, trace = _moments(world, reflex, site, seed)
+        camera = _camera(portrait, (worst, last), robot, *VIEWS[site.name])
+        start, end = _spot(portrait, camera, worst, trace), _spot(portrait, camera, last, trace)
+        for moment in (worst, last):
+            index = trace.time.index(moment.time)
+            moved = 1e3 * (trace.point[0] - trace.point[index]) @ trace.normal
+            after = 1e3 * (moment.time - (trace.first_contact or 0.0))
+            force = f"{trace.force[index]:.1f} N" if trace.force[index] > 0.0 else "no contact"
+            panels.append(
+                Panel(
+                    image=portrait.draw(moment, camera),
+                    title=f"{name}: {site.name.replace('_', ', ')} side",
+                    detail=f"{after:.0f} ms: {force}, withdrawn {moved:.0f} mm",
+                    spot=start if moment is worst else None,
+                    close_up=_close_up(portrait, worst, trace, camera) if moment is worst else None,
+                    arrow=(start, end) if moment is last else None,
+                )
+            )
+    return panels
+
+
+def _moments(
+    world: World, reflex: WithdrawalReflex, site: ReceptiveField, seed: int
+) -> tuple[Moment, Moment, Trace]:
+    """The moment of the largest force that the skin reported, the last one, and the whole poke."""
+    strongest = 0.0
+    moments: list[Moment] = []
+
+    def watch(tick: Tick) -> None:
+        nonlocal strongest
+        force = max((contact.force for contact in tick.perception.contacts), default=0.0)
+        if force > strongest or tick.now + world.model.opt.timestep * 3 > stimulus.duration:
+            strongest = max(force, strongest)
+            moments.append(keep_moment(world, tick.reading))
+
+    stimulus = Stimulus()
+    trace = poke(world, PART, site, stimulus, reflex=reflex, seed=seed, watch=watch)
+    return moments[-2], moments[-1], trace
+
+
+def _camera(
+    portrait: Portrait, moments: Sequence[Moment], robot: Robot, azimuth: float, elevation: float
+) -> Camera:
+    """Upper body and the poked arm at all `moments`."""
+    reach = sum(segment.length for segment in robot.part(PART).segments)
+    points = np.concatenate([portrait.outline(moment, part=PART, lowest=-0.5 * reach) for moment in moments])
+    return fit(
+        points,
+        azimuth=azimuth,
+        elevation=elevation,
+        width=WIDTH,
+        height=HEIGHT,
+        frame=portrait.torso(moments[0]),
+    )
+
+
+def _spot(portrait: Portrait, camera: Camera, moment: Moment, trace: Trace) -> tuple[float, float]:
+    """The pixel on which the poked point of the skin falls."""
+    point_T = trace.point[trace.time.index(moment.time)]
+    pixels, _ = project(camera, apply(portrait.torso(moment), point_T[None]))
+    return float(pixels[0, 0]), float(pixels[0, 1])
+
+
+def _close_up(portrait: Portrait, moment: Moment, trace: Trace, camera: Camera) -> NDArray[np.uint8]:
+    """The poked point from near, from the side of the finger that faces the panel's `camera`."""
+    T_WT = portrait.torso(moment)
+    towards: Array = -T_WT[:3, :3].T @ camera.T_WC[:3, 2]
+    aside = towards - (towards @ trace.normal) * trace.normal
+    outward = np.cos(TILT) * trace.normal + np.sin(TILT) * aside / np.linalg.norm(aside)
+    view = look_at(
+        trace.point[trace.time.index(moment.time)],
+        azimuth=float(np.arctan2(outward[1], outward[0])),
+        elevation=float(np.arcsin(outward[2])),
+        distance=0.2,
+        fov=0.32,
+        width=CLOSE_UP,
+        height=CLOSE_UP,
+        frame=T_WT,
+    )
+    return portrait.draw(moment, view)

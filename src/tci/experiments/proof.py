@@ -1,0 +1,223 @@
+"""Proves a description in simulation: the axes of its arms, its limits, and the reflex on its skin."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from itertools import chain
+from typing import Any
+
+import numpy as np
+
+from tci.body.posture import to_platform
+from tci.capabilities.body_withdrawal import BodyWithdrawal
+from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.drivers.simulated import SimulatedLink
+from tci.errors import TciError
+from tci.experiments.body_trials import body_trials_of
+from tci.experiments.checker import command_violations, physics_violations
+from tci.experiments.experiment import SIDES, trials_of
+from tci.experiments.measure import Trial
+from tci.experiments.patch_trials import PatchTrial, patch_trials_of
+from tci.experiments.poke import Stimulus
+from tci.frames import Array, angle_between, apply
+from tci.messages import GenericCommand, Mode
+from tci.robot.description import GenericPart, Robot
+from tci.robot.generic_arm import JOINTS, forearm_rotation, side_sign, upper_arm_rotation
+from tci.robot.kinematics import Kinematics
+from tci.simulation.world import World
+
+RANGE = np.deg2rad([[-10, 95], [0, 75], [-30, 65], [15, 90], [-60, 60]])
+"""Generic angles [rad] in which axes are compared: what humanoid arms share."""
+POSTURES = 400
+"""Postures in which they are."""
+LEAST_SHARE = 0.25
+"""Share of these postures that the limits must leave."""
+AXIS = 0.5
+"""Most angle [degrees] between an axis and the generic arm's."""
+SLOWEST = {50.0: 43.0, 100.0: 33.0}
+"""Longest time [ms] from touch to motion, by the skin's rate [Hz]."""
+TARGETS, PACE = 8, 0.4
+"""Random targets far outside the limits, and time [s] for each."""
+
+
+@dataclass(frozen=True, slots=True)
+class Axes:
+    """How well the axes of one arm agree with the generic arm's, in its mount frame."""
+
+    part: str
+    within_limits: int
+    """Postures that the limits allow, of POSTURES."""
+    worst_deg: float
+    """Largest angle."""
+
+
+@dataclass(frozen=True, slots=True)
+class Proof:
+    """What was found. A description is proved when there are no faults."""
+
+    robot: str
+    axes: tuple[Axes, ...]
+    trials: tuple[Trial, ...]
+    patches: tuple[PatchTrial, ...]
+    """One poke of every patch, whichever part it is on."""
+    faults: tuple[str, ...]
+    """In words, each with what would be valid."""
+
+    def to_json(self) -> dict[str, Any]:
+        """As a dictionary of plain values."""
+        return asdict(self)
+
+
+def prove(robot: Robot, *, progress: Callable[[str], None] = lambda what: None) -> Proof:
+    """Try a robot in simulation, telling `progress` before each step.
+
+    Raises DescriptionError for a robot that can't be simulated.
+    """
+    faults: list[str] = []
+    arms = [f"{side}_arm" for side in SIDES]
+    if missing := [name for name in arms if name not in {part.name for part in robot.parts}]:
+        return Proof(robot.name, (), (), (), (f"no generic part {' and '.join(missing)}",))
+    axes = []
+    for name in arms:
+        progress(f"axes of {name}")
+        found = compare_axes(robot, robot.part(name))
+        axes.append(found)
+        if found.within_limits < LEAST_SHARE * POSTURES:
+            faults.append(
+                f"{name}: limits leave {found.within_limits} of {POSTURES} postures; valid: at least "
+                f"{LEAST_SHARE:.0%}. Are signs and offsets right?"
+            )
+        if not found.worst_deg <= AXIS:
+            faults.append(f"{name}: an axis is {found.worst_deg:.1f} degrees off; valid: at most {AXIS}")
+    progress("limits")
+    faults += limit_faults(robot)
+    patches: list[PatchTrial] = []
+    body_reflex = BodyWithdrawal(stance="supported")
+    for touch in patch_trials_of(robot, WithdrawalReflex(), body_reflex):
+        patches.append(touch)
+        faults += filter(None, [touch.fault])
+        progress(f"skin, {touch.patch.replace('_', ' ')}")
+    places = {(patch.part, patch.segment) for patch in robot.patches}
+    reflex = WithdrawalReflex()
+    bare = [
+        f"{part}'s {field.segment}"
+        for part in arms
+        for field in reflex.fields
+        if (part, field.segment) not in places
+    ]
+    if bare:
+        faults.append(f"no skin on {', '.join(dict.fromkeys(bare))}: nothing to poke")
+        return Proof(robot.name, tuple(axes), (), tuple(patches), tuple(faults))
+    trials = []
+    progress("reflexes")
+    try:
+        for trial in chain(
+            trials_of(robot, reflex, stimulus=Stimulus(), seed=0),
+            body_trials_of(robot, body_reflex),
+        ):
+            trials.append(trial)
+            faults += [f"{trial.side} {trial.site}: {fault}" for fault in trial_faults(robot, trial)]
+            progress(f"reflex, {trial.side} {trial.site.replace('_', ' ')}")
+    except TciError as error:  # a place without skin, or without room for the finger
+        faults.append(f"after {len(trials)} pokes: {error}")
+    return Proof(robot.name, tuple(axes), tuple(trials), tuple(patches), tuple(faults))
+
+
+def compare_axes(robot: Robot, part: GenericPart) -> Axes:
+    """The axes of shoulder rotation, elbow and pronation in random postures, against the generic arm's."""
+    assert part.side is not None
+    sign = side_sign(part.side)
+    kinematics = Kinematics(robot)
+    mapped = {generic.servo for generic in part.servos if generic.servo is not None}
+    hand = next(link for link in kinematics.links if mapped <= set(kinematics.chain(link)))
+    worst, within = 0.0, 0
+    low, high = RANGE.T
+    for posture in np.random.default_rng(2).uniform(low, high, size=(POSTURES, len(JOINTS))):
+        command = to_platform(robot, GenericCommand(part.name, Mode.POSITION, posture))
+        limits = [robot.servos[servo].limits for servo in command.servos]
+        lower, upper = np.array([[limit.lower, limit.upper] for limit in limits], dtype=float).T
+        if np.any(command.values < lower) or np.any(command.values > upper):
+            continue
+        within += 1
+        position = np.array(robot.initial_position)
+        position[command.servos] = command.values
+        upper_arm, bend, forearm = arm_axes(robot, part, kinematics, hand, position)
+        pairs = [
+            (upper_arm, -upper_arm_rotation(posture, part.side, axial=False)[:, 2]),
+            (bend, -upper_arm_rotation(posture, part.side, axial=True)[:, 1]),
+        ]
+        if forearm is not None:
+            pairs.append((sign * forearm, -forearm_rotation(posture, part.side, axial=False)[:, 2]))
+        worst = max(worst, *(float(np.rad2deg(angle_between(a, b))) for a, b in pairs))
+    return Axes(part.name, within, worst)
+
+
+def arm_axes(
+    robot: Robot, part: GenericPart, kinematics: Kinematics, hand: str, position: Array
+) -> tuple[Array, Array, Array | None]:
+    """Axes (3,) of internal rotation, towards the elbow, of flexion and of pronation, seen from the mount;
+    `hand` is a link behind all of them."""
+    poses = kinematics.poses(position, [segment.link for segment in part.segments])
+    ends = {s.name: apply(poses[s.link], np.array(s.origin)) for s in part.segments}
+    turns = part.R_TM.T @ kinematics.jacobian(position, hand)[3:]
+    yaw, elbow, pronation = (generic.servo for generic in part.servos[2:])
+    assert yaw is not None
+    assert elbow is not None
+    upper_arm = turns[:, yaw]
+    upper_arm = upper_arm * np.sign(upper_arm @ (part.R_TM.T @ (ends["forearm"] - ends["upper_arm"])))
+    bend = turns[:, elbow] * np.sign(part.servos[3].sense)
+    if pronation is None:
+        return upper_arm, bend, None
+    return upper_arm, bend, turns[:, pronation] * np.sign(part.servos[4].sense)
+
+
+def limit_faults(robot: Robot) -> list[str]:
+    """Send both arms to random targets outside their limits; what gate and physics did is checked apart."""
+    link = SimulatedLink(robot, world=World(robot, skin=False))
+    generator = np.random.default_rng(4)
+    sent, positions, velocities = [], [], []
+    change = -1
+    commands: list[GenericCommand] = []
+    for now in link.ticks(duration=TARGETS * PACE):
+        reading = link.read()
+        if int(now / PACE) > change:
+            change = int(now / PACE)
+            commands = [
+                GenericCommand(f"{side}_arm", Mode.POSITION, generator.uniform(-2.0, 2.0, len(JOINTS)))
+                for side in SIDES
+            ]
+        orders = [to_platform(robot, c, position=reading.joints.position) for c in commands]
+        commands = []
+        safe = link.write(link.gate.step(orders, reading.joints, now))
+        sent.append(safe)
+        positions.append(reading.joints.position)
+        velocities.append(reading.joints.velocity)
+    faults = command_violations(robot, sent, positions, link.period)
+    faults += physics_violations(robot, np.array(positions), np.array(velocities))
+    faults += dict.fromkeys(refusal for safe in sent for refusal in safe.refusals)
+    faults += dict.fromkeys(f"{safe.state.value}: {safe.reason}" for safe in sent if safe.reason)
+    return faults
+
+
+def trial_faults(robot: Robot, trial: Trial) -> list[str]:
+    """What of one poke misses the demo's figures."""
+    rate = min(patch.rate for patch in robot.patches)
+    slowest = SLOWEST.get(rate, 23.0 + 1e3 / rate)
+    never = float("inf")
+    checks = {
+        "the reflex did not move the skin away, or moved another part": trial.responded,
+        f"first motion after {trial.first_motion_ms} ms; valid: above 0, at most {slowest:g}": (
+            0.0 < (trial.first_motion_ms or never) <= slowest
+        ),
+        f"contact lost after {trial.contact_lost_ms} ms; valid: at most 500": (
+            (trial.contact_lost_ms or never) <= 500.0
+        ),
+        "contact lost without the reflex too": trial.contact_lost_without_reflex_ms is None,
+        f"withdrawn by {trial.withdrawn_mm:.1f} mm, and by {trial.withdrawn_without_reflex_mm:.1f} without "
+        "reflex; valid: 5 more": trial.withdrawn_mm >= trial.withdrawn_without_reflex_mm + 5.0,
+        f"centre of pressure {trial.cop_error_mm} mm off; valid: at most 1": (
+            trial.cop_error_mm is not None and trial.cop_error_mm <= 1.0
+        ),
+    }
+    return [what for what, holds in checks.items() if not holds] + [*trial.violations, *trial.halts]

@@ -1,0 +1,152 @@
+"""The same touch on the generic limb of several robots: do they answer alike?"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import combinations
+
+import numpy as np
+
+from tci.body.generic_body import Body
+from tci.body.places import find_place
+from tci.body.posture import generic_posture, to_platform
+from tci.capabilities.fields import ReceptiveField
+from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.frames import Array, angle_between, apply, invert, read_only
+from tci.messages import Contact, GenericCommand, JointReading, Mode, Perception
+from tci.robot.description import Robot
+from tci.robot.generic_arm import limb_coordinates
+
+FORCES = np.linspace(0.0, 1.0, 21)
+"""Force of the stimulus [N] in successive frames: the rise of a touch."""
+
+
+@dataclass(frozen=True, slots=True)
+class SameStimulus:
+    """How much the robots' answers to one stimulus differ."""
+
+    max_generic_difference_rad: float
+    """Largest difference between two robots' generic targets, over sites, sides and frames."""
+    hand_direction_deg: dict[str, float]
+    """Largest angle between the displacements of two robots' hands, by site: each seen from its own shoulder,
+    where the upper arm begins, in the axes of its arm's mount frame."""
+    hand_direction_torso_deg: dict[str, float]
+    """The same seen from the mount frame's fixed origin: with how far each shoulder itself travels."""
+
+
+def same_stimulus(bodies: Sequence[Body], fields: Sequence[ReceptiveField]) -> SameStimulus:
+    """Give each robot's own skin the same (u, theta, force) and compare what the reflex wants.
+
+    The stimulus is put on the robot's skin in space and read back through the robot's kinematics,
+    so that model, mount and map of each robot take part.
+    """
+    difference, directions = 0.0, {}
+    for field in fields:
+        angles = np.zeros(2)
+        for side in ("left", "right"):
+            answers = [answer(body, f"{side}_arm", field) for body in bodies]
+            difference = max(
+                difference, *(float(np.ptp(goals, axis=0).max()) for goals in zip(*answers, strict=True))
+            )
+            moved = [displacements(b, f"{side}_arm", a[-1]) for b, a in zip(bodies, answers, strict=True)]
+            for one, other in combinations(moved, 2):
+                apart = [float(np.rad2deg(angle_between(*pair))) for pair in zip(one, other, strict=True)]
+                angles = np.maximum(angles, apart)
+        directions[field.name] = angles.tolist()
+    return SameStimulus(
+        max_generic_difference_rad=difference,
+        hand_direction_deg={name: shoulder for name, (shoulder, _) in directions.items()},
+        hand_direction_torso_deg={name: torso for name, (_, torso) in directions.items()},
+    )
+
+
+def answer(body: Body, part: str, field: ReceptiveField) -> Array:
+    """Generic targets (frames, 5) [rad] that the reflex wants while the force at `field` rises."""
+    reflex = WithdrawalReflex()
+    memory = reflex.init()
+    joints = initial_joints(body.robot)
+    posture = generic_posture(body.robot, joints)
+    target, targets = posture[part], []
+    for sequence, force in enumerate(FORCES):
+        contact = touch(body, part, field, joints, force=float(force), sequence=sequence)
+        perception = Perception(
+            stamp=contact.stamp,
+            posture=posture,
+            contacts=(contact,),
+            retreat=partial(body.retreat, joints.position),
+        )
+        commands, memory = reflex.step(memory, perception)
+        for command in commands:
+            if isinstance(command, GenericCommand):
+                target = command.values
+        targets.append(target)
+    return read_only(targets)
+
+
+def initial_joints(robot: Robot) -> JointReading:
+    """The robot at rest in its initial posture."""
+    still = read_only(np.zeros(len(robot.servos)))
+    return JointReading(0.0, 0, robot.initial_position, still)
+
+
+def touch(
+    body: Body, part: str, field: ReceptiveField, joints: JointReading, *, force: float, sequence: int
+) -> Contact:
+    """A contact of one taxel with `force` [N] at the centre of `field`, on the robot's own skin."""
+    robot, skin = body.robot, body.skin
+    generic_part = robot.part(part)
+    assert generic_part.side is not None
+    place = find_place(skin, part, field.segment, field.u, field.theta, joints)
+    T_TL = skin.link_pose(robot.patch(place.patch).link, joints)
+    posture = generic_posture(robot, joints)[part]
+    T_TS = skin.segment_pose(part, field.segment, joints, posture)
+    p_T = apply(T_TL, place.p_L)
+    length = generic_part.segment(field.segment).length
+    u, theta = limb_coordinates(apply(invert(T_TS), p_T), length, generic_part.side)
+    return Contact(
+        patch=place.patch,
+        part=part,
+        segment=field.segment,
+        stamp=0.01 * sequence,
+        sequence=sequence,
+        taxels=read_only([0], np.intp),
+        taxel_forces=read_only([force]),
+        force=force,
+        peak_force=force,
+        area=0.0,
+        p_L=place.p_L,
+        n_L=place.n_L,
+        p_T=read_only(p_T),
+        n_T=read_only(T_TL[:3, :3] @ place.n_L),
+        f_T=read_only(-force * (T_TL[:3, :3] @ place.n_L)),
+        u=float(u),
+        theta=float(theta),
+        taxel_u=read_only([u]),
+        taxel_theta=read_only([theta]),
+    )
+
+
+def displacements(body: Body, part: str, target: Array) -> Array:
+    """How far (2, 3) [m] the forearm's distal end goes from the initial posture to `target`: seen from where
+    the upper arm begins, and from the torso; both in the axes of the arm's mount frame.
+
+    The first is what the generic arm describes. They differ where a shoulder's axes do not meet: turning them
+    moves the shoulder itself.
+    """
+    start = initial_joints(body.robot)
+    command = to_platform(body.robot, GenericCommand(part, Mode.POSITION, target))
+    position = np.array(start.position)
+    position[command.servos] = command.values
+    end = JointReading(0.0, 1, read_only(position), start.velocity)
+    generic_part = body.robot.part(part)
+    tip_S = np.array([0.0, 0.0, -generic_part.segment("forearm").length])
+    seen = []
+    for joints in (start, end):
+        posture = generic_posture(body.robot, joints)[part]
+        shoulder = body.skin.segment_pose(part, "upper_arm", joints, posture)[:3, 3]
+        tip = apply(body.skin.segment_pose(part, "forearm", joints, posture), tip_S)
+        seen.append([tip - shoulder, tip])
+    displacement: Array = (np.array(seen[1]) - seen[0]) @ generic_part.R_TM
+    return displacement

@@ -1,0 +1,125 @@
+"""Self-calibration in simulation: a held probe touches a patch whose taxels are wrongly known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from tci.authoring.locate_taxels import LocatedTaxels, ProbeTouch, locate_taxels
+from tci.errors import TciError
+from tci.frames import Array, apply, invert
+from tci.robot.description import Robot
+from tci.robot.kinematics import Kinematics
+from tci.simulation.finger import STIFFNESS
+from tci.simulation.world import World
+from tci.skin.shear import normal_channels
+from tci.skin.surfaces import Surface
+
+SPEED, FORCE = 0.25, (3.0, 6.0)
+"""Speed [m/s] and force [N] of the probe."""
+DWELL = 0.045
+"""Time [s] from a touch's start to its frame."""
+CANDIDATES = 20
+"""Random points of which the next touch is chosen."""
+PROBE = 0.0003
+"""How well the place of the probe is known [m], standard deviation. Ours."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SelfCalibration:
+    """Errors [m] of the taxels' positions (n,)."""
+
+    patch: str
+    touches: int
+    before: Array
+    after: Array
+    located: LocatedTaxels
+
+
+def calibrate_in_simulation(
+    robot: Robot,
+    patch: str,
+    *,
+    touches: int = 200,
+    wrong: float = 0.010,
+    noise: float = 0.5,
+    seed: int = 0,
+    progress: Callable[[int], None] = lambda count: None,
+) -> SelfCalibration:
+    """Move every taxel of the map by `wrong` [m] in a random direction, touch the real skin `touches` times,
+    evenly, and find the taxels again.
+
+    `noise` [counts] is the standard deviation of raw values. Raises UnknownNameError for a patch, TciError
+    when the skin can't be reached, or its taxels are too few or too far apart to be one.
+    """
+    words = robot.patch(patch)
+    world = World(robot, seed=seed, noise=noise)
+    surface = world.surfaces[patch]
+    if not len(surface.faces):
+        raise TciError(
+            f"{patch}: no surface between its {len(surface.positions)} taxels; valid: a patch that has one"
+        )
+    generator = np.random.default_rng(seed)
+    shift = generator.normal(size=surface.positions.shape)
+    shift *= wrong / np.linalg.norm(shift, axis=1, keepdims=True)
+    initial = surface.positions + shift
+    link = Kinematics(robot)
+    tried: list[Array] = []
+    found: list[ProbeTouch] = []
+    tries = 0
+    while len(found) < touches:
+        tries += 1
+        if tries > 5 * touches:
+            raise TciError(
+                f"only {len(found)} of {tries} touches reached {patch}; other links are in the way"
+            )
+        place = _far_from(surface, tried, generator)
+        tried.append(place)
+        if (touch := _touch(world, patch, place, generator, link)) is not None:
+            found.append(touch)
+            progress(len(found))
+    located = locate_taxels(found, initial)
+    before = np.linalg.norm(initial - surface.positions, axis=1)
+    after = np.linalg.norm(located.positions - surface.positions, axis=1)
+    return SelfCalibration(words.name, len(found), before, after, located)
+
+
+def _far_from(surface: Surface, tried: list[Array], generator: np.random.Generator) -> Array:
+    """Of some random points of a surface the one (3,) [m] farthest from those before (Mitchell 1991)."""
+    a, b, c = surface.positions[surface.faces].transpose(1, 0, 2)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    chosen = generator.choice(len(area), CANDIDATES, p=area / area.sum())
+    weights = generator.dirichlet(np.ones(3), CANDIDATES)[:, :, None]
+    points: Array = weights[:, 0] * a[chosen] + weights[:, 1] * b[chosen] + weights[:, 2] * c[chosen]
+    best = int(cKDTree(np.array(tried)).query(points)[0].argmax()) if tried else 0
+    result: Array = points[best]
+    return result
+
+
+def _touch(
+    world: World, patch: str, place: Array, generator: np.random.Generator, kinematics: Kinematics
+) -> ProbeTouch | None:
+    """One touch of the skin next to a place (3,) [m] in the link; None where another link is in the way."""
+    surface, words = world.surfaces[patch], world.robot.patch(patch)
+    points, normals = surface.project(place[None])
+    world.finger.retire()
+    world.advance(world.time + 0.02)
+    depth = generator.uniform(*FORCE) / STIFFNESS
+    try:
+        world.finger.poke(patch, points[0], normals[0], speed=SPEED, depth=depth, gap=0.001)
+    except TciError:
+        return None
+    rest = {frame.patch: frame.sequence for frame in world.frames()}
+    world.advance(world.time + DWELL)
+    truth = world.contact_truth(patch)
+    frame = next(frame for frame in world.frames() if frame.patch == patch)
+    if not truth.force > 0.0 or frame.sequence == rest[patch]:
+        return None
+    T_LT = invert(kinematics.poses(world.joints().position, [words.link])[words.link])
+    counts = (frame.values.astype(float) - words.sensor.rest) * np.sign(words.sensor.pascal_per_count)
+    pressure = words.sensor.pressure(np.maximum(counts[normal_channels(words, surface)] - 1.0, 0.0))
+    point = apply(T_LT, truth.center) + generator.normal(0.0, PROBE, 3)
+    return ProbeTouch(point, T_LT[:3, :3] @ truth.normal, pressure)

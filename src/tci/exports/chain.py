@@ -1,0 +1,89 @@
+"""Chains of segments as OROCOS KDL builds them: a joint, then a fixed way to the segment's tip.
+
+Segment i turns by its servo about `axis` through `origin`, both in the frame of the tip before it, and
+`tip` is its own tip there with the servo at zero. That is KDL's
+Segment(name, Joint(name, origin, axis, RotAxis), tip), or TransAxis where it slides along the axis.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tci.errors import UnknownNameError
+from tci.exports.tree import Inertia, KinematicLink, Matrix, links_of, rows, vector
+from tci.frames import Array, invert
+from tci.robot.description import Robot, Vector, Words
+
+
+class ChainSegment(Words):
+    """A joint and the link that it moves."""
+
+    name: str
+    """Name of the link."""
+    servo: int | None
+    """Index into `Robot.servos`; None for a fixed segment."""
+    slides: bool = False
+    """Whether the servo moves it along the axis [m], rather than turns it."""
+    axis: Vector
+    """Unit vector of the joint's axis, in the frame before; zero for a fixed segment."""
+    origin: Vector
+    """A point of the axis [m], in the frame before."""
+    tip: Matrix
+    """The link's frame (4, 4) in the frame before, with the servo at zero."""
+    inertia: Inertia | None
+    """Of the link, in its own frame."""
+
+
+def chain_to(robot: Robot, link: str) -> tuple[ChainSegment, ...]:
+    """The segments from the torso frame to a link that the torso carries, or from the root otherwise.
+
+    The first is fixed: where the torso's link, or the root, is in the torso frame or in itself. Raises
+    UnknownNameError for an unknown link, and what links_of raises.
+    """
+    by_name = {found.name: found for found in links_of(robot)}
+    assert robot.model is not None  # links_of has raised
+    if link not in by_name:
+        raise UnknownNameError("link of the kinematic model", link, by_name)
+    torso = robot.model.torso_link
+    path: list[KinematicLink] = []
+    at = by_name[link]
+    while at.name != torso and at.parent:
+        path.insert(0, at)
+        at = by_name[at.parent]
+    first = invert(robot.model.T_LT) if at.name == torso else np.eye(4)
+    segments = [_fixed(at, first)]
+    return tuple(segments + [_segment(found) for found in path])
+
+
+def ends_of(robot: Robot) -> dict[str, str]:
+    """The last link that each generic part moves, by part; parts that move none are left out."""
+    links = links_of(robot)
+    ends = {}
+    for part in robot.parts:
+        own = {joint.servo for joint in part.servos if joint.servo is not None}
+        moved = [link.name for link in links if link.servo in own]
+        if moved:
+            ends[part.name] = moved[-1]
+    return ends
+
+
+def _fixed(link: KinematicLink, pose: Array) -> ChainSegment:
+    zero = (0.0, 0.0, 0.0)
+    return ChainSegment(
+        name=link.name, servo=None, axis=zero, origin=zero, tip=rows(pose), inertia=link.inertia
+    )
+
+
+def _segment(link: KinematicLink) -> ChainSegment:
+    pose = np.array(link.pose)
+    if link.servo is None:
+        return _fixed(link, pose)
+    return ChainSegment(
+        name=link.name,
+        servo=link.servo,
+        slides=link.slides,
+        axis=vector(pose[:3, :3] @ link.axis),
+        origin=vector(pose[:3, :3] @ link.anchor + pose[:3, 3]),
+        tip=rows(pose),
+        inertia=link.inertia,
+    )

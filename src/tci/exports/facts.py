@@ -1,0 +1,251 @@
+"""The run-time query: all that another program may ask of a robot, as one object and as JSON.
+
+SI units and radians, frames as in docs/conventions.md. `read_facts` reads the JSON back and checks it,
+`RobotFacts.model_json_schema()` says what is in it.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from pydantic import ValidationError
+
+from tci.capabilities.fields import ReceptiveField, default_fields
+from tci.errors import DescriptionError, Fault, TciError
+from tci.exports.chain import ChainSegment, chain_to, ends_of
+from tci.exports.cone import cone_of
+from tci.exports.denavit_hartenberg import Convention, denavit_hartenberg
+from tci.exports.tree import KinematicLink, Matrix, links_of, rows, vector
+from tci.robot.description import Coupling, GenericPart, Robot, Servo, Vector, Words
+from tci.robot.joint_map import joint_map
+from tci.robot.kinematics import Kinematics
+from tci.skin.surfaces import Surface, build_surface
+
+CONVENTIONS: tuple[Convention, ...] = ("classic", "modified")
+"""Of Denavit-Hartenberg tables."""
+
+
+class GenericLimits(Words):
+    """What a generic joint may do: its servo's limits through the transform."""
+
+    joint: str
+    """Name of the generic joint."""
+    lower: float | None
+    """[rad]; None where the robot's limits are not known, or several servos make up the joint, or none."""
+    upper: float | None
+    """[rad]"""
+
+
+class DHRow(Words):
+    """One joint of a Denavit-Hartenberg table."""
+
+    servo: int
+    """Index into the servos."""
+    a: float
+    """[m]"""
+    alpha: float
+    """[rad]"""
+    d: float
+    """[m]"""
+    theta: float
+    """[rad] at which the servo reads zero."""
+
+
+class DHTable(Words):
+    """One chain, from the torso frame to a link."""
+
+    part: str
+    convention: Literal["classic", "modified"]
+    base: Matrix
+    """First frame seen from the torso (4, 4)."""
+    rows: tuple[DHRow, ...]
+    tool: Matrix
+    """The link seen from the last frame (4, 4)."""
+    link: str
+
+
+class Taxel(Words):
+    """One taxel."""
+
+    channel: int
+    """Place in the raw frame."""
+    position: Vector
+    """[m] in the patch's link."""
+    normal: Vector
+    """Outward, in the patch's link."""
+    area: float
+    """[m2]"""
+
+
+class ConeFacts(Words):
+    """The paper's truncated cone (eqs 3-4) fitted to a patch's taxels, and its radial error."""
+
+    length: float
+    """[m]"""
+    r1: float
+    """Radius [m] at the proximal end."""
+    r2: float
+    """Radius [m] at the distal end."""
+    rms: float
+    """Root mean square of the error [m]."""
+    largest: float
+    """Largest error [m]."""
+
+
+class PatchFacts(Words):
+    """One patch of skin."""
+
+    name: str
+    part: str
+    segment: str
+    link: str
+    kind: str
+    """How its surface is described."""
+    rate: float
+    """Frames per second [Hz]."""
+    channels: int
+    """Values in a raw frame."""
+    area: float
+    """Of all taxels [m2]."""
+    cone: ConeFacts | None
+    """None where no cone fits: skin on no limb, or too few taxels."""
+    taxels: tuple[Taxel, ...]
+
+
+class RobotFacts(Words):
+    """A robot, as others may ask about it."""
+
+    format: Literal["tci.robot/1"] = "tci.robot/1"
+    name: str
+    title: str
+    digest: str
+    """SHA-256 of the description."""
+    servos: tuple[Servo, ...]
+    """Limits, units [rad], modes, in the order of every joint reading."""
+    couplings: tuple[Coupling, ...]
+    parts: tuple[GenericPart, ...]
+    generic_limits: dict[str, tuple[GenericLimits, ...]]
+    """By part."""
+    links: tuple[KinematicLink, ...]
+    """Frames and inertias; empty without a kinematic model, as is all that follows."""
+    torso_link: str
+    torso_pose: Matrix
+    """The torso frame in that link (4, 4)."""
+    denavit_hartenberg: tuple[DHTable, ...]
+    chains: dict[str, tuple[ChainSegment, ...]]
+    """Segments for OROCOS KDL, by part."""
+    patches: tuple[PatchFacts, ...]
+    fields: tuple[ReceptiveField, ...]
+    """Receptive fields of the withdrawal reflex (ours), on the generic limb."""
+
+
+def query(robot: Robot) -> RobotFacts:
+    """All facts of a robot. Raises DescriptionError for a kinematic model that can't be read."""
+    model = robot.model is not None
+    ends = ends_of(robot) if model else {}
+    return RobotFacts(
+        name=robot.name,
+        title=robot.title,
+        digest=robot.digest,
+        servos=robot.servos,
+        couplings=robot.couplings,
+        parts=robot.parts,
+        generic_limits={part.name: generic_limits(robot, part.name) for part in robot.parts},
+        links=links_of(robot) if model else (),
+        torso_link=robot.model.torso_link if robot.model else "",
+        torso_pose=rows(robot.model.T_LT if robot.model else np.eye(4)),
+        denavit_hartenberg=dh_tables(robot) if model else (),
+        chains={part: chain_to(robot, link) for part, link in ends.items()},
+        patches=_patches(robot) if model else (),
+        fields=default_fields() if robot.patches else (),
+    )
+
+
+def read_facts(text: str | bytes, *, source: str = "facts of a robot") -> RobotFacts:
+    """Facts from their JSON; `source` names it in errors.
+
+    Raises DescriptionError with all faults at once: text that is not JSON, another format or version, a
+    missing or unknown field, a value of the wrong type.
+    """
+    try:
+        return RobotFacts.model_validate_json(text)
+    except ValidationError as error:
+        faults = []
+        for found in error.errors(include_url=False, include_context=False):
+            place = ".".join(str(step) for step in found["loc"])
+            faults.append(Fault(0, f"{place}: {found['msg']}" if place else found["msg"]))
+        raise DescriptionError(source, faults) from None
+
+
+def generic_limits(robot: Robot, part: str) -> tuple[GenericLimits, ...]:
+    """Limits of a part's generic joints [rad], in order. Raises UnknownNameError."""
+    joints = joint_map(robot, part)
+    ends = []
+    for side in ("lower", "upper"):
+        limits = [getattr(servo.limits, side) for servo in robot.servos]
+        ends.append(joints.to_generic(np.array([np.nan if limit is None else limit for limit in limits])))
+    facts = []
+    for joint, low, high in zip(robot.part(part).servos, *np.sort(ends, axis=0), strict=True):
+        own = joint.servo is not None and joint.transform in ("linear", "table") and np.isfinite(low + high)
+        lower, upper = (float(low), float(high)) if own else (None, None)
+        facts.append(GenericLimits(joint=joint.name, lower=lower, upper=upper))
+    return tuple(facts)
+
+
+def dh_tables(robot: Robot) -> tuple[DHTable, ...]:
+    """Classic and modified tables of every part that the torso carries by turning joints alone.
+
+    Raises DescriptionError."""
+    kinematics = Kinematics(robot)
+    tables = []
+    for part, link in ends_of(robot).items():
+        if not kinematics.chain(link):
+            continue
+        if any(segment.slides for segment in chain_to(robot, link)):
+            continue
+        for convention in CONVENTIONS:
+            dh = denavit_hartenberg(kinematics, link, convention=convention)
+            numbers = zip(*(values.tolist() for values in (dh.a, dh.alpha, dh.d, dh.theta)), strict=True)
+            tables.append(
+                DHTable(
+                    part=part,
+                    convention=convention,
+                    base=rows(dh.base),
+                    rows=tuple(
+                        DHRow(servo=servo, a=a, alpha=alpha, d=d, theta=theta)
+                        for servo, (a, alpha, d, theta) in zip(dh.servos, numbers, strict=True)
+                    ),
+                    tool=rows(dh.tool),
+                    link=link,
+                )
+            )
+    return tuple(tables)
+
+
+def _patches(robot: Robot) -> tuple[PatchFacts, ...]:
+    kinematics = Kinematics(robot)
+    facts = []
+    for patch in robot.patches:
+        surface = build_surface(robot, patch, kinematics)
+        numbers = zip(surface.channels, surface.positions, surface.normals, surface.areas, strict=True)
+        taxels = tuple(
+            Taxel(channel=int(channel), position=vector(p), normal=vector(n), area=float(area))
+            for channel, p, n, area in numbers
+        )
+        facts.append(
+            PatchFacts(
+                name=patch.name, part=patch.part, segment=patch.segment, link=patch.link,
+                kind=patch.surface.kind, rate=patch.rate, channels=patch.channels,
+                area=float(surface.areas.sum()), cone=_cone(robot, surface, kinematics), taxels=taxels,
+            )
+        )  # fmt: skip
+    return tuple(facts)
+
+
+def _cone(robot: Robot, surface: Surface, kinematics: Kinematics) -> ConeFacts | None:
+    try:
+        fit = cone_of(robot, surface, kinematics)
+    except TciError:
+        return None
+    return ConeFacts(length=fit.length, r1=fit.r1, r2=fit.r2, rms=fit.rms, largest=fit.largest)

@@ -1,0 +1,120 @@
+"""The kinematic tree as plain numbers: links, how each hangs on its parent, joints and inertias.
+
+What other libraries need to build their own model: URDF for Pinocchio, chains for OROCOS KDL.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tci.engine import mujoco
+from tci.errors import DescriptionError, Fault
+from tci.frames import Array, transform
+from tci.robot.description import Robot, Vector, Words
+from tci.robot.kinematics import bare_model, joints_of
+from tci.robot.model_file import load_spec
+from tci.robot.steps import at_zero
+
+Matrix = tuple[tuple[float, ...], ...]
+"""Rows."""
+
+
+class Inertia(Words):
+    """What a link weighs."""
+
+    mass: float
+    """[kg]"""
+    centre: Vector
+    """Centre of mass [m] in the link."""
+    tensor: Matrix
+    """(3, 3) [kg m2] about the centre of mass, along the link's axes."""
+
+
+class KinematicLink(Words):
+    """One link of the tree."""
+
+    name: str
+    parent: str
+    """KinematicLink that carries it; empty for the root."""
+    pose: Matrix
+    """`T_PL` (4, 4): the link in its parent, all joints at zero."""
+    servo: int | None
+    """Index into `Robot.servos` of the joint that moves it in its parent; None: it is fixed."""
+    slides: bool = False
+    """Whether that joint slides along its axis [m], rather than turns about it."""
+    axis: Vector = (0.0, 0.0, 0.0)
+    """Unit vector of that joint's axis, in the link."""
+    anchor: Vector = (0.0, 0.0, 0.0)
+    """A point of the axis [m], in the link."""
+    inertia: Inertia | None
+    """None where the model says nothing."""
+
+
+def links_of(robot: Robot) -> tuple[KinematicLink, ...]:
+    """All links, each after its parent. Joints that are no servo's are fixed at zero.
+
+    A link that several joints carry hangs on links without inertia, named after it and their joint. Raises
+    DescriptionError when the robot has no model, or the model lacks a joint.
+    """
+    if robot.model is None:
+        raise DescriptionError(robot.source, [Fault(0, "no <model>: links need a URDF or MJCF file")])
+    model = bare_model(robot.model)
+    heavy = {body.name for body in load_spec(robot.model).bodies if body.explicitinertial}
+    servos, _, columns = joints_of(robot, model)
+    servo_of = {int(model.dof_jntid[column]): servo for servo, column in zip(servos, columns, strict=True)}
+    links = []
+    for body in range(1, model.nbody):
+        name, above = str(model.body(body).name), int(model.body_parentid[body])
+        parent = str(model.body(above).name) if above else ""
+        inertia = _inertia(model, body) if name in heavy else None
+        pose = transform(_rotation(model.body_quat[body]), model.body_pos[body])
+        first = int(model.body_jntadr[body])
+        moving = [joint for joint in range(first, first + int(model.body_jntnum[body])) if joint in servo_of]
+        if not moving:
+            links.append(
+                KinematicLink(name=name, parent=parent, pose=rows(pose), servo=None, inertia=inertia)
+            )
+        for joint in moving:
+            last = joint == moving[-1]
+            own = name if last else f"{name}_{model.joint(joint).name}"
+            links.append(
+                KinematicLink(
+                    name=own,
+                    parent=parent,
+                    pose=rows(pose @ at_zero(model, joint)),
+                    servo=servo_of[joint],
+                    slides=bool(model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE),
+                    axis=vector(model.jnt_axis[joint]),
+                    anchor=vector(model.jnt_pos[joint]),
+                    inertia=inertia if last else None,
+                )
+            )
+            parent, pose = own, np.eye(4)
+    return tuple(links)
+
+
+def _inertia(model: mujoco.MjModel, body: int) -> Inertia:
+    R = _rotation(model.body_iquat[body])
+    return Inertia(
+        mass=float(model.body_mass[body]),
+        centre=vector(model.body_ipos[body]),
+        tensor=rows(R @ np.diag(model.body_inertia[body]) @ R.T),
+    )
+
+
+def _rotation(quaternion: Array) -> Array:
+    """Rotation (3, 3) of a unit quaternion (4,), real part first."""
+    result = np.zeros(9)
+    mujoco.mju_quat2Mat(result, quaternion)
+    return result.reshape(3, 3)
+
+
+def rows(matrix: Array) -> Matrix:
+    """A matrix as plain numbers."""
+    return tuple(tuple(float(value) for value in row) for row in matrix)
+
+
+def vector(values: Array) -> Vector:
+    """Three numbers as plain ones."""
+    x, y, z = (float(value) for value in values)
+    return x, y, z

@@ -1,0 +1,104 @@
+"""A robot's kinematic model as one URDF without meshes, whatever format it came in."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+from lxml import etree
+from lxml.builder import E
+from scipy.spatial.transform import Rotation
+
+from tci.errors import DescriptionError, Fault
+from tci.exports.tree import KinematicLink, links_of
+from tci.frames import Array
+from tci.robot.description import Robot
+
+TORSO = "tci_torso"
+"""Name of the added link that is the torso frame."""
+
+
+def to_urdf(robot: Robot) -> str:
+    """Links, joints with the description's limits, inertias, and the torso frame as a link of its own.
+
+    Joint names are the model's own. A joint without known limits is continuous. Raises what links_of
+    raises, and DescriptionError for what no URDF can say: a joint that does not turn about its link's origin,
+    or slides without limits.
+    """
+    root = E.robot(name=robot.name)
+    links = links_of(robot)
+    roots = [link for link in links if not link.parent]
+    if len(roots) > 1 or any(link.servo is not None for link in roots):
+        root.append(E.link(name="world"))
+    for link in links:
+        root.append(_link(link))
+    for link in links:
+        if link.parent or len(root.findall("link[@name='world']")):
+            root.append(_joint(robot, link, link.parent or "world"))
+    assert robot.model is not None  # links_of has raised
+    root.append(E.link(name=TORSO))
+    root.append(
+        E.joint(
+            _origin(robot.model.T_LT),
+            E.parent(link=robot.model.torso_link),
+            E.child(link=TORSO),
+            name=f"{TORSO}_joint",
+            type="fixed",
+        )
+    )
+    text: str = etree.tostring(root, pretty_print=True, encoding="unicode")
+    return '<?xml version="1.0"?>\n' + text
+
+
+def _link(link: KinematicLink) -> etree._Element:
+    if link.inertia is None:
+        return E.link(name=link.name)
+    (ixx, ixy, ixz), (_, iyy, iyz), (_, _, izz) = link.inertia.tensor
+    tensor = {"ixx": ixx, "ixy": ixy, "ixz": ixz, "iyy": iyy, "iyz": iyz, "izz": izz}
+    return E.link(
+        E.inertial(
+            E.origin(xyz=_words(link.inertia.centre), rpy="0 0 0"),
+            E.mass(value=repr(link.inertia.mass)),
+            E.inertia(**{name: repr(value) for name, value in tensor.items()}),
+        ),
+        name=link.name,
+    )
+
+
+def _joint(robot: Robot, link: KinematicLink, parent: str) -> etree._Element:
+    pose = np.array(link.pose)
+    if link.servo is None:
+        children = [_origin(pose), E.parent(link=parent), E.child(link=link.name)]
+        return E.joint(*children, name=f"{link.name}_fixed", type="fixed")
+    if any(link.anchor) and not link.slides:
+        fault = f"the joint of {link.name} does not turn about its link's origin: no URDF can say so"
+        raise DescriptionError(robot.source, [Fault(0, fault)])
+    servo = robot.servos[link.servo]
+    limits = servo.limits
+    known = limits.lower is not None and limits.upper is not None
+    if link.slides and not known:
+        fault = f"the joint of {link.name} slides and has no limits: no URDF can say so"
+        raise DescriptionError(robot.source, [Fault(0, fault)])
+    children = [_origin(pose), E.parent(link=parent), E.child(link=link.name), E.axis(xyz=_words(link.axis))]
+    if known:
+        children.append(
+            E.limit(
+                lower=repr(limits.lower),
+                upper=repr(limits.upper),
+                velocity=repr(limits.velocity or 0.0),
+                effort=repr(limits.torque or 0.0),
+            )
+        )
+    kind = "prismatic" if link.slides else "revolute" if known else "continuous"
+    return E.joint(*children, name=servo.joint or servo.name, type=kind)
+
+
+def _origin(pose: Array) -> etree._Element:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # at gimbal lock any of the equal answers will do
+        rpy = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz")
+    return E.origin(xyz=_words(pose[:3, 3]), rpy=_words(rpy))
+
+
+def _words(values: Array | tuple[float, ...]) -> str:
+    return " ".join(repr(float(value)) for value in values)

@@ -1,0 +1,179 @@
+"""What the gate accepts: joint data, the form of a command, servos whose limits are known.
+
+A number counts only where `isfinite(x) and lower <= x <= upper` says so: every other order of
+comparisons lets NaN pass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.errors import CommandError
+from tci.frames import Array
+from tci.gate.kernels.motion import all_finite
+from tci.gate.kernels.targets import is_acceptable
+from tci.messages import CONTROL_MODES, JointReading, Mode, PlatformCommand, PlatformSwitch
+from tci.robot.description import Robot, Servo
+
+NEEDED = ("lower", "upper", "velocity", "acceleration", "jerk")
+"""Limits without which no servo is moved."""
+OUTSIDE = float(np.deg2rad(20.0))
+"""How far [rad] outside its limits a servo may be measured when it comes under command. Ours."""
+FAR_OFF = 1.0
+"""Angles [rad] that are all this far outside their limits may be degrees. Assumed: a behaviour that
+overshoots asks for less, and not of all joints at once."""
+SLOWEST = 1e-3
+"""Smallest speed [rad/s] that may be asked for. Ours: a slower way across a joint's range takes longer than
+the two hours that ruckig plans."""
+INDICES, DOUBLES = np.dtype(np.intp), np.dtype(np.float64)
+
+
+def fault_of_reading(robot: Robot, joints: JointReading, now: float, stale_after: float) -> str:
+    """Why joint data can't be used at time `now` [s]; empty when it can.
+
+    Data may be as much too new as too old, since a reading is taken after its tick began. Velocities
+    may be NaN: not every robot sends them.
+    """
+    expected = (len(robot.servos),)
+    if joints.position.shape != expected:
+        return f"joint reading of shape {joints.position.shape}; valid: {expected}"
+    if joints.velocity.shape != expected:
+        return f"joint velocities of shape {joints.velocity.shape}; valid: {expected}"
+    if not all_finite(joints.position):
+        worst = int(np.argmin(np.isfinite(joints.position)))
+        return f"the angle of {robot.servos[worst].name} is not finite"
+    age = now - joints.stamp
+    if not -stale_after <= age <= stale_after:  # also refuses NaN
+        return f"joint data is {age * 1e3:.0f} ms old; valid: at most {stale_after * 1e3:.0f} ms"
+    return ""
+
+
+def check_command(robot: Robot, command: PlatformCommand) -> tuple[NDArray[np.intp], Array, Array]:
+    """The servos, values and speeds (k,) of a command, as arrays of its own.
+
+    Raises CommandError for a shape or value that can't be accepted.
+    """
+    servos, values, speed = command.servos, command.values, command.speed
+    usual = servos.dtype == INDICES and values.dtype == speed.dtype == DOUBLES
+    if usual and servos.ndim == 1 and values.shape == speed.shape == servos.shape:
+        numbers = servos.copy(), values.copy(), speed.copy()
+        if is_acceptable(*numbers, len(robot.servos), SLOWEST):
+            return numbers
+    _refuse_wrong(robot, command)
+    return servos.astype(np.intp), values.astype(np.float64), speed.astype(np.float64)
+
+
+def _refuse_wrong(robot: Robot, command: PlatformCommand) -> None:
+    """Raises CommandError that tells what is wrong with a command, if anything is."""
+    mode, servos, values = command.mode.value, command.servos, command.values
+    if servos.ndim != 1 or not servos.size or values.shape != servos.shape:
+        raise CommandError(
+            f"{mode}: {servos.shape} servos and {values.shape} values; "
+            "valid: as many values as servos, at least one"
+        )
+    if command.speed.shape != servos.shape:
+        raise CommandError(
+            f"{mode}: {command.speed.shape} speeds; valid: one for each of {servos.size} servos"
+        )
+    _check_servos(robot, mode, servos)
+    for name, numbers in (("values", values), ("speeds", command.speed)):
+        if numbers.dtype.kind not in "fiu":
+            raise CommandError(f"{mode}: {name} of type {numbers.dtype}; valid: real numbers")
+    if not (finite := np.isfinite(values)).all():
+        _refuse_each(robot, command, finite, f"{mode} of", values, "finite numbers")
+    if not (fast := command.speed >= SLOWEST).all():  # false for NaN
+        _refuse_each(robot, command, fast, "speed of", command.speed, f"at least {SLOWEST:g} rad/s")
+
+
+def refuse_degrees(robot: Robot, command: PlatformCommand) -> NoReturn:
+    """Raises CommandError for angles that are so far off that they may be degrees."""
+    names = [robot.servos[servo].name for servo in command.servos]
+    worst = int(np.argmax(np.abs(command.values)))
+    limits = robot.servos[command.servos[worst]].limits
+    raise CommandError(
+        f"{command.mode.value} of {', '.join(names)}: {names[worst]} at {command.values[worst]:g} rad, "
+        f"limits {limits.lower:.2f} .. {limits.upper:.2f} rad; degrees? valid: radians, as from np.deg2rad"
+    )
+
+
+def check_switch(robot: Robot, switch: PlatformSwitch) -> None:
+    """Raises CommandError for a mode that is no control mode, or that one of the servos lacks."""
+    if switch.mode not in CONTROL_MODES:
+        valid = ", ".join(mode.value for mode in CONTROL_MODES)
+        raise CommandError(f"switch to {switch.mode.value}; valid: {valid}")
+    if switch.servos.ndim != 1 or not switch.servos.size:
+        raise CommandError(f"switch of {switch.servos.shape} servos; valid: at least one")
+    _check_servos(robot, "switch", switch.servos)
+    for servo in (robot.servos[index] for index in switch.servos):
+        if switch.mode not in servo.modes:
+            valid = ", ".join(mode.value for mode in servo.modes)
+            raise CommandError(f"{robot.name}: {servo.name} has no {switch.mode.value} mode; valid: {valid}")
+        check_limits(servo)
+        torque = servo.limits.torque
+        if switch.mode is Mode.TORQUE and not (torque is not None and 0.0 < torque < np.inf):
+            raise CommandError(f"{servo.name} has no torque mode: its description has no limit of torque")
+
+
+def _check_servos(robot: Robot, what: str, servos: NDArray[np.intp]) -> None:
+    """Raises CommandError for indices that are none, or come twice."""
+    count, indices = len(robot.servos), servos.tolist()
+    if servos.dtype.kind not in "iu" or min(indices) < 0 or max(indices) >= count:
+        raise CommandError(f"{what}: servos {indices}; valid: 0 to {count - 1}")
+    if len(set(indices)) != len(indices):
+        raise CommandError(f"{what}: servos {indices}; valid: each only once")
+
+
+def _refuse_each(
+    robot: Robot,
+    command: PlatformCommand,
+    good: NDArray[np.bool_],
+    what: str,
+    numbers: NDArray[np.generic],
+    valid: str,
+) -> NoReturn:
+    """Raises CommandError that names each servo whose number is not `good` (k,)."""
+    bad = [f"{robot.servos[command.servos[i]].name} is {numbers[i]}" for i in np.flatnonzero(~good)]
+    raise CommandError(f"{what} {', '.join(bad)}; valid: {valid}")
+
+
+def check_start(robot: Robot, servos: Collection[int], position: Array) -> None:
+    """Raises CommandError for a servo that is measured too far outside its limits, at `position` (n_servos,)
+    [rad], to be told to stay there: such an angle is rather a fault of the encoder."""
+    for servo in (robot.servos[index] for index in servos):
+        lower, upper = servo.limits.lower, servo.limits.upper
+        assert lower is not None
+        assert upper is not None
+        angle = float(position[servo.index])
+        if not lower - OUTSIDE <= angle <= upper + OUTSIDE:
+            raise CommandError(
+                f"{servo.name} is measured at {np.rad2deg(angle):.1f} degrees, its limits are "
+                f"{np.rad2deg(lower):.1f} .. {np.rad2deg(upper):.1f}; valid: at most "
+                f"{np.rad2deg(OUTSIDE):.0f} outside"
+            )
+
+
+def check_limits(servo: Servo) -> None:
+    """Raises CommandError for a servo without the limits that moving it needs."""
+    limits = servo.limits
+    missing = [name for name in NEEDED if getattr(limits, name) is None]
+    if missing:
+        raise CommandError(
+            f"{servo.name} can't be moved: its description has no limit of {', '.join(missing)}"
+        )
+    for name in NEEDED[2:]:
+        value = getattr(limits, name)
+        if not 0.0 < value < np.inf:
+            raise CommandError(
+                f"{servo.name} can't be moved: its limit of {name} is {value:g}; valid: above 0 and finite"
+            )
+    assert limits.lower is not None
+    assert limits.upper is not None
+    if not -np.inf < limits.lower <= limits.upper < np.inf:
+        raise CommandError(
+            f"{servo.name} can't be moved: its limits are {limits.lower:g} .. {limits.upper:g} rad; "
+            "valid: lower first"
+        )

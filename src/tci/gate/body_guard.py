@@ -1,0 +1,78 @@
+"""Looks at the robot's body before servos that move together get nearer to it."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.frames import Array
+from tci.gate.joint_group import Chain
+from tci.gate.kernels.stops import take_room
+from tci.gate.self_collision import SelfCollision
+from tci.gate.stop_plan import Stop
+
+LOOKS = 16
+"""Points of a stop, its ends among them, at which the robot's body is looked at. Ours: others lie between."""
+SHARES = np.linspace(0.0, 1.0, LOOKS)
+
+
+class BodyGuard:
+    """What all chains do if each of them stops now: a state is handed out only if that hits nothing.
+
+    The robot's joints are not where they were told to be, they lag and sag. So a path counts twice: as it is
+    told, and moved by what the joints are away from it now.
+    """
+
+    def __init__(self, body: SelfCollision, *, period: float) -> None:
+        """One step of a chain takes `period` [s]."""
+        self._body = body
+        self._period = period
+        self._before: dict[Chain, Array] = {}
+        self._waiting: set[Chain] = set()
+
+    def turns(self, chains: Collection[Chain], moving: Collection[Chain]) -> Iterator[Chain]:
+        """Those of the chains that are `moving`, each when it shall take its step of a period."""
+        self._before = {chain: chain.limiter.whole_state[0] for chain in chains}
+        self._waiting = {*moving}
+        for chain in moving:
+            yield chain
+            self._waiting.discard(chain)
+        self._before.clear()
+
+    def fault(self, index: NDArray[np.intp], stop: Stop, others: Sequence[Chain], measured: Array) -> str:
+        """Why servos `index` (n,) must not go where `stop` begins, while `others` stop; empty when they may.
+
+        Servos of no chain are where they are `measured` (n_servos,) [rad].
+        """
+        box = np.array([measured, measured])
+        take_room(index, measured, stop.here, stop.span, box)
+        for other in others:
+            here = other.limiter.whole_state[0]
+            take_room(other.index, measured, self._before.get(other, here), other.limiter.span, box)
+        if self._body.keeps_margin(box):
+            return ""
+        return self._fault_of_path(index, stop, others, measured)
+
+    def _fault_of_path(
+        self, index: NDArray[np.intp], stop: Stop, others: Sequence[Chain], measured: Array
+    ) -> str:
+        """The same, from point to point of the stops."""
+        told, away = np.array(measured), np.zeros(len(measured))
+        told[index] = stop.here
+        away[index] = measured[index] - stop.here
+        for other in others:
+            here = told[other.index] = other.limiter.whole_state[0]
+            away[other.index] = measured[other.index] - self._before.get(other, here)
+        duration = stop.way.duration
+        longest = max((other.limiter.remaining for other in others), default=0.0)
+        times = duration * SHARES
+        if longest > duration:  # another one goes on when these rest
+            times = np.concatenate([times, duration + (longest - duration) * SHARES[1:]])
+        path = told[None].repeat(1 + len(times), axis=0)
+        path[1:, index] = [stop.way.at_time(time)[0] for time in times.tolist()]
+        for other in others:
+            lead = self._period if other in self._waiting else 0.0
+            path[1:, other.index] = other.limiter.stop_at(times + lead)
+        return self._body.fault(path) or self._body.fault(path + away)

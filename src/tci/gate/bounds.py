@@ -1,0 +1,123 @@
+"""What servos that move together may do, and the nearest point to a target where they may be."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.frames import Array
+from tci.robot.description import Robot
+
+MARGIN = 1e-6
+"""Targets stay this far [rad] inside position limits and couplings, for ruckig's own rounding."""
+APPROACH = 0.5
+"""Share of acceleration and jerk with which driven servos slow down before a limit. Ours: the rest is for
+the time that a change of velocity takes."""
+SWEEPS = 50
+"""Sweeps over the couplings in the search for a nearest point: bounds the time of a control step."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bounds:
+    """What n servos may do together."""
+
+    lower: Array
+    """Smallest angles (n,) [rad]."""
+    upper: Array
+    """Largest angles (n,) [rad]."""
+    velocity: Array
+    """(n,) [rad/s]"""
+    acceleration: Array
+    """(n,) [rad/s2]"""
+    jerk: Array
+    """(n,) [rad/s3]"""
+    coupling: Array
+    """Coefficients (m, n) of linear inequalities coupling_lower <= coupling @ q <= coupling_upper."""
+    coupling_lower: Array
+    """(m,) [rad]"""
+    coupling_upper: Array
+    """(m,) [rad]"""
+
+    def nearest(self, target: Array, free: NDArray[np.bool_]) -> Array:
+        """A point inside limits and couplings: `target` (n,) [rad] itself, or one close to it.
+
+        Only servos that are `free` (n,) may differ from it, since nobody asked the others to move.
+        Projects onto each violated half-space in turn (Bregman 1965), last onto the limits. Where the
+        other servos leave no such point, it comes as close as the limits allow.
+        """
+        margin = np.minimum(MARGIN, (self.upper - self.lower) / 2)
+        lower, upper = self.lower + margin, self.upper - margin
+        point = np.where(free, np.clip(target, lower, upper), target)
+        rows = np.where(free, self.coupling, 0.0)
+        room = np.minimum(MARGIN, (self.coupling_upper - self.coupling_lower) / 2)
+        lows, highs = self.coupling_lower + room, self.coupling_upper - room
+        for _ in range(SWEEPS):
+            values = self.coupling @ point
+            if np.all((values >= lows - room / 2) & (values <= highs + room / 2)):
+                break
+            for row, moves, low, high in zip(self.coupling, rows, lows, highs, strict=True):
+                value = row @ point
+                share = row @ moves
+                if share > 0.0 and not low <= value <= high:
+                    point = point + moves * (np.clip(value, low, high) - value) / share
+                    point = np.where(free, np.clip(point, lower, upper), target)
+        return point
+
+    def allowed_velocity(self, position: Array, velocity: Array) -> Array:
+        """`velocity` (n,) [rad/s], slower where servos at `position` (n,) [rad] could not stop in time.
+
+        Only makes for a smooth approach: whether a stop stays inside is checked for every step anyway.
+        Servos that would leave a coupling all slow down by the same share.
+        """
+        margin = np.minimum(MARGIN, (self.upper - self.lower) / 2)
+        room = np.where(velocity > 0.0, self.upper - margin - position, position - self.lower - margin)
+        most = _stopping_speed(np.maximum(room, 0.0), self.acceleration, self.jerk)
+        velocity = np.clip(velocity, -most, most)
+        if not len(self.coupling):
+            return velocity
+        rate, now = self.coupling @ velocity, self.coupling @ position
+        room = np.where(rate > 0.0, self.coupling_upper - MARGIN - now, now - self.coupling_lower - MARGIN)
+        size = np.abs(self.coupling)
+        most = _stopping_speed(np.maximum(room, 0.0), size @ self.acceleration, size @ self.jerk)
+        fast = np.abs(rate) > most
+        share = np.min(most[fast] / np.abs(rate[fast]), initial=1.0)
+        slow = (size[fast] > 0.0).any(axis=0)
+        return np.where(slow, share * velocity, velocity)
+
+
+def _stopping_speed(room: Array, acceleration: Array, jerk: Array) -> Array:
+    """Speed (n,) from which a jerk-limited stop needs no more than `room` (n,), with some to spare.
+
+    A stop that ramps the acceleration up and down needs v2 / 2a + v a / 2j.
+    """
+    a, j = APPROACH * acceleration, APPROACH * jerk
+    lost = a * a / (2.0 * j)
+    speed: Array = np.sqrt(lost * lost + 2.0 * a * room) - lost
+    return speed
+
+
+def bounds_of(robot: Robot, servos: Sequence[int], *, speed_share: float) -> tuple[Bounds, Array]:
+    """Bounds of `servos` (n,), which have all their limits, and of the couplings that name one of them.
+
+    Second: coefficients (m, n_servos) of the servos outside, by which the couplings shift.
+    """
+    limits = [robot.servos[servo].limits for servo in servos]
+    rows, lowest, highest = robot.coupling_rows
+    named = rows[:, list(servos)].any(axis=1)
+    terms = np.array(rows[named])
+    inside = terms[:, list(servos)]
+    terms[:, list(servos)] = 0.0
+    bounds = Bounds(
+        lower=np.array([limit.lower for limit in limits], dtype=float),
+        upper=np.array([limit.upper for limit in limits], dtype=float),
+        velocity=speed_share * np.array([limit.velocity for limit in limits], dtype=float),
+        acceleration=np.array([limit.acceleration for limit in limits], dtype=float),
+        jerk=np.array([limit.jerk for limit in limits], dtype=float),
+        coupling=inside,
+        coupling_lower=lowest[named],
+        coupling_upper=highest[named],
+    )
+    return bounds, terms

@@ -1,0 +1,227 @@
+"""The watch: whether the robot does what it is told. Where it does not, it stops until an operator resets it.
+
+It knows the faults that limits can't see: a stalled or limp servo, a motion against its command, an
+encoder that jumps or stands still, data that repeats under fresh stamps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from operator import is_
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.errors import TciError
+from tci.frames import Array
+from tci.gate.kernels.motion import (
+    DISAGREES,
+    FOLLOWS,
+    LATE,
+    OPPOSED,
+    judge_motion,
+    judge_velocity,
+    largest_change,
+)
+from tci.messages import JointReading, Mode
+from tci.robot.description import Robot
+
+JUDGED = (Mode.POSITION, Mode.VELOCITY)
+"""Modes in which the measured motion must be the commanded one. Elsewhere a joint yields legitimately, and
+its angle is judged by its velocity and its torque."""
+
+
+@dataclass(frozen=True, slots=True)
+class WatchSettings:
+    """When a deviation is a fault. All figures are ours."""
+
+    following_error: float = np.deg2rad(6.0)
+    """Distance [rad] from the reference at rest that a servo may have for long."""
+    lag: float = 0.1
+    """A servo may be this far [s] behind a moving reference."""
+    patience: float = 0.15
+    """How long [s] the following error may be larger."""
+    opposing: float = 0.1
+    """How long [s] a servo may move against its reference."""
+    least_speed: float = np.deg2rad(3.0)
+    """Speeds [rad/s] below this one are no motion."""
+    encoder_step: float = np.deg2rad(2.0)
+    """Change [rad] between two readings beyond what the speed limit allows."""
+    frozen: float = 0.1
+    """How long [s] one angle may repeat to the bit, or a reading come again under fresh stamps."""
+    frozen_travel: float = np.deg2rad(3.0)
+    """A reference that moves this far [rad] while the angle repeats shows that the encoder stands still."""
+    drift: float = 2.0
+    """Time [s] in which it is forgotten how far a velocity led away from its angle: sensors have offsets."""
+    push: float = 0.3
+    """A torque that changes by this share of its limit moves every joint by a bit, also one that is pressed
+    against something: joints, links and what they touch give way. Under a constant one it may repeat."""
+    mode_change: float = 0.5
+    """How long [s] a robot may take to report the mode that it was switched to."""
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if not 0.0 < value < np.inf:
+                raise TciError(f"watch: {field.name} {value}; valid: above 0 and finite")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reference:
+    """What the servos under command were told last."""
+
+    servos: NDArray[np.intp]
+    """Indices (k,) into `Robot.servos`."""
+    modes: tuple[Mode, ...]
+    """Control mode of each (k,)."""
+    position: Array
+    """Where each should be (k,) [rad]."""
+    velocity: Array
+    """How fast each should move (k,) [rad/s]."""
+
+
+class Watch:
+    """Compares each new joint reading with the reference. It has memory; one serves one gate."""
+
+    def __init__(self, robot: Robot, settings: WatchSettings | None = None) -> None:
+        self.settings = settings or WatchSettings()
+        self._robot = robot
+        self._names = [servo.name for servo in robot.servos]
+        speeds = [servo.limits.velocity for servo in robot.servos]
+        s = self.settings
+        self._numbers = np.array([
+            s.following_error, s.lag, s.patience, s.opposing, s.least_speed, s.frozen, s.frozen_travel,
+            s.drift, s.push,
+        ])  # fmt: skip
+        self._worst = np.zeros(2)
+        limits = [servo.limits for servo in robot.servos]
+        # Without a limit there is no torque mode.
+        self._limits = np.array(
+            [[x.torque or np.inf for x in limits], [x.acceleration or 0.0 for x in limits]]
+        )
+        self._fastest = np.array([np.inf if speed is None else speed for speed in speeds])
+        self.misled = False
+        """Whether a fault said that the joint data can't be believed. That stays until `reset`."""
+        self.forget()
+
+    def reset(self) -> None:
+        """For an operator: forget all that was seen, and believe what comes."""
+        self.misled = False
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget the motion that was seen, not that it can't be believed."""
+        never = np.full(len(self._names), np.inf)
+        self._before: JointReading | None = None
+        self._modes: tuple[Mode, ...] = ()
+        self._judged = self._loose = np.zeros(0, dtype=bool)
+        self._fresh = np.inf
+        self._memory = np.array([never, never, never, np.zeros(len(never))])
+        self._drifts = np.array([np.zeros(len(never)), never, -never, never])
+        self._other_mode = never
+        self._well: tuple[object, ...] = ()
+
+    def step(self, joints: JointReading, reference: Reference, torque: Array | None = None) -> str:
+        """Why the robot must stop, given a usable reading; empty while it does what it is told.
+
+        `reference` and `torque` (k,) [N m] are what was handed out for this reading's time. Call it once per
+        control period.
+        """
+        before, self._before = self._before, joints
+        if before is None or joints.stamp <= before.stamp:
+            self._fresh = min(self._fresh, joints.stamp)
+            return self._fault_of_state(joints, reference)
+        if joints.sequence != before.sequence:
+            self._fresh = joints.stamp
+        elif joints.stamp - self._fresh > self.settings.frozen:
+            self.misled = True
+            return f"joint data is frozen: reading {joints.sequence} comes again under fresh stamps"
+        return (
+            self._fault_of_encoders(joints, before)
+            or self._fault_of_velocities(joints, before, reference, torque)
+            or self._fault_of_state(joints, reference)
+            or self._fault_of_motion(joints, before, reference)
+        )
+
+    def _fault_of_encoders(self, joints: JointReading, before: JointReading) -> str:
+        if largest_change(joints.position, before.position) <= self.settings.encoder_step:
+            return ""
+        change = np.abs(joints.position - before.position)
+        allowed = self._fastest * (joints.stamp - before.stamp) + self.settings.encoder_step
+        if (change > allowed).any():
+            worst = int(np.argmax(change - allowed))
+            self.misled = True
+            return (
+                f"the angle of {self._names[worst]} jumped by {np.rad2deg(change[worst]):.1f} degrees; "
+                f"possible: {np.rad2deg(allowed[worst]):.1f}"
+            )
+        return ""
+
+    def _fault_of_state(self, joints: JointReading, reference: Reference) -> str:
+        """Servos that are off, or in another mode than they were switched to."""
+        servos, words = reference.servos, (joints.powered, joints.modes, reference.servos, reference.modes)
+        if len(self._well) == len(words) and all(map(is_, words, self._well)):
+            return ""  # the very objects that were looked at before, and nothing was wrong
+        self._well = ()
+        if joints.powered is not None and not joints.powered[servos].all():
+            off = servos[int(np.argmin(joints.powered[servos]))]
+            return f"{self._names[off]} is under command and its servo is off"
+        others = 0
+        for servo, mode in zip(servos.tolist(), reference.modes, strict=True):
+            reported = None if joints.modes is None else joints.modes[servo]
+            if reported is None or reported is mode:
+                self._other_mode[servo] = np.inf
+                continue
+            others += 1
+            self._other_mode[servo] = min(self._other_mode[servo], joints.stamp)
+            if joints.stamp - self._other_mode[servo] > self.settings.mode_change:
+                return f"{self._names[servo]} reports mode {reported.value}; commanded in {mode.value}"
+        if not others:
+            self._well = words
+        return ""
+
+    def _fault_of_motion(self, joints: JointReading, before: JointReading, reference: Reference) -> str:
+        servos = reference.servos
+        found = judge_motion(
+            servos, self._judged, joints.position, before.position, reference.position,
+            reference.velocity, self._numbers, joints.stamp, joints.stamp - before.stamp, self._memory,
+            self._worst,
+        )  # fmt: skip
+        if found == FOLLOWS:
+            return ""
+        name, way = self._names[servos[int(self._worst[0])]], np.rad2deg(self._worst[1])
+        if found == LATE:
+            causes = "held or pushed, blocked, stalled or limp"
+            return f"{name} does not follow: {way:.1f} degrees from its reference; {causes}"
+        if found == OPPOSED:
+            causes = "pushed or pulled; if nothing touches it, the sign of its gamma is wrong"
+            return f"{name} moves against its command; {causes}"
+        self.misled = True
+        return f"the encoder of {name} stands still while its reference moved by {way:.1f} degrees"
+
+    def _fault_of_velocities(
+        self, joints: JointReading, before: JointReading, reference: Reference, torque: Array | None
+    ) -> str:
+        """Angles that are not the joints', told by velocities and torques where no reference does."""
+        servos, elapsed = reference.servos, joints.stamp - before.stamp
+        self._sort(reference.modes)
+        pushed = np.zeros(len(servos)) if torque is None else torque
+        found = judge_velocity(
+            servos, self._judged, self._loose, joints.position, before.position, joints.velocity,
+            before.velocity, pushed, self._limits, self._numbers, joints.stamp, elapsed, self._drifts,
+            self._worst,
+        )  # fmt: skip
+        if found == FOLLOWS:
+            return ""
+        self.misled = True
+        name, way = self._names[servos[int(self._worst[0])]], np.rad2deg(self._worst[1])
+        if found == DISAGREES:
+            return f"the angle of {name} is {way:.1f} degrees from where its velocity leads"
+        return f"the encoder of {name} stands still while its torque changes; free it moves {way:.1f} degrees"
+
+    def _sort(self, modes: tuple[Mode, ...]) -> None:
+        """Which servos (k,) are in modes that are judged by the reference, and which in torque mode."""
+        if modes != self._modes:
+            self._modes = modes
+            self._judged = np.array([mode in JUDGED for mode in modes], dtype=bool)
+            self._loose = np.array([mode is Mode.TORQUE for mode in modes], dtype=bool)

@@ -1,0 +1,249 @@
+"""Which pairs of links keep their distance, without measuring it.
+
+Two bounds from below need no search. What is known of a pair at one posture holds at another, less what its
+joints can have changed (`Solids.levers`). And convex shapes are at least as far apart as their shadows on any
+line (the separating axis, Ericson 2004, 5.2.1): that of the last measurement stays a good one for long.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import float64, int32, int64, void
+from numpy.typing import NDArray
+
+from tci.arrays import reads, returns, views, writes
+from tci.compiled import compiled, inlined
+from tci.frames import Array
+from tci.skin.kernels.flat import Indices
+
+SOLIDS = returns(reads(2), reads(2), reads(2), reads(2), reads(2, int32), reads(2))
+"""Type of joints, shapes, points, poses, pairs, levers: see `Solids`."""
+KNOWN = returns(
+    writes(2), writes(1), writes(2), writes(1, int32), writes(1), writes(1), writes(1), writes(2), writes(1)
+)  # fmt: skip
+"""Type of what is remembered of p pairs, and the memory of the loops: angles (j, p) [rad] at which each
+distance was found; that distance (p,) [m], which is kept there at least; the axis (p, 3) from the first shape
+to the second, zeros for none; pairs (p,) that are still to be looked at; what each has beyond the margin (p,)
+[m] at the present point of a path; how near (p,) [m] it may come; how much it may change (p,) [m] from one
+point to the next; frames (j, 12); angles (j,) [rad]."""
+Arrays = tuple[Array, ...]
+
+
+@inlined
+def place(joints: Array, angles: Array, frames: Array) -> None:
+    """Write position and rotation matrix (j, 12) of each joint's frame at `angles` (j,) [rad]."""
+    for j in range(len(joints)):
+        up = int(joints[j, 0])
+        x, y, z = joints[j, 4], joints[j, 5], joints[j, 6]
+        c, s = np.cos(angles[j]), np.sin(angles[j])
+        d = 1.0 - c
+        r00, r01, r02 = c + d * x * x, d * x * y - s * z, d * x * z + s * y
+        r10, r11, r12 = d * x * y + s * z, c + d * y * y, d * y * z - s * x
+        r20, r21, r22 = d * x * z - s * y, d * y * z + s * x, c + d * z * z
+        for i in range(3):
+            if up >= 0:
+                a, b, e = frames[up, 3 + 3 * i], frames[up, 4 + 3 * i], frames[up, 5 + 3 * i]
+                frames[j, i] = frames[up, i] + a * joints[j, 1] + b * joints[j, 2] + e * joints[j, 3]
+            else:
+                a, b, e = 1.0 * (i == 0), 1.0 * (i == 1), 1.0 * (i == 2)
+                frames[j, i] = joints[j, 1 + i]
+            frames[j, 3 + 3 * i] = a * r00 + b * r10 + e * r20
+            frames[j, 4 + 3 * i] = a * r01 + b * r11 + e * r21
+            frames[j, 5 + 3 * i] = a * r02 + b * r12 + e * r22
+
+
+@inlined
+def _shadow(shapes: Array, points: Array, frames: Array, shape: int, x: float, y: float, z: float) -> float:
+    """How far a shape reaches [m] along a unit vector of the world."""
+    j = int(shapes[shape, 0])
+    start = 0.0
+    if j >= 0:
+        start = x * frames[j, 0] + y * frames[j, 1] + z * frames[j, 2]
+        x, y, z = (
+            x * frames[j, 3] + y * frames[j, 6] + z * frames[j, 9],
+            x * frames[j, 4] + y * frames[j, 7] + z * frames[j, 10],
+            x * frames[j, 5] + y * frames[j, 8] + z * frames[j, 11],
+        )
+    farthest = -np.inf
+    for v in range(int(shapes[shape, 1]), int(shapes[shape, 2])):
+        farthest = max(farthest, x * points[v, 0] + y * points[v, 1] + z * points[v, 2])
+    square = 0.0
+    for i in range(3):
+        e = x * shapes[shape, 7 + i] + y * shapes[shape, 10 + i] + z * shapes[shape, 13 + i]
+        square += e * e
+    reach: float = start + farthest + np.sqrt(square)
+    return reach
+
+
+@inlined
+def _centre(shapes: Array, frames: Array, shape: int) -> tuple[float, float, float]:
+    """Centre [m] of the sphere around a shape."""
+    j = int(shapes[shape, 0])
+    x, y, z = shapes[shape, 3], shapes[shape, 4], shapes[shape, 5]
+    if j < 0:
+        return x, y, z
+    return (
+        frames[j, 0] + frames[j, 3] * x + frames[j, 4] * y + frames[j, 5] * z,
+        frames[j, 1] + frames[j, 6] * x + frames[j, 7] * y + frames[j, 8] * z,
+        frames[j, 2] + frames[j, 9] * x + frames[j, 10] * y + frames[j, 11] * z,
+    )
+
+
+@inlined
+def at_least(shapes: Array, points: Array, frames: Array, pairs: Indices, axis: Array, p: int) -> float:
+    """A distance [m] that a pair keeps: between the spheres around it, or between its shadows."""
+    one, other = pairs[p, 0], pairs[p, 1]
+    ax, ay, az = _centre(shapes, frames, one)
+    bx, by, bz = _centre(shapes, frames, other)
+    x, y, z = bx - ax, by - ay, bz - az
+    found: float = np.sqrt(x * x + y * y + z * z) - shapes[one, 6] - shapes[other, 6]
+    x, y, z = axis[p, 0], axis[p, 1], axis[p, 2]
+    if x != 0.0 or y != 0.0 or z != 0.0:
+        shadow = -_shadow(shapes, points, frames, one, x, y, z)
+        shadow -= _shadow(shapes, points, frames, other, -x, -y, -z)
+        found = max(found, shadow)
+    return found
+
+
+@compiled(void(views(1, int64), reads(1), reads(2), writes(2)))
+def to_joints(servos: NDArray[np.intp], zero: Array, box: Array, ends: Array) -> None:
+    """Write the `ends` (2, j) [rad] between which the model's joints are while servos are between those of
+    `box` (2, n_servos) [rad]; `servos` (j,) move the joints, and are at `zero` (j,) where they are at 0."""
+    for j in range(len(servos)):
+        for k in range(2):
+            ends[k, j] = box[k, servos[j]] - zero[j]
+
+
+@compiled(int64(SOLIDS, KNOWN, reads(1), reads(1), float64))
+def come_near(solids: Arrays, known: Arrays, low: Array, high: Array, margin: float) -> int:
+    """How many pairs may come as near as `margin` [m] between the angles `low` and `high` (j,) [rad].
+
+    Their numbers are left in the memory, which is renewed in the middle between the angles.
+    """
+    joints, shapes, points, _, pairs, levers = solids
+    posture, distance, axis, left, bound, _, _, frames, middle = known
+    for p in range(len(pairs)):
+        bound[p] = distance[p]
+    for j in range(len(joints)):
+        for p in range(len(pairs)):
+            far = max(abs(low[j] - posture[j, p]), abs(high[j] - posture[j, p]))
+            bound[p] -= far * levers[j, p]
+    count, ready = 0, False
+    for p in range(len(pairs)):
+        if bound[p] > margin:
+            continue
+        if not ready:
+            for j in range(len(joints)):
+                middle[j] = (low[j] + high[j]) / 2.0
+            place(joints, middle, frames)
+            ready = True
+        there, way = distance[p], 0.0
+        for j in range(len(joints)):
+            there -= abs(middle[j] - posture[j, p]) * levers[j, p]
+            way += (high[j] - low[j]) / 2.0 * levers[j, p]
+        now = at_least(shapes, points, frames, pairs, axis, p)
+        if now > there:
+            distance[p] = now
+            for j in range(len(joints)):
+                posture[j, p] = middle[j]
+        if not max(now, there) - way > margin:
+            left[count] = p
+            count += 1
+    return count
+
+
+@compiled(
+    int64(SOLIDS, KNOWN, int64, reads(2), reads(1), float64, float64, writes(1, int64), writes(1, int32))
+)
+def follow(
+    solids: Arrays, known: Arrays, count: int, path: Array, levers: Array, stride: float, margin: float,
+    at: Indices, asked: Indices,
+) -> int:  # fmt: skip
+    """Go along `path` (k, j) [rad] to the first point where pairs must be measured; how many, 0 at its end.
+
+    Only the first `count` pairs of those left in the memory are looked at, at points no farther apart
+    than `stride` [m] by what `levers` (j,) [m/rad] say. `at` is how far it came: a section, a point in it.
+    The pairs are written into `asked`; the angles at the point and the frames are left in the memory.
+    """
+    joints, shapes, points, _, pairs, own = solids
+    posture, distance, axis, left, slack, least, step, frames, angles = known
+    if at[0] == 0 and at[1] == 0:
+        for u in range(count):
+            p = left[u]
+            least[p], slack[p], way = margin, distance[p] - margin, 0.0
+            for j in range(len(joints)):
+                slack[p] -= abs(path[0, j] - posture[j, p]) * own[j, p]
+                for k in range(len(path) - 1):
+                    way += abs(path[k + 1, j] - path[k, j]) * own[j, p]
+            if way == 0.0:  # what does not move comes no nearer
+                slack[p] = np.inf
+    while at[0] < len(path) - 1:
+        here, there = path[at[0]], path[at[0] + 1]
+        way = 0.0
+        for j in range(len(joints)):
+            way += abs(there[j] - here[j]) * levers[j]
+        parts = max(1, int(np.ceil(way / stride)))
+        for u in range(count):
+            p = left[u]
+            step[p] = 0.0
+            for j in range(len(joints)):
+                step[p] += abs(there[j] - here[j]) * own[j, p] / parts
+        while at[1] < parts:
+            free = parts - at[1]  # points that the slack of all pairs lasts for
+            for u in range(count):
+                p = left[u]
+                if not slack[p] > free * step[p]:
+                    free = min(free, int(slack[p] / step[p])) if slack[p] > 0.0 else 0
+            for u in range(count):
+                slack[left[u]] -= free * step[left[u]]
+            at[1] += free
+            if at[1] == parts:
+                break
+            at[1] += 1
+            share = at[1] / parts
+            for j in range(len(joints)):
+                angles[j] = here[j] * (1.0 - share) + there[j] * share
+            place(joints, angles, frames)
+            found = 0
+            for u in range(count):
+                p = left[u]
+                slack[p] -= step[p]
+                if slack[p] > 0.0:
+                    continue
+                now = at_least(shapes, points, frames, pairs, axis, p)
+                slack[p] = max(now - margin, 0.0)
+                if not (now > margin or now >= least[p]):
+                    asked[found] = p
+                    found += 1
+            if found:
+                return found
+        at[0] += 1
+        at[1] = 0
+    return 0
+
+
+@compiled(void(SOLIDS, reads(1), writes(2), writes(2), writes(2), reads(1, int32)))
+def stand(
+    solids: Arrays, angles: Array, frames: Array, positions: Array, rotations: Array, geoms: Indices
+) -> None:
+    """Write where MuJoCo's geoms are at `angles` (j,) [rad]: `positions` (n, 3) [m], `rotations` (n, 9)."""
+    joints, shapes, _, poses, _, _ = solids
+    place(joints, angles, frames)
+    for g in range(len(geoms)):
+        j, geom = int(shapes[g, 0]), geoms[g]
+        for i in range(3):
+            for k in range(3):
+                if j < 0:
+                    rotations[geom, 3 * i + k] = poses[g, 3 + 3 * i + k]
+                    continue
+                value = 0.0
+                for m in range(3):
+                    value += frames[j, 3 + 3 * i + m] * poses[g, 3 + 3 * m + k]
+                rotations[geom, 3 * i + k] = value
+            if j < 0:
+                positions[geom, i] = poses[g, i]
+                continue
+            value = frames[j, i]
+            for m in range(3):
+                value += frames[j, 3 + 3 * i + m] * poses[g, m]
+            positions[geom, i] = value

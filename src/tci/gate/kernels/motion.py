@@ -1,0 +1,169 @@
+"""Whether servos move as they are told, in one compiled loop: what `tci.gate.joint_monitor` says."""
+
+from __future__ import annotations
+
+from numba import boolean, float64, int64
+
+from tci.arrays import reads, views, writes
+from tci.compiled import compiled
+from tci.frames import Array
+
+FOLLOWS, LATE, OPPOSED, FROZEN, DISAGREES, DEAF = range(6)
+"""What was found: nothing; a servo far from its reference, moving against it, or standing still; an angle
+that goes elsewhere than its velocity leads; one that no change of torque moves by a bit."""
+FOLLOWING_ERROR, LAG, PATIENCE, OPPOSING, LEAST_SPEED, LONGEST_REPEAT, TRAVEL, FORGETS, PUSH = range(9)
+"""Places of the settings."""
+LATE_SINCE, OPPOSED_SINCE, REPEATS_SINCE, ORIGIN = range(4)
+"""Rows of the memory (4, n_servos): since when [s] a condition has held without a break, or infinity; where
+the reference was [rad] when the angle began to repeat."""
+DRIFT, WEAKEST, STRONGEST, PUSHED_SINCE = range(4)
+"""Rows of the memory of velocities (4, n_servos): how far they lead away from the angle [rad]; the least and
+the largest torque [N m] since both repeat, and since when [s] these differ."""
+TORQUE_LIMIT, ACCELERATION = range(2)
+"""Rows of what joints may do (2, n_servos)."""
+SELDOM = 0.025
+"""Readings that are farther apart [s] tell nothing of the way between: a velocity may have changed twice."""
+
+
+@compiled(boolean(views(1)))
+def all_finite(values: Array) -> bool:
+    """Whether no value (n,) is infinite or NaN."""
+    sum_of_zeros = 0.0
+    for i in range(len(values)):
+        sum_of_zeros += 0.0 * values[i]
+    return bool(sum_of_zeros == 0.0)
+
+
+@compiled(float64(views(1), views(1)))
+def largest_change(now: Array, before: Array) -> float:
+    """Largest distance between two readings (n,), which are finite; 0 without servos."""
+    largest = 0.0
+    for i in range(len(now)):
+        largest = max(largest, abs(now[i] - before[i]))
+    return largest
+
+
+@compiled(
+    int64(
+        views(1, int64), views(1, boolean), views(1), views(1), views(1), views(1), reads(1),
+        float64, float64, writes(2), writes(1),
+    )
+)  # fmt: skip
+def judge_motion(
+    servos: Array,
+    judged: Array,
+    measured: Array,
+    before: Array,
+    position: Array,
+    velocity: Array,
+    settings: Array,
+    now: float,
+    elapsed: float,
+    memory: Array,
+    worst: Array,
+) -> int:
+    """What is wrong with the motion of `servos` (k,) from reading to reading, in modes that are `judged`.
+
+    `measured` and `before` (n_servos,) [rad] are `elapsed` [s] apart, `position` [rad] and `velocity` [rad/s]
+    (k,) their reference. Updates the memory, and writes into `worst` (2,) the place of the worst servo, and
+    its error or its reference's way [rad].
+    """
+    longest = -1.0
+    for k in range(len(servos)):
+        servo = servos[k]
+        error = abs(position[k] - measured[servo])
+        far = error > settings[FOLLOWING_ERROR] + settings[LAG] * abs(velocity[k])
+        begin = min(memory[LATE_SINCE, servo], now) if judged[k] and far else float("inf")
+        memory[LATE_SINCE, servo] = begin
+        if now - begin > max(longest, settings[PATIENCE]):
+            longest, worst[0], worst[1] = now - begin, k, error
+    if longest >= 0.0:
+        return LATE
+    for k in range(len(servos)):
+        servo = servos[k]
+        speed = (measured[servo] - before[servo]) / elapsed
+        against = velocity[k] * speed < 0.0 and min(abs(speed), abs(velocity[k])) > settings[LEAST_SPEED]
+        begin = min(memory[OPPOSED_SINCE, servo], now) if judged[k] and against else float("inf")
+        memory[OPPOSED_SINCE, servo] = begin
+        if now - begin > max(longest, settings[OPPOSING]):
+            longest, worst[0] = now - begin, k
+    if longest >= 0.0:
+        return OPPOSED
+    found = FOLLOWS
+    for k in range(len(servos)):
+        servo = servos[k]
+        repeats = judged[k] and measured[servo] == before[servo]
+        begin = min(memory[REPEATS_SINCE, servo], now) if repeats else float("inf")
+        memory[REPEATS_SINCE, servo] = begin
+        if not begin < now:
+            memory[ORIGIN, servo] = position[k]
+        way = abs(position[k] - memory[ORIGIN, servo])
+        if found == FOLLOWS and now - begin > settings[LONGEST_REPEAT] and way > settings[TRAVEL]:
+            found, worst[0], worst[1] = FROZEN, k, way
+    return found
+
+
+@compiled(
+    int64(
+        views(1, int64), views(1, boolean), views(1, boolean), views(1), views(1), views(1), views(1),
+        views(1), reads(2), reads(1), float64, float64, writes(2), writes(1),
+    )
+)  # fmt: skip
+def judge_velocity(
+    servos: Array,
+    judged: Array,
+    loose: Array,
+    measured: Array,
+    before: Array,
+    velocity: Array,
+    velocity_before: Array,
+    torque: Array,
+    limits: Array,
+    settings: Array,
+    now: float,
+    elapsed: float,
+    memory: Array,
+    worst: Array,
+) -> int:
+    """What is wrong with the angles of `servos` (k,), judged by their velocities and by what pushes them.
+
+    `measured` and `before` (n_servos,) [rad] are `elapsed` [s] apart, and so are both velocities [rad/s]; NaN
+    tells nothing. Angles that are `judged` (k,) by their reference are not judged by velocities. `torque`
+    (k,) [N m] was sent to those that are `loose` (k,), in torque mode. Updates the memory, and writes into
+    `worst` (2,) the place of the worst servo and the way [rad] that is not seen.
+    """
+    keeps = max(1.0 - elapsed / settings[FORGETS], 0.0)
+    found, worst[1] = FOLLOWS, 0.0
+    for k in range(len(servos)):
+        servo = servos[k]
+        speed, change = velocity[servo], measured[servo] - before[servo]
+        drift = 0.0
+        mean = 0.5 * (speed + velocity_before[servo])
+        if not judged[k] and abs(mean) < float("inf") and elapsed <= SELDOM:
+            drift = keeps * memory[DRIFT, servo]
+            # In torque mode nothing but its velocity brakes a joint: one that says too little counts too.
+            way = max(abs(speed) * elapsed, abs(change) if loose[k] else 0.0)
+            if way > settings[LEAST_SPEED] * elapsed:
+                drift += mean * elapsed - change
+        memory[DRIFT, servo] = drift
+        allowed = settings[FOLLOWING_ERROR] + settings[LAG] * abs(speed)
+        if abs(drift) > max(allowed, worst[1]):
+            found, worst[0], worst[1] = DISAGREES, k, abs(drift)
+    if found != FOLLOWS:
+        return found
+    for k in range(len(servos)):
+        servo = servos[k]
+        repeats = measured[servo] == before[servo] and velocity[servo] == velocity_before[servo]
+        if not (loose[k] and repeats):
+            memory[WEAKEST, servo] = memory[PUSHED_SINCE, servo] = float("inf")
+            memory[STRONGEST, servo] = -float("inf")
+            continue
+        memory[WEAKEST, servo] = min(memory[WEAKEST, servo], torque[k])
+        memory[STRONGEST, servo] = max(memory[STRONGEST, servo], torque[k])
+        push = (memory[STRONGEST, servo] - memory[WEAKEST, servo]) / limits[TORQUE_LIMIT, servo]
+        begin = min(memory[PUSHED_SINCE, servo], now) if push > settings[PUSH] else float("inf")
+        memory[PUSHED_SINCE, servo] = begin
+        way = 0.5 * push * limits[ACCELERATION, servo] * (now - begin) ** 2
+        if begin < now and way > max(settings[TRAVEL], worst[1]):
+            found, worst[0], worst[1] = DEAF, k, way
+    return found

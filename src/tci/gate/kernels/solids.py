@@ -1,0 +1,150 @@
+"""A robot's solid links in the few flat arrays that the compiled loops read, and where they are.
+
+All is said in frames that stand at the joints and are parallel to the world's while every joint is at zero.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.engine import mujoco
+from tci.errors import TciError
+from tci.frames import Array, read_only
+from tci.robot.clearance import Clearance
+from tci.skin.kernels.flat import Indices
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solids:
+    """Joints, shapes, and the pairs of shapes that could hit each other."""
+
+    servos: NDArray[np.intp]
+    """The servo (j,) of each joint; a joint comes after those that carry it."""
+    zero: Array
+    """Angle (j,) [rad] of each servo where its joint is at zero."""
+    joints: Array
+    """Of each joint (j, 7): the joint that carries it, -1 for none; the way from there [m]; its axis."""
+    shapes: Array
+    """Of each shape (g, 16): its joint, -1 for none; the first of its points and the one after the last; the
+    centre [m] and radius [m] of a sphere around it; a matrix E [m]. It is the convex hull of its points, and
+    around each of them the ellipsoid E u, |u| <= 1."""
+    points: Array
+    """(v, 3) [m]"""
+    poses: Array
+    """Of MuJoCo's geom of each shape (g, 12): position [m] and rotation matrix, in the joint's frame."""
+    geoms: Indices
+    """MuJoCo's number (g,) of each."""
+    pairs: Indices
+    """First and second shape (p, 2) of each pair of the Clearance."""
+    levers: Array
+    """How fast each joint (j, p) can change the distance of each pair at most [m/rad]."""
+
+    @staticmethod
+    def of(clearance: Clearance) -> Solids:
+        """Those of a clearance. Raises TciError for a joint that does not turn."""
+        model, data = clearance.model, mujoco.MjData(clearance.model)
+        mujoco.mj_kinematics(model, data)
+        for joint in np.flatnonzero(model.jnt_type != mujoco.mjtJoint.mjJNT_HINGE).tolist():
+            raise TciError(f"joint {model.joint(joint).name} does not turn; valid: hinges")
+        servo_of = dict(zip(clearance.joints, clearance.servos, strict=True))
+        anchors = np.concatenate([data.xanchor, np.zeros((1, 3))])  # the last is where nothing carries
+        above = [_carrier(model, int(model.jnt_bodyid[joint]), joint) for joint in range(model.njnt)]
+        geoms = np.unique(clearance.pairs)
+        points: list[Array] = []
+        shapes, poses, first = [], [], 0
+        for geom in geoms.tolist():
+            joint = _carrier(model, int(model.geom_bodyid[geom]), model.njnt)
+            p, R = data.geom_xpos[geom] - anchors[joint], data.geom_xmat[geom].reshape(3, 3)
+            own, E = _shape(model, geom)
+            points.append(p + own @ R.T)
+            span = [first, first + len(own)]
+            first += len(own)
+            shapes.append([joint, *span, *p, model.geom_rbound[geom], *(R @ E).ravel()])
+            poses.append([*p, *R.ravel()])
+        joints = np.column_stack([above, anchors[:-1] - anchors[above], data.xaxis])
+        pairs = np.searchsorted(geoms, clearance.pairs).reshape(-1, 2)
+        solids = np.array(shapes).reshape(-1, 16)
+        cloud = np.concatenate([np.zeros((0, 3)), *points])
+        return Solids(
+            servos=np.array([servo_of[joint] for joint in range(model.njnt)], dtype=np.intp),
+            zero=read_only(model.qpos0[model.jnt_qposadr]),
+            joints=read_only(joints),
+            shapes=read_only(solids),
+            points=read_only(cloud),
+            poses=read_only(np.array(poses).reshape(-1, 12)),
+            geoms=read_only(geoms, np.int32),
+            pairs=read_only(pairs, np.int32),
+            levers=read_only(_levers(joints, solids, cloud, pairs)),
+        )
+
+
+def _carrier(model: mujoco.MjModel, body: int, before: int) -> int:
+    """The last joint `before` another that moves a body; -1 for none."""
+    while body:
+        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+        own = [joint for joint in range(first, first + count) if joint < before]
+        if own:
+            return own[-1]
+        body = int(model.body_parentid[body])
+    return -1
+
+
+def _shape(model: mujoco.MjModel, geom: int) -> tuple[Array, Array]:
+    """Points (n, 3) [m] and matrix E (3, 3) [m] of a geom, in its own frame."""
+    x, y, z = model.geom_size[geom].tolist()
+    ends = np.array([[0.0, 0.0, -y], [0.0, 0.0, y]])
+    kind = mujoco.mjtGeom(int(model.geom_type[geom]))
+    match kind:
+        case mujoco.mjtGeom.mjGEOM_SPHERE:
+            return np.zeros((1, 3)), x * np.eye(3)
+        case mujoco.mjtGeom.mjGEOM_CAPSULE:
+            return ends, x * np.eye(3)
+        case mujoco.mjtGeom.mjGEOM_CYLINDER:
+            return ends, np.diag([x, x, 0.0])
+        case mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+            return np.zeros((1, 3)), np.diag([x, y, z])
+        case mujoco.mjtGeom.mjGEOM_BOX:
+            corners = np.stack(np.meshgrid([-x, x], [-y, y], [-z, z]), axis=-1).reshape(-1, 3)
+            return corners, np.zeros((3, 3))
+        case mujoco.mjtGeom.mjGEOM_MESH:
+            return _hull(model, int(model.geom_dataid[geom])), np.zeros((3, 3))
+    raise TciError(f"geom {model.geom(geom).name} is a {kind.name}; valid: primitives and meshes")
+
+
+def _hull(model: mujoco.MjModel, mesh: int) -> Array:
+    """Corners (n, 3) [m] of a mesh's convex hull, in the frame of its geom."""
+    first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+    points = np.array(model.mesh_vert[first : first + count], dtype=float)
+    graph = int(model.mesh_graphadr[mesh])
+    if graph < 0:
+        return points
+    corners = int(model.mesh_graph[graph])
+    begin = graph + 2 + corners  # after the counts of corners and faces, and where each corner's edges begin
+    hull: Array = points[model.mesh_graph[begin : begin + corners]]
+    return hull
+
+
+def _levers(joints: Array, shapes: Array, points: Array, pairs: NDArray[np.intp]) -> Array:
+    """`Solids.levers`: of a joint that carries one of the two, how far that one can be from its axis."""
+    reach = np.zeros((len(joints), len(shapes)))
+    carried = np.zeros(reach.shape, dtype=bool)
+    for index, shape in enumerate(shapes):
+        joint, first, last = (int(number) for number in shape[:3])
+        mine = points[first:last]
+        round_about = float(np.linalg.norm(shape[7:].reshape(3, 3), 2))
+        inner = 0.0
+        while joint >= 0:
+            across = np.linalg.norm(np.cross(joints[joint, 4:], mine), axis=1).max()
+            reach[joint, index] = across + inner + round_about
+            carried[joint, index] = True
+            inner += float(np.linalg.norm(mine, axis=1).max())
+            mine = joints[joint, 1:4][None, :]
+            joint = int(joints[joint, 0])
+    first, second = pairs.T
+    # A joint that carries both changes nothing.
+    moves = carried[:, first] != carried[:, second]
+    levers: Array = np.ascontiguousarray(np.where(moves, np.maximum(reach[:, first], reach[:, second]), 0.0))
+    return levers

@@ -1,0 +1,97 @@
+"""Torques of servos whose position nobody controls, in one compiled loop, for `tci.gate.torque`."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import boolean, float64, int64, void
+from numpy.typing import NDArray
+
+from tci.arrays import reads, views, writes
+from tci.compiled import compiled
+from tci.frames import Array
+
+LOWER, UPPER, VELOCITY, CREEP, ACCELERATION, APPROACH, TORQUE = range(7)
+"""Rows of the limits (7, k) of the servos in torque mode; with the speed [rad/s] at which one outside its
+limits comes back, and the deceleration [rad/s2] that it may count on before them."""
+WANTED, RISEN, GIVEN, CALM, BEFORE = range(5)
+"""Rows of the memory (5, n_servos): torques [N m] that are wanted, that have risen so far, and that were
+given; share of the braking torque, and speed [rad/s] at which it was chosen."""
+MARGIN = 1e-6
+"""Speed [rad/s] below which braking in a narrow band would divide by nothing."""
+RISE = 0.02
+"""Time [s] in which a torque may go from zero to its limit. Assumed."""
+BAND = 0.1
+"""Share of the allowed speed over which braking takes over beyond it. Assumed."""
+SETTLE = 2.0
+"""Speeds that could be taken away in this many times the delay are braked in proportion: with all its torque
+a servo that rests at a limit would tremble with the noise of its velocity. Assumed."""
+CALMER, BOLDER, LEAST = 0.5, 1.5, 1.0 / 64.0
+"""Factors of the braking torque: after it has turned a joint round, and after it has not; and the least one.
+Assumed: a joint that is much lighter than its limits say would be thrown to and fro with all its torque."""
+FADE = float(np.deg2rad(2.0))
+"""Distance [rad] before a limit over which a torque towards it fades out. Assumed."""
+
+
+@compiled(
+    void(
+        views(1, int64), views(1), views(1), views(1), reads(1), reads(1), reads(2), views(1), boolean,
+        float64, float64, writes(2),
+    )
+)  # fmt: skip
+def limit_torques(
+    servos: NDArray[np.intp],
+    position: Array,
+    velocity: Array,
+    slope: Array,
+    since_velocity: Array,
+    since_slope: Array,
+    limits: Array,
+    trust: Array,
+    halts: bool,
+    late: float,
+    period: float,
+    memory: Array,
+) -> None:
+    """Write into the memory what `servos` (k,) are given now, by the share (k,) that their data is trusted.
+
+    All else has a place for each servo of the robot (n_servos,): `position` [rad] and `velocity` [rad/s],
+    which are `late` [s] old when the next torque is made; `slope` [rad/s], the mean speed that angles tell,
+    NaN where they don't; impulses [N m s] of the torques that were given since each of these was measured.
+    `halts`: any motion is braked.
+    """
+    for k in range(len(servos)):
+        i = servos[k]
+        q, v, wanted = position[i], velocity[i], memory[WANTED, i]
+        if not abs(v) < float("inf"):
+            v = wanted = 0.0
+        mean = slope[i] if abs(slope[i]) < float("inf") else v
+        most, quickest = limits[TORQUE, k], limits[ACCELERATION, k]
+        above, below = max(limits[UPPER, k] - q, 0.0), max(q - limits[LOWER, k], 0.0)
+        inside = limits[LOWER, k] <= q <= limits[UPPER, k]
+        fastest = limits[VELOCITY if inside else CREEP, k]
+        # What is left of the way when this torque has worked counts, less what slow speeds take to settle.
+        slow = SETTLE * quickest * late
+        room = max((above if v > 0.0 else below) - abs(v) * late - slow * SETTLE * late, 0.0)
+        safe = 0.0 if halts else min((1.0 - BAND) * fastest, np.sqrt(2.0 * limits[APPROACH, k] * room))
+        braking = min(max((abs(v) - safe) / max(BAND * safe, MARGIN), 0.0), 1.0)
+        # A torque that was given since the reading has made the joint faster already.
+        rise, risen = most * period / RISE, memory[RISEN, i]
+        risen = memory[RISEN, i] = trust[k] * min(max(wanted, risen - rise), risen + rise)
+        way, left = (1.0, above) if risen > 0.0 else (-1.0, below)
+        ahead = max(
+            way * v + quickest / most * max(way * since_velocity[i], 0.0),
+            way * mean + quickest / most * max(way * since_slope[i], 0.0),
+        )
+        driving = min(
+            abs(risen) * min(left / FADE, 1.0),
+            most * max(limits[VELOCITY, k] - ahead, 0.0) / (quickest * late),
+        )
+        # Where angles repeat, or go the other way than the velocity, braking would drive the joint.
+        real = mean != 0.0 and mean * v >= -0.5 * v * v
+        before, share = memory[BEFORE, i], memory[CALM, i]
+        if v != before:
+            turned = v * before < 0.0 and braking > 0.0
+            share = min(max((CALMER if turned else BOLDER) * share, LEAST), 1.0)
+        memory[BEFORE, i], memory[CALM, i] = v, share
+        against = trust[k] * share * most * min(max(v / slow, -1.0), 1.0) if real else 0.0
+        memory[GIVEN, i] = (1.0 - braking) * way * driving - braking * against

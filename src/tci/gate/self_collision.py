@@ -1,0 +1,135 @@
+"""No command leaves that would make the robot hit itself: the arms, the body, the head, the other arm.
+
+Mostly nothing is measured: compiled bounds from below tell which pairs of links keep their distance, and
+MuJoCo measures the others (`kernels.apart`).
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from tci.engine import mujoco
+from tci.errors import TciError
+from tci.frames import Array
+from tci.gate.kernels.clearance_bounds import come_near, follow, stand, to_joints
+from tci.gate.kernels.solids import Solids
+from tci.robot.clearance import Clearance
+from tci.robot.description import Robot
+from tci.skin.kernels.flat import Indices
+
+MARGIN = 0.005
+"""Distance [m] that links keep. Ours: room for the servos' lag and for hulls of reduced meshes."""
+WIDEST = 0.1
+"""Largest margin [m]. Ours."""
+SIGHT = 1.0
+"""Distances [m] beyond this one are not told apart. Ours."""
+STRIDE = 0.002
+"""Points of a path are looked at where links may have moved this far [m] since the last. Ours."""
+PATIENCE = 16
+"""Looks until distances are measured anew that did not suffice. Ours."""
+SPECK = 1e-6
+"""Of a shorter way [m] between two links the direction is only rounding."""
+
+
+@lru_cache(maxsize=8)
+def _solids(robot: Robot) -> Solids:
+    """Nobody writes to them, and each gate asks for them."""
+    return Solids.of(Clearance(robot))
+
+
+class SelfCollision:
+    """Looks along a path before it is taken. What it remembers is for speed; no answer depends on it."""
+
+    def __init__(self, robot: Robot, *, margin: float = MARGIN) -> None:
+        """Links keep `margin` [m] apart.
+
+        Raises TciError for a margin that is not from 0 to WIDEST, and what Clearance and Solids raise.
+        """
+        if not 0.0 <= margin < WIDEST:
+            raise TciError(f"margin {margin} m; valid: 0 to {WIDEST} m")
+        self.margin = margin
+        self._clearance = Clearance(robot)
+        self._model = self._clearance.model
+        self._data = mujoco.MjData(self._model)
+        s = self._solids = _solids(robot)
+        self._arrays = (s.joints, s.shapes, s.points, s.poses, s.pairs, s.levers)
+        joints, pairs = s.levers.shape
+        self._left, self._axis, self._least = np.zeros(pairs, np.int32), np.zeros((pairs, 3)), np.zeros(pairs)
+        self._angles, self._frames = np.zeros(joints), np.zeros((joints, 12))
+        self._slack, self._asked, self._at = np.zeros(pairs), np.zeros(pairs, np.int32), np.zeros(2, np.int64)
+        never = np.full(pairs, -np.inf)
+        self._known = (
+            np.zeros((joints, pairs)), never, self._axis, self._left, self._slack, self._least,
+            np.zeros(pairs), self._frames, self._angles,
+        )  # fmt: skip
+        self._strides = self._clearance.levers[s.servos]
+        self._segment = np.zeros(6)
+        self._box = np.zeros((2, joints))
+        self._ends = self._box[0], self._box[1]
+        self._patience = 0
+        start = self._of_joints(robot.initial_position)
+        self._measure(start, np.arange(pairs, dtype=np.int32), self._axis)
+
+    def keeps_margin(self, box: Array) -> bool:
+        """Whether every posture between the angles of `box` (2, n_servos) [rad] surely keeps the margin."""
+        low, high = self._ends
+        to_joints(self._solids.servos, self._solids.zero, box, self._box)
+        count = come_near(self._arrays, self._known, low, high, self.margin)
+        if count and self._patience <= 0:
+            self._measure((low + high) / 2.0, self._left[:count].copy(), self._axis)
+            count = come_near(self._arrays, self._known, low, high, self.margin)
+            self._patience = PATIENCE
+        self._patience = self._patience - 1 if count else 0
+        return not count
+
+    def fault(self, path: Array) -> str:
+        """Why a motion along `path` (k, n_servos) [rad] must not be made; empty when it may.
+
+        Links that are nearer than the margin where the path begins may go apart, and no nearer.
+        """
+        way = self._of_joints(path)
+        count = come_near(self._arrays, self._known, way.min(axis=0), way.max(axis=0), self.margin)
+        if not count:
+            return ""
+        self._at[:] = 0
+        while asked := follow(
+            self._arrays, self._known, count, way, self._strides, STRIDE, self.margin, self._at, self._asked
+        ):
+            pairs = self._asked[:asked].copy()
+            then = self._measure(self._angles, pairs, self._axis)
+            self._slack[pairs] = then - self.margin
+            near = then <= self.margin
+            if not near.any():
+                continue
+            pairs, then = pairs[near], then[near]
+            self._slack[pairs] = 0.0
+            self._least[pairs] = now = np.minimum(self._measure(way[0], pairs), self.margin)
+            then = np.minimum(then, self.margin)
+            if (then < now).any():
+                worst = int(np.argmin(np.where(then < now, then, np.inf)))
+                first, second = self._clearance.names(int(pairs[worst]))
+                return (
+                    f"{first} would come {then[worst] * 1e3:.1f} mm near {second}; "
+                    f"valid: at least {self.margin * 1e3:g} mm"
+                )
+        return ""
+
+    def _measure(self, angles: Array, pairs: Indices, axis: Array | None = None) -> Array:
+        """Distances (m,) [m] of some pairs at `angles` (j,) [rad], cut off at SIGHT; keeps their axes."""
+        s, data, segment = self._solids, self._data, self._segment
+        stand(self._arrays, angles, self._frames, data.geom_xpos, data.geom_xmat, s.geoms)
+        result = np.empty(len(pairs))
+        for index, pair in enumerate(pairs.tolist()):
+            one, other = s.geoms[s.pairs[pair]].tolist()
+            found = mujoco.mj_geomDistance(self._model, data, one, other, SIGHT, segment)
+            result[index] = found
+            if axis is not None and SPECK < abs(found) < SIGHT:
+                axis[pair] = (segment[3:] - segment[:3]) / found
+        return result
+
+    def _of_joints(self, angles: Array) -> Array:
+        """Angles (..., j) [rad] of the model's joints, given those of the servos (..., n_servos)."""
+        found: Array = angles.take(self._solids.servos, -1) - self._solids.zero
+        return found

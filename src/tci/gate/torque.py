@@ -1,0 +1,126 @@
+"""Torque mode: what may be sent to a servo whose position nobody controls.
+
+A torque has no reference that could be kept inside limits, so the servo is watched instead: the nearer
+it is to a limit, or the faster it is, the more a braking torque takes the place of the one asked for.
+Watching takes joint data: as that ages, every torque ends, the braking one too. A braking torque that stays
+when its joint has come to rest drives it the other way.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.frames import Array
+from tci.gate.bounds import APPROACH, MARGIN
+from tci.gate.kernels import torques as at
+from tci.gate.trajectory import CREEP
+from tci.robot.description import Robot
+
+EARLY = 0.01
+"""Share of a period that does not make data a period older. Assumed: rounding."""
+REMEMBERED = 0.05
+"""Time [s] for which it is known what was given. Assumed: no torque is made from older readings."""
+
+
+class TorqueLimiter:
+    """Limits the torques of all servos of a robot that are in torque mode."""
+
+    def __init__(self, robot: Robot, period: float, *, speed_share: float) -> None:
+        self._robot = robot
+        self._period = period
+        self._share = speed_share
+        count = len(robot.servos)
+        self._memory = np.zeros((5, count))
+        self._memory[at.CALM] = 1.0
+        self._pushed = deque([np.zeros(count)], maxlen=1 + math.ceil(REMEMBERED / period))
+        self._halts = False
+        self.servos: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
+        """Indices (k,) of the servos in torque mode."""
+        self._limits = np.zeros((7, 0))
+        self._trust = np.zeros(0)
+
+    def set_servos(self, servos: Sequence[int]) -> None:
+        """Which servos are in torque mode, all with their limits; a new one starts at zero torque."""
+        fresh = [servo for servo in servos if servo not in self.servos]
+        self._memory[:, fresh] = 0.0
+        self._memory[at.CALM, fresh] = 1.0
+        self.servos = np.array(sorted(servos), dtype=np.intp)
+        limits = [self._robot.servos[servo].limits for servo in self.servos]
+        rows = [(x.lower, x.upper, x.velocity, x.velocity, x.acceleration, x.acceleration, x.torque)
+                for x in limits]  # fmt: skip
+        self._limits = np.array(rows, dtype=float).reshape(-1, 7).T.copy()
+        self._limits[at.LOWER] += MARGIN
+        self._limits[at.UPPER] -= MARGIN
+        self._limits[at.VELOCITY] *= self._share
+        self._limits[at.CREEP] *= self._share * CREEP
+        self._limits[at.APPROACH] *= APPROACH
+        self._trust = np.zeros(len(self.servos))
+
+    def ask(self, servos: NDArray[np.intp], torque: Array) -> Array:
+        """Want `torque` (k,) [N m] from now on; returns it within the servos' limits."""
+        limit = np.array([self._robot.servos[servo].limits.torque for servo in servos], dtype=float)
+        wanted: Array = np.clip(torque, -limit, limit)
+        self._memory[at.WANTED, servos] = wanted
+        return wanted
+
+    def relax(self, servos: NDArray[np.intp] | None = None) -> None:
+        """Want no torque from some servos, or from all; braking goes on."""
+        self._memory[at.WANTED, slice(None) if servos is None else servos] = 0.0
+
+    def halt(self) -> None:
+        """Want no torque, and brake any motion in the next step: what should stand still does not coast."""
+        self.relax()
+        self._halts = True
+
+    def step(
+        self,
+        position: Array,
+        velocity: Array,
+        slope: Array,
+        *,
+        age: float = 0.0,
+        span: float = 0.0,
+        trust: Array | float = 1.0,
+    ) -> Array:
+        """Torques (k,) [N m] to send now, from `position` and `velocity` (n_servos,) measured `age` [s] ago,
+        and `slope` (n_servos,), the mean speed over the time `span` [s] before. Call it once per period.
+
+        At rest far from limits it is what was asked for, which rises within RISE. A servo that is faster
+        than it could stop before its limit, by what it may accelerate, is braked at once with up to its
+        full torque, in proportion where it is nearly at rest; near a limit a torque towards it fades out,
+        and beyond there is none, but for a slow way back. Data that is late does not show yet how fast the
+        torques since made a servo: one that is light for its limits must not pass its limit of speed by then
+        either. A velocity that is not finite counts as no torque wanted; one that stays behind what angles
+        tell does not count. No torque is more than its share of `trust` (0..1), and what was lost rises
+        again within RISE.
+        """
+        self._trust = np.broadcast_to(trust, self.servos.shape)
+        at.limit_torques(
+            self.servos, position, velocity, slope, self._since(age), self._since(age + 0.5 * span),
+            self._limits, self._trust, self._halts, age + self._period, self._period, self._memory,
+        )  # fmt: skip
+        self._halts = False
+        self._pushed.append(self._pushed[-1] + self._period * self._memory[at.GIVEN])
+        return self._given()
+
+    def again(self, *, trust: Array | float) -> Array:
+        """Torques (k,) [N m] of the last step, within a period from it; less where `trust` (0..1) is less."""
+        trust = np.minimum(trust, self._trust)
+        share = np.divide(trust, self._trust, out=np.zeros(len(trust)), where=self._trust > 0.0)
+        self._memory[at.RISEN : at.GIVEN + 1, self.servos] *= share
+        self._trust = trust
+        return self._given()
+
+    def _given(self) -> Array:
+        given: Array = self._memory[at.GIVEN, self.servos]
+        return given
+
+    def _since(self, age: float) -> Array:
+        """Impulses (n_servos,) [N m s] of the torques that were given in the latest `age` [s]."""
+        steps = min(math.ceil(age / self._period - EARLY), len(self._pushed) - 1)
+        return self._pushed[-1] - self._pushed[-1 - steps]

@@ -1,0 +1,276 @@
+"""Jerk-limited motion of the servos that move together, one step per control period (ruckig)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from ruckig import (
+    ControlInterface,
+    InputParameter,
+    OutputParameter,
+    Result,
+    Ruckig,
+    RuckigError,
+    Synchronization,
+)
+
+from tci.errors import CommandError
+from tci.frames import Array
+from tci.gate.bounds import MARGIN, Bounds
+from tci.gate.kernels.stops import is_outside
+from tci.gate.kernels.targets import straight_limits
+from tci.gate.stop_plan import Stop, Stopper
+
+CREEP = 0.1
+"""Share of the speed limit at which a servo that starts outside its limits moves inward. Ours."""
+LEAST_SHARE = 1e-6
+"""Least share of the longest way of a straight motion that is told from none; ruckig needs limits above 0."""
+
+
+Guard = Callable[[Stop], str]
+"""Looks at a stop before the state where it begins is handed out: why it must not be; empty when it may."""
+
+
+class Limiter:
+    """Moves n servos within their bounds: each towards a target, or at a velocity.
+
+    The state it hands out always has a stop, already planned and checked against limits and couplings.
+    When the next state towards the target has none, or ruckig finds no way, it takes a step of that
+    stop instead, and tries again in the next period. A motion that came to rest so goes on in a straight
+    line, since a line between two points inside limits and couplings stays inside.
+    """
+
+    def __init__(
+        self, bounds: Bounds, position: Array, period: float, *, guard: Guard = lambda stop: ""
+    ) -> None:
+        """Starts at rest at the measured `position` (n,) [rad]; one step lasts `period` [s].
+
+        A stop that `guard` does not let pass ends the motion as `halt` does; `ended` tells why.
+        """
+        count = len(position)
+        self.bounds = bounds
+        self._guard = guard
+        self.ended = ""
+        """Why the guard ended the motion in the last step that was taken; empty when it did not."""
+        self.target = np.array(position)
+        """Where it is going (n,) [rad]."""
+        self._speed = np.array(bounds.velocity)
+        self._drive = np.full(count, np.nan)
+        self._stopping = False
+        self._resting = True
+        self._led = False  # by ruckig, so that its plan is that of these servos
+        self._asked = self._creeps = True
+        self._straight = False
+        self._otg = Ruckig(count, period)
+        self._input, self._output = InputParameter(count), OutputParameter(count)
+        self._input.current_position = list(position)
+        self._input.max_acceleration, self._input.max_jerk = list(bounds.acceleration), list(bounds.jerk)
+        self._stopper = Stopper(bounds, position, period)
+        self._state = np.array([position, np.zeros(count), np.zeros(count)])
+        self._set_interfaces()
+
+    @property
+    def state(self) -> tuple[Array, Array, Array]:
+        """Position [rad], velocity [rad/s], acceleration [rad/s2] that were handed out last, each (n,)."""
+        position, velocity, acceleration = self._state
+        return position, velocity, acceleration
+
+    @property
+    def whole_state(self) -> Array:
+        """The same as one array (3, n), which stays the same object while nothing moves."""
+        return self._state
+
+    @property
+    def span(self) -> Array:
+        """Least and largest angles (2, n) [rad] of the stop from there."""
+        return self._stopper.span
+
+    @property
+    def speed(self) -> Array:
+        """Speed limit (n,) [rad/s] of the present motion."""
+        return self._speed
+
+    @property
+    def drive(self) -> Array:
+        """Velocity (n,) [rad/s] at which each servo is driven; NaN for one that goes to a target."""
+        return self._drive
+
+    @property
+    def drives(self) -> bool:
+        """Whether any servo is driven at a velocity."""
+        return self._any_driven
+
+    @property
+    def rests(self) -> bool:
+        """Whether a step would change nothing, until something is asked for."""
+        return self._resting and not self._any_driven
+
+    def take_over(self, here: Sequence[int], other: Limiter, there: Sequence[int]) -> None:
+        """Continue the motion of some servos, places `there` of another limiter and places `here` of this.
+
+        Raises CommandError when no stop is found from there; then go on with the other one.
+        """
+        places, others = list(here), list(there)
+        state = np.array(self.state)
+        state[:, places] = np.array(other.state)[:, others]
+        self._set_state(state)
+        try:
+            inside, stop = self._stopper.plan(state, self._state[0], self.bounds)
+        except RuckigError as error:
+            raise CommandError("these servos can't join the motion now; valid: ask again later") from error
+        if not inside or not self._stopper.keeps_couplings(stop, self.bounds):
+            raise CommandError(
+                "these servos can't join the motion now: they would leave their limits if they stopped; "
+                "valid: ask again later"
+            )
+        if fault := self._guard(stop):
+            raise CommandError(f"these servos can't join the motion now: {fault}")
+        self._stopper.keep(stop)
+        self.target[places] = other.target[others]
+        self._speed[places] = other.speed[others]
+        self._drive[places] = other.drive[others]
+        self._set_interfaces()
+        self._resting = False
+
+    def aim(self, target: Array, speed: Array) -> None:
+        """Go to `target` (n,) [rad] at most at `speed` (n,) [rad/s]; both must be inside the bounds.
+
+        Servos that are driven at a velocity go on so.
+        """
+        self.target = np.array(target)
+        self._speed = np.array(speed)
+        self._set_straight(self._straight and not self._state[1].any())
+        self._stopping = False
+        self._resting = False
+
+    def drive_at(self, places: Sequence[int], velocity: Array) -> None:
+        """Drive servos at `velocity` (k,) [rad/s], within the speed limit, until told otherwise.
+
+        NaN ends that: such a servo, which must be at rest, then stays.
+        """
+        self._drive[places] = velocity
+        self.target[places] = self._state[0][places]
+        self._asked = True
+        if not np.array_equal(self._driven, np.isfinite(self._drive)):
+            self._set_interfaces()
+        self._stopping = False
+        self._resting = False
+
+    def halt(self) -> None:
+        """Stop as fast as the bounds allow and stay there: targets and velocities are forgotten at once."""
+        if not self._stopping:
+            self.target = self._stopper.end
+            self._drive[self._driven] = 0.0
+            self._asked = True
+        self._stopping = True
+
+    @property
+    def remaining(self) -> float:
+        """Time [s] that the stop from there takes."""
+        return 0.0 if self._resting else self._stopper.remaining
+
+    def stop_at(self, times: Array) -> Array:
+        """Where the servos would be (k, n) [rad] at `times` (k,) [s] from now if they stopped now."""
+        if self._resting:
+            return np.tile(self._state[0], (len(times), 1))
+        return self._stopper.ahead(times)
+
+    def ahead(self, time: float) -> Array:
+        """Where the servos will be (n,) [rad] in `time` [s] if nothing else is asked for."""
+        position: Array = self._state[0]
+        if self._stopping or self._stopper.begun or not self._led:
+            ahead: Array = self._stopper.ahead(np.array([time]))[0]
+            return ahead
+        plan = self._output
+        return position if self._resting else np.array(plan.trajectory.at_time(plan.time + time)[0])
+
+    def step(self) -> Array:
+        """Positions (n,) [rad] one period later."""
+        self.ended = ""
+        if not self._resting and (self._stopping or not self._advance()):
+            self._brake()
+        position: Array = self._state[0]
+        return position
+
+    def _advance(self) -> bool:
+        """Take a step to the target; false, and no step, when a stop from there would leave the bounds."""
+        here, output = self._state[0], self._output
+        creeps = is_outside(here, self.bounds.lower, self.bounds.upper)
+        if self._asked or creeps is not self._creeps:
+            self._input.max_velocity = (self._most * (CREEP if creeps else 1.0)).tolist()
+            self._input.target_position = self.target.tolist()
+            self._asked, self._creeps = False, creeps
+        if self._any_driven:
+            allowed = self.bounds.allowed_velocity(here, np.nan_to_num(self._drive))
+            self._driving = bool(allowed.any())
+            outside = (here < self.bounds.lower) | (here > self.bounds.upper)
+            self._input.target_velocity = (np.where(outside, CREEP, 1.0) * allowed).tolist()
+        try:
+            result = self._otg.update(self._input, output)
+            numbers = output.new_position, output.new_velocity, output.new_acceleration
+            inside, stop = self._stopper.plan(state := np.array(numbers), here, self.bounds)
+        except (RuckigError, ValueError):
+            # Rare states have no synchronised way, mostly where a speed limit falls. That a way takes longer
+            # than ruckig plans is a result that its Python part does not know.
+            return False
+        if not inside:
+            return False
+        if len(self.bounds.coupling) and not self._stopper.keeps_couplings(stop, self.bounds):
+            return False
+        if fault := self._guard(stop):
+            self.ended = fault
+            self.halt()
+            return False
+        output.pass_to_input(self._input)
+        self._state = state
+        self._stopper.keep(stop)
+        self._resting = result == Result.Finished and not self._driving
+        self._led = True
+        return True
+
+    def _brake(self) -> None:
+        """Take a step of the stop that was checked when the present state was handed out."""
+        state, rests = self._stopper.step()
+        self._set_state(state)
+        if rests:
+            self._resting = self._stopping
+            self._set_straight(True)
+
+    def _set_interfaces(self) -> None:
+        """Tell ruckig which servos go to a target, all in the same time, and which keep a velocity."""
+        self._driven = np.isfinite(self._drive)
+        self._any_driven, self._driving = bool(self._driven.any()), False
+        self._input.target_velocity = [0.0] * len(self._drive)
+        self._input.per_dof_control_interface = [
+            ControlInterface.Velocity if driven else ControlInterface.Position for driven in self._driven
+        ]
+        self._input.per_dof_synchronization = [
+            Synchronization.No if driven else Synchronization.Time for driven in self._driven
+        ]
+        self._set_straight(False)
+
+    def _set_straight(self, straight: bool) -> None:
+        """Whether the motion from here, which must be at rest then, and its stops follow a straight line.
+
+        They do where all limits are in the ratio of the ways. (ruckig's phase synchronisation is not for
+        this: it gives up where states are only nearly on a line, as rounding leaves them.)
+        """
+        was, self._straight = self._straight, straight and not self._any_driven
+        self._asked = True
+        self._most, acceleration, jerk = self._speed, self.bounds.acceleration, self.bounds.jerk
+        if self._straight:
+            limits = np.empty((3, len(jerk)))
+            here = self._state[0]
+            straight_limits(here, self.target, self._most, acceleration, jerk, MARGIN, LEAST_SHARE, limits)
+            self._most, acceleration, jerk = limits
+        elif not was:  # ruckig knows these limits
+            return
+        self._input.max_acceleration, self._input.max_jerk = acceleration.tolist(), jerk.tolist()
+        self._stopper.set_limits(acceleration, jerk)
+
+    def _set_state(self, state: Array) -> None:
+        """What is handed out (3, n): positions, velocities, accelerations."""
+        self._state = state
+        i = self._input
+        i.current_position, i.current_velocity, i.current_acceleration = state.tolist()

@@ -1,0 +1,79 @@
+"""Gestures as files: CSV, which a spreadsheet opens."""
+
+from __future__ import annotations
+
+import csv
+import io
+from pathlib import Path
+
+import numpy as np
+
+from tci.errors import TciError
+from tci.frames import read_only
+from tci.gestures.gesture import Gesture
+from tci.gestures.rows import COLUMNS, LARGEST, read_rows
+from tci.robot.xml.document import read_bytes, refuse, shown
+
+TIME = "time_s"
+UNIT = "_deg"
+
+
+def write_csv(gesture: Gesture, path: Path, names: dict[str, list[str]]) -> None:
+    """One row per instant: time [s], then the angles [degrees] in columns `part.joint_deg`.
+
+    `names` are those of the joints, by part. Raises FileExistsError, and what else opening a file does.
+    """
+    columns = [f"{part}.{joint}{UNIT}" for part in gesture.postures for joint in names[part]]
+    angles = np.rad2deg(np.hstack(list(gesture.postures.values())))
+    form = ",".join(["%.9g", *["%.7g"] * angles.shape[1]]) + "\r\n"
+    with path.open("x", newline="", encoding="utf-8") as file:
+        csv.writer(file).writerow([TIME, *columns])
+        rows = np.column_stack([gesture.times, angles]).tolist()
+        file.writelines(form % tuple(row) for row in rows)
+
+
+def read_csv(path: Path) -> tuple[Gesture, dict[str, list[str]]]:
+    """The gesture of a file, and its joints' names by part.
+
+    Raises DescriptionError with the line and what would be valid.
+    """
+    source = str(path)
+    try:
+        text = read_bytes(path, limit=LARGEST).decode("utf-8-sig")
+        lines = list(io.StringIO(text, newline=None))
+        first = next((number for number, line in enumerate(lines) if not line.isspace()), 0)
+        head = next(csv.reader(lines[first : first + 1]), [])
+    except UnicodeDecodeError as error:
+        raise refuse(source, 0, f"is not UTF-8: {error.reason}") from error
+    except csv.Error as error:
+        raise refuse(source, 0, f"is no CSV: {error}") from error
+    names = _names(source, head)
+    numbers = read_rows(source, lines, first + 1, len(head), mark=",")
+    postures, begin = {}, 1
+    for part, joints in names.items():
+        end = begin + len(joints)
+        postures[part] = read_only(np.deg2rad(numbers[:, begin:end]))
+        begin = end
+    try:
+        return Gesture(read_only(numbers[:, 0]), postures), names
+    except TciError as error:
+        raise refuse(source, 0, str(error)) from error
+
+
+def _names(source: str, head: list[str]) -> dict[str, list[str]]:
+    """The joints' names by part, of a first line."""
+    if head[:1] != [TIME] or not 2 <= len(head) <= COLUMNS:
+        raise refuse(source, 1, f"the first line is {TIME},part.joint{UNIT},... of at most {COLUMNS} columns")
+    names: dict[str, list[str]] = {}
+    last = ""
+    for column in head[1:]:
+        part, dot, joint = column.removesuffix(UNIT).partition(".")
+        if not dot or not column.endswith(UNIT) or not column.isprintable():
+            raise refuse(source, 1, f"column {shown(column)}; valid: part.joint{UNIT}")
+        if part in names and part != last:
+            raise refuse(source, 1, f"column {shown(column)}; valid: the columns of a part together")
+        if joint in names.setdefault(part, []):
+            raise refuse(source, 1, f"second column {shown(column)}; valid: each joint once")
+        names[part].append(joint)
+        last = part
+    return names

@@ -1,0 +1,219 @@
+"""Gestures: postures over time, recorded on one robot and fitted to any other.
+
+The arms of a gesture count in the torso frame, so that limbs point the same way in space whatever
+shoulder a robot has. Fitting finds, for every instant, the nearest posture within the robot's limits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import PchipInterpolator
+
+from tci.body.posture import speed_limits
+from tci.body.retarget import retarget, with_retargeting
+from tci.errors import CommandError, TciError
+from tci.frames import Array, read_only
+from tci.robot.description import GenericPart, Robot
+from tci.robot.joint_map import JointMap, joint_map
+
+SAMPLE = 0.02
+"""Time [s] between the postures of a fitted gesture. Ours."""
+SHARE = 0.8
+"""Share of speed limits that a fitted gesture uses. Ours."""
+FORCE = 0.2
+"""Share of acceleration limits that it uses: the rest is for following it closely. Ours."""
+LONGEST = 3600.0
+"""[s]"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gesture:
+    """Generic postures over time."""
+
+    times: Array
+    """(k,) [s], from 0 on, rising."""
+    postures: Mapping[str, Array]
+    """Generic angles (k, n) [rad] of each part, by name. Those of arms count in the torso frame, but in a
+    fitted gesture, where they are the robot's own."""
+
+    def __post_init__(self) -> None:
+        times = np.asarray(self.times)
+        good = times.ndim == 1 and times.size >= 2 and np.isfinite(times).all() and times[0] == 0.0
+        if not good or not np.all(np.diff(times) > 0.0) or times[-1] > LONGEST:
+            raise TciError(f"gesture times: valid are 2 or more, rising from 0 to at most {LONGEST:g} s")
+        if not self.postures:
+            raise TciError("a gesture without parts; valid: at least one")
+        for part, angles in self.postures.items():
+            if angles.ndim != 2 or len(angles) != times.size or not np.isfinite(angles).all():
+                raise TciError(
+                    f"gesture of {part}: shape {angles.shape}; valid: ({times.size}, joints), finite"
+                )
+
+    @property
+    def duration(self) -> float:
+        """[s]"""
+        return float(self.times[-1])
+
+    def at(self, time: float) -> dict[str, Array]:
+        """Generic angles (n,) [rad] of each part at `time` [s], on straight lines between the postures."""
+        last = len(self.times) - 1
+        index = int(np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, last - 1))
+        begin, end = self.times[index], self.times[index + 1]
+        share = float(np.clip((time - begin) / (end - begin), 0.0, 1.0))
+        return {
+            part: read_only(angles[index] * (1.0 - share) + angles[index + 1] * share)
+            for part, angles in self.postures.items()
+        }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fitted:
+    """A gesture that a robot can make."""
+
+    gesture: Gesture
+    """In the robot's own generic joints, every SAMPLE seconds."""
+    targets: Gesture
+    """What to tell the gate, so that the robot is there in time: it aims to rest at every target, so
+    targets lead by what a stop takes."""
+    slower: float
+    """How much longer it takes than the original, so that no limit is broken; 1 when as long."""
+    missed: Mapping[str, float]
+    """Largest angle [rad] that limits take off each joint, or `upper_arm` of an arm, by `part.joint`."""
+    left_out: tuple[str, ...]
+    """Parts of the gesture that the robot does not have."""
+
+
+class TorsoView:
+    """A robot's posture with its arms in the torso frame."""
+
+    def __init__(self, robot: Robot) -> None:
+        """Raises DescriptionError for an arm with a mount whose shoulder the model does not have."""
+        self._maps: dict[str, JointMap] = {}
+        for part in robot.parts:
+            exact = with_retargeting(robot, part.name) if any(part.mount) else robot
+            self._maps[part.name] = joint_map(exact, part.name)
+
+    def posture(self, position: Array) -> dict[str, Array]:
+        """Generic angles (n,) [rad] of each part with the servos at `position` (n_servos,) [rad]."""
+        return {name: joints.to_generic(position) for name, joints in self._maps.items()}
+
+
+def record(robot: Robot, times: Array, positions: Array) -> Gesture:
+    """The gesture of servos that were at `positions` (k, n_servos) [rad] at `times` (k,) [s].
+
+    Parts that no servo moves are left out. Raises TciError for times that make no gesture.
+    """
+    view = TorsoView(robot)
+    postures = [view.posture(position) for position in positions]
+    parts = [part.name for part in robot.parts if any(joint.servo is not None for joint in part.servos)]
+    return Gesture(
+        times=read_only(np.asarray(times) - times[0]),
+        postures={part: read_only([posture[part] for posture in postures]) for part in parts},
+    )
+
+
+def fit(robot: Robot, gesture: Gesture, *, exact: bool = True, share: float = SHARE) -> Fitted:
+    """The gesture for a robot: within its limits of position and couplings, and slow enough for it.
+
+    With `exact` arms are retargeted in the torso frame; without, generic angles are taken as they are.
+    `share` of the speed limits is used. Raises CommandError for a part with another number of joints,
+    or a robot that has none of the gesture's parts.
+    """
+    names = {part.name for part in robot.parts if any(joint.servo is not None for joint in part.servos)}
+    used = [part for part in gesture.postures if part in names]
+    if not used:
+        raise CommandError(
+            f"{robot.name} has none of {', '.join(gesture.postures)}; valid: {', '.join(names)}"
+        )
+    count = max(2, int(np.ceil(gesture.duration / SAMPLE)) + 1)
+    times = np.linspace(0.0, gesture.duration, count)
+    positions = np.tile(robot.initial_position, (count, 1))
+    missed: dict[str, float] = {}
+    for name in used:
+        part = robot.part(name)
+        angles = gesture.postures[name]
+        if angles.shape[1] != len(part.servos):
+            raise CommandError(
+                f"gesture of {name} has {angles.shape[1]} joints, the robot's {len(part.servos)}"
+            )
+        smooth = PchipInterpolator(gesture.times, angles)(times)
+        _fit_part(robot, part, smooth, positions, missed, exact=exact and part.kind == "arm")
+    slower = _slower(robot, used, times, positions, share)
+    own = {
+        name: read_only([joint_map(robot, name).to_generic(position) for position in positions])
+        for name in used
+    }
+    left_out = tuple(part for part in gesture.postures if part not in names)
+    fitted = Gesture(read_only(times * slower), own)
+    targets = {name: _leading(robot, name, fitted, positions) for name in used}
+    return Fitted(fitted, Gesture(fitted.times, targets), slower, missed, left_out)
+
+
+def _leading(robot: Robot, part: str, gesture: Gesture, positions: Array) -> Array:
+    """Generic angles (k, n) [rad] that lie ahead by the way in which the part's servos stop together.
+
+    They stop in the same time T, that of the slowest, and each goes v T / 2 on the way.
+    """
+    servos = joint_map(robot, part).servos
+    limits = [robot.servos[servo].limits for servo in servos]
+    speed = np.abs(np.gradient(positions[:, servos], gesture.times, axis=0))
+    stop = np.zeros(len(positions))
+    for column, limit in enumerate(limits):
+        if limit.acceleration is not None and limit.jerk is not None:
+            time = speed[:, column] / limit.acceleration + limit.acceleration / limit.jerk
+            stop = np.maximum(stop, np.where(speed[:, column] > 0.0, time, 0.0))
+    angles = gesture.postures[part]
+    return read_only(angles + 0.5 * stop[:, None] * np.gradient(angles, gesture.times, axis=0))
+
+
+def _fit_part(
+    robot: Robot, part: GenericPart, angles: Array, positions: Array, missed: dict[str, float], *, exact: bool
+) -> None:
+    """Write one part's servo angles [rad] into `positions` (k, n_servos), and what is missed."""
+    joints = joint_map(robot, part.name)
+    limits = [robot.servos[servo].limits for servo in joints.servos]
+    lower = np.array([-np.inf if limit.lower is None else limit.lower for limit in limits])
+    upper = np.array([np.inf if limit.upper is None else limit.upper for limit in limits])
+    errors: dict[str, float] = {}
+
+    def note(joint: str, error: float) -> None:
+        errors[joint] = max(errors.get(joint, 0.0), error)
+
+    before = np.array(positions[0])
+    for position, wanted in zip(positions, angles, strict=True):
+        before[:] = np.where(np.isin(np.arange(len(before)), joints.servos), before, position)
+        if exact:
+            answer = retarget(robot, part.name, wanted, before)
+            position[joints.servos] = answer.position[joints.servos]
+            note("upper_arm", answer.upper_arm_error)
+            for joint, error in zip(part.servos[3:], answer.joint_errors, strict=True):
+                note(joint.name, float(abs(error)))
+        else:
+            position[joints.servos] = np.clip(joints.to_robot(wanted, before), lower, upper)
+            error = np.abs(joints.to_generic(position) - wanted)
+            for joint in part.servos:
+                note(joint.name, float(error[joint.id]))
+        before = np.array(position)
+    missed.update({f"{part.name}.{joint}": error for joint, error in errors.items() if error > 1e-9})
+
+
+def _slower(robot: Robot, parts: list[str], times: Array, positions: Array, share: float) -> float:
+    """How much longer the motion must take so that limits of speed and acceleration hold."""
+    speed = np.abs(np.gradient(positions, times, axis=0))
+    acceleration = np.abs(np.gradient(np.gradient(positions, times, axis=0), times, axis=0))
+    slower = 1.0
+    for name in parts:
+        servos = joint_map(robot, name).servos
+        for step, position in enumerate(positions):
+            most = speed_limits(robot, name, position)
+            for servo, described in zip(servos, most, strict=True):
+                limits = robot.servos[servo].limits
+                top = share * min(described, np.inf if limits.velocity is None else limits.velocity)
+                slower = max(slower, speed[step, servo] / top)
+                if limits.acceleration is not None:
+                    force = acceleration[step, servo] / (FORCE * limits.acceleration)
+                    slower = max(slower, float(np.sqrt(force)))
+    return float(slower)

@@ -1,0 +1,43 @@
+"""Rows of numbers in text files of gestures, read as strictly as robot descriptions are."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from tci.frames import Array
+from tci.robot.xml.document import refuse, shown
+from tci.robot.xml.values import NUMBER
+
+LARGEST = 64 << 20
+"""Largest file [bytes]."""
+MOST = 500_000
+"""Most rows. Assumed: an hour of motion capture at 120 Hz has 432 000."""
+COLUMNS = 1000
+"""Most numbers in a row. Assumed: a skeleton with all fingers has about 200."""
+
+
+def read_rows(source: str, lines: Sequence[str], begin: int, columns: int, *, mark: str | None) -> Array:
+    """Numbers (k, columns) of `lines[begin:]`; empty lines are passed over.
+
+    `mark` separates them, or spaces if None. Raises DescriptionError with the line, and for too many rows.
+    """
+    between = "[ \\t]+" if mark is None else re.escape(mark)
+    around = "[ \\t]*" if mark is None else ""
+    row = re.compile(rf"{around}{NUMBER}(?:{between}{NUMBER}){{{columns - 1}}}{around}\n?")
+    rows = []
+    for line, text in enumerate(lines[begin:], start=begin + 1):
+        if row.fullmatch(text):
+            rows.append(text)
+        elif not text.isspace():
+            values = text.removesuffix("\n").split(mark)
+            wrong = next((f", not {shown(value)}" for value in values if not re.fullmatch(NUMBER, value)), "")
+            valid = f"{columns} numbers such as -12.5 or 1e-3{wrong}"
+            raise refuse(source, line, f"{len(values)} values; valid: {valid}")
+        if len(rows) > MOST:
+            raise refuse(source, line, f"too large; valid: at most {MOST} rows")
+    if not rows:
+        return np.zeros((0, columns))
+    return np.loadtxt(rows, delimiter=mark, comments=None, ndmin=2)

@@ -1,0 +1,1 @@
+"""Reinforcement learning: a Gymnasium environment, simulated rollouts."""

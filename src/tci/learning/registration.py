@@ -1,0 +1,52 @@
+"""The environment's name for `gymnasium.make`, known without loading the environment.
+
+Gymnasium has no entry points for plugins, and importing it would cost every `import tci` 0.3 s. So it is told
+when it is there: at once, or as soon as a program has imported it.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from importlib.machinery import ModuleSpec
+from types import ModuleType
+
+NAME = "tci/Withdrawal-v0"
+"""Its name once it is registered."""
+
+
+def register() -> None:
+    """Registers the environment with Gymnasium, once."""
+    import gymnasium
+
+    if NAME not in gymnasium.registry:
+        gymnasium.register(id=NAME, entry_point="tci.learning.withdrawal_env:WithdrawalEnv")
+
+
+def register_when_imported() -> None:
+    """Registers the environment now if Gymnasium is there, else when it is imported."""
+    if "gymnasium" in sys.modules:
+        register()
+    else:
+        sys.meta_path.insert(0, _Finder())
+
+
+class _Finder:
+    """Finds Gymnasium as the other finders do, and registers the environment once it has run."""
+
+    def find_spec(
+        self, name: str, path: Sequence[str] | None, target: ModuleType | None = None
+    ) -> ModuleSpec | None:
+        if name != "gymnasium":
+            return None
+        others = (one.find_spec(name, path, target) for one in sys.meta_path if one is not self)
+        spec = next((found for found in others if found is not None), None)
+        if spec is not None and spec.loader is not None:
+            run = spec.loader.exec_module
+
+            def run_and_register(module: ModuleType) -> None:
+                run(module)
+                register()
+
+            spec.loader.exec_module = run_and_register  # type: ignore[method-assign]
+        return spec

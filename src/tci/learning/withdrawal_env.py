@@ -1,0 +1,273 @@
+"""`tci/Withdrawal-v0`: an arm that is touched, as a Gymnasium environment (extra `gym`).
+
+One episode is one poke of a random place of one arm, at a random moment. The agent says where the generic arm
+should be; the gate decides what of it is done. It earns least harm, least effort and a return to the task.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.body.generic_body import Body
+from tci.body.places import find_place
+from tci.capabilities.fields import default_fields
+from tci.drivers.simulated import SimulatedLink
+from tci.errors import TciError
+from tci.frames import Array
+from tci.installed import needs
+from tci.learning.registration import register
+from tci.messages import GenericCommand, Mode, Perception, SwitchMode
+from tci.pictures.camera import look_at
+from tci.pictures.portrait import Portrait, keep_moment
+from tci.robot.catalogue import load_robot
+from tci.robot.description import GenericPart, Robot
+from tci.robot.generic_arm import SEGMENTS
+from tci.simulation.world import World
+
+with needs("the environment tci/Withdrawal-v0", "gym"):
+    import gymnasium
+    from gymnasium import spaces
+
+CONTACTS = 4
+"""Contacts that an observation holds, the strongest first."""
+CONTACT = 7
+"""Numbers per contact: on the forearm 1, on the upper arm 0; u; sin and cos of theta; force, force of its
+strongest taxel [N]; area [cm2]. All 0 where there is none."""
+PAIN = 400e3
+"""Pressure [Pa] that counts as pain: the order of what algometers find on arms. Ours; for thresholds of a
+given place and tool see Behrens et al. 2022 (doi:10.3389/frobt.2021.667818)."""
+EFFORT, TASK = 0.05, 1.0
+"""What effort and distance from the task cost, beside harm. Ours."""
+SPEED = (0.1, 0.4)
+DEPTH = (0.006, 0.014)
+"""Ranges of a poke: speed [m/s] and depth [m] of the finger's base. Ours."""
+FORCE = 100.0
+"""Largest force [N], and its like in other units, that an observation shows."""
+
+Observation = dict[str, NDArray[np.float64]]
+
+
+class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
+    """Observation: a dictionary of `posture` (5,) [rad] and `velocity` (5,) [rad/s] of the generic arm,
+    `task` (5,) [rad], the posture to return to, and `contacts` (CONTACTS, CONTACT) or `taxels` (n,) [N].
+
+    Action (5,): target of the generic arm [rad], in the control mode of the environment: position (or
+    impedance) angles, or velocities [rad/s]. What a robot lacks is dropped.
+
+    Reward, per step of `period` [s] or the next whole control period of the robot: -period (harm + 0.05
+    effort + task), with harm = largest pressure over `pain`, effort = mean square of the generic velocities
+    [rad2/s2], task = mean distance of the joints from the task [rad]. `info` has the three. An episode is
+    truncated after `duration` [s], and ends no sooner.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 50}  # noqa: RUF012 - as Gymnasium declares it
+
+    def __init__(
+        self,
+        robot: str | Robot = "nao",
+        *,
+        part: str = "left_arm",
+        mode: str = "position",
+        touch: Literal["contacts", "taxels"] = "contacts",
+        period: float = 0.02,
+        duration: float = 1.5,
+        step: float = 0.002,
+        noise: float = 0.0,
+        pain: float = PAIN,
+        render_mode: str | None = None,
+    ) -> None:
+        """`robot` by name or description, `part` an arm with skin; `period` [s] of one step, `step` [s] of
+        the physics, `noise` [counts] of the skin.
+
+        Raises TciError for another mode or touch, or a part without skin, and what World raises.
+        """
+        modes = {m.value: m for m in (Mode.POSITION, Mode.VELOCITY, Mode.IMPEDANCE)}
+        if mode not in modes:
+            raise TciError(f"mode {mode!r}; valid: {', '.join(modes)}")
+        if touch not in ("contacts", "taxels"):
+            raise TciError(f"touch {touch!r}; valid: contacts, taxels")
+        if render_mode not in (None, "rgb_array"):
+            raise TciError(f"render mode {render_mode!r}; valid: rgb_array")
+        for name, value in (("pain", pain), ("period", period), ("duration", duration)):
+            if not 0.0 < value < np.inf:
+                raise TciError(f"{name} {value}; valid: above 0 and finite")
+        self.robot = load_robot(robot) if isinstance(robot, str) else robot
+        self.part = self.robot.part(part)
+        limbs = [patch for patch in self.robot.patches if patch.segment in SEGMENTS]
+        self.patches = [patch.name for patch in limbs if patch.part == part]
+        if not self.patches:
+            valid = ", ".join(dict.fromkeys(patch.part for patch in limbs))
+            raise TciError(f"{self.robot.name} has no arm {part} with skin; valid: {valid}")
+        self.render_mode = render_mode
+        self.metadata = {**self.metadata, "render_fps": round(1.0 / period)}
+        self.mode, self.touch, self.period, self.duration, self.pain = (
+            modes[mode],
+            touch,
+            period,
+            duration,
+            pain,
+        )
+        self.world = World(self.robot, step=step, noise=noise)
+        self._sites = default_fields()
+        self._portrait: Portrait | None = None
+        low, high = generic_limits(self.robot, self.part)
+        if self.mode is Mode.VELOCITY:
+            fastest = np.array([servo.speed or np.pi for servo in self.part.servos])
+            low, high = -fastest, fastest
+        n = len(low)
+        self._low, self._high = low, high
+        self.action_space = spaces.Box(low, high, dtype=np.float64)
+        felt = (
+            spaces.Box(-FORCE, FORCE, (CONTACTS, CONTACT), np.float64)
+            if touch == "contacts"
+            else spaces.Box(0.0, FORCE, (self._count(),), np.float64)
+        )
+        self._bounds: dict[str, spaces.Box[Any]] = {
+            "posture": spaces.Box(-2 * np.pi, 2 * np.pi, (n,), np.float64),
+            "velocity": spaces.Box(-100.0, 100.0, (n,), np.float64),
+            "task": spaces.Box(-2 * np.pi, 2 * np.pi, (n,), np.float64),
+            touch: felt,
+        }
+        self.observation_space = spaces.Dict({**self._bounds})  # type: ignore[assignment] # the base's is Space[Observation]
+
+    def _count(self) -> int:
+        return sum(len(self.world.surfaces[name].positions) for name in self.patches)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """A new poke. The same seed gives the same episode, bit for bit; `options` are not used."""
+        super().reset(seed=seed)
+        # From a generator of its own, so that noise changes nothing in where and when the finger comes.
+        self.world.reset(seed=int(self.np_random.spawn(1)[0].integers(2**32)))
+        self.link = SimulatedLink(self.robot, world=self.world)
+        self.body = Body(self.robot)
+        self.time, self._due = 0.0, self.np_random.uniform(0.1, 0.4) * self.duration
+        self._poked = False
+        seen = self._look()
+        self._task = np.array(seen.posture[self.part.name])
+        self._before = self._task
+        if self.mode is not Mode.POSITION:
+            self._write([SwitchMode(self.part.name, self.mode)])
+            seen = self._look()
+        return self._observe(seen, self.period), {"harm": 0.0, "effort": 0.0, "task": 0.0}
+
+    def step(self, action: NDArray[np.float64]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """One `period` with a new target, through the gate."""
+        values = np.clip(np.asarray(action, np.float64), self._low, self._high)
+        orders: list[GenericCommand] = [GenericCommand(self.part.name, self.mode, values)]
+        begin, end = self.time, self.time + self.period
+        harm = 0.0
+        while self.time < end - 1e-9:
+            if not self._poked and self.time >= self._due:
+                self._poke()
+            seen = self._look()
+            self._write(orders)
+            orders = []
+            harm = max(harm, self._harm())
+            self.time += self.link.period
+            self.world.advance(self.time)
+        seen = self._look()
+        took = self.time - begin
+        observation = self._observe(seen, took)
+        effort = float(np.mean(observation["velocity"] ** 2))
+        task = float(np.mean(np.abs(observation["posture"] - self._task)))
+        reward = -took * (harm + EFFORT * effort + TASK * task)
+        info = {"harm": harm, "effort": effort, "task": task, "force": self.world.finger.force}
+        return observation, reward, False, self.time >= self.duration - 1e-9, info
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """A picture (240, 320, 3) of the world; None without `render_mode`."""
+        if self.render_mode is None:
+            return None
+        if self._portrait is None:
+            self._portrait = Portrait(self.world, (), full_scale=self.pain)
+        moment = keep_moment(self.world, self.link.read())
+        torso = self._portrait.torso(moment)[:3, 3]
+        camera = look_at(torso, azimuth=0.6, elevation=0.2, distance=1.4, width=320, height=240)
+        return self._portrait.draw(moment, camera)
+
+    def close(self) -> None:
+        """Nothing is left open: the world is memory only."""
+
+    def _poke(self) -> None:
+        """One of the reflex's places, a little beside its centre."""
+        self._poked = True
+        site = self._sites[int(self.np_random.integers(len(self._sites)))]
+        u = float(np.clip(site.u + self.np_random.normal(0.0, 0.05), 0.1, 0.9))
+        theta = site.theta + self.np_random.normal(0.0, 0.3)
+        speed, depth = self.np_random.uniform(*SPEED), self.np_random.uniform(*DEPTH)
+        try:
+            place = find_place(
+                self.body.skin, self.part.name, site.segment, u, theta, self.link.read().joints
+            )
+            self.world.finger.poke(place.patch, place.p_L, place.n_L, speed=speed, depth=depth)
+        except TciError:  # no skin or no room just there: the field's centre has both
+            place = find_place(
+                self.body.skin, self.part.name, site.segment, site.u, site.theta, self.link.read().joints
+            )
+            self.world.finger.poke(place.patch, place.p_L, place.n_L, speed=speed, depth=depth)
+
+    def _look(self) -> Perception:
+        self._reading = self.link.read()
+        return self.body.perceive(self._reading, self.world.time)
+
+    def _write(self, orders: list[Any]) -> None:
+        joints = self._reading.joints
+        platform = self.body.to_platform(orders, joints)
+        self.link.write(self.link.gate.step(platform, joints, self.world.time))
+
+    def _harm(self) -> float:
+        felt = self.body.skin.state.patches
+        return (
+            max((float(felt[name].pressure.max()) for name in self.patches if name in felt), default=0.0)
+            / self.pain
+        )
+
+    def _observe(self, seen: Perception, took: float) -> Observation:
+        """What is seen `took` [s] after the last time."""
+        posture = np.array(seen.posture[self.part.name])
+        velocity = (posture - self._before) / took
+        self._before = posture
+        observation = {"posture": posture, "velocity": velocity, "task": self._task.copy()}
+        observation[self.touch] = self._contacts(seen) if self.touch == "contacts" else self._taxels()
+        bounds = self._bounds
+        return {
+            name: np.clip(value, bounds[name].low, bounds[name].high) for name, value in observation.items()
+        }
+
+    def _contacts(self, seen: Perception) -> Array:
+        rows = np.zeros((CONTACTS, CONTACT))
+        own = [c for c in seen.contacts if c.part == self.part.name and c.segment in SEGMENTS]
+        own.sort(key=lambda contact: -contact.force)
+        for row, contact in zip(rows, own, strict=False):
+            sin, cos = np.sin(contact.theta), np.cos(contact.theta)
+            row[:] = (
+                contact.segment == "forearm", contact.u, sin, cos, contact.force, contact.peak_force,
+                1e4 * contact.area,
+            )  # fmt: skip
+        return rows
+
+    def _taxels(self) -> Array:
+        felt = self.body.skin.state.patches
+        return np.concatenate([np.array(felt[name].force) for name in self.patches])
+
+
+def generic_limits(robot: Robot, part: GenericPart) -> tuple[Array, Array]:
+    """Least and largest generic angle (n,), (n,) [rad] of each joint of a part; -pi and pi where the
+    transform is not linear, or the robot lacks the joint."""
+    low, high = np.full(len(part.servos), -np.pi), np.full(len(part.servos), np.pi)
+    for joint in part.servos:
+        if joint.servo is None or joint.transform != "linear":
+            continue
+        limits = robot.servos[joint.servo].limits
+        if limits.lower is not None and limits.upper is not None:
+            ends = sorted(joint.scale * end + joint.offset for end in (limits.lower, limits.upper))
+            low[joint.id], high[joint.id] = ends
+    return low, high
+
+
+register()

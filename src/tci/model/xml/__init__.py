@@ -1,5 +1,0 @@
-"""Robot descriptions in XML: the paper's Listing 2, and what it lacks (docs/robot-description.md)."""
-
-from tci.model.xml.robot import read_robot, schema_path
-
-__all__ = ["read_robot", "schema_path"]

@@ -1,0 +1,1 @@
+"""Pictures of robots and of what happened: a renderer, plots, films."""

@@ -1,0 +1,119 @@
+"""Rays into a MuJoCo scene, on the processor: no screen, no graphics library."""
+
+from __future__ import annotations
+
+import copy
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.engine import mujoco
+from tci.frames import Array
+from tci.pictures.camera import Camera, rays
+
+_CHUNK = 8192
+"""Rays per call: few enough that all threads are busy to the end."""
+_OPAQUE, _GLASS, _HIDDEN = 0, 1, 5
+"""Groups that the copied model's geoms are sorted into."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hits:
+    """What n rays meet first."""
+
+    geom: NDArray[np.int32]
+    """Geom (n,) that is hit; -1 where there is none."""
+    surface: NDArray[np.int32]
+    """Surface (n,) that the geom is a piece of; -1 where there is none."""
+    distance: Array
+    """Distance (n,) [m] from the camera; infinite where nothing is hit."""
+    points: Array
+    """Where (n, 3) [m] in the world; NaN where nothing is hit."""
+    normals: Array
+    """Unit normals (n, 3) that face the camera; 0 where nothing is hit."""
+
+
+def nearer(first: Hits, second: Hits) -> Hits:
+    """Of two sets of hits (n,) by the same rays, each ray's nearer one."""
+    closer = second.distance < first.distance
+    return Hits(
+        geom=np.where(closer, second.geom, first.geom),
+        surface=np.where(closer, second.surface, first.surface),
+        distance=np.where(closer, second.distance, first.distance),
+        points=np.where(closer[:, None], second.points, first.points),
+        normals=np.where(closer[:, None], second.normals, first.normals),
+    )
+
+
+class Caster:
+    """Casts a camera's rays at the geoms of a scene, as opaque, as glass or not at all.
+
+    Geoms of one body and one colour are one surface, and so is all glass of one colour.
+    """
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, colours: Array) -> None:
+        """`colours` (ngeom, 4) of the geoms. Alpha 1 is opaque, 0 is not there, between them is glass.
+
+        The scene stays as it is in `data` when the first rays are cast.
+        """
+        # MuJoCo selects by group and by the model's own alpha, so the choice is written into a copy.
+        self._model = copy.copy(model)
+        alpha = colours[:, 3]
+        self._model.geom_group[:] = np.select([alpha >= 1.0, alpha > 0.0], [_OPAQUE, _GLASS], _HIDDEN)
+        self._model.geom_matid[:] = -1
+        self._model.geom_rgba[:, 3] = 1.0
+        self._data = data
+        # MuJoCo takes its working memory from the data, so each thread has its own.
+        self._copies: list[mujoco.MjData] = []
+        looks = np.column_stack([np.where(alpha >= 1.0, model.geom_bodyid, -1), colours])
+        surfaces = np.unique(looks, axis=0, return_inverse=True)[1].ravel()
+        self._surfaces = np.append(surfaces, -1).astype(np.int32)  # the last one is that of geom -1
+
+    def cast(self, camera: Camera, pixels: Array, *, opaque: bool = True, glass: bool = False) -> Hits:
+        """What the rays through `pixels` (n, 2) meet first of the kinds asked for."""
+        groups = np.zeros(mujoco.mjNGROUP, dtype=np.uint8)
+        groups[_OPAQUE], groups[_GLASS] = opaque, glass
+        origin = np.ascontiguousarray(camera.T_WC[:3, 3])
+        directions = rays(camera, pixels)
+        geom = np.full(len(pixels), -1, dtype=np.int32)
+        distance = np.empty(len(pixels))
+        normals = np.empty((len(pixels), 3))
+
+        def cast_chunk(start: int) -> None:
+            part = slice(start, start + _CHUNK)
+            ids, lengths = geom[part], distance[part]  # views: the results land in place
+            try:
+                data = self._copies.pop()
+            except IndexError:
+                data = copy.copy(self._data)
+            mujoco.mj_multiRay(
+                self._model,
+                data,
+                origin,
+                directions[part].ravel(),
+                groups,
+                True,
+                -1,
+                ids,
+                lengths,
+                normals[part].reshape(-1),
+                len(ids),
+                mujoco.mjMAXVAL,
+            )
+            self._copies.append(data)
+
+        # The call lets go of Python's lock, so threads help.
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            list(pool.map(cast_chunk, range(0, len(pixels), _CHUNK)))
+        missed = geom < 0
+        distance[missed] = np.inf
+        normals[missed] = 0.0
+        away = np.einsum("ij,ij->i", normals, directions) > 0.0
+        normals[away] *= -1.0
+        points = origin + np.where(missed, np.nan, distance)[:, None] * directions
+        return Hits(
+            geom=geom, surface=self._surfaces[geom], distance=distance, points=points, normals=normals
+        )

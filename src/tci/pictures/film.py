@@ -1,0 +1,99 @@
+"""A simulated run as an animated picture, without a screen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageDraw
+
+from tci.capabilities.fields import ReceptiveField
+from tci.errors import CommandError, UnknownNameError
+from tci.experiments.pictures import field_looks
+from tci.pictures.camera import Camera, fit
+from tci.pictures.paint import FULL_SCALE
+from tci.pictures.portrait import Portrait, keep_moment
+from tci.pictures.video import needs_video, save_video
+from tci.runtime.loop import Tick
+from tci.simulation.world import World
+
+VIDEO = "mp4"
+FORMATS = ("gif", "webp", "png", VIDEO)
+"""Animated pictures, and a video with the extra `video`, by the file's suffix."""
+# All looks are ours.
+EVERY = 0.02
+"""Time [s] of the robot between two pictures."""
+SHOWN = 0.06
+"""Time [s] that each is shown: three times slower than it was."""
+LAST = 1.0
+"""Time [s] that the last one is shown."""
+WIDTH, HEIGHT = 440, 480
+AZIMUTH, ELEVATION = 0.5, 0.4
+"""From where [rad] it is seen."""
+MOST = 2000
+"""Pictures that a film holds."""
+
+
+class Film:
+    """A film in the making: give it every tick of the run, and `save` it."""
+
+    def __init__(self, world: World, path: Path, *, fields: Sequence[ReceptiveField], part: str) -> None:
+        """Of the upper body with `part`. Raises UnknownNameError for a format, MissingExtraError for a
+        video without the extra, CommandError for a file that exists or a folder that does not."""
+        self._format = path.suffix.removeprefix(".").lower()
+        if self._format not in FORMATS:
+            raise UnknownNameError("format of a film", path.suffix.removeprefix("."), FORMATS)
+        if self._format == VIDEO:
+            needs_video()
+        if path.exists():
+            raise CommandError(f"{path} exists; valid: a name that is free")
+        if not path.parent.is_dir():
+            raise CommandError(f"{path.parent} is no folder; valid: one that is there")
+        self.path = path
+        self._world = world
+        self._part = part
+        self._portrait = Portrait(world, field_looks(fields), full_scale=FULL_SCALE)
+        self._camera: Camera | None = None
+        self._due = -np.inf
+        self._pictures: list[Image.Image] = []
+
+    def see(self, tick: Tick) -> None:
+        """Take a picture when one is due."""
+        if tick.now < self._due or len(self._pictures) >= MOST:
+            return
+        self._due = tick.now + EVERY - 1e-9
+        moment = keep_moment(self._world, tick.reading)
+        if self._camera is None:
+            reach = sum(segment.length for segment in self._world.robot.part(self._part).segments)
+            points = self._portrait.outline(moment, part=self._part, lowest=-0.7 * reach)
+            self._camera = fit(
+                points, azimuth=AZIMUTH, elevation=ELEVATION, width=WIDTH, height=HEIGHT, margin=0.08,
+                frame=self._portrait.torso(moment),
+            )  # fmt: skip
+        picture = Image.fromarray(self._portrait.draw(moment, self._camera))
+        words = f"{tick.now:.2f} s"
+        force = sum(contact.force for contact in tick.perception.contacts)
+        if force > 0.0:
+            words += f"   {force:.1f} N"
+        ImageDraw.Draw(picture).text((10, HEIGHT - 26), words, fill=(29, 39, 51), font_size=16)
+        self._pictures.append(picture)
+
+    def save(self) -> int:
+        """Write the file; how many pictures it has. Raises CommandError for a run without any."""
+        if not self._pictures:
+            raise CommandError(f"no film at {self.path}: the run had no period")
+        if self._format == VIDEO:
+            save_video(self.path, self._pictures, shown=SHOWN, last=LAST)
+            return len(self._pictures)
+        times = [round(1e3 * SHOWN)] * len(self._pictures)
+        times[-1] = round(1e3 * LAST)
+        pictures: list[Image.Image] = self._pictures
+        if self._format == "gif":
+            # One palette for all, or the colours would flicker.
+            palette = self._pictures[len(self._pictures) // 2].quantize(256)
+            pictures = [
+                picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in self._pictures
+            ]
+        pictures[0].save(self.path, save_all=True, append_images=pictures[1:], duration=times, loop=0)
+        return len(pictures)

@@ -1,0 +1,134 @@
+"""Paint for the skin: taxels as dots coloured by pressure, receptive fields as tinted patches."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial import KDTree
+
+from tci.frames import Array, apply
+from tci.pictures.cast import Hits
+from tci.robot.generic_arm import Side, limb_coordinates
+from tci.robot.limb import generic_limb_distance
+
+# All looks are ours.
+PRESSURE_COLOURS = ((0.50, 0.58, 0.67), (0.87, 0.34, 0.29), (0.97, 0.58, 0.16), (1.00, 0.94, 0.50))
+"""From no pressure to full scale, evenly spaced: ever warmer and lighter on the dark skin."""
+FIELD_COLOURS = (
+    (0.25, 0.60, 0.95), (0.45, 0.80, 0.30), (0.10, 0.80, 0.76), (0.74, 0.55, 0.98), (0.85, 0.88, 0.92)
+)  # fmt: skip
+"""Of the receptive fields, in their order and again: cool, since pressure is warm."""
+SKIN_COLOUR = (0.30, 0.32, 0.36)
+"""Of links that carry skin."""
+FULL_SCALE = 40e3
+"""Pressure [Pa] at the end of the colours."""
+_SWELL = 1.0
+"""A taxel's dot grows by this share up to full scale, so that a small contact is seen."""
+_LEVEL = 0.010
+"""A taxel colours surfaces that lie at most this far [m] above or below it."""
+
+
+def pressure_colours(pressure: ArrayLike, full_scale: float) -> Array:
+    """Colours (n, 3), 0 to 1, of `pressure` (n,) [Pa]; `full_scale` [Pa] and more is the last colour."""
+    share = np.clip(np.asarray(pressure, dtype=float) / full_scale, 0.0, 1.0)
+    anchors = np.array(PRESSURE_COLOURS)
+    places = np.linspace(0.0, 1.0, len(anchors))
+    return np.stack([np.interp(share, places, anchors[:, channel]) for channel in range(3)], axis=-1)
+
+
+class TaxelPaint:
+    """A dot on the surface around every taxel, coloured by its pressure."""
+
+    def __init__(
+        self, positions: Array, normals: Array, pressure: Array, *, full_scale: float, radius: float = 0.0016
+    ) -> None:
+        """Taxels at `positions` (n, 3) [m] with outward `normals` (n, 3), both in the world.
+
+        They feel `pressure` (n,) [Pa]. A dot has `radius` [m] and is drawn on the surface that the
+        taxel lies on, so it is hidden where that surface is.
+        """
+        self._tree = KDTree(positions)
+        self._normals = normals
+        self._radius = radius * (1.0 + _SWELL * np.clip(pressure / full_scale, 0.0, 1.0))
+        self._colours = pressure_colours(pressure, full_scale)
+
+    def __call__(self, hits: Hits, footprint: Array) -> Array:
+        result = np.zeros((len(hits.points), 4))
+        reach = np.hypot(1.2 * self._radius.max(), _LEVEL)
+        distance, nearest = self._tree.query(hits.points, distance_upper_bound=reach)
+        close = np.flatnonzero(np.isfinite(distance))
+        taxel = nearest[close]
+        offset = hits.points[close] - self._tree.data[taxel]
+        height = np.einsum("ij,ij->i", offset, self._normals[taxel])
+        across = np.sqrt(np.clip(np.einsum("ij,ij->i", offset, offset) - height**2, 0.0, None))
+        outside = np.einsum("ij,ij->i", hits.normals[close], self._normals[taxel]) > 0.0
+        inside = 0.5 + (self._radius[taxel] - across) / footprint[close]
+        result[close, :3] = self._colours[taxel]
+        result[close, 3] = np.where(outside & (np.abs(height) <= _LEVEL), np.clip(inside, 0.0, 1.0), 0.0)
+        return result
+
+
+@dataclass(frozen=True, slots=True)
+class FieldLook:
+    """A receptive field to be drawn: a disc on the generic limb (eq. 6)."""
+
+    segment: str
+    """Segment of the arm: `upper_arm`, `forearm`."""
+    u: float
+    """Centre along the segment: 0 proximal, 1 distal."""
+    theta: float
+    """Centre around the segment [rad]."""
+    radius: float
+    """Radius [limb lengths] on the generic limb."""
+    colour: tuple[float, float, float]
+    """Red, green, blue, 0 to 1."""
+    strength: float = 0.45
+    """How strongly the field tints the skin, 0 to 1."""
+
+
+class FieldPaint:
+    """Tints the receptive fields on one segment of a limb, each with its rim."""
+
+    def __init__(
+        self,
+        positions: Array,
+        normals: Array,
+        T_SW: Array,
+        length: float,
+        side: Side,
+        fields: Sequence[FieldLook],
+        *,
+        reach: float = 0.009,
+    ) -> None:
+        """Fields of the segment whose frame is `T_SW` (4, 4) and whose length is `length` [m].
+
+        Only surfaces within `reach` [m] of a taxel are painted, and only their outside. Taxels are at
+        `positions` (n, 3) [m] with outward `normals` (n, 3), both in the world.
+        """
+        self._tree = KDTree(positions)
+        self._normals = normals
+        self._T_SW = T_SW
+        self._length = length
+        self._side: Side = side
+        self._fields = tuple(fields)
+        self._reach = reach
+
+    def __call__(self, hits: Hits, footprint: Array) -> Array:
+        result = np.zeros((len(hits.points), 4))
+        gap, taxel = self._tree.query(hits.points, distance_upper_bound=self._reach)
+        near = np.flatnonzero(np.isfinite(gap))
+        near = near[np.einsum("ij,ij->i", hits.normals[near], self._normals[taxel[near]]) > 0.0]
+        u, theta = limb_coordinates(apply(self._T_SW, hits.points[near]), self._length, self._side)
+        pixel = footprint[near] / self._length
+        for field in self._fields:
+            depth = (field.radius - generic_limb_distance(u, theta, field.u, field.theta)) / pixel
+            tint = field.strength * np.clip(0.5 + depth, 0.0, 1.0)
+            rim = np.clip(1.5 - np.abs(depth - 1.0), 0.0, 1.0)
+            alpha = np.maximum(tint, 0.9 * rim)
+            over = alpha > result[near, 3]
+            result[near[over], :3] = field.colour
+            result[near[over], 3] = alpha[over]
+        return result

@@ -1,0 +1,156 @@
+"""A picture of a simulated robot at one moment: its skin with pressures and receptive fields, the finger."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.body.posture import generic_posture
+from tci.engine import mujoco
+from tci.frames import Array, apply, invert, transform
+from tci.messages import Reading
+from tci.pictures.camera import Camera
+from tci.pictures.paint import SKIN_COLOUR, FieldLook, FieldPaint, TaxelPaint
+from tci.pictures.render import Painter, model_colours, render
+from tci.robot.generic_arm import SEGMENTS
+from tci.simulation.finger import FINGER
+from tci.simulation.touch import skin_geom
+from tci.simulation.world import World
+from tci.skin.skin import Skin
+
+# All looks are ours.
+_FINGER_ALPHA = 0.6
+"""The finger is glass, so that it does not hide the taxels it presses."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Moment:
+    """A world at one instant, kept for a picture."""
+
+    time: float
+    """Time on the world's clock [s]."""
+    reading: Reading
+    """What the robot sent last."""
+    data: mujoco.MjData
+    """A copy of the physics."""
+
+
+def keep_moment(world: World, reading: Reading) -> Moment:
+    """The world as it is now. The world goes on as if nobody had looked."""
+    world.refresh()
+    return Moment(world.time, reading, copy.copy(world.data))
+
+
+class Portrait:
+    """Draws moments of one world."""
+
+    def __init__(self, world: World, fields: Sequence[FieldLook], *, full_scale: float) -> None:
+        """`fields` are drawn on both arms; `full_scale` [Pa] is the end of the colours of pressure."""
+        self.skin = Skin(world.robot)
+        """The robot's skin as an interface sees it."""
+        self._robot = world.robot
+        self._worn = [patch for patch in world.robot.patches if patch.name in world.surfaces]
+        self._model = world.model
+        self._fields = tuple(fields)
+        self._full_scale = full_scale
+        self._colours = _colours(world)
+
+    def torso(self, moment: Moment) -> Array:
+        """`T_WT` (4, 4): the torso in the world."""
+        assert self._robot.model is not None  # World
+        body = moment.data.body(self._robot.model.torso_link)
+        T_WT: Array = transform(body.xmat.reshape(3, 3), body.xpos) @ self._robot.model.T_LT
+        return T_WT
+
+    def draw(self, moment: Moment, camera: Camera) -> NDArray[np.uint8]:
+        """The picture (height, width, 3)."""
+        return render(self._model, moment.data, camera, paint=self._paint(moment), colours=self._colours)
+
+    def outline(self, moment: Moment, *, part: str, lowest: float) -> Array:
+        """Corners (n, 3) [m, world] of boxes around the geoms of the robot, without other arms than `part`.
+
+        Only corners at least as high as `lowest` [m] in the torso count.
+        """
+        model, data = self._model, moment.data
+        others = {
+            self._robot.servos[servo.servo].joint
+            for other in self._robot.parts
+            if other.kind == "arm" and other.name != part
+            for servo in other.servos
+            if servo.servo is not None
+        }
+        left_out = [model.body(FINGER).id]
+        left_out += [model.joint(joint).bodyid.item() for joint in others if joint is not None]
+        drawn = np.flatnonzero((self._colours[:, 3] > 0.0) & ~_below(model, left_out)[model.geom_bodyid])
+        signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, 8).T
+        boxes = model.geom_aabb[drawn]
+        corners_G = boxes[:, None, :3] + signs * boxes[:, None, 3:]
+        rotations = data.geom_xmat[drawn].reshape(-1, 3, 3)
+        corners = np.einsum("gij,gkj->gki", rotations, corners_G) + data.geom_xpos[drawn][:, None]
+        points: Array = corners.reshape(-1, 3)
+        return points[apply(invert(self.torso(moment)), points)[:, 2] >= lowest]
+
+    def _paint(self, moment: Moment) -> list[Painter]:
+        """Receptive fields first, taxels over them."""
+        if not self._worn:
+            return []
+        skin, robot, joints = self.skin, self._robot, moment.reading.joints
+        T_WT = self.torso(moment)
+        names = [patch.name for patch in self._worn]
+        positions = {name: apply(T_WT, skin.positions(name, joints, frame="torso")) for name in names}
+        normals = {name: skin.normals(name, joints, frame="torso") @ T_WT[:3, :3].T for name in names}
+        posture = generic_posture(robot, joints)
+        paint: list[Painter] = []
+        for part in robot.parts:
+            for segment in SEGMENTS:
+                on = [p.name for p in self._worn if (p.part, p.segment) == (part.name, segment)]
+                if not on or part.kind != "arm" or part.side is None:
+                    continue
+                T_WS = T_WT @ skin.segment_pose(part.name, segment, joints, posture[part.name])
+                paint.append(
+                    FieldPaint(
+                        np.concatenate([positions[name] for name in on]),
+                        np.concatenate([normals[name] for name in on]),
+                        invert(T_WS),
+                        part.segment(segment).length,
+                        part.side,
+                        [field for field in self._fields if field.segment == segment],
+                    )
+                )
+        # A skin of its own: pressures are made from this reading alone.
+        state = Skin(robot).update(moment.reading)
+        pressure = np.concatenate([state.patches[name].pressure for name in names])
+        paint.append(
+            TaxelPaint(
+                np.concatenate(list(positions.values())),
+                np.concatenate(list(normals.values())),
+                pressure,
+                full_scale=self._full_scale,
+            )
+        )
+        return paint
+
+
+def _colours(world: World) -> Array:
+    """The model's colours, but for limbs with skin, which are dark all over, and the finger."""
+    model = world.model
+    colours = model_colours(model)
+    limbs = [patch.name for patch in world.robot.patches if world.robot.limb_segment(patch)]
+    bodies = [model.geom_bodyid[model.geom(skin_geom(name)).id] for name in limbs if name in world.surfaces]
+    covered = np.isin(model.geom_bodyid, bodies) & (colours[:, 3] > 0.0)
+    colours[covered] = (*SKIN_COLOUR, 1.0)
+    finger = _below(model, [model.body(FINGER).id])[model.geom_bodyid]
+    colours[finger, 3] = _FINGER_ALPHA
+    return colours
+
+
+def _below(model: mujoco.MjModel, bodies: Sequence[int]) -> NDArray[np.bool_]:
+    """Which bodies (nbody,) are among `bodies` or carried by one of them."""
+    found = np.isin(np.arange(model.nbody), bodies)
+    for body in range(1, model.nbody):  # a parent comes before its children
+        found[body] |= found[model.body_parentid[body]]
+    return found

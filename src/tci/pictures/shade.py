@@ -1,0 +1,91 @@
+"""From hits to colours: smooth normals, two lights, and dark lines along outlines."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.frames import Array
+from tci.pictures.camera import Camera
+from tci.pictures.cast import Hits
+
+# All looks are ours.
+_CREASE = np.cos(np.deg2rad(40.0))
+"""Faces that meet at a larger angle than this stay an edge; below it they are one smooth surface."""
+_KEY = np.array([-0.55, -0.75, -0.55])
+"""Direction to the key light in the camera frame: above, from the left, behind the camera."""
+_AMBIENT, _KEY_STRENGTH, _HEAD_STRENGTH = 0.50, 0.45, 0.32
+_JUMP = 3.0
+"""Steps in depth of more than this many pixel sizes, across the surface, are outlines."""
+_OUTLINE = 0.55
+"""How much of an outline's colour is black."""
+
+Offset = tuple[slice, slice]
+
+
+def _neighbours(step: int) -> list[tuple[Offset, Offset]]:
+    """Pairs of views of an image: each pixel, and the one `step` pixels right, below, and diagonally."""
+    here, there, everywhere = slice(None, -step), slice(step, None), slice(None)
+    return [
+        ((everywhere, here), (everywhere, there)),
+        ((here, everywhere), (there, everywhere)),
+        ((here, here), (there, there)),
+        ((here, there), (there, here)),
+    ]
+
+
+def smooth_normals(surface: NDArray[np.int32], normals: Array, *, passes: int = 2) -> Array:
+    """Normals (h, w, 3) without a mesh's facets, averaged within a surface (h, w) and its creases.
+
+    Dammertz et al. 2010, edge-avoiding a-trous wavelet: each pass reaches twice as far.
+    """
+    result = normals.astype(np.float32)
+    for level in range(passes):
+        total = result.copy()
+        for a, b in _neighbours(2**level):
+            same = (surface[a] == surface[b]) & (np.einsum("hwi,hwi->hw", result[a], result[b]) > _CREASE)
+            total[a] += same[..., None] * result[b]
+            total[b] += same[..., None] * result[a]
+        length = np.linalg.norm(total, axis=2, keepdims=True)
+        result = np.divide(total, length, out=np.zeros_like(total), where=length > 0.0)
+    return result.astype(np.float64)
+
+
+def light(camera: Camera, normals: Array) -> Array:
+    """Brightness (n,) of surfaces with unit normals (n, 3) in the world, by Lambert's law."""
+    normals_C = normals @ camera.T_WC[:3, :3]
+    key = np.clip(normals_C @ (_KEY / np.linalg.norm(_KEY)), 0.0, None)
+    head = np.clip(-normals_C[:, 2], 0.0, None)
+    sky = 0.5 - 0.5 * normals_C[:, 1]  # soft light from above
+    brightness: Array = _AMBIENT * (0.6 + 0.4 * sky) + _KEY_STRENGTH * key + _HEAD_STRENGTH * head
+    return brightness
+
+
+def outlines(camera: Camera, hits: Hits) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which pixels of a whole picture carry an outline, and which lie at one: two masks (h, w).
+
+    An outline lies where neighbouring pixels show different surfaces or a step in depth; the pixel that
+    is nearer to the camera carries it.
+    """
+    shape = camera.height, camera.width
+    surface, distance = hits.surface.reshape(shape), hits.distance.reshape(shape)
+    points, normals = hits.points.reshape(*shape, 3), hits.normals.reshape(*shape, 3)
+    line = np.zeros(shape, dtype=bool)
+    border = np.zeros(shape, dtype=bool)
+    for a, b in _neighbours(1):
+        gap = points[b] - points[a]
+        step = np.minimum(
+            np.abs(np.einsum("hwi,hwi->hw", gap, normals[a])),
+            np.abs(np.einsum("hwi,hwi->hw", gap, normals[b])),
+        )
+        apart = (surface[a] != surface[b]) | (step > _JUMP * distance[a] / camera.focal)
+        line[a] |= apart & (distance[a] <= distance[b])
+        line[b] |= apart & (distance[b] < distance[a])
+        border[a] |= apart
+        border[b] |= apart
+    return line, border
+
+
+def darken(colours: Array, line: NDArray[np.bool_]) -> Array:
+    """Colours (h, w, 3) with the outlines (h, w) drawn in."""
+    return colours * np.where(line, 1.0 - _OUTLINE, 1.0)[..., None]

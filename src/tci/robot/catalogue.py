@@ -1,0 +1,86 @@
+"""Robots by name: those in `robots/`, and those of other packages (entry points `tci.robots`).
+
+A robot is a folder `robots/<name>/` with a `robot.xml`; nothing else in TCI names it. Another description
+there is a variant: `nao/whole.xml` is the robot `nao-whole`. An entry
+point gives the path of a description, or a function that returns it.
+"""
+
+from __future__ import annotations
+
+import os
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tci.errors import TciError, UnknownNameError
+
+if TYPE_CHECKING:
+    from tci.robot.description import Robot
+
+GROUP = "tci.robots"
+"""Entry-point group of other packages' robots."""
+FILE = "robot.xml"
+
+_FOLDER = Path(__file__).with_name("robots")
+
+
+def robot_names() -> tuple[str, ...]:
+    """Names that `load_robot` takes. Nothing is loaded for it, and no extra is needed."""
+    return tuple(sorted({*_packaged(), *_entries()}))
+
+
+def load_robot(name_or_path: str | os.PathLike[str]) -> Robot:
+    """A robot by name, or by the path of its description (anything with a slash, or that ends in .xml).
+
+    Raises UnknownNameError with the names that there are, DescriptionError with every fault of the
+    file, MissingExtraError when the robot's model is in a package that is not installed.
+    """
+    from tci.robot.xml import read_robot  # a shell asks for names alone, at each press of Tab
+
+    text = os.fspath(name_or_path)
+    if not isinstance(name_or_path, str) or _is_path(text):
+        return read_robot(text)
+    packaged = _packaged()
+    if text in packaged:
+        return read_robot(packaged[text])
+    entries = _entries()
+    if text in entries:
+        return read_robot(_path_of(entries[text]))
+    raise UnknownNameError("robot", text, [*robot_names(), "or the path of a description (.xml)"])
+
+
+def _is_path(text: str) -> bool:
+    return text.lower().endswith(".xml") or "/" in text or os.sep in text
+
+
+def _packaged() -> dict[str, Path]:
+    robots = {path.parent.name: path for path in sorted(_FOLDER.glob(f"*/{FILE}"))}
+    others = {path for path in _FOLDER.glob("*/*.xml") if path.suffixes == [".xml"] and path.name != FILE}
+    return robots | {f"{path.parent.name}-{path.stem}": path for path in sorted(others)}
+
+
+def _entries() -> dict[str, EntryPoint]:
+    found: dict[str, EntryPoint] = {}
+    for entry in entry_points(group=GROUP):
+        other = found.setdefault(entry.name, entry)
+        if other.value != entry.value:
+            raise TciError(
+                f"two packages bring a robot named {entry.name!r}: {other.value} and {entry.value}; "
+                "uninstall one, or load the description by its path"
+            )
+    return found
+
+
+def _path_of(entry: EntryPoint) -> Path:
+    """Path of the description that an entry point of another package gives."""
+    try:
+        given = entry.load()
+        path = given() if callable(given) else given
+    except Exception as error:  # whatever another package raises, the name of the robot must be told
+        raise TciError(f"the robot {entry.name!r} ({entry.value}) can't be loaded: {error}") from error
+    if not isinstance(path, str | os.PathLike):
+        raise TciError(
+            f"the robot {entry.name!r} ({entry.value}) gave {type(path).__name__}; "
+            "valid: the path of its description"
+        )
+    return Path(path)

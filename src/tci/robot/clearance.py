@@ -1,0 +1,160 @@
+"""How far apart the links are that could hit each other: the arms and the trunk, head, legs, other arm.
+
+Which links count is said in `collisions`; distances are those of MuJoCo between primitives and the
+convex hulls of meshes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.engine import mujoco
+from tci.errors import CommandError
+from tci.frames import Array, read_only
+from tci.robot.collisions import exclude_overlaps, solid_spec
+from tci.robot.description import Robot
+from tci.robot.kinematics import joints_of
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """The nearest pair of links at one posture."""
+
+    distance: float
+    """Between their surfaces [m]; negative where they overlap."""
+    first: str
+    """One link; empty when no pair is within the distance that was looked at."""
+    second: str
+    """The other link."""
+
+
+class Clearance:
+    """Distances between the links of one robot. It works in its own memory: one per thread."""
+
+    def __init__(self, robot: Robot) -> None:
+        """Raises DescriptionError when the robot has no model, or the model lacks a joint.
+
+        Links that overlap in the initial posture are taken to be built so, and never count.
+        """
+        self._model = _solid_model(robot)
+        self._data = mujoco.MjData(self._model)
+        self._count = len(robot.servos)
+        self._servos, self._addresses, columns = joints_of(robot, self._model)
+        self.servos: tuple[int, ...] = tuple(self._servos)
+        """Servos that have a joint in the model."""
+        self.joints: tuple[int, ...] = tuple(int(self._model.dof_jntid[column]) for column in columns)
+        """The joint of each, by MuJoCo's number."""
+        self._pairs = _pairs(self._model)
+        first, second = self._pairs.T
+        self._reach = self._model.geom_rbound[first] + self._model.geom_rbound[second]
+        self.levers = _levers(robot)
+        """How fast (n_servos,) each servo can change any of the distances [m/rad], at most."""
+
+    @property
+    def model(self) -> mujoco.MjModel:
+        """The robot's solid links and its servos' joints. Nobody writes to it."""
+        return self._model
+
+    @property
+    def pairs(self) -> NDArray[np.intp]:
+        """Pairs (m, 2) of geoms, by MuJoCo's number, that could hit each other."""
+        return self._pairs
+
+    def gap(self, position: Array, *, within: float) -> Gap:
+        """The nearest pair at `position` (n_servos,) [rad], or `within` [m] when all are farther apart.
+
+        Raises CommandError for another shape.
+        """
+        least = self._pose(position)
+        nearest, found = within, -1
+        for pair in np.argsort(least).tolist():
+            if least[pair] >= nearest:
+                break
+            distance = self._distance(pair, nearest)
+            if distance < nearest:
+                nearest, found = distance, pair
+        return Gap(nearest, *self.names(found)) if found >= 0 else Gap(within, "", "")
+
+    def gaps(self, position: Array, *, within: float) -> Array:
+        """Distance (pairs,) [m] of every pair at `position` (n_servos,) [rad], cut off at `within`.
+
+        Raises CommandError for another shape.
+        """
+        least = self._pose(position)
+        result = np.full(len(least), within)
+        for pair in np.flatnonzero(least < within).tolist():
+            result[pair] = min(within, self._distance(pair, within))
+        return result
+
+    def names(self, pair: int) -> tuple[str, str]:
+        """The links of a pair."""
+        first, second = (self._model.body(self._model.geom_bodyid[geom]) for geom in self._pairs[pair])
+        return str(first.name), str(second.name)
+
+    def _pose(self, position: Array) -> Array:
+        """Move there; no pair (pairs,) is nearer [m] than the spheres around its geoms are."""
+        if np.shape(position) != (self._count,):
+            raise CommandError(f"position of shape {np.shape(position)}; the robot has {self._count} servos")
+        data = self._data
+        data.qpos[self._addresses] = position[self._servos]
+        mujoco.mj_kinematics(self._model, data)
+        apart = data.geom_xpos[self._pairs[:, 0]] - data.geom_xpos[self._pairs[:, 1]]
+        least: Array = np.sqrt(np.einsum("ij,ij->i", apart, apart)) - self._reach
+        return least
+
+    def _distance(self, pair: int, cutoff: float) -> float:
+        one, other = self._pairs[pair]
+        return float(mujoco.mj_geomDistance(self._model, self._data, int(one), int(other), cutoff, None))
+
+
+@lru_cache(maxsize=8)
+def _solid_model(robot: Robot) -> mujoco.MjModel:
+    """Nobody writes to it, and reading an iCub's meshes takes a second."""
+    return exclude_overlaps(solid_spec(robot), robot, robot.initial_position)
+
+
+def _pairs(model: mujoco.MjModel) -> NDArray[np.intp]:
+    """Pairs (m, 2) of geoms that MuJoCo would let collide."""
+    excluded = set(model.exclude_signature.tolist())
+    result = []
+    for one, other in combinations(range(model.ngeom), 2):
+        mine, theirs = model.geom_contype[one], model.geom_contype[other]
+        if not (mine & model.geom_conaffinity[other] or theirs & model.geom_conaffinity[one]):
+            continue
+        low, high = sorted((int(model.geom_bodyid[one]), int(model.geom_bodyid[other])))
+        if low != high and (low << 16) + high not in excluded:
+            result.append((one, other))
+    return np.array(result, dtype=np.intp).reshape(-1, 2)
+
+
+@lru_cache(maxsize=8)
+def _levers(robot: Robot) -> Array:
+    """`Clearance.levers`; each gate asks for them, and an iCub's take 10 ms."""
+    model = _solid_model(robot)
+    servos, _, columns = joints_of(robot, model)
+    solid = set(_pairs(model).ravel().tolist())
+    levers = np.zeros(len(robot.servos))
+    for servo, column in zip(servos, columns, strict=True):
+        levers[servo] = _lever(model, column, solid)
+    return read_only(levers)
+
+
+def _lever(model: mujoco.MjModel, column: int, geoms: set[int]) -> float:
+    """Distance [m] that no point of `geoms` carried by a joint can exceed from the joint's axis."""
+    carrier = int(model.dof_bodyid[column])
+    anchor = float(np.linalg.norm(model.jnt_pos[model.dof_jntid[column]]))
+    farthest = 0.0
+    for geom in geoms:
+        way = anchor + float(np.linalg.norm(model.geom_pos[geom])) + float(model.geom_rbound[geom])
+        body = int(model.geom_bodyid[geom])
+        while body not in (0, carrier):
+            way += float(np.linalg.norm(model.body_pos[body]))
+            body = int(model.body_parentid[body])
+        if body == carrier:
+            farthest = max(farthest, way)
+    return farthest

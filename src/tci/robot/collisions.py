@@ -1,0 +1,107 @@
+"""Which bodies of a robot collide: its arms with its trunk, and with each other.
+
+Links beside a joint overlap by construction, so links of one arm do not collide with one another, and
+the first link of an arm does not collide at all.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tci.engine import mujoco
+from tci.errors import DescriptionError, Fault
+from tci.frames import Array
+from tci.robot.description import Robot
+from tci.robot.kinematics import joints_of
+from tci.robot.model_file import compiled, load_spec
+
+LEFT, RIGHT, SKIN, GROUND = 1, 2, 4, 8
+"""Bits of MuJoCo's contype and conaffinity. The skin collides with the finger only, that of soles with the
+ground too."""
+
+HIDDEN = 3
+"""Group of geoms that pictures leave out."""
+
+NO_MODEL = "no <model>: simulation and self-collision need a URDF or MJCF file"
+
+HULL_VERTICES = 64
+"""Vertices of a mesh's convex hull that collisions use. Ours: more cost time and show nowhere."""
+
+
+def solid_spec(robot: Robot) -> mujoco.MjSpec:
+    """The robot's model with its servos' joints only, and with the geoms that collide marked.
+
+    Joints that are no servo's are held at 0, and nothing acts on any. Raises DescriptionError when the
+    robot has no model, and what `load_spec` raises.
+    """
+    if robot.model is None:
+        raise DescriptionError(robot.source, [Fault(0, NO_MODEL)])
+    spec = load_spec(robot.model)
+    groups = (spec.actuators, spec.sensors, spec.tendons, spec.equalities, spec.pairs)
+    for element in [element for group in groups for element in group]:
+        spec.delete(element)
+    driven = {servo.joint for servo in robot.servos}
+    for joint in list(spec.joints):
+        if joint.name not in driven:
+            spec.delete(joint)
+    for mesh in spec.meshes:
+        mesh.maxhullvert = HULL_VERTICES
+    _set_self_collisions(spec, robot)
+    return spec
+
+
+def _set_self_collisions(spec: mujoco.MjSpec, robot: Robot) -> None:
+    """Give each geom of the model its bits; those that did not collide in the model never do."""
+    arms = _arms(spec, robot)
+    solid = [geom for geom in spec.geoms if geom.contype or geom.conaffinity]
+    shown = [geom for geom in spec.geoms if not (geom.contype or geom.conaffinity)]
+    # URDF models show a mesh by one geom and collide it by another.
+    meshes = {(geom.parent.name, geom.meshname) for geom in shown if geom.meshname}
+    for geom in solid:
+        if (geom.parent.name, geom.meshname) in meshes:
+            geom.group = HIDDEN
+        arm, distance = arms.get(geom.parent.name, (0, 0))
+        if not arm:
+            geom.contype, geom.conaffinity = 0, LEFT | RIGHT
+        elif distance > 1:
+            geom.contype, geom.conaffinity = arm, RIGHT if arm == LEFT else LEFT
+        else:
+            geom.contype, geom.conaffinity = 0, 0
+
+
+def exclude_overlaps(spec: mujoco.MjSpec, robot: Robot, posture: Array) -> mujoco.MjModel:
+    """Compile, after excluding pairs of bodies that overlap at `posture` (n_servos,) [rad].
+
+    Raises DescriptionError for a mesh that MuJoCo can't read, or when the model lacks a joint.
+    """
+    assert robot.model is not None  # solid_spec has raised
+    model = compiled(spec, robot.model)
+    data = mujoco.MjData(model)
+    servos, addresses, _ = joints_of(robot, model)
+    data.qpos[addresses] = posture[servos]
+    mujoco.mj_forward(model, data)
+    touching = model.geom_bodyid[data.contact.geom[: data.ncon]]
+    pairs = {(int(low), int(high)) for low, high in np.sort(touching, axis=1)}
+    for first, second in sorted(pairs):
+        spec.add_exclude(bodyname1=model.body(first).name, bodyname2=model.body(second).name)
+    return compiled(spec, robot.model) if pairs else model
+
+
+def _arms(spec: mujoco.MjSpec, robot: Robot) -> dict[str, tuple[int, int]]:
+    """Of each body that an arm's joints move: the arm's bit, and how many of its joints lie before it."""
+    found = {}
+    for part in robot.parts:
+        if part.kind != "arm":
+            continue
+        bit = LEFT if part.side == "left" else RIGHT
+        servos = [robot.servos[servo.servo] for servo in part.servos if servo.servo is not None]
+        names = {servo.joint for servo in servos}
+        for body in spec.bodies:
+            distance = 0
+            above = body
+            while above is not None and above.name != "world":
+                distance += sum(joint.name in names for joint in above.joints)
+                above = above.parent
+            if distance:
+                found[body.name] = bit, distance
+    return found

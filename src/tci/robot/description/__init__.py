@@ -1,0 +1,35 @@
+"""What a robot is, as frozen types in SI units and radians. `tci.robot.xml` reads them from a file.
+
+The names follow the paper's Listing 2: a *servo* is a joint of the robot (DS in eq. 1), a *generic
+servo* one joint of a generic part (GS), `scale` is gamma and `offset` sigma.
+"""
+
+from tci.robot.description.base import Vector, Words
+from tci.robot.description.binding import Address, Binding
+from tci.robot.description.part import GenericPart, GenericServo, Segment, Term
+from tci.robot.description.patch import SOLE, Patch, Table, TriangularModules, TruncatedCone
+from tci.robot.description.robot import Model, Robot
+from tci.robot.description.sensor import Sensor
+from tci.robot.description.servo import Coupling, Limits, Servo
+
+__all__ = [
+    "SOLE",
+    "Address",
+    "Binding",
+    "Coupling",
+    "GenericPart",
+    "GenericServo",
+    "Limits",
+    "Model",
+    "Patch",
+    "Robot",
+    "Segment",
+    "Sensor",
+    "Servo",
+    "Table",
+    "Term",
+    "TriangularModules",
+    "TruncatedCone",
+    "Vector",
+    "Words",
+]

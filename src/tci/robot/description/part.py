@@ -1,0 +1,102 @@
+"""Generic parts, their joints (GS in eq. 1) and the segments of a limb (eq. 2)."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Literal
+
+from tci.errors import UnknownNameError
+from tci.frames import Array, read_only, rotation_rpy
+from tci.robot.description.base import Vector, Words
+
+
+class Term(Words):
+    """One servo's share in a coupled generic joint."""
+
+    servo: int
+    """Index into `Robot.servos`."""
+    factor: float
+    """d generic / d servo."""
+
+
+class GenericServo(Words):
+    """One joint of a generic part: GS = scale * DS + offset (eq. 1), or by another transform."""
+
+    id: int
+    """Index in the generic part, from 0."""
+    name: str
+    """Generic name: `shoulder_pitch`, or `joint0` where the file gives none."""
+    servo: int | None
+    """Index into `Robot.servos`; None when the robot lacks this joint."""
+    scale: float = 1.0
+    """gamma, the transform factor."""
+    offset: float = 0.0
+    """sigma [rad], the transform displacement."""
+    transform: Literal["linear", "table", "coupled", "retarget"] = "linear"
+    """How generic and robot's angles belong together: see `tci.robot.joint_map`."""
+    table: tuple[tuple[float, float], ...] = ()
+    """Pairs of the servo's angle, which rises, and the generic angle [rad], for a table."""
+    terms: tuple[Term, ...] = ()
+    """Servos that make up the joint, its own among them, when it is coupled."""
+    fixed: float = 0.0
+    """Generic angle [rad] at which the robot holds a joint that it lacks."""
+    stiffness: float = 1.0
+    """Share 0..1 of full stiffness that `home` sets."""
+    damping: float = 0.0
+    """Share 0..1 of full damping that `home` sets."""
+    speed: float | None = None
+    """Speed [rad/s, generic] at which the part moves unless the gate's limit is lower; on a retargeted
+    shoulder that of the servo itself."""
+    initial: float = 0.0
+    """Initial generic angle [rad]."""
+
+    @property
+    def sense(self) -> float:
+        """Above 0 where the generic angle rises with its servo's, below 0 where it falls."""
+        if self.transform == "coupled":
+            return next((term.factor for term in self.terms if term.servo == self.servo), 0.0)
+        return self.table[-1][1] - self.table[0][1] if self.table else self.scale
+
+
+class Segment(Words):
+    """A piece of a limb, on which skin sits: its proximal point, its length."""
+
+    name: str
+    """`upper_arm` or `forearm`."""
+    link: str
+    """Link of the kinematic model that the origin is given in."""
+    origin: Vector
+    """Proximal end of the segment's axis (3,) [m] in `link`; u is measured from here."""
+    length: float
+    """Length [m]; u is 1 here."""
+
+
+class GenericPart(Words):
+    """A part that every humanoid has (eq. 2)."""
+
+    name: str
+    """`left_arm`, `head`, ..."""
+    kind: Literal["arm", "head", "torso", "leg", "hand", "other"]
+    side: Literal["left", "right"] | None = None
+    servos: tuple[GenericServo, ...]
+    """By generic id."""
+    mount: Vector = (0.0, 0.0, 0.0)
+    """Roll, pitch, yaw [rad] of the mount frame in the torso frame: `R_TM`."""
+    segments: tuple[Segment, ...] = ()
+
+    @cached_property
+    def R_TM(self) -> Array:
+        """Mount frame M seen from the torso T (3, 3)."""
+        return read_only(rotation_rpy(*self.mount))
+
+    @cached_property
+    def initial_posture(self) -> Array:
+        """Initial generic angles (n,) [rad]."""
+        return read_only([servo.initial for servo in self.servos])
+
+    def segment(self, name: str) -> Segment:
+        """The segment of that name. Raises UnknownNameError."""
+        for segment in self.segments:
+            if segment.name == name:
+                return segment
+        raise UnknownNameError(f"segment of {self.name}", name, [s.name for s in self.segments])

@@ -1,0 +1,121 @@
+"""The robot as a whole, and the kinematic model that it refers to."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+
+from tci.errors import UnknownNameError
+from tci.frames import Array, read_only, rotation_rpy, transform
+from tci.robot.description.base import Vector, Words
+from tci.robot.description.binding import Binding
+from tci.robot.description.part import GenericPart, Segment
+from tci.robot.description.patch import Patch
+from tci.robot.description.servo import Coupling, Servo
+
+
+class Model(Words):
+    """Where the kinematic model is, and where the torso is in it."""
+
+    format: Literal["urdf", "mjcf"]
+    path: str
+    """File, absolute after loading."""
+    package: str | None = None
+    """Installed Python package that the file comes from (its extra has the robot's name)."""
+    torso_link: str
+    """Link that the torso frame is fixed to."""
+    torso_rpy: Vector = (0.0, 0.0, 0.0)
+    """Orientation [rad] of the torso frame (x forward, y left, z up) in that link."""
+    torso_xyz: Vector = (0.0, 0.0, 0.0)
+    """Origin [m] of the torso frame in that link."""
+
+    @cached_property
+    def T_LT(self) -> Array:
+        """Torso frame T seen from its link L (4, 4)."""
+        return read_only(transform(rotation_rpy(*self.torso_rpy), np.array(self.torso_xyz)))
+
+
+class Robot(Words):
+    """A robot: data only. Robots serve as keys, so their hash is quick; equality looks at everything."""
+
+    name: str
+    title: str = ""
+    source: str
+    """File it was read from."""
+    digest: str
+    """SHA-256 of that file: goes into every log."""
+    model: Model | None = None
+    servos: tuple[Servo, ...]
+    """All servos, in the order of every JointReading."""
+    couplings: tuple[Coupling, ...] = ()
+    parts: tuple[GenericPart, ...]
+    patches: tuple[Patch, ...] = ()
+    bindings: tuple[Binding, ...] = ()
+
+    def __hash__(self) -> int:
+        return hash((self.name, self.digest))
+
+    @cached_property
+    def initial_position(self) -> Array:
+        """Angle (n_servos,) [rad] of every servo in the initial posture (inverse of eq. 1); 0 where no
+        generic part says."""
+        from tci.robot.joint_map import joint_map  # it needs the types above
+
+        position = np.zeros(len(self.servos))
+        for part in self.parts:
+            joints = joint_map(self, part.name)
+            position[joints.servos] = joints.to_robot(part.initial_posture, position)
+        return read_only(position)
+
+    @cached_property
+    def coupling_rows(self) -> tuple[Array, Array, Array]:
+        """All couplings at once, rows @ position within lower and upper: (m, n_servos), (m,), (m,) [rad]."""
+        rows = np.zeros((len(self.couplings), len(self.servos)))
+        for row, coupling in zip(rows, self.couplings, strict=True):
+            row[list(coupling.servos)] = coupling.coefficients
+        lower, upper = [c.lower for c in self.couplings], [c.upper for c in self.couplings]
+        return read_only(rows), read_only(lower), read_only(upper)
+
+    @cached_property
+    def kept(self) -> dict[tuple[str, str], Any]:
+        """What others worked out from this robot and need again in each period. Looked up here, since a
+        robot as a key is compared field by field with every other one of the same file."""
+        return {}
+
+    def part(self, name: str) -> GenericPart:
+        """The generic part of that name. Raises UnknownNameError."""
+        for part in self.parts:
+            if part.name == name:
+                return part
+        raise UnknownNameError("generic part", name, [part.name for part in self.parts])
+
+    def patch(self, name: str) -> Patch:
+        """The skin patch of that name. Raises UnknownNameError."""
+        for patch in self.patches:
+            if patch.name == name:
+                return patch
+        raise UnknownNameError("skin patch", name, [patch.name for patch in self.patches])
+
+    def limb_segment(self, patch: Patch) -> Segment | None:
+        """The limb segment that a patch lies on; None for skin elsewhere, which has no limb coordinates."""
+        part = self.part(patch.part)
+        if part.kind != "arm" or part.side is None or not patch.segment:
+            return None
+        return part.segment(patch.segment)
+
+    def binding(self, middleware: str) -> Binding:
+        """How that middleware reaches the robot. Raises UnknownNameError."""
+        for binding in self.bindings:
+            if binding.middleware == middleware:
+                return binding
+        raise UnknownNameError(f"binding of {self.name}", middleware, [b.middleware for b in self.bindings])
+
+    def servos_of(self, robot_part: str) -> tuple[Servo, ...]:
+        """Servos of one of the robot's own parts, by id. Raises UnknownNameError."""
+        found = tuple(servo for servo in self.servos if servo.robot_part == robot_part)
+        if not found:
+            names = dict.fromkeys(servo.robot_part for servo in self.servos)
+            raise UnknownNameError("robot part", robot_part, names)
+        return found

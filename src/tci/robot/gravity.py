@@ -1,0 +1,94 @@
+"""Gravity torques: what each servo must hold against the weight of what it carries."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tci.engine import mujoco
+from tci.errors import CommandError, DescriptionError, Fault, UnknownNameError
+from tci.frames import Array, apply, invert, read_only, transform
+from tci.robot.description import Robot
+from tci.robot.kinematics import bare_model, joints_of
+from tci.robot.model_file import load_spec
+
+STANDARD_GRAVITY = 9.80665
+"""Free fall [m/s2]: the conventional value (3rd CGPM, 1901)."""
+
+DOWN = read_only([0.0, 0.0, -1.0])
+"""Where gravity points, seen from the torso of a robot that stands upright."""
+
+
+class Gravity:
+    """Gravity torques from the model's masses, by MuJoCo's recursive Newton-Euler at zero velocity.
+
+    An object works in its own memory: use one per thread. What `torques` returns is the caller's.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        """Raises DescriptionError when the robot has no model, a servo's joint is not in it, or a link
+        that moves, or that MJCF gives the weight of its shapes, has no `<inertial>`; UnknownNameError when
+        the model lacks the torso."""
+        if robot.model is None:
+            raise DescriptionError(robot.source, [Fault(0, "no <model>: gravity needs a URDF or MJCF file")])
+        self._model = bare_model(robot.model)
+        self._data = mujoco.MjData(self._model)
+        self._model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_GRAVITY)
+        links = [self._model.body(index).name for index in range(1, self._model.nbody)]
+        if robot.model.torso_link not in links:
+            raise UnknownNameError("link of the kinematic model", robot.model.torso_link, links)
+        self._torso = self._model.body(robot.model.torso_link).id
+        bodies = load_spec(robot.model).bodies
+        heavy = {body.name for body in bodies if body.explicitinertial}
+        shaped = {body.name for body in bodies if any(geom.mass != 0 and geom.density for geom in body.geoms)}
+        faults = []
+        for body, name in enumerate(links, start=1):
+            if name not in heavy:
+                # The compiler gave it a token mass, which would add up.
+                self._model.body_mass[body] = 0.0
+                self._model.body_inertia[body] = 0.0
+                of_robot = self._model.body_rootid[body] == self._model.body_rootid[self._torso]
+                if self._model.body_jntnum[body]:
+                    faults.append(Fault(0, f"link {name} moves and has no <inertial>"))
+                elif robot.model.format == "mjcf" and of_robot and name in shaped:
+                    fault = f"link {name} has shapes and no <inertial> that says their weight"
+                    faults.append(Fault(0, fault))
+        if faults:
+            raise DescriptionError(robot.model.path, faults)
+        self._T_LT = robot.model.T_LT
+        self._n_servos = len(robot.servos)
+        self._servos, self._addresses, self._columns = joints_of(robot, self._model)
+
+    def torques(self, position: Array, *, down: Array = DOWN) -> Array:
+        """Torque (n_servos,) [N m] with which each servo holds `position` (n_servos,) [rad] still.
+
+        `down` (3,) is the direction of gravity seen from the torso, of any length. The model's root is
+        what stands: servos below the torso (an iCub's waist) hold what lies between it and them. Servos
+        without a joint in the model read 0. Raises CommandError for another shape or no direction.
+        """
+        if np.shape(position) != (self._n_servos,):
+            raise CommandError(
+                f"position of shape {np.shape(position)}; the robot has {self._n_servos} servos"
+            )
+        length = float(np.linalg.norm(down)) if np.shape(down) == (3,) else 0.0
+        if not 0.0 < length < np.inf:
+            raise CommandError(f"direction of gravity {down}; valid: a vector (3,) that is not zero")
+        self._data.qpos[self._addresses] = position[self._servos]
+        mujoco.mj_kinematics(self._model, self._data)
+        R_WT = self._data.xmat[self._torso].reshape(3, 3) @ self._T_LT[:3, :3]
+        self._model.opt.gravity[:] = R_WT @ np.asarray(down) * (STANDARD_GRAVITY / length)
+        mujoco.mj_comPos(self._model, self._data)
+        mujoco.mj_comVel(self._model, self._data)
+        held = np.zeros(self._model.nv)
+        mujoco.mj_rne(self._model, self._data, 0, held)
+        result = np.zeros(self._n_servos)
+        result[self._servos] = held[self._columns]
+        return result
+
+    def centre_of_mass(self, position: Array) -> Array:
+        """Centre of mass (3,) [m] of the whole robot at `position` (n_servos,) [rad], seen from the torso."""
+        self._data.qpos[self._addresses] = position[self._servos]
+        mujoco.mj_kinematics(self._model, self._data)
+        mujoco.mj_comPos(self._model, self._data)
+        pose = transform(self._data.xmat[self._torso].reshape(3, 3), self._data.xpos[self._torso])
+        centre: Array = apply(invert(pose @ self._T_LT), self._data.subtree_com[0])
+        return centre

@@ -1,0 +1,314 @@
+"""From a generic part's joints to the robot's servos and back, by the transforms of its description.
+
+linear    GS = gamma DS + sigma (eq. 1)
+table     piecewise linear between pairs of angles, straight on beyond its ends
+coupled   GS = M DS + sigma: a generic joint is a linear combination of several servos
+retarget  the three joints of a shoulder, by the rotation of the upper arm in the torso frame
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.errors import CommandError
+from tci.frames import Array, frozen
+from tci.robot.description import GenericPart, GenericServo, Robot
+
+
+class Transform(ABC):
+    """Some joints of a part (k,) and as many servos."""
+
+    ids: NDArray[np.intp]
+    """Generic ids (k,)."""
+    servos: NDArray[np.intp]
+    """Indices (k,) into `Robot.servos`."""
+
+    def __init__(self, joints: list[GenericServo]) -> None:
+        self.ids = np.array([joint.id for joint in joints], dtype=np.intp)
+        self.servos = np.array([joint.servo for joint in joints], dtype=np.intp)
+
+    @abstractmethod
+    def generic(self, angles: Array) -> Array:
+        """Generic angles (k,) [rad] of servo `angles` (k,) [rad]."""
+
+    @abstractmethod
+    def robot(self, generic: Array, near: Array) -> Array:
+        """Servo angles (k,) [rad] of generic angles (k,) [rad]; of several, those next to `near` (k,)."""
+
+    @abstractmethod
+    def slope(self, angles: Array) -> Array:
+        """d generic / d servo (k, k) at servo `angles` (k,) [rad]."""
+
+    def speeds(self, angles: Array, most: Array) -> Array:
+        """How fast (k,) [rad/s] each servo may move to a target, with all at `angles` (k,) [rad], when the
+        description gives the joints the speeds `most` (k,) [rad/s]."""
+        return _speeds(self.slope(angles), most)
+
+    constant = False
+    """Whether the slope is the same everywhere."""
+    steady = False
+    """Whether `speeds` are."""
+
+
+class Linear(Transform):
+    """Equation 1."""
+
+    constant = steady = True
+
+    def __init__(self, joints: list[GenericServo]) -> None:
+        super().__init__(joints)
+        self.scale = np.array([joint.scale for joint in joints])
+        self.offset = np.array([joint.offset for joint in joints])
+
+    def generic(self, angles: Array) -> Array:
+        result: Array = self.scale * angles + self.offset
+        return result
+
+    def robot(self, generic: Array, near: Array) -> Array:
+        result: Array = (generic - self.offset) / self.scale
+        return result
+
+    def slope(self, angles: Array) -> Array:
+        return np.diag(self.scale)
+
+
+class Table(Transform):
+    """One joint by pairs of angles; both columns are strictly monotone."""
+
+    def __init__(self, joint: GenericServo) -> None:
+        super().__init__([joint])
+        self._servo, self._generic = np.array(joint.table).T
+
+    def generic(self, angles: Array) -> Array:
+        return _interpolate(angles, self._servo, self._generic)
+
+    def robot(self, generic: Array, near: Array) -> Array:
+        if self._generic[0] > self._generic[-1]:
+            return _interpolate(generic, self._generic[::-1], self._servo[::-1])
+        return _interpolate(generic, self._generic, self._servo)
+
+    def slope(self, angles: Array) -> Array:
+        piece = _piece(angles, self._servo)
+        slopes: Array = np.diff(self._generic) / np.diff(self._servo)
+        return np.diag(slopes[piece])
+
+
+class Coupled(Transform):
+    """Joints that are linear combinations of the same servos."""
+
+    constant = steady = True
+
+    def __init__(self, joints: list[GenericServo]) -> None:
+        super().__init__(joints)
+        place = {servo: column for column, servo in enumerate(self.servos.tolist())}
+        self._matrix = np.zeros((len(joints), len(joints)))
+        for row, joint in enumerate(joints):
+            for term in joint.terms:
+                self._matrix[row, place[term.servo]] = term.factor
+        self._offset = np.array([joint.offset for joint in joints])
+        self._inverse = np.linalg.inv(self._matrix)
+
+    def generic(self, angles: Array) -> Array:
+        result: Array = self._matrix @ angles + self._offset
+        return result
+
+    def robot(self, generic: Array, near: Array) -> Array:
+        result: Array = self._inverse @ (generic - self._offset)
+        return result
+
+    def slope(self, angles: Array) -> Array:
+        return self._matrix
+
+
+class Retarget(Transform):
+    """A shoulder, whatever its axes."""
+
+    steady = True
+
+    def __init__(self, robot: Robot, part: GenericPart, joints: list[GenericServo]) -> None:
+        """Raises what Shoulder raises."""
+        from tci.robot.shoulder import SINGULAR, shoulder_of  # needs the kinematic model, which others don't
+
+        super().__init__(joints)
+        self._shoulder = shoulder_of(robot, part.name)
+        self._R_TM = part.R_TM
+        self._name = part.name
+        self._least = SINGULAR
+
+    def generic(self, angles: Array) -> Array:
+        return self._shoulder.generic(self._shoulder.rotation(angles), self._R_TM)
+
+    def robot(self, generic: Array, near: Array) -> Array:
+        return self._shoulder.best(self._shoulder.wanted(generic, self._R_TM), near)
+
+    def slope(self, angles: Array) -> Array:
+        """Raises CommandError where the generic shoulder is singular: abduction by 90 degrees."""
+        axes = self._shoulder.generic_spin(self.generic(angles), self._R_TM)
+        if abs(np.linalg.det(axes)) < self._least:
+            raise CommandError(f"{self._name}: at 90 degrees of abduction no generic velocity is defined")
+        return np.array(np.linalg.solve(axes, self._shoulder.spin(angles)))
+
+    def speeds(self, angles: Array, most: Array) -> Array:
+        """The described speed itself: each servo turns the arm about one axis, wherever it is. What the
+        generic angles do meanwhile says nothing: next to 90 degrees of abduction they leap."""
+        return most
+
+
+class JointMap:
+    """All joints of one generic part."""
+
+    def __init__(self, robot: Robot, part: GenericPart) -> None:
+        """Raises what the transforms raise."""
+        mapped = [joint for joint in part.servos if joint.servo is not None]
+        of = {kind: [joint for joint in mapped if joint.transform == kind] for kind in KINDS}
+        transforms: list[Transform] = []
+        if of["linear"]:
+            transforms.append(Linear(of["linear"]))
+        transforms += [Table(joint) for joint in of["table"]]
+        if of["coupled"]:
+            transforms.append(Coupled(of["coupled"]))
+        if of["retarget"]:
+            transforms.append(Retarget(robot, part, of["retarget"]))
+        self.transforms = transforms
+        self.fixed = np.array([joint.fixed for joint in part.servos])
+        none = np.zeros(0, dtype=np.intp)
+        self.ids: NDArray[np.intp] = np.concatenate([none, *(t.ids for t in transforms)])
+        """Generic ids (k,) of the joints that the robot has."""
+        self.servos: NDArray[np.intp] = frozen(np.concatenate([none, *(t.servos for t in transforms)]))
+        """The servo (k,) of each of them; read-only."""
+        self.unlimited: Array = frozen(np.full(len(self.ids), np.inf))
+        """No speed (k,) [rad/s] asked for; read-only."""
+        self._speeds = np.array([np.inf if joint.speed is None else joint.speed for joint in part.servos])
+        self._slope: Array | None = None
+        self._limits: Array | None = None
+        if all(t.constant for t in transforms):
+            self._slope = frozen(self.slope(np.zeros(len(robot.servos))))
+        if all(t.steady for t in transforms):
+            self._limits = self.speeds(np.zeros(len(robot.servos)))
+
+    def to_generic(self, position: Array) -> Array:
+        """Generic angles (n,) [rad] from all servos' `position` (n_servos,) [rad]."""
+        generic = self.fixed.copy()
+        for transform in self.transforms:
+            generic[transform.ids] = transform.generic(position[transform.servos])
+        return generic
+
+    def to_robot(self, generic: Array, position: Array) -> Array:
+        """Angles (k,) [rad] of `servos` for generic angles (n,) [rad]; of several, those next to where the
+        servos are: `position` (n_servos,) [rad]."""
+        parts = [t.robot(generic.take(t.ids), position.take(t.servos)) for t in self.transforms]
+        return parts[0] if len(parts) == 1 else np.concatenate([np.zeros(0), *parts])
+
+    def slope(self, position: Array) -> Array:
+        """d generic / d servo (k, k), rows in the order of `ids`, at `position` (n_servos,) [rad].
+
+        Raises CommandError where a transform has none.
+        """
+        if self._slope is not None:
+            return self._slope
+        result = np.zeros((len(self.ids), len(self.ids)))
+        begin = 0
+        for transform in self.transforms:
+            end = begin + len(transform.ids)
+            result[begin:end, begin:end] = transform.slope(position[transform.servos])
+            begin = end
+        return result
+
+    def speeds(self, position: Array) -> Array:
+        """How fast (k,) [rad/s] each of `servos` may move to a target, with all at `position` (n_servos,)
+        [rad], so that no generic joint is faster than its description says. Servos of a retargeted shoulder
+        have that speed themselves, so there is an answer everywhere."""
+        if self._limits is not None:
+            return self._limits
+        parts = [t.speeds(position.take(t.servos), self._speeds.take(t.ids)) for t in self.transforms]
+        return frozen(np.concatenate([np.zeros(0), *parts]))
+
+    def driven_speeds(self, position: Array) -> Array:
+        """The same (k,) [rad/s] for servos that are driven at a velocity: those of a retargeted shoulder too
+        are slow enough for its generic joints. Raises what `slope` raises."""
+        if self._slope is not None:
+            return self.speeds(position)
+        return frozen(_speeds(self.slope(position), self._speeds[self.ids]))
+
+
+class Postures:
+    """All joints of all generic parts: linear ones, which are nearly all, in one go."""
+
+    def __init__(self, robot: Robot) -> None:
+        """Raises what the transforms raise."""
+        maps = [joint_map(robot, part.name) for part in robot.parts]
+        ends = np.cumsum([0, *(len(part.servos) for part in robot.parts)]).tolist()
+        self._slices = {
+            part.name: slice(begin, end)
+            for part, begin, end in zip(robot.parts, ends, ends[1:], strict=False)
+        }
+        self._fixed = np.concatenate([np.zeros(0), *(one.fixed for one in maps)])
+        placed = [(begin, t) for begin, one in zip(ends, maps, strict=False) for t in one.transforms]
+        linear = [(begin, t) for begin, t in placed if isinstance(t, Linear)]
+        none = np.zeros(0, dtype=np.intp)
+        self._ids = np.concatenate([none, *(begin + t.ids for begin, t in linear)])
+        self._servos = np.concatenate([none, *(t.servos for _, t in linear)])
+        self._scale = np.concatenate([np.zeros(0), *(t.scale for _, t in linear)])
+        self._offset = np.concatenate([np.zeros(0), *(t.offset for _, t in linear)])
+        self._whole = np.array_equal(self._ids, np.arange(len(self._fixed)))
+        self._others = [(begin + t.ids, t) for begin, t in placed if not isinstance(t, Linear)]
+
+    def to_generic(self, position: Array) -> dict[str, Array]:
+        """Generic angles (n,) [rad] of every part by name, which nobody can change, at all servos' `position`
+        (n_servos,) [rad]."""
+        linear = self._scale * position.take(self._servos) + self._offset
+        if self._whole:
+            generic = linear
+        else:
+            generic = self._fixed.copy()
+            generic[self._ids] = linear
+        for ids, transform in self._others:
+            generic[ids] = transform.generic(position[transform.servos])
+        generic.setflags(write=False)
+        return {name: generic[place] for name, place in self._slices.items()}
+
+
+KINDS = ("linear", "table", "coupled", "retarget")
+"""Transforms of a joint."""
+
+
+def joint_map(robot: Robot, name: str) -> JointMap:
+    """The map of a generic part by name. Raises UnknownNameError, and what the transforms raise."""
+    key = ("joint_map", name)
+    found: JointMap | None = robot.kept.get(key)
+    if found is None:
+        found = robot.kept[key] = JointMap(robot, robot.part(name))
+    return found
+
+
+def postures(robot: Robot) -> Postures:
+    """The map of all generic parts. Raises what the transforms raise."""
+    found: Postures | None = robot.kept.get(("joint_map", ""))
+    if found is None:
+        found = robot.kept["joint_map", ""] = Postures(robot)
+    return found
+
+
+def _speeds(slope: Array, most: Array) -> Array:
+    """Speeds (k,) [rad/s] of servos at which no joint is faster than `most` (k,) [rad/s], however many of
+    them turn it at once: sum_j |slope_ij| speed_j <= most_i. `slope` (k, k) is d generic / d servo."""
+    size = np.abs(slope)
+    each = np.where(size > 0.0, (most / size.sum(axis=1))[:, None], np.inf)
+    result: Array = each.min(axis=0, initial=np.inf)
+    return result
+
+
+def _piece(values: Array, nodes: Array) -> NDArray[np.intp]:
+    """The piece (k,) of a table that each value lies in, or is next to. `nodes` (m,) rise."""
+    return np.clip(np.searchsorted(nodes, values) - 1, 0, len(nodes) - 2)
+
+
+def _interpolate(values: Array, nodes: Array, results: Array) -> Array:
+    """Piecewise linear, straight on beyond the ends. `nodes` (m,) rise."""
+    piece = _piece(values, nodes)
+    share = (values - nodes[piece]) / (nodes[piece + 1] - nodes[piece])
+    result: Array = results[piece] + share * (results[piece + 1] - results[piece])
+    return result

@@ -1,0 +1,69 @@
+"""Where a segment's frame S is, for the compiled loops."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tci.compiled import inlined
+from tci.frames import Array
+from tci.robot.description import GenericPart, Segment
+from tci.robot.generic_arm import SEGMENTS, side_sign
+
+Vector = tuple[float, float, float]
+Row = tuple[float, float, float, float]
+
+
+def limb_numbers(part: GenericPart, segment: Segment) -> Array:
+    """A segment in numbers (15,): R_TM (9), origin in its link (3), length [m], side, place in SEGMENTS."""
+    assert part.side is not None  # as `Robot.limb_segment` says
+    place = [segment.length, side_sign(part.side), SEGMENTS.index(segment.name)]
+    return np.concatenate([part.R_TM.ravel(), segment.origin, place])
+
+
+@inlined
+def limb_pose(T_TL: Array, T_TG: Array, limb: Array, posture: Array) -> tuple[Row, Row, Row]:
+    """Rows of T_SL (3, 4): a link at `T_TL` (4, 4), seen from the frame S of `segment_pose`.
+
+    `T_TG` (4, 4) is the pose of the segment's own link, `limb` (15,) its numbers, `posture` (4,) [rad].
+    """
+    side = limb[13]
+    # R_MS of `segment_rotation`, axial=False, as products of rotations about y, x, z and y.
+    c0, s0 = np.cos(posture[0]), -np.sin(posture[0])
+    c1, s1 = np.cos(side * posture[1]), np.sin(side * posture[1])
+    x, y, z = (c0, 0.0, -s0), (s0 * s1, c1, c0 * s1), (s0 * c1, -s1, c0 * c1)
+    if limb[14] > 0.0:
+        c2, s2 = np.cos(side * posture[2]), -np.sin(side * posture[2])
+        c3, s3 = np.cos(posture[3]), -np.sin(posture[3])
+        x, y = _turned(x, y, c2, s2)
+        x, z = _turned(x, z, c3, -s3)
+    p = _origin(T_TL, T_TG, limb, 0), _origin(T_TL, T_TG, limb, 1), _origin(T_TL, T_TG, limb, 2)
+    return _row(T_TL, limb, x, p), _row(T_TL, limb, y, p), _row(T_TL, limb, z, p)
+
+
+@inlined
+def _turned(x: Vector, y: Vector, c: float, s: float) -> tuple[Vector, Vector]:
+    one = x[0] * c + y[0] * s, x[1] * c + y[1] * s, x[2] * c + y[2] * s
+    return one, (y[0] * c - x[0] * s, y[1] * c - x[1] * s, y[2] * c - x[2] * s)
+
+
+@inlined
+def _origin(T_TL: Array, T_TG: Array, limb: Array, k: int) -> float:
+    """From the segment's origin to that of the link."""
+    p = T_TL[k, 3] - T_TG[k, 3]
+    for axis in range(3):
+        p -= T_TG[k, axis] * limb[9 + axis]
+    return p
+
+
+@inlined
+def _row(T_TL: Array, limb: Array, axis: Vector, p: Vector) -> Row:
+    """The row of T_SL for an axis of S seen from M."""
+    a = limb[0] * axis[0] + limb[1] * axis[1] + limb[2] * axis[2]
+    b = limb[3] * axis[0] + limb[4] * axis[1] + limb[5] * axis[2]
+    c = limb[6] * axis[0] + limb[7] * axis[1] + limb[8] * axis[2]
+    return (
+        a * T_TL[0, 0] + b * T_TL[1, 0] + c * T_TL[2, 0],
+        a * T_TL[0, 1] + b * T_TL[1, 1] + c * T_TL[2, 1],
+        a * T_TL[0, 2] + b * T_TL[1, 2] + c * T_TL[2, 2],
+        a * p[0] + b * p[1] + c * p[2],
+    )

@@ -1,0 +1,107 @@
+"""Forward kinematics of some links in one loop."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import int64, void
+from numpy.typing import NDArray
+
+from tci.arrays import reads, writes
+from tci.compiled import compiled, inlined
+from tci.frames import Array
+
+BEFORE, SERVO, SLIDES = range(3)
+"""Columns of `steps`, see `tci.robot.steps`."""
+
+
+@inlined
+def take_steps(position: Array, steps: NDArray[np.int64], sums: Array, work: Array) -> None:
+    """Write the pose after each step into `work` (s, 3, 4), seen from the world; else as `link_poses`."""
+    for s in range(len(steps)):
+        before, servo = steps[s, BEFORE], steps[s, SERVO]
+        x = y = 0.0
+        if servo >= 0:
+            q = position[servo]
+            x, y = (q, 0.0) if steps[s, SLIDES] else (np.cos(q), np.sin(q))
+        for j in range(4):
+            a, b, c = (
+                sums[s, 0, 0, j] + x * sums[s, 1, 0, j] + y * sums[s, 2, 0, j],
+                sums[s, 0, 1, j] + x * sums[s, 1, 1, j] + y * sums[s, 2, 1, j],
+                sums[s, 0, 2, j] + x * sums[s, 1, 2, j] + y * sums[s, 2, 2, j],
+            )
+            if before < 0:
+                work[s, 0, j], work[s, 1, j], work[s, 2, j] = a, b, c
+                continue
+            for i in range(3):
+                T = work[before, i]
+                work[s, i, j] = T[0] * a + T[1] * b + T[2] * c + (T[3] if j == 3 else 0.0)
+
+
+@compiled(void(reads(1), reads(2, int64), reads(4), reads(1, int64), int64, writes(3), writes(3)))
+def link_poses(
+    position: Array,
+    steps: NDArray[np.int64],
+    sums: Array,
+    ends: NDArray[np.int64],
+    torso: int,
+    work: Array,
+    poses: Array,
+) -> None:
+    """Write `T_TL` (l, 4, 4) of the links after the steps `ends` (l,), seen from that after step `torso`.
+
+    `position` (n_servos,) [rad]; `steps` (s, 3) and `sums` (s, 3, 3, 4) see `tci.robot.steps`; `work`
+    (s, 3, 4) is room for the pose after each step, seen from the world.
+    """
+    take_steps(position, steps, sums, work)
+    T_WT = work[torso]
+    for link in range(len(ends)):
+        T_WL, T_TL = work[ends[link]], poses[link]
+        for j in range(4):
+            a, b, c = T_WL[0, j], T_WL[1, j], T_WL[2, j]
+            if j == 3:
+                a, b, c = a - T_WT[0, 3], b - T_WT[1, 3], c - T_WT[2, 3]
+            for i in range(3):
+                T_TL[i, j] = T_WT[0, i] * a + T_WT[1, i] * b + T_WT[2, i] * c
+            T_TL[3, j] = 1.0 if j == 3 else 0.0
+
+
+@compiled(
+    void(
+        reads(2), reads(2, int64), reads(4), reads(1, int64), reads(2), reads(2), writes(3), writes(3),
+        writes(3),
+    )
+)  # fmt: skip
+def retreats(
+    way: Array,
+    steps: NDArray[np.int64],
+    sums: Array,
+    after: NDArray[np.int64],
+    points: Array,
+    normals: Array,
+    work: Array,
+    first: Array,
+    out: Array,
+) -> None:
+    """Write how far [m] points of links are from where they were at first, (0, k, c) along the inward normals
+    that they had there and (1, k, c) across, seen from the world.
+
+    `way` (k + 1, n_servos) [rad] begins there. Of each point (c, 3) [m] with its outward normal (c, 3) the
+    link is the one `after` (c,) a step; `first` (c, 3, 2) is room for both.
+    """
+    for k in range(len(way)):
+        take_steps(way[k], steps, sums, work)
+        for c in range(len(after)):
+            T, p, n = work[after[c]], points[c], normals[c]
+            inwards = square = 0.0
+            for i in range(3):
+                x = T[i, 0] * p[0] + T[i, 1] * p[1] + T[i, 2] * p[2] + T[i, 3]
+                if k == 0:
+                    first[c, i, 0] = x
+                    first[c, i, 1] = T[i, 0] * n[0] + T[i, 1] * n[1] + T[i, 2] * n[2]
+                else:
+                    x -= first[c, i, 0]
+                    inwards -= first[c, i, 1] * x
+                    square += x * x
+            if k > 0:
+                out[0, k - 1, c] = inwards
+                out[1, k - 1, c] = np.sqrt(max(square - inwards * inwards, 0.0))

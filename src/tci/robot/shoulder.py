@@ -1,0 +1,211 @@
+"""A shoulder of three turning joints, whatever their axes: its rotation, and the angles for a rotation.
+
+The axes are taken from the kinematic model, so no convention of the robot matters. The upper arm's
+frame is the generic arm's: -z along the third axis towards the elbow, -y the axis of elbow flexion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property, lru_cache
+from math import atan2, cos, dist, pi, remainder, sin, sqrt
+
+import numpy as np
+
+from tci.errors import DescriptionError, Fault
+from tci.frames import Array
+from tci.robot.description import GenericPart, Robot
+from tci.robot.generic_arm import shoulder_angles, side_sign, upper_arm_rotation
+from tci.robot.kinematics import Kinematics
+
+SLANT = 0.05
+"""Most cosine between the elbow's axis and the upper arm's that the generic arm can stand for. Ours."""
+PARALLEL = 1.0 - 1e-6
+"""Cosine from which successive axes of a shoulder are no ball joint. Ours."""
+SHORT = 1e-3
+"""Length [m] from which an upper arm has a direction. Ours."""
+SINGULAR = 1e-6
+"""Determinant of two sets of axes below which velocities can't be told apart. Ours."""
+
+Vector = Sequence[float] | Array
+"""(3,), best in Python's own numbers: NumPy takes ten times as long for three."""
+
+
+class Shoulder:
+    """The first three joints of an arm, seen from the torso."""
+
+    def __init__(self, robot: Robot, part: GenericPart) -> None:
+        """Raises DescriptionError when the arm is not built as its part says, or the robot has no model."""
+        kinematics = Kinematics(robot)
+        assert part.side is not None
+        self.side = part.side
+        servos = [generic.servo for generic in part.servos[:4] if generic.servo is not None]
+        flexion = np.sign(part.servos[3].sense)
+        if len(part.segments) < 2 or len(servos) < 4:
+            raise _fault(robot, part, "it needs an upper_arm, a forearm, and servos for shoulder and elbow")
+        self.servos = np.array(servos[:3], dtype=np.intp)
+        """Indices of its servos."""
+        limits = [robot.servos[servo].limits for servo in self.servos]
+        self.lower = np.array([-np.pi if limit.lower is None else limit.lower for limit in limits])
+        self.upper = np.array([np.pi if limit.upper is None else limit.upper for limit in limits])
+        zero = np.zeros(len(robot.servos))
+        upper_arm, forearm = part.segment("upper_arm"), part.segment("forearm")
+        T_TL, jacobian = kinematics.pose_and_jacobian(zero, forearm.link)
+        moves, turns = jacobian[:3, servos], jacobian[3:, servos]
+        if not np.allclose(np.linalg.norm(turns, axis=0), 1.0, atol=1e-6):
+            raise _fault(robot, part, f"its shoulder and elbow do not all turn {forearm.link}")
+        self.axes: Array = turns[:, :3].T
+        """Axes (3, 3) of the three joints, one a row, seen from the torso with all servos at zero."""
+        if not flexion or max(abs(self.axes[0] @ self.axes[1]), abs(self.axes[1] @ self.axes[2])) > PARALLEL:
+            raise _fault(
+                robot, part, "two of its successive axes are parallel, or its elbow has no servo alone"
+            )
+        feet = [T_TL[:3, 3] + np.cross(turns[:, i], moves[:, i]) for i in range(2)]
+        self.centre = nearest_point(*feet, *self.axes[:2])
+        """Where the first axis comes nearest to the second (3,) [m], seen from the torso: it never moves."""
+        poses = kinematics.poses(zero, (upper_arm.link, forearm.link))
+        ends = [poses[segment.link] @ np.append(segment.origin, 1.0) for segment in (upper_arm, forearm)]
+        if np.linalg.norm((ends[1] - ends[0])[:3]) < SHORT:
+            raise _fault(robot, part, "its upper_arm and forearm begin at the same place")
+        along = self.axes[2] * np.sign(self.axes[2] @ (ends[1] - ends[0])[:3])
+        bend = flexion * turns[:, 3]
+        if abs(along @ bend) > SLANT:
+            raise _fault(robot, part, "its elbow's axis is not square to its upper arm")
+        z, y = -along, -(bend - (bend @ along) * along)
+        y /= np.linalg.norm(y)
+        self._at_zero = np.column_stack([np.cross(y, z), y, z])
+        self._limits = [self.lower.tolist(), self.upper.tolist()]
+        self._middle = ((self.lower + self.upper) / 2.0).tolist()
+
+    def rotation(self, angles: Array) -> Array:
+        """`R_TU` (3, 3) of the upper arm at servo `angles` (3,) [rad]: a product of exponentials."""
+        rotation = self._at_zero
+        for axis, angle in zip(self.axes[::-1], angles[::-1], strict=True):
+            rotation = turn(axis, angle) @ rotation
+        return rotation
+
+    def solutions(self, R_TU: Array) -> list[Array]:
+        """Servo angles (3,) [rad] that give the rotation, at most two, each near the middle of the limits.
+
+        Limits are not looked at. With axes that are not square to each other some rotations can't be
+        reached; then the answer is the closest that the first two joints allow. After Paden and Kahan's
+        second subproblem (Murray, Li and Sastry 1994, 3.3).
+        """
+        return [np.array(angles) for angles in self._solve(R_TU)]
+
+    def best(self, R_TU: Array, near: Array) -> Array:
+        """The solution (3,) [rad] that breaks limits least; of equal ones that next to `near` (3,) [rad]."""
+        here, (lower, upper) = near.tolist(), self._limits
+
+        def cost(angles: Vector) -> tuple[float, float]:
+            outside = max(max(lower[i] - angles[i], angles[i] - upper[i]) for i in range(3))
+            return round(max(outside, 0.0), 6), dist(angles, here)
+
+        return np.array(min(self._solve(R_TU), key=cost))
+
+    @cached_property
+    def _seen(self) -> tuple[Array, list[Vector]]:
+        """The third axis, and what is square to it and the second, seen from the upper arm (3, 2) with all
+        servos at zero; the three axes, that vector, and what is square to the first two."""
+        first, second, third = self.axes
+        vectors = first, second, third, np.cross(third, second), np.cross(first, second)
+        return self._at_zero.T @ np.column_stack(vectors[2:4]), [vector.tolist() for vector in vectors]
+
+    def _solve(self, R_TU: Array) -> list[Vector]:
+        """`solutions` in Python's own numbers."""
+        seen, (first, second, third, aside, across) = self._seen
+        end, end_aside = (R_TU @ seen).T.tolist()
+        along_first, along_second = _dot(first, end), _dot(second, third)
+        between = _dot(first, second)
+        square = 1.0 - between * between
+        alpha = (along_first - between * along_second) / square
+        beta = (along_second - between * along_first) / square
+        rest = (1.0 - alpha * alpha - beta * beta - 2.0 * alpha * beta * between) / square
+        gamma = sqrt(max(rest, 0.0))
+        found: list[Vector] = []
+        for side in (gamma, -gamma) if rest > 0.0 else (0.0,):
+            middle = [alpha * first[i] + beta * second[i] + side * across[i] for i in range(3)]
+            q1, q2 = angle_about(first, middle, end), angle_about(second, third, middle)
+            left = _turned(second, -q2, _turned(first, -q1, end_aside))
+            angles = q1, q2, angle_about(third, aside, left)
+            around = zip(self._middle, angles, strict=True)
+            found.append([centre + remainder(angle - centre, 2.0 * pi) for centre, angle in around])
+        return found
+
+    def spin(self, angles: Array) -> Array:
+        """Axes (3, 3) of the joints at servo `angles` (3,) [rad], one a column, seen from the torso."""
+        first, second, third = self.axes
+        carried = turn(first, angles[0])
+        return np.column_stack([first, carried @ second, carried @ turn(second, angles[1]) @ third])
+
+    def generic(self, R_TU: Array, R_TM: Array) -> Array:
+        """Generic angles (3,) [rad] of the upper arm's rotation, on the mount `R_TM` (facts: R' = B^T R)."""
+        return shoulder_angles(R_TM.T @ R_TU, self.side)
+
+    def wanted(self, generic: Array, R_TM: Array) -> Array:
+        """`R_TU` (3, 3) of the upper arm at generic angles (3,) [rad] on the mount `R_TM`."""
+        rotation: Array = R_TM @ upper_arm_rotation(generic, self.side, axial=True)
+        return rotation
+
+    def generic_spin(self, generic: Array, R_TM: Array) -> Array:
+        """Axes (3, 3) of the generic joints at angles (3,) [rad], one a column, seen from the torso."""
+        s = side_sign(self.side)
+        pitch = turn(np.array([0.0, -1.0, 0.0]), float(generic[0]))
+        roll = pitch @ turn(np.array([s, 0.0, 0.0]), float(generic[1]))
+        columns = [np.array([0.0, -1.0, 0.0]), pitch[:, 0] * s, -s * roll[:, 2]]
+        spin: Array = R_TM @ np.column_stack(columns)
+        return spin
+
+
+def nearest_point(on_first: Array, on_second: Array, first: Array, second: Array) -> Array:
+    """The point (3,) of a line that is nearest to another; each by a point (3,) and a unit direction (3,)."""
+    apart, slant = on_second - on_first, float(first @ second)
+    along = (float(first @ apart) - slant * float(second @ apart)) / (1.0 - slant**2)
+    result: Array = on_first + along * first
+    return result
+
+
+@lru_cache(maxsize=64)
+def shoulder_of(robot: Robot, part: str) -> Shoulder:
+    """The shoulder of an arm by name; reading the model takes a while. Raises what Shoulder raises."""
+    return Shoulder(robot, robot.part(part))
+
+
+def turn(axis: Array, angle: float) -> Array:
+    """Rotation (3, 3) by `angle` [rad] about a unit `axis` (3,) (Rodrigues)."""
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    rotation: Array = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
+    return rotation
+
+
+def angle_about(axis: Vector, start: Vector, end: Vector) -> float:
+    """Angle [rad] about a unit `axis` (3,) from `start` to `end` (3,), both seen along the axis."""
+    level = _dot(start, end) - _dot(axis, start) * _dot(axis, end)
+    return atan2(_dot(axis, _cross(start, end)), level)
+
+
+def _turned(axis: Vector, angle: float, vector: Vector) -> Vector:
+    """A vector (3,) that is turned by `angle` [rad] about a unit `axis` (3,) (Rodrigues)."""
+    c, s = cos(angle), sin(angle)
+    along = _dot(axis, vector) * (1.0 - c)
+    x, y, z = _cross(axis, vector)
+    return (
+        c * vector[0] + s * x + along * axis[0],
+        c * vector[1] + s * y + along * axis[1],
+        c * vector[2] + s * z + along * axis[2],
+    )
+
+
+def _dot(a: Vector, b: Vector) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _cross(a: Vector, b: Vector) -> Vector:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def _fault(robot: Robot, part: GenericPart, what: str) -> DescriptionError:
+    return DescriptionError(
+        robot.source, [Fault(0, f"{part.name} has no shoulder of the generic arm: {what}")]
+    )

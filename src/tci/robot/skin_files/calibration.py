@@ -1,0 +1,74 @@
+"""What was measured about a robot's skin: rest, noise and response, in a file beside its description."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from tci.errors import DescriptionError, Fault, TciError
+from tci.robot.description import Words
+
+SUFFIX = ".skin.json"
+_LARGEST = 16 * 2**20
+
+
+class PatchCalibration(Words):
+    """One patch."""
+
+    rest: tuple[float, ...]
+    """Raw value of each taxel with nothing touching."""
+    noise: tuple[float, ...]
+    """Standard deviation [counts] of each taxel at rest."""
+    response: tuple[tuple[float, float], ...] = ()
+    """Counts away from rest and pressure [Pa], rising from 0, 0; empty: the description's response."""
+    report: dict[str, float | str]
+    """How good it is: loads, largest relative error, ..."""
+
+    def check(self, taxels: int) -> None:
+        """Raises TciError for another number of taxels, or a response that does not rise from 0, 0."""
+        if not len(self.rest) == len(self.noise) == taxels:
+            raise TciError(f"a calibration of {len(self.rest)} taxels for {taxels}")
+        pairs = list(zip(self.response, self.response[1:], strict=False))
+        rising = all(low[0] < high[0] and low[1] < high[1] for low, high in pairs)
+        if self.response and (len(self.response) < 2 or self.response[0] != (0.0, 0.0) or not rising):
+            raise TciError("a calibration's response must have two points or more that rise from 0, 0")
+
+
+class SkinCalibration(Words):
+    """A robot's skin."""
+
+    robot: str
+    """Its name."""
+    date: str
+    """When it was measured, ISO 8601."""
+    patches: dict[str, PatchCalibration]
+    """By name."""
+
+
+def calibration_path(description: Path) -> Path:
+    """Where the calibration of a robot lies: beside its description."""
+    return description.with_suffix(SUFFIX)
+
+
+def read_calibration(path: Path) -> SkinCalibration:
+    """The calibration in a file. Raises DescriptionError with every fault of it."""
+    try:
+        if path.stat().st_size > _LARGEST:
+            raise DescriptionError(str(path), [Fault(0, f"larger than {_LARGEST} bytes")])
+        return SkinCalibration.model_validate_json(path.read_bytes())
+    except OSError as error:
+        raise DescriptionError(str(path), [Fault(0, f"can't be read: {error.strerror}")]) from None
+    except ValidationError as error:
+        faults = [
+            Fault(0, f"{'.'.join(map(str, one['loc'])) or 'file'}: {one['msg']}") for one in error.errors()
+        ]
+        raise DescriptionError(str(path), faults) from None
+
+
+def write_calibration(path: Path, calibration: SkinCalibration) -> None:
+    """Write it. Raises TciError when that is not possible."""
+    try:
+        path.write_text(calibration.model_dump_json(indent=1) + "\n")
+    except OSError as error:
+        raise TciError(f"{path} can't be written: {error.strerror}") from None

@@ -1,0 +1,82 @@
+"""Skin calibration files of iCub and NAO: where each taxel of a skin is.
+
+A file has the words `name`, `spatial_sampling` and `taxel2Repr`, and then one row `x y z nx ny nz` [m]
+for each channel of the skin's port, in the order of the port. Tabs, spaces, blank lines and comments
+(`%`) may stand anywhere. The files of icub-main, robots-configuration and pyCub have quirks; what is
+read from each is in docs/skin-files.md.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.robot.skin_files.layout import SkinLayout, make_layout
+from tci.robot.skin_files.text import PER_MODULE, check_count, parse_lines, read_lines
+from tci.robot.xml.document import Faults
+
+MODULE_PITCH = 6.534e-3
+"""Distance [m] of neighbouring taxels on a triangular module, from pyCub's positions of iCub's skin."""
+PADS_OF_MODULE = (6, 10)
+"""Places on a module that are thermal pads, not taxels."""
+PLACEHOLDER = (1.0, 0.0, 0.0)
+"""The normal that CAD exports write where nobody measured one."""
+
+
+def read_skin_file(path: str | Path) -> SkinLayout:
+    """Read a skin calibration file.
+
+    Raises DescriptionError with all faults, each with its line: numbers that are none, not finite or
+    no metres, rows of other than six (or three) numbers, a count of rows that shows that some are
+    missing, unknown words, and a file that is not text or too large.
+    """
+    source = str(path)
+    faults = Faults(source)
+    lines = read_lines(Path(path))
+    text = parse_lines(lines, faults)
+    faults.check()
+    check_count(text, len(lines), faults)
+    faults.check()
+    rows = np.array(text.rows)
+    n = len(rows)
+    valid: NDArray[np.bool_] = np.any(rows[:, :3] != 0.0, axis=-1)
+    # The list may be shorter or longer than the rows are many. Silence means nothing.
+    listed = np.array((text.representative or [])[:n], dtype=np.intp)
+    representative = np.full(n, -1, dtype=np.intp)
+    representative[: len(listed)] = listed
+    lengths = np.linalg.norm(rows[:, 3:], axis=1)
+    placeholder = valid & (rows[:, 3:] == PLACEHOLDER).all(axis=1)
+    # One module that truly faces +x is no placeholder, a skin that does everywhere is.
+    some = 2 * placeholder.sum() > valid.sum()
+    return make_layout(
+        source,
+        rows[:, :3],
+        rows[:, 3:],
+        valid,
+        name=text.name,
+        estimated=(lengths < 1e-3) | (placeholder & some),
+        # Some files round positions to a millimetre or repeat them; the module's own lattice is exact.
+        areas=np.full(n, np.sqrt(0.75) * MODULE_PITCH**2),
+        pads=_pads(valid, listed),
+        modules=np.arange(n) // PER_MODULE,
+        representative=representative,
+        sampling=cast(Literal["taxel", "triangle"], text.sampling),
+    )
+
+
+def _pads(valid: NDArray[np.bool_], listed: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Which channels (n,) are thermal pads.
+
+    Newer files say -2. Older ones say -1 for a row that has a position, or nothing at all; then it is
+    the two places that pads have on a module, on each module with a position.
+    """
+    pads = np.zeros(len(valid), dtype=bool)
+    pads[: len(listed)] = (listed == -2) | ((listed == -1) & valid[: len(listed)])
+    on_pad = np.isin(np.arange(len(valid)) % PER_MODULE, PADS_OF_MODULE)
+    module = np.arange(len(valid)) // PER_MODULE
+    on_pad &= np.isin(module, module[valid])
+    silent = np.arange(len(valid)) >= (len(listed) if pads.any() else 0)
+    return pads | (on_pad & silent)

@@ -1,0 +1,29 @@
+"""Patches whose taxels stand in a file of any known format."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from tci.errors import DescriptionError, Fault
+from tci.frames import rotation_rpy, transform
+from tci.robot.description import Patch, Robot, Table
+from tci.robot.skin_files.layout import SkinLayout
+from tci.robot.skin_files.reader import read_layout
+
+
+def read_table(robot: Robot, patch: Patch, table: Table) -> SkinLayout:
+    """The skin of a patch, in the patch's link.
+
+    Raises DescriptionError with the faults of the file, and when its taxels have no normals or no area.
+    """
+    path = Path(robot.source).parent / table.file
+    layout = read_layout(path, form=table.format, sensor=table.sensor)
+    if not layout.normals[layout.taxels].any(axis=1).all():
+        message = f"patch {patch.name}: no normals, and too few places to estimate them; valid: nx, ny, nz"
+        raise DescriptionError(str(path), [Fault(0, message)])
+    if not layout.areas[layout.taxels].all():
+        message = f"patch {patch.name}: a taxel alone has no area that could be guessed; valid: a column area"
+        raise DescriptionError(str(path), [Fault(0, message)])
+    return layout.moved(transform(rotation_rpy(*table.rpy), np.array(table.xyz)))

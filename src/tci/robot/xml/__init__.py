@@ -1,0 +1,5 @@
+"""Robot descriptions in XML: the paper's Listing 2, and what it lacks (docs/robot-description.md)."""
+
+from tci.robot.xml.robot import read_robot, schema_path
+
+__all__ = ["read_robot", "schema_path"]

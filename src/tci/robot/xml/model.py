@@ -1,0 +1,153 @@
+"""`model`: where the kinematic model is, and whether it has the links and joints that a file names."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, distribution
+from pathlib import Path
+
+from lxml import etree
+
+from tci.errors import DescriptionError
+from tci.robot.description import Model
+from tci.robot.xml.document import Faults, parse, read_bytes
+from tci.robot.xml.node import Node, nearest
+
+MAX_MODEL_BYTES = 16 << 20
+"""Largest model file [bytes] whose names are checked."""
+
+_OPAQUE = ("include", "attach", "replicate")
+"""Elements of MJCF that bring names which the file itself does not show."""
+
+_ONE_AXIS = ("revolute", "continuous", "prismatic", "hinge", "slide")
+"""Joints that a servo can be, of a URDF and of MJCF."""
+
+
+@dataclass(frozen=True)
+class ModelNames:
+    """Names that a description may use."""
+
+    links: frozenset[str]
+    joints: frozenset[str]
+
+
+def read_model(root: Node, source: Path, faults: Faults) -> tuple[Model | None, str | None]:
+    """The model of the file `source`, and the package that it wants but that is missing."""
+    node = root.first("model")
+    if node is None or not node.ok:
+        return None, None
+    package, file = node.get("package"), node.get("file")
+    if "extra" in node.values and package is None:
+        faults.add(
+            node.line, "extra of <model> says which extra installs its package, but there is no package"
+        )
+    if package is None:
+        path = beside(node, source, "model", faults)
+    else:
+        try:
+            path = packaged(str(package), str(file))
+        except PackageNotFoundError:
+            return None, package
+        if path is None:
+            faults.add(
+                node.line, f"the package {package!r} has no file {file!r}; valid: the end of a file's path"
+            )
+    if path is None:
+        return None, None
+    model = Model(
+        format=node.get("format"), path=str(path), package=package, torso_link=node.get("torso_link"),
+        torso_rpy=node.get("torso_rpy", (0.0, 0.0, 0.0)), torso_xyz=node.get("torso_xyz", (0.0, 0.0, 0.0)),
+    )  # fmt: skip
+    names = _names(node, path, model.format, faults)
+    if names is not None:
+        _check_names(root, names, faults)
+    return model, None
+
+
+def beside(node: Node, source: Path, what: str, faults: Faults) -> Path | None:
+    """The file that `node` names, which lies beside the description `source` or below, links followed."""
+    file = node.get("file")
+    if file is None:
+        return None
+    folder = source.absolute().parent
+    try:
+        path: Path = (folder / file).resolve()
+        # Some installers link each file of a package to a store of their own.
+        homes = folder.resolve(), source.resolve().parent
+        if not path.is_file():
+            faults.add(node.line, f"{what} file {file!r} is not a file in {folder}")
+        elif not any(path.is_relative_to(home) for home in homes):
+            faults.add(node.line, f"{what} file {file!r} leads out of the folder of the description")
+        else:
+            return path
+    except OSError as error:
+        faults.add(node.line, f"{what} file {file!r} can't be reached: {error.strerror}")
+    return None
+
+
+def packaged(package: str, file: str) -> Path | None:
+    """A file that an installed package brought, by the end of its path; None when it has none.
+
+    Raises PackageNotFoundError.
+    """
+    steps = tuple(file.split("/"))
+    installed = distribution(package)
+    for entry in installed.files or ():
+        if entry.parts[-len(steps) :] == steps:
+            found = Path(str(installed.locate_file(entry))).resolve()
+            if found.is_file():
+                return found
+    # Some packagers (conda, Debian) don't list the files that they put below share/.
+    shared = Path(sys.prefix, "share", *steps)
+    return shared if shared.is_file() else None
+
+
+def _names(node: Node, path: Path, format: str, faults: Faults) -> ModelNames | None:
+    try:
+        root = parse(read_bytes(path, limit=MAX_MODEL_BYTES), str(path))
+    except DescriptionError as error:
+        for fault in error.faults:
+            faults.add(node.line, f"model file {path.name}: {fault}")
+        return None
+    top = {"urdf": "robot", "mjcf": "mujoco"}[format]
+    if root.tag != top:
+        faults.add(
+            node.line, f"model file {path.name} starts with <{root.tag}>; a {format} file with <{top}>"
+        )
+        return None
+    if any(True for _ in root.iter(*_OPAQUE)):
+        return None
+    links, joints = ("link", "joint") if format == "urdf" else ("worldbody//body", "worldbody//joint")
+    usual = {"urdf": "", "mjcf": "hinge"}[format]
+    moving = [joint for joint in root.iterfind(joints) if joint.get("type", usual) in _ONE_AXIS]
+    # The world is no link, whatever a URDF calls its root: nothing is seen from it.
+    return ModelNames(frozenset(_attribute(root.iterfind(links))) - {"world"}, frozenset(_attribute(moving)))
+
+
+def _attribute(elements: Iterable[etree._Element]) -> list[str]:
+    return [str(element.get("name")) for element in elements if element.get("name")]
+
+
+def _check_names(root: Node, names: ModelNames, faults: Faults) -> None:
+    """Every link, joint and frame that the description names is in the model."""
+
+    def check(node: Node | None, attribute: str, valid: frozenset[str], what: str) -> None:
+        name = None if node is None else node.get(attribute)
+        if node is not None and name is not None and name not in valid:
+            faults.add(node.line, f"the model has no {what} {name!r}{nearest(name, sorted(valid))}")
+
+    check(root.first("model"), "torso_link", names.links, "link")
+    for part in root.all("robot_part"):
+        for servo in part.all("servo"):
+            check(servo, "joint", names.joints, "moving joint")
+    for generic in root.all("generic_robot_part"):
+        for segment in generic.all("segment"):
+            check(segment, "link", names.links, "link")
+    skin = root.first("skin")
+    for patch in skin.all("patch") if skin is not None else ():
+        check(patch, "link", names.links, "link")
+        for modules in patch.all("triangular_modules"):
+            for module in modules.all("module"):
+                check(module, "frame", names.links, "link")

@@ -1,0 +1,151 @@
+"""Elements with their values read: what the grammar says of each is checked here, and only here."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from lxml import etree
+
+from tci.errors import meant
+from tci.robot.xml.document import Faults, shown
+from tci.robot.xml.grammar import UNIT, Element
+from tci.robot.xml.values import InvalidValueError, Unit, Value
+
+_XSI = "{http://www.w3.org/2001/XMLSchema-instance}"
+"""Attributes of this namespace tell an editor where the schema is."""
+_SPACE = " \t\r\n"
+"""White space of XML: pretty-printing puts it around the text of an element."""
+
+
+@dataclass
+class Node:
+    """One element. A value or a child that is wrong is left out here and noted as a fault."""
+
+    tag: str
+    line: int
+    unit: Unit
+    values: dict[str, Any] = field(default_factory=dict)
+    """Attributes by name, in SI units and radians."""
+    text: Any = None
+    """Value of the element's text."""
+    children: dict[str, list[Node]] = field(default_factory=dict)
+    ok: bool = True
+    """Whether this element and all below it are without fault, as far as the grammar goes."""
+
+    def all(self, tag: str) -> list[Node]:
+        """Its children of that name, in the order of the file."""
+        return self.children.get(tag, [])
+
+    def first(self, tag: str) -> Node | None:
+        """Its only child of that name."""
+        return next(iter(self.all(tag)), None)
+
+    def value(self, tag: str, default: Any = None) -> Any:
+        """The text value of its only child of that name."""
+        child = self.first(tag)
+        return default if child is None or child.text is None else child.text
+
+    def get(self, name: str, default: Any = None) -> Any:
+        """The value of an attribute."""
+        return self.values.get(name, default)
+
+
+def read_node(element: etree._Element, grammar: Element, unit: Unit, faults: Faults) -> Node:
+    """`element` and all below it, by `grammar`; angles without `type` are in `unit`."""
+    reader = _Reader(element, faults)
+    node = Node(str(element.tag), element.sourceline or 0, reader.unit(grammar, unit))
+    reader.attributes(node, grammar)
+    reader.text(node, grammar)
+    reader.children(node, grammar, unit)
+    node.ok = not reader.found and all(child.ok for group in node.children.values() for child in group)
+    return node
+
+
+def listed(names: Iterable[str], *, most: int = 40) -> str:
+    """Valid names as a message gives them."""
+    names = list(names)
+    more = f", and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more or "(none)"
+
+
+def nearest(name: str, valid: Iterable[str]) -> str:
+    """`; did you mean ...?; valid: ...`, for a name that does not exist."""
+    valid = list(valid)
+    return f"{meant(name, valid)}; valid: {listed(valid)}"
+
+
+class _Reader:
+    """Reads one element, and knows whether it found a fault there."""
+
+    def __init__(self, element: etree._Element, faults: Faults) -> None:
+        self.element = element
+        self.faults = faults
+        self.found = False
+
+    def fault(self, message: str, *, line: int | None = None) -> None:
+        self.found = True
+        self.faults.add(self.element.sourceline or 0 if line is None else line, message)
+
+    def value(self, value: Value, text: str, what: str, unit: Unit) -> Any:
+        """The value of `text`, or None and a fault."""
+        try:
+            return value.read(text, unit)
+        except InvalidValueError as error:
+            self.fault(f"{what} is {shown(text)}: {error}")
+            return None
+
+    def unit(self, grammar: Element, unit: Unit) -> Unit:
+        text = self.element.get("type")
+        if text is None or not grammar.angular:
+            return unit
+        return self.value(UNIT, text, f"type of <{self.element.tag}>", unit) or unit
+
+    def attributes(self, node: Node, grammar: Element) -> None:
+        valid: Mapping[str, Value] = grammar.values
+        for key, text in self.element.attrib.items():
+            name = str(key)
+            if name in valid:
+                value = self.value(valid[name], str(text), f"{name} of <{node.tag}>", node.unit)
+                if value is not None:
+                    node.values[name] = value
+            elif not (name == "type" and grammar.angular) and not name.startswith(_XSI):
+                names = [*valid, *(["type"] if grammar.angular else [])]
+                self.fault(f"unknown attribute {shown(name)} of <{node.tag}>{nearest(name, names)}")
+        for name in grammar.needs:
+            if name not in self.element.attrib:
+                self.fault(f"<{node.tag}> needs the attribute {name}")
+
+    def text(self, node: Node, grammar: Element) -> None:
+        pieces = [self.element.text, *(child.tail for child in self.element)]
+        text = "".join(piece for piece in pieces if piece).strip(_SPACE)
+        if grammar.text is not None:
+            node.text = self.value(grammar.text, text, f"<{node.tag}>", node.unit)
+        elif text:
+            self.fault(f"<{node.tag}> holds the text {shown(text)}, but only elements belong there")
+
+    def children(self, node: Node, grammar: Element, unit: Unit) -> None:
+        valid = grammar.children
+        lines: dict[str, int] = {}
+        for child in self.element:
+            if not isinstance(child.tag, str):
+                continue  # a comment or a processing instruction
+            line = child.sourceline or 0
+            if child.tag not in valid:
+                self.fault(
+                    f"unknown element <{child.tag[:60]}> in <{node.tag}>{nearest(child.tag, valid)}",
+                    line=line,
+                )
+                continue
+            if child.tag in lines and (child.tag in grammar.must or child.tag in grammar.once):
+                first = lines[child.tag]
+                self.fault(f"second <{child.tag}> in <{node.tag}>; the first is on line {first}", line=line)
+                continue
+            lines[child.tag] = line
+            node.children.setdefault(child.tag, []).append(
+                read_node(child, valid[child.tag], unit, self.faults)
+            )
+        for tag in [*grammar.must, *grammar.some]:
+            if tag not in lines:
+                self.fault(f"<{node.tag}> needs an element <{tag}>")

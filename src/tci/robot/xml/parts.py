@@ -1,0 +1,234 @@
+"""`generic_robot_part`: eqs 1-2 of the paper, with the segments and the mount of a limb."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+
+import numpy as np
+
+from tci.frames import rotation_rpy
+from tci.robot.description import GenericPart, GenericServo, Segment, Servo
+from tci.robot.generic_arm import JOINTS, SEGMENTS
+from tci.robot.xml.document import Faults
+from tci.robot.xml.grammar import KINDS, MAX_MOUNT
+from tci.robot.xml.initial import check_initial
+from tci.robot.xml.node import Node, listed
+from tci.robot.xml.servos import Servos, once_only
+from tci.robot.xml.transforms import check_coupled, check_retarget, read_table, read_terms
+from tci.robot.xml.values import in_unit
+
+_SLACK = 1e-9
+"""What conversion between units may add to an angle [rad]."""
+
+
+def read_parts(root: Node, servos: Servos, faults: Faults) -> tuple[GenericPart, ...]:
+    """The generic parts of a file."""
+    nodes = once_only(root.all("generic_robot_part"), "name", "generic_robot_part with", faults)
+    return tuple(_part(node, servos, faults) for node in nodes)
+
+
+def kind_of(name: str) -> str:
+    """What a part without `kind` is: `head` for `icub_head`, `other` where its name is not clear."""
+    found = set(_words(name)) & (set(KINDS) - {"other"})
+    return found.pop() if len(found) == 1 else "other"
+
+
+def side_of(name: str) -> str | None:
+    """Side of a part without `side`: `left` for `left_arm` and `LArm`, None where it is not clear."""
+    letters = {"l": "left", "left": "left", "r": "right", "right": "right"}
+    found = {letters[word] for word in _words(name) if word in letters}
+    return found.pop() if len(found) == 1 else None
+
+
+def _words(name: str) -> list[str]:
+    return [word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", name)]
+
+
+def _part(node: Node, servos: Servos, faults: Faults) -> GenericPart:
+    name = node.get("name", "?")
+    kind = node.get("kind") or kind_of(name)
+    side = node.get("side") or side_of(name)
+    if kind == "arm" and side is None:
+        faults.add(node.line, f'the arm {name!r} has no side; valid: side="left" or side="right"')
+    nodes = _by_id(node, name, faults)
+    joints = _names(node, name, kind, nodes, faults)
+    positions = _initial_positions(node, nodes, faults)
+    generic = [
+        _generic_servo(node, joints[id], servo, servos, positions.get(id), faults)
+        for id, servo in nodes.items()
+    ]
+    _check_targets(name, generic, nodes, servos, faults)
+    check_coupled(node, generic, faults)
+    check_retarget(node, kind, generic, faults)
+    check_initial(generic, nodes, positions, servos, faults)
+    mount = node.first("mount")
+    angles = (0.0, 0.0, 0.0) if mount is None else tuple(mount.get(a, 0.0) for a in ("roll", "pitch", "yaw"))
+    if mount is not None and mount.ok:
+        _check_mount(mount, angles, faults)
+    return GenericPart.model_validate(
+        {
+            "name": name, "kind": kind, "side": side, "servos": tuple(generic), "mount": angles,
+            "segments": _segments(node, kind, faults),
+        }
+    )  # fmt: skip
+
+
+def _by_id(node: Node, name: str, faults: Faults) -> dict[int, Node]:
+    """The generic servos by id, when the ids are 0, 1, ... without a gap."""
+    nodes = once_only(node.all("generic_servo"), "id", f"generic_servo of {name!r} with", faults)
+    count = node.value("generic_servo_number")
+    total = len(node.all("generic_servo"))
+    if count is not None and count != total:
+        line = node.all("generic_servo_number")[0].line
+        faults.add(line, f"generic_servo_number is {count}, but {name!r} has {total} generic_servo elements")
+    found = {child.get("id"): child for child in nodes if "id" in child.values}
+    missing = [id for id in range(len(found)) if id not in found]
+    if missing and len(found) == len(nodes):
+        faults.add(
+            node.line,
+            f"ids of generic servos count up from 0: {name!r} has {listed(map(str, sorted(found)))}, "
+            f"and lacks {listed(map(str, missing))}",
+        )
+    return dict(sorted(found.items()))
+
+
+def _names(node: Node, name: str, kind: str, nodes: Mapping[int, Node], faults: Faults) -> dict[int, str]:
+    """Name of each generic servo; an arm's are those of the generic arm."""
+    once_only(
+        [child for child in nodes.values() if "name" in child.values],
+        "name",
+        f"generic_servo of {name!r} with",
+        faults,
+    )
+    if kind != "arm":
+        return {id: child.get("name", f"joint{id}") for id, child in nodes.items()}
+    if len(node.all("generic_servo")) != len(JOINTS):
+        faults.add(
+            node.line,
+            f"an arm has {len(JOINTS)} generic servos ({', '.join(JOINTS)}), {name!r} has "
+            f"{len(node.all('generic_servo'))}; one that the robot lacks has the destination_servo_id none, "
+            'those in excess stay out, and what is no generic arm is kind="other"',
+        )
+        return {id: child.get("name", f"joint{id}") for id, child in nodes.items()}
+    for id, child in nodes.items():
+        if id < len(JOINTS) and child.get("name", JOINTS[id]) != JOINTS[id]:
+            faults.add(
+                child.line, f"generic servo {id} of an arm is {JOINTS[id]!r}, not {child.get('name')!r}"
+            )
+    return {id: JOINTS[id] if id < len(JOINTS) else f"joint{id}" for id in nodes}
+
+
+def _initial_positions(node: Node, nodes: Mapping[int, Node], faults: Faults) -> dict[int, Node]:
+    """The `servo` elements of `initial_positions` by generic id: the paper counts generic servos there."""
+    group = node.first("initial_positions")
+    if group is None:
+        return {}
+    name = node.get("name", "?")
+    servos = once_only(
+        group.all("servo"), "destination_servo_id", f"initial position of {name!r} with", faults
+    )
+    found = {
+        servo.get("destination_servo_id"): servo for servo in servos if "destination_servo_id" in servo.values
+    }
+    valid = [id for id, child in nodes.items() if child.value("destination_servo_id") != "none"]
+    for id, servo in found.items():
+        if id not in nodes:
+            faults.add(
+                servo.line,
+                f"initial position of generic servo {id}, which {name!r} does not have; valid: "
+                f"{listed(map(str, valid))} (generic ids, not the robot's)",
+            )
+        elif id not in valid:
+            faults.add(
+                servo.line,
+                f"initial position of generic servo {id}, which the robot lacks: use fixed_position",
+            )
+    if left_out := [id for id in valid if id not in found]:
+        faults.add(
+            group.line, f"initial_positions of {name!r} leaves out generic servo {listed(map(str, left_out))}"
+        )
+    return found
+
+
+def _generic_servo(
+    part: Node, joint: str, node: Node, servos: Servos, position: Node | None, faults: Faults
+) -> GenericServo:
+    id = node.get("id")
+    target = node.first("destination_servo_id")
+    servo: Servo | None = None
+    if target is not None and isinstance(target.text, int):
+        robot_part = target.get("robot_part") or part.get("robot_part") or part.get("name", "?")
+        servo = servos.find(robot_part, target.text, target.line, faults)
+    lacking = target is not None and target.text == "none"
+    fixed = node.first("fixed_position")
+    if lacking and fixed is None:
+        faults.add(node.line, f"generic servo {id} has no servo: it needs a fixed_position")
+    if fixed is not None and target is not None and not lacking:
+        faults.add(fixed.line, f"generic servo {id} has a servo: fixed_position is for one with none")
+    kind = node.value("transform_type", "linear")
+    return GenericServo(
+        id=id,
+        transform=kind,
+        table=read_table(node, kind, faults),
+        terms=read_terms(part, node, kind, servos, faults),
+        name=joint,
+        servo=None if servo is None else servo.index,
+        scale=node.value("transform_factor", 1.0),
+        offset=node.value("transform_displacement", 0.0),
+        fixed=node.value("fixed_position", 0.0),
+        stiffness=node.value("stiffness", 1.0),
+        damping=node.value("damping", 0.0),
+        speed=node.value("speed"),
+        initial=node.value("fixed_position", 0.0)
+        if lacking
+        else 0.0
+        if position is None
+        else position.get("pos", 0.0),
+    )
+
+
+def _check_targets(
+    name: str, generic: list[GenericServo], nodes: Mapping[int, Node], servos: Servos, faults: Faults
+) -> None:
+    first: dict[int, int] = {}
+    for servo in generic:
+        if servo.servo is None:
+            continue
+        if servo.servo in first:
+            target = servos.all[servo.servo]
+            faults.add(
+                nodes[servo.id].line,
+                f"generic servos {first[servo.servo]} and {servo.id} of {name!r} both lead to servo "
+                f"{target.id} {target.name!r}; a servo follows one of them",
+            )
+        first.setdefault(servo.servo, servo.id)
+
+
+def _check_mount(node: Node, angles: tuple[float, ...], faults: Faults) -> None:
+    turn = math.acos(min(1.0, max(-1.0, (float(np.trace(rotation_rpy(*angles))) - 1.0) / 2.0)))
+    if turn > MAX_MOUNT + _SLACK:
+        faults.add(
+            node.line,
+            f"the mount turns by {in_unit(turn, node.unit)}, valid: at most {in_unit(MAX_MOUNT, node.unit)}; "
+            "another kind of shoulder needs the transform_type retarget",
+        )
+
+
+def _segments(node: Node, kind: str, faults: Faults) -> tuple[Segment, ...]:
+    segments = []
+    what = f"segment of {node.get('name', '?')!r} with"
+    for child in once_only(node.all("segment"), "name", what, faults):
+        if kind == "arm" and child.get("name", SEGMENTS[0]) not in SEGMENTS:
+            faults.add(
+                child.line, f"no segment of an arm is named {child.get('name')!r}; valid: {listed(SEGMENTS)}"
+            )
+        elif child.ok:
+            segments.append(
+                Segment(
+                    name=child.get("name"), link=child.get("link"),
+                    origin=child.get("origin", (0.0, 0.0, 0.0)), length=child.get("length"),
+                )
+            )  # fmt: skip
+    return tuple(segments)

@@ -1,0 +1,108 @@
+"""Robot descriptions in XML: the paper's Listing 2, and what it lacks (docs/robot-description.md)."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+
+from tci.errors import MissingExtraError
+from tci.installed import advice
+from tci.robot.description import Address, Binding, Robot
+from tci.robot.xml.document import Faults, parse, read_bytes, refuse, shown
+from tci.robot.xml.grammar import GENERIC_ROBOT, ROOT
+from tci.robot.xml.initial import check_retargeted, initial_angles
+from tci.robot.xml.model import read_model
+from tci.robot.xml.node import Node, nearest, read_node
+from tci.robot.xml.parts import read_parts
+from tci.robot.xml.servos import Servos, once_only, read_couplings, read_servos
+from tci.robot.xml.skin import read_skin
+
+
+def read_robot(path: str | os.PathLike[str]) -> Robot:
+    """The robot that the description at `path` tells of, in SI units and radians.
+
+    Raises DescriptionError with every fault of the file, each with its line and what would be
+    valid, or when a retargeted shoulder does not fit the kinematic model; MissingExtraError when the
+    file is right but that model comes from a package that is not installed.
+    """
+    file = Path(path)
+    data = read_bytes(file)
+    element = parse(data, str(file))
+    if element.tag != ROOT:
+        tag = shown(str(element.tag))
+        raise refuse(str(file), element.sourceline or 1, f"the root element is {tag}; valid: <{ROOT}>")
+    faults = Faults(str(file))
+    # Without a unit the file is refused; its angles are still looked at, as if in degrees.
+    unit = element.get("angle_unit")
+    root = read_node(element, GENERIC_ROBOT, "rad" if unit == "rad" else "deg", faults)
+    servos = read_servos(root, faults)
+    parts = read_parts(root, servos, faults)
+    couplings = read_couplings(root, servos, initial_angles(parts), faults)
+    model, missing = read_model(root, file, faults)
+    patches = read_skin(root, file, faults)
+    bindings = _bindings(root, _addressable(root, servos), faults)
+    faults.check()
+    name = root.get("name") or file.stem
+    if missing is not None:
+        node = root.first("model")
+        extra = node.get("extra") if node is not None else None
+        if extra is None:
+            line = node.line if node is not None else 0
+            raise refuse(
+                str(file),
+                line,
+                f"the package {missing!r} is not installed; install it with: pip install {missing}",
+            )
+        raise MissingExtraError(f"the kinematic model of {name}", missing, advice(extra))
+    robot = Robot(
+        name=name, title=root.get("title", ""), source=str(file.absolute()),
+        digest=hashlib.sha256(data).hexdigest(), model=model, servos=tuple(servos.all),
+        couplings=couplings, parts=parts, patches=patches, bindings=bindings,
+    )  # fmt: skip
+    check_retargeted(root, robot, faults)
+    faults.check()
+    return robot
+
+
+def schema_path() -> Path:
+    """The XSD schema of the dialect, for an editor. `read_robot` checks more than it can say."""
+    return Path(__file__).with_name("robot.xsd")
+
+
+def _addressable(root: Node, servos: Servos) -> set[str]:
+    """What a binding can have an address for; patches too that have faults of their own."""
+    skin = root.first("skin")
+    patches = skin.all("patch") if skin is not None else []
+    names = {name for servo in servos.all for name in (servo.name, servo.robot_part)}
+    return names | {patch.get("name") for patch in patches if patch.get("name")}
+
+
+def _bindings(root: Node, known: set[str], faults: Faults) -> tuple[Binding, ...]:
+    bindings = []
+    for node in once_only(root.all("binding"), "middleware", "binding with", faults):
+        if not node.ok:
+            continue
+        rate, stale_after = node.get("rate"), node.get("stale_after")
+        if stale_after * rate < 1.0:
+            faults.add(
+                node.line,
+                f"stale_after {stale_after:g} s is shorter than the {1.0 / rate:g} s between two commands: "
+                "all data would be too old",
+            )
+        addresses = []
+        for place in once_only(node.all("address"), "of", "address of", faults):
+            if place.get("of") not in known:
+                name = place.get("of")
+                faults.add(
+                    place.line, f"no patch, robot part or servo {name!r}{nearest(name, sorted(known))}"
+                )
+                continue
+            addresses.append(Address(of=place.get("of"), to=place.get("to")))
+        bindings.append(
+            Binding(
+                middleware=node.get("middleware"), rate=rate, stale_after=stale_after,
+                addresses=tuple(addresses),
+            )
+        )  # fmt: skip
+    return tuple(bindings)

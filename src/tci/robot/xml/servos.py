@@ -1,0 +1,222 @@
+"""`robot_part`, `servo` and `coupling`: the robot in its own terms."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from tci.messages import Mode
+from tci.robot.description import Coupling, Limits, Servo
+from tci.robot.xml.document import Faults
+from tci.robot.xml.node import Node, listed, nearest
+from tci.robot.xml.values import in_unit
+
+Key = tuple[str, int]
+"""Robot part and id: what a file calls a servo by."""
+
+_RADIANS_LIKE = math.radians(2.0 * math.pi)
+"""2 pi degrees, in radians: limits in degrees that are all smaller were written in radians."""
+
+
+class Servos:
+    """The servos of a robot, and the lines on which they stand."""
+
+    def __init__(self, declared: bool) -> None:
+        self.declared = declared
+        """False for a file without `robot_part`: its servos are those that its parts mention."""
+        self.all: list[Servo] = []
+        self.line: dict[int, int] = {}
+        """Line of each servo, by its index."""
+        self._index: dict[Key, int] = {}
+
+    def add(self, line: int, robot_part: str, id: int, **fields: Any) -> None:
+        """Give the servo the next index."""
+        index = len(self.all)
+        self._index[robot_part, id] = index
+        self.line[index] = line
+        self.all.append(Servo(index=index, robot_part=robot_part, id=id, **fields))
+
+    @property
+    def robot_parts(self) -> tuple[str, ...]:
+        """Names of the robot's own parts."""
+        return tuple(dict.fromkeys(part for part, _ in self._index))
+
+    def find(self, robot_part: str, id: int, line: int, faults: Faults) -> Servo | None:
+        """The servo of that part and id; None and a fault on `line` when there is none."""
+        if (robot_part, id) in self._index:
+            return self.all[self._index[robot_part, id]]
+        if robot_part not in self.robot_parts:
+            faults.add(line, f"no robot_part named {robot_part!r}{nearest(robot_part, self.robot_parts)}")
+        else:
+            valid = listed(f"{s.id} {s.name}" for s in self.all if s.robot_part == robot_part)
+            faults.add(line, f"robot_part {robot_part!r} has no servo {id}; valid: {valid}")
+        return None
+
+
+def once_only(nodes: Iterable[Node], key: str, what: str, faults: Faults) -> list[Node]:
+    """The nodes without those whose attribute `key` an earlier one has; each of those is a fault."""
+    first: dict[Any, Node] = {}
+    kept = []
+    for node in nodes:
+        value = node.get(key)
+        if value is not None and value in first:
+            faults.add(node.line, f"second {what} {key} {value!r}; the first is on line {first[value].line}")
+            continue
+        first[value] = node
+        kept.append(node)
+    return kept
+
+
+def read_servos(root: Node, faults: Faults) -> Servos:
+    """All servos of a file; those of one robot part in the order of their ids."""
+    servos = Servos(declared=bool(root.all("robot_part")))
+    if not servos.declared:
+        _mentioned(root, servos)
+        return servos
+    nodes: list[tuple[str, Node]] = []
+    modes = {}
+    for part in once_only(root.all("robot_part"), "name", "robot_part with", faults):
+        name = part.get("name", "?")
+        modes[name] = tuple(Mode(word) for word in part.get("modes", (Mode.POSITION.value,)))
+        what = f"servo of robot_part {name!r} with"
+        of_part = once_only(part.all("servo"), "id", what, faults)
+        once_only(of_part, "name", what, faults)
+        nodes += [(name, node) for node in sorted(of_part, key=lambda node: node.get("id", -1))]
+    once_only([node for _, node in nodes if "joint" in node.values], "joint", "servo with", faults)
+    for name, node in nodes:
+        if "id" in node.values:
+            servos.add(
+                node.line, name, node.get("id"),
+                name=node.get("name", "?"), joint=node.get("joint"), limits=_limits(node, faults),
+                modes=modes[name],
+            )  # fmt: skip
+    _check_unit(root, servos, faults)
+    return servos
+
+
+def read_couplings(
+    root: Node, servos: Servos, initial: Mapping[int, float], faults: Faults
+) -> tuple[Coupling, ...]:
+    """The couplings of a file. `initial` is the initial angle [rad] of servos by index,
+    where it is known."""
+    couplings = []
+    for node in once_only(root.all("coupling"), "name", "coupling with", faults):
+        name = node.get("name", "?")
+        found: dict[int, float] = {}
+        for term in node.all("term"):
+            if "robot_part" not in term.values or "servo" not in term.values:
+                continue
+            servo = servos.find(term.get("robot_part"), term.get("servo"), term.line, faults)
+            if servo is not None and servo.index in found:
+                faults.add(term.line, f"coupling {name!r} names servo {servo.name!r} twice")
+            elif servo is not None:
+                found[servo.index] = term.get("coefficient", 1.0)
+        if not node.ok or len(found) != len(node.all("term")):
+            continue
+        coupling = Coupling(
+            name=name, servos=tuple(found), coefficients=tuple(found.values()),
+            lower=node.get("min"), upper=node.get("max"),
+        )  # fmt: skip
+        _check_coupling(node, coupling, servos, initial, faults)
+        couplings.append(coupling)
+    return tuple(couplings)
+
+
+def _mentioned(root: Node, servos: Servos) -> None:
+    """Bare servos: those that the generic parts of a file like Listing 2 are mapped to."""
+    mentioned: dict[Key, int] = {}
+    for part in root.all("generic_robot_part"):
+        for node in part.all("generic_servo"):
+            target = node.first("destination_servo_id")
+            if target is not None and isinstance(target.text, int):
+                robot_part = target.get("robot_part") or part.get("robot_part") or part.get("name", "?")
+                mentioned.setdefault((robot_part, target.text), target.line)
+    parts = list(dict.fromkeys(part for part, _ in mentioned))
+    for robot_part, id in sorted(mentioned, key=lambda key: (parts.index(key[0]), key[1])):
+        servos.add(mentioned[robot_part, id], robot_part, id, name=f"servo{id}")
+
+
+def _limits(node: Node, faults: Faults) -> Limits:
+    figures: dict[str, float] = {}
+    ours: list[str] = []
+    position = node.first("position")
+    if position is not None and position.ok:
+        lower, upper = position.get("min"), position.get("max")
+        if check_range(position, f"position of servo {node.get('name', '?')!r}", faults):
+            figures.update(lower=lower, upper=upper)
+            ours += ["lower", "upper"] if position.get("origin") == "ours" else []
+    for name in ("velocity", "acceleration", "jerk", "torque"):
+        limit = node.first(name)
+        if limit is not None and limit.ok:
+            figures[name] = limit.get("max")
+            ours += [name] if limit.get("origin") == "ours" else []
+    return Limits(**figures, ours=tuple(ours))
+
+
+def check_range(node: Node, what: str, faults: Faults) -> bool:
+    """Whether the node's angles min and max are in order. They are never swapped."""
+    lower, upper = node.get("min"), node.get("max")
+    if lower < upper:
+        return True
+    lower, upper = in_unit(lower, node.unit), in_unit(upper, node.unit)
+    faults.add(node.line, f"{what}: min {lower} must be below max {upper}; they are not swapped for you")
+    return False
+
+
+def _check_unit(root: Node, servos: Servos, faults: Faults) -> None:
+    """Limits in radians under angle_unit="deg" would let a robot move by a few degrees only."""
+    ranges = [
+        (node.first("position"), servos.line) for part in root.all("robot_part") for node in part.all("servo")
+    ]
+    positions = [position for position, _ in ranges if position is not None and position.ok]
+    if len(positions) >= 3 and all(
+        position.unit == "deg" and max(-position.get("min"), position.get("max")) <= _RADIANS_LIKE
+        for position in positions
+    ):
+        faults.add(
+            root.line,
+            "every position limit in this file is below 6.3 deg: they look like radians; "
+            'valid: angle_unit="rad", or type="rad" where an element is in radians',
+        )
+
+
+def _check_coupling(
+    node: Node, coupling: Coupling, servos: Servos, initial: Mapping[int, float], faults: Faults
+) -> None:
+    if not check_range(node, f"coupling {coupling.name!r}", faults):
+        return
+    bounds = f"{in_unit(coupling.lower, node.unit)} to {in_unit(coupling.upper, node.unit)}"
+    terms = list(zip(coupling.servos, coupling.coefficients, strict=True))
+    reach = [0.0, 0.0]
+    for index, coefficient in terms:
+        limits = servos.all[index].limits
+        if limits.lower is None or limits.upper is None:
+            break
+        ends = sorted((coefficient * limits.lower, coefficient * limits.upper))
+        reach = [reach[0] + ends[0], reach[1] + ends[1]]
+    else:
+        if reach[0] > coupling.upper or reach[1] < coupling.lower:
+            span = f"{in_unit(reach[0], node.unit)} to {in_unit(reach[1], node.unit)}"
+            faults.add(
+                node.line,
+                f"coupling {coupling.name!r} can never hold: the limits of its servos give {span}, "
+                f"it asks for {bounds}",
+            )
+            return
+    if all(index in initial for index in coupling.servos):
+        check_initial_sum(node, coupling, initial, 1e-9, faults)
+
+
+def check_initial_sum(
+    node: Node, coupling: Coupling, initial: Mapping[int, float], slack: float, faults: Faults
+) -> None:
+    """A coupling holds in the `initial` posture [rad], by servo, but for `slack` [rad]."""
+    total = sum(c * initial[index] for index, c in zip(coupling.servos, coupling.coefficients, strict=True))
+    if not coupling.lower - slack <= total <= coupling.upper + slack:
+        faults.add(
+            node.line,
+            f"the initial positions break coupling {coupling.name!r}: their sum is "
+            f"{in_unit(total, node.unit)}, valid: {in_unit(coupling.lower, node.unit)} to "
+            f"{in_unit(coupling.upper, node.unit)}",
+        )

@@ -1,0 +1,161 @@
+"""`skin`: patches, their sensors, and the three ways to say where taxels are (eqs 3-4)."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from tci.robot.description import Patch, Sensor, Table, TriangularModules, TruncatedCone
+from tci.robot.xml.document import Faults
+from tci.robot.xml.model import beside
+from tci.robot.xml.node import Node, listed, nearest
+from tci.robot.xml.servos import once_only
+
+SURFACES = ("truncated_cone", "triangular_modules", "table")
+PER_MODULE = 12
+"""Channels of a triangular module: ten taxels and two thermal pads."""
+
+
+def read_skin(root: Node, source: Path, faults: Faults) -> tuple[Patch, ...]:
+    """The skin patches of the file `source`."""
+    skin = root.first("skin")
+    if skin is None:
+        return ()
+    segments = {
+        part.get("name", "?"): [segment.get("name", "?") for segment in part.all("segment")]
+        for part in root.all("generic_robot_part")
+    }
+    patches = []
+    for node in once_only(skin.all("patch"), "name", "patch with", faults):
+        _check_place(node, segments, faults)
+        sensor = _sensor(node, faults)
+        surface = _surface(node, source, _places(node), faults)
+        if node.ok and sensor is not None and surface is not None:
+            patches.append(
+                Patch(
+                    name=node.get("name"), part=node.get("part"), segment=node.get("segment", ""),
+                    link=node.get("link"), rate=node.get("rate"), channels=node.get("channels"),
+                    sensor=sensor, surface=surface, rigid=node.get("rigid", "false") == "true",
+                )
+            )  # fmt: skip
+    return tuple(patches)
+
+
+def _check_place(node: Node, segments: dict[str, list[str]], faults: Faults) -> None:
+    part, segment = node.get("part"), node.get("segment")
+    if part is not None and part not in segments:
+        faults.add(node.line, f"no generic_robot_part named {part!r}{nearest(part, segments)}")
+    elif part is not None and segment is not None and segment not in segments[part]:
+        faults.add(node.line, f"{part!r} has no segment {segment!r}{nearest(segment, segments[part])}")
+
+
+def _sensor(patch: Node, faults: Faults) -> Sensor | None:
+    node = patch.first("sensor")
+    if node is None or not node.ok:
+        return None
+    rest, slope, lowest, highest = (node.get(key) for key in ("rest", "pascal_per_count", "min", "max"))
+    if lowest >= highest:
+        faults.add(node.line, f"sensor: min {lowest:g} must be below max {highest:g}")
+    elif not lowest <= rest <= highest:
+        faults.add(node.line, f"sensor: rest {rest:g} is outside min {lowest:g} to max {highest:g}")
+    elif slope == 0.0 or (rest == lowest and slope < 0.0) or (rest == highest and slope > 0.0):
+        faults.add(
+            node.line,
+            f"sensor: with pascal_per_count {slope:g} and rest {rest:g} no raw value from {lowest:g} to "
+            f"{highest:g} is a pressure above 0",
+        )
+    return Sensor(
+        rest=rest, pascal_per_count=slope, lowest=lowest, highest=highest,
+        noise=node.get("noise", 0.0), response=_response(node, faults),
+        axes=_axes(node, faults), shear=node.get("shear_pascal_per_count"),
+    )  # fmt: skip
+
+
+def _axes(sensor: Node, faults: Faults) -> Literal[1, 3]:
+    axes = sensor.get("axes", 1)
+    if axes == 2 or (axes == 1 and sensor.get("shear_pascal_per_count") is not None):
+        faults.add(sensor.line, f"sensor: axes {axes}; valid: 1, or 3 with or without shear_pascal_per_count")
+    return 3 if axes == 3 else 1
+
+
+def _response(sensor: Node, faults: Faults) -> tuple[tuple[float, float], ...]:
+    """The points of a response curve: counts away from rest, and pressure [Pa]."""
+    node = sensor.first("response")
+    if node is None:
+        return ()
+    points = [(point.get("counts"), point.get("pressure")) for point in node.all("point") if point.ok]
+    steps = np.diff(points, axis=0) if len(points) > 1 else np.zeros((0, 2))
+    if len(points) < 2 or points[0] != (0.0, 0.0) or not np.all(steps > 0.0):
+        faults.add(node.line, "response: valid are 2 points or more, from 0 counts and 0 Pa, both rising")
+        return ()
+    return tuple(points)
+
+
+def _places(patch: Node) -> int | None:
+    """Channels of the skin: values of a frame by axes of the sensor."""
+    channels, sensor = patch.get("channels"), patch.first("sensor")
+    axes = 1 if sensor is None else sensor.get("axes", 1)
+    return None if channels is None or axes is None else channels // axes
+
+
+def _surface(
+    patch: Node, source: Path, channels: int | None, faults: Faults
+) -> TruncatedCone | TriangularModules | Table | None:
+    found = [tag for tag in SURFACES if patch.all(tag)]
+    if len(found) != 1:
+        what = " and ".join(f"<{tag}>" for tag in found) or "no surface"
+        faults.add(
+            patch.line, f"patch {patch.get('name', '?')!r} has {what}; valid: one of {listed(SURFACES)}"
+        )
+        return None
+    node = patch.all(found[0])[0]
+    if found[0] == "truncated_cone":
+        return _cone(node, channels, faults)
+    if found[0] == "triangular_modules":
+        return _modules(node, channels, faults)
+    path = beside(node, source, "table", faults)
+    if path is None or not node.ok:
+        return None
+    nowhere = (0.0, 0.0, 0.0)
+    return Table(
+        file=str(path), format=node.get("format", "rows"), sensor=node.get("sensor"),
+        xyz=node.get("xyz", nowhere), rpy=node.get("rpy", nowhere),
+    )  # fmt: skip
+
+
+def _cone(node: Node, channels: int | None, faults: Faults) -> TruncatedCone | None:
+    rings, per_ring = node.get("rings"), node.get("per_ring")
+    if None not in (rings, per_ring, channels) and rings * per_ring != channels:
+        faults.add(
+            node.line,
+            f"{rings} rings of {per_ring} are {rings * per_ring} taxels, the patch has {channels} channels",
+        )
+    if not node.ok:
+        return None
+    return TruncatedCone(
+        origin=node.get("origin", (0.0, 0.0, 0.0)), rpy=node.get("rpy", (0.0, 0.0, 0.0)),
+        length=node.get("length"), r1=node.get("r1"), r2=node.get("r2"), rings=rings, per_ring=per_ring,
+    )  # fmt: skip
+
+
+def _modules(node: Node, channels: int | None, faults: Faults) -> TriangularModules | None:
+    modules = once_only(node.all("module"), "port", "module with", faults)
+    once_only(modules, "frame", "module with", faults)
+    for module in modules:
+        port = module.get("port")
+        if port is not None and channels is not None and PER_MODULE * (port + 1) > channels:
+            valid = f"0 to {channels // PER_MODULE - 1}" if channels >= PER_MODULE else "none"
+            faults.add(
+                module.line,
+                f"port {port} takes channels {PER_MODULE * port} to {PER_MODULE * port + PER_MODULE - 1}, "
+                f"but the patch has {channels}; valid ports: {valid}",
+            )
+    if not node.ok:
+        return None
+    return TriangularModules(
+        frames=tuple(module.get("frame") for module in modules),
+        ports=tuple(module.get("port") for module in modules),
+        turns=tuple(module.get("turn", 0.0) for module in modules),
+    )

@@ -1,0 +1,129 @@
+"""Transforms of generic servos beside the linear one: tables, couplings, retargeted shoulders."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tci.robot.description import GenericServo, Term
+from tci.robot.xml.document import Faults
+from tci.robot.xml.node import Node, listed
+from tci.robot.xml.servos import Servos
+
+STEEPEST = 1e3
+"""Largest slope, and inverse of the smallest, between neighbouring points of a table: as for gamma. Ours."""
+WORST = 1e4
+"""Largest condition number of a coupling's matrix. Ours."""
+SHOULDER = (0, 1, 2)
+"""Generic ids of an arm that are retargeted together."""
+
+
+def read_table(node: Node, kind: str, faults: Faults) -> tuple[tuple[float, float], ...]:
+    """Pairs of robot's and generic angle [rad] of a generic servo, in the order of the robot's."""
+    table = node.first("transform_table")
+    if kind != "table":
+        if table is not None:
+            faults.add(table.line, f"transform_table is for the transform_type table, not {kind}")
+        return ()
+    if table is None:
+        faults.add(node.line, "the transform_type table needs a transform_table")
+        return ()
+    _no_factors(node, kind, faults)
+    points = [point for point in table.all("point") if point.ok and len(point.values) >= 2]
+    pairs = tuple((point.get("robot"), point.get("generic")) for point in points)
+    if len(pairs) < 2:
+        faults.add(table.line, f"a transform_table of {len(pairs)} points; valid: at least 2")
+        return ()
+    robot, generic = np.diff(pairs, axis=0).T
+    for point, run, rise in zip(points[1:], robot, generic, strict=True):
+        if run <= 0.0:
+            faults.add(point.line, "the robot's angles of a transform_table must rise from point to point")
+        elif rise * generic[0] <= 0.0 or not 1.0 / STEEPEST <= abs(rise / run) <= STEEPEST:
+            faults.add(
+                point.line,
+                "the generic angles of a transform_table must all rise or all fall, "
+                f"with a slope of {1.0 / STEEPEST:g} to {STEEPEST:g}",
+            )
+        else:
+            continue
+        return ()
+    return pairs
+
+
+def read_terms(part: Node, node: Node, kind: str, servos: Servos, faults: Faults) -> tuple[Term, ...]:
+    """The servos that make up a coupled generic servo."""
+    children = node.all("coupled_term")
+    if kind != "coupled":
+        if children:
+            faults.add(children[0].line, f"coupled_term is for the transform_type coupled, not {kind}")
+        return ()
+    if not children:
+        faults.add(node.line, "the transform_type coupled needs at least one coupled_term")
+    if factor := node.first("transform_factor"):
+        faults.add(factor.line, "a coupled generic servo has factors in its coupled_term elements only")
+    terms: dict[int, Term] = {}
+    for child in children:
+        if not child.ok or "destination_servo_id" not in child.values:
+            continue
+        robot_part = child.get("robot_part") or part.get("robot_part") or part.get("name", "?")
+        servo = servos.find(robot_part, child.get("destination_servo_id"), child.line, faults)
+        if servo is not None and servo.index in terms:
+            faults.add(child.line, f"servo {servo.id} {servo.name!r} has a coupled_term here already")
+        elif servo is not None:
+            terms[servo.index] = Term(servo=servo.index, factor=child.get("factor"))
+    return tuple(terms.values())
+
+
+def check_coupled(node: Node, generic: Sequence[GenericServo], faults: Faults) -> None:
+    """A part's coupled joints are made of their own servos, and can be told apart."""
+    coupled = [joint for joint in generic if joint.transform == "coupled" and joint.servo is not None]
+    own = [joint.servo for joint in coupled]
+    for joint in coupled:
+        if any(term.servo not in own for term in joint.terms):
+            faults.add(
+                node.line,
+                f"generic servo {joint.id} is coupled with a servo that is no coupled joint's "
+                "destination_servo_id in this part",
+            )
+            return
+    if coupled and not separable(coupled):
+        ids = listed(str(joint.id) for joint in coupled)
+        faults.add(node.line, f"the coupled generic servos {ids} can't be told apart: singular matrix")
+
+
+def separable(coupled: Sequence[GenericServo]) -> bool:
+    """Whether a part's coupled joints, at least one, are made of their own servos only and their matrix can
+    be inverted."""
+    own = [joint.servo for joint in coupled]
+    if any(term.servo not in own for joint in coupled for term in joint.terms):
+        return False
+    matrix = np.zeros((len(own), len(own)))
+    for row, joint in enumerate(coupled):
+        for term in joint.terms:
+            matrix[row, own.index(term.servo)] = term.factor
+    return bool(np.linalg.cond(matrix) <= WORST)
+
+
+def check_retarget(node: Node, kind: str, generic: Sequence[GenericServo], faults: Faults) -> None:
+    """Retargeting is for the whole shoulder of an arm whose geometry is known."""
+    ids = tuple(joint.id for joint in generic if joint.transform == "retarget")
+    if not ids:
+        return
+    if kind != "arm" or ids != SHOULDER or any(joint.servo is None for joint in generic[:4]):
+        faults.add(
+            node.line,
+            f"retarget on generic servos {listed(map(str, ids))} of a {kind}; valid: 0, 1 and 2 of an arm "
+            "that has servos for these and its elbow",
+        )
+    if {segment.get("name") for segment in node.all("segment")} < {"upper_arm", "forearm"}:
+        faults.add(node.line, "a retargeted arm needs the segments upper_arm and forearm")
+    for child in node.all("generic_servo"):
+        if child.value("transform_type") == "retarget":
+            _no_factors(child, "retarget", faults)
+
+
+def _no_factors(node: Node, kind: str, faults: Faults) -> None:
+    for tag in ("transform_factor", "transform_displacement"):
+        if child := node.first(tag):
+            faults.add(child.line, f"{tag} is not for the transform_type {kind}")

@@ -1,0 +1,208 @@
+"""The kinds of values that a description holds, each with the words that say what is valid.
+
+Numbers are plain ASCII decimals: what `float` takes beside them (nan, inf, 1_0, other digits,
+spaces around them) is more often a slip than meant.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Literal
+
+from tci.robot.description import Vector
+
+Unit = Literal["deg", "rad"]
+
+MAX_ANGLE = 4.0 * math.pi
+"""Two turns [rad]: no joint goes further, so a larger angle is in the wrong unit (ours)."""
+
+NUMBER = r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?"
+"""Pattern of a plain ASCII decimal."""
+_NUMBER = re.compile(NUMBER)
+_INTEGER = re.compile(r"[0-9]{1,9}")
+
+
+class InvalidValueError(ValueError):
+    """What is valid instead; caught by the reader, which adds the place and the value."""
+
+
+def to_rad(value: float, unit: Unit) -> float:
+    """`value` [unit] in radians."""
+    return math.radians(value) if unit == "deg" else value
+
+
+def in_unit(angle: float, unit: Unit) -> str:
+    """An angle [rad] in the words of a file with that unit: `15 deg`."""
+    return f"{round(math.degrees(angle), 6) if unit == 'deg' else round(angle, 9):.9g} {unit}"
+
+
+class Value(ABC):
+    """How one attribute, or the text of one element, is written."""
+
+    angular = False
+    """Whether the angle unit matters to it."""
+
+    @abstractmethod
+    def read(self, text: str, unit: Unit) -> object:
+        """The value in SI units and radians. Raises InvalidValueError."""
+
+
+@dataclass(frozen=True)
+class Name(Value):
+    """A name: printable, no spaces at its ends."""
+
+    longest: int = 100
+
+    def read(self, text: str, unit: Unit) -> str:
+        if not text or len(text) > self.longest or not text.isprintable() or text != text.strip():
+            raise InvalidValueError(f"a name of 1 to {self.longest} printable characters")
+        return text
+
+
+@dataclass(frozen=True)
+class Choice(Value):
+    """One of some words."""
+
+    valid: tuple[str, ...]
+
+    def read(self, text: str, unit: Unit) -> str:
+        if text not in self.valid:
+            raise InvalidValueError(f"valid: {', '.join(self.valid)}")
+        return text
+
+
+@dataclass(frozen=True)
+class Words(Value):
+    """One or more of some words, each once, with spaces between them."""
+
+    valid: tuple[str, ...]
+
+    def read(self, text: str, unit: Unit) -> tuple[str, ...]:
+        words = tuple(word for word in text.split(" ") if word)
+        if not words or len(set(words)) != len(words) or not set(words) <= set(self.valid):
+            raise InvalidValueError(f"one or more of {', '.join(self.valid)}, each once, with spaces between")
+        return words
+
+
+@dataclass(frozen=True)
+class Integer(Value):
+    """A whole number, not negative."""
+
+    least: int = 0
+    most: int = 1_000_000
+    word: str | None = None
+    """A word that may stand instead, and is then the value."""
+
+    def read(self, text: str, unit: Unit) -> int | str:
+        if text == self.word:
+            return text
+        if not _INTEGER.fullmatch(text) or not self.least <= int(text) <= self.most:
+            also = f", or the word {self.word}" if self.word else ""
+            raise InvalidValueError(f"a whole number from {self.least} to {self.most}{also}")
+        return int(text)
+
+
+@dataclass(frozen=True)
+class Number(Value):
+    """A number, within bounds."""
+
+    least: float = -1e12
+    most: float = 1e12
+    positive: bool = False
+    """Whether it must be above 0."""
+    unit: str = ""
+    """Unit for the message."""
+
+    def read(self, text: str, unit: Unit) -> float:
+        value = decimal(text)
+        if self.positive and value <= 0.0:
+            raise InvalidValueError(f"a number above 0{self._unit}")
+        if not self.least <= value <= self.most:
+            least = "above 0" if self.positive else f"from {self.least:g}"
+            raise InvalidValueError(f"a number {least} to {self.most:g}{self._unit}")
+        return value
+
+    @property
+    def _unit(self) -> str:
+        return f" [{self.unit}]" if self.unit else ""
+
+
+@dataclass(frozen=True)
+class Factor(Value):
+    """A transform factor, gamma of eq. 1: it may turn the sign, but neither vanish nor explode."""
+
+    least: float = 1e-3
+    most: float = 1e3
+
+    def read(self, text: str, unit: Unit) -> float:
+        value = decimal(text)
+        if not self.least <= abs(value) <= self.most:
+            raise InvalidValueError(f"a factor whose size is {self.least:g} to {self.most:g}, of either sign")
+        return value
+
+
+@dataclass(frozen=True)
+class Angle(Value):
+    """An angle, or a speed, acceleration or jerk of one; read as radians."""
+
+    positive: bool = False
+    most: float = MAX_ANGLE
+    """Largest size [rad...] that is plausible; beyond, the unit must be wrong (ours)."""
+    per: str = ""
+    """`/s`, `/s2`, `/s3`, for the message."""
+
+    angular = True
+
+    def read(self, text: str, unit: Unit) -> float:
+        value = to_rad(decimal(text), unit)
+        if self.positive and value <= 0.0:
+            raise InvalidValueError(f"a number above 0 [{unit}{self.per}]")
+        if abs(value) > self.most:
+            most = in_unit(self.most, unit)
+            raise InvalidValueError(f"implausible in {unit}{self.per}, at most {most}{self.per}; wrong unit?")
+        return value
+
+
+@dataclass(frozen=True)
+class Three(Value):
+    """Three values of one kind, with spaces between them."""
+
+    of: Value
+
+    @property
+    def angular(self) -> bool:  # type: ignore[override] # that of its values
+        """Whether the angle unit matters to it."""
+        return self.of.angular
+
+    def read(self, text: str, unit: Unit) -> Vector:
+        words = [word for word in text.split(" ") if word]
+        if len(words) != 3:
+            raise InvalidValueError(f"3 numbers with spaces between them, not {len(words)}")
+        x, y, z = (self.of.read(word, unit) for word in words)
+        assert isinstance(x, float) and isinstance(y, float) and isinstance(z, float)
+        return x, y, z
+
+
+@dataclass(frozen=True)
+class RelativePath(Value):
+    """A path below a folder, with forward slashes: it can't leave that folder."""
+
+    def read(self, text: str, unit: Unit) -> str:
+        steps = text.split("/")
+        plain = text.isprintable() and not set(text) & set('\\:*?"<>|')
+        if not plain or len(text) > 400 or any(step.strip() in ("", ".", "..") for step in steps):
+            raise InvalidValueError(
+                "a relative path with forward slashes and without '..', such as skin/left.csv"
+            )
+        return text
+
+
+def decimal(text: str) -> float:
+    """A finite number, written as an ASCII decimal. Raises InvalidValueError."""
+    value = float(text) if len(text) <= 60 and _NUMBER.fullmatch(text) else math.nan
+    if not math.isfinite(value):
+        raise InvalidValueError("a finite decimal number such as -12.5 or 1e-3")
+    return value

@@ -1,0 +1,189 @@
+"""What surrounds a running loop: signals, threads that fail, and the garbage collector."""
+
+from __future__ import annotations
+
+import gc
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+import numpy as np
+
+from tci.clock import Clock
+from tci.messages import Reading
+from tci.robot.description import Robot
+
+PERIODS = 3.0
+"""Periods of a patch's own rate after which it is silent."""
+LEAST_SILENCE = 0.25
+"""And at least so long [s]: skins come over busy networks. Ours."""
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+TURN = 0.0001
+"""How long [s] a thread that answers others waits for a busy loop. Ours; Python's is 5 ms."""
+STOOD = 0.3
+"""A process whose next period comes later [s] stood still. Ours: busy machines take less."""
+PILED_UP = 0.3
+"""Time [s] in which what was sent to a process that stood still has been read. Ours."""
+
+
+@contextmanager
+def attentive() -> Iterator[None]:
+    """Threads that answer others get their turn while the loop computes, not only when it waits."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(min(before, TURN))
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(before)
+
+
+class Silence:
+    """Whether skin that once sent has fallen silent, while the joints go on: then nobody feels a touch."""
+
+    def __init__(self, robot: Robot, *, stale_after: float, keep_alive: float | None = None) -> None:
+        """`stale_after` [s]: age from which joint data is too old; `keep_alive` [s] where the skin's senders
+        send changes only: each patch at least once in that time."""
+        least = max(stale_after, LEAST_SILENCE, PERIODS * (keep_alive or 0.0))
+        self._longest = {patch.name: max(PERIODS / patch.rate, least) for patch in robot.patches}
+        self._heard: dict[str, tuple[int, float]] = {}
+        self._skin: object = None
+        self._soonest, self._quiet = np.inf, ""
+
+    def fault(self, reading: Reading, now: float) -> str:
+        """Which patch has sent no new frame for too long at `now` [s]; empty when all go on."""
+        if reading.skin is not self._skin:
+            self._skin = reading.skin
+            for frame in reading.skin:
+                before = self._heard.get(frame.patch)
+                if before is None or before[0] != frame.sequence:
+                    self._heard[frame.patch] = frame.sequence, now
+            self._soonest, self._quiet = min(
+                (
+                    (heard + self._longest.get(patch, np.inf), patch)
+                    for patch, (_, heard) in self._heard.items()
+                ),
+                default=(np.inf, ""),
+            )
+        if now <= self._soonest:
+            return ""
+        silent = now - self._heard[self._quiet][1]
+        return f"the skin of {self._quiet} has sent nothing for {silent * 1e3:.0f} ms"
+
+
+class Standstill:
+    """Whether this process stood still: frozen, swapped out, starved. What was sent to it meanwhile waits in
+    sockets and looks new, so the robot holds until that has been read.
+
+    It counts on the machine's clock, since that of a simulation stands still with the process.
+    """
+
+    def __init__(self, clock: Clock, *, stale_after: float) -> None:
+        """`stale_after` [s]: age from which data is too old. The first period begins now."""
+        self._clock = clock
+        self._longest = max(stale_after, STOOD)
+        self._before = clock.now()
+        self._until = -np.inf
+        self._reason = ""
+
+    def fault(self) -> str:
+        """Why the robot should hold, asked once per period; empty when there is no reason."""
+        now = self._clock.now()
+        stood, self._before = now - self._before, now
+        if stood > self._longest:
+            self._until = now + PILED_UP
+            self._reason = f"this process stood still for {stood * 1e3:.0f} ms"
+        return self._reason if now < self._until else ""
+
+
+class Interruption:
+    """What came from outside the loop and ends it."""
+
+    def __init__(self) -> None:
+        self.signal: int | None = None
+        """Number of the signal, once one came."""
+        self.failure: BaseException | None = None
+        """What a thread raised, once one did."""
+        self.thread = ""
+        """Name of that thread."""
+        self.rests = False
+        """Whether the robot is being brought to rest: no signal interrupts that."""
+
+    def raise_it(self) -> None:
+        """Raise what came: KeyboardInterrupt, SystemExit (128 + signal), or the thread's own exception."""
+        if self.failure is not None:
+            raise self.failure
+        if self.signal == signal.SIGINT:
+            raise KeyboardInterrupt
+        if self.signal is not None:
+            raise SystemExit(128 + self.signal)
+
+
+@contextmanager
+def interruptions() -> Iterator[Interruption]:
+    """Catch signals (in the main thread) and exceptions of any thread inside the block.
+
+    The first signal is noted for the loop, which brings the robot to rest; a second one interrupts at
+    once, for a capability that hangs, unless the robot is on its way to rest already.
+    """
+    found = Interruption()
+
+    def on_signal(number: int, frame: FrameType | None) -> None:
+        if found.signal is not None and not found.rests:
+            raise KeyboardInterrupt
+        found.signal = number
+
+    _watch_threads(found)
+    here = threading.current_thread() is threading.main_thread()
+    before = {number: signal.signal(number, on_signal) for number in SIGNALS} if here else {}
+    try:
+        yield found
+    finally:
+        _leave_threads(found)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+_threads = threading.Lock()
+_watching: list[Interruption] = []
+"""Every block that is open: loops of several robots may run in threads of one process."""
+_hook = threading.excepthook
+
+
+def _in_thread(told: threading.ExceptHookArgs) -> None:
+    if told.exc_value is not None and told.exc_type is not SystemExit:
+        for found in _watching:
+            if found.failure is None:
+                found.failure = told.exc_value
+                found.thread = told.thread.name if told.thread else "a thread"
+    _hook(told)
+
+
+def _watch_threads(found: Interruption) -> None:
+    global _hook
+    with _threads:
+        if not _watching:
+            _hook, threading.excepthook = threading.excepthook, _in_thread
+        _watching.append(found)
+
+
+def _leave_threads(found: Interruption) -> None:
+    with _threads:
+        _watching.remove(found)
+        if not _watching:
+            threading.excepthook = _hook
+
+
+@contextmanager
+def frozen_garbage() -> Iterator[None]:
+    """Keep what is alive now out of the garbage collector, whose pauses grow with it."""
+    if gc.get_freeze_count():
+        yield
+        return
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()

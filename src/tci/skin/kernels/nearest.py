@@ -1,0 +1,119 @@
+"""The nearest point of a patch's surface, found cell by cell."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tci.compiled import inlined
+from tci.frames import Array
+from tci.robot.kernels.limb import Vector
+from tci.skin.kernels.flat import Indices
+
+
+@inlined
+def nearest(
+    point: Vector, taxels: Array, faces: Indices, box: Array, cells: Indices, p_L: Array, n_L: Array
+) -> None:
+    """Write the point `p_L` (3,) [m] of the surface next to a `point` [m], and its normal `n_L` (3,).
+
+    The same as `Surface.project`; of a surface without faces it is the nearest taxel. Cells around the
+    point are searched shell by shell, until the best face is nearer than the next shell.
+    """
+    best = np.inf
+    nx, ny, nz = int(box[4]), int(box[5]), int(box[6])
+    scale = box[3]
+    if nx * ny * nz == 0:
+        for i in range(len(taxels)):
+            apart = _square(taxels[i, 0] - point[0], taxels[i, 1] - point[1], taxels[i, 2] - point[2])
+            if apart < best:
+                best = apart
+                for axis in range(3):
+                    p_L[axis], n_L[axis] = taxels[i, axis], taxels[i, 3 + axis]
+        return
+    x, y, z = (point[0] - box[0]) * scale, (point[1] - box[1]) * scale, (point[2] - box[2]) * scale
+    cx, cy, cz = int(np.floor(x)), int(np.floor(y)), int(np.floor(z))
+    last = max(max(cx, nx - cx), max(cy, ny - cy), max(cz, nz - cz)) + 1
+    first = max(0, -cx, cx - nx + 1, -cy, cy - ny + 1, -cz, cz - nz + 1)
+    for shell in range(first, last + 1):
+        # All of this shell is at least so far away from a point in the middle cell.
+        margin = min(x - cx, cx + 1 - x, y - cy, cy + 1 - y, z - cz, cz + 1 - z)
+        least = (shell - 1 + margin) / scale
+        if shell > 0 and best <= least * least:
+            break
+        for i in range(max(cx - shell, 0), min(cx + shell, nx - 1) + 1):
+            side_x = abs(i - cx) == shell
+            for j in range(max(cy - shell, 0), min(cy + shell, ny - 1) + 1):
+                step = 1 if side_x or abs(j - cy) == shell else max(2 * shell, 1)
+                begin = cz - shell
+                if step == 1:
+                    begin = max(begin, 0)
+                for k in range(begin, min(cz + shell, nz - 1) + 1, step):
+                    if k < 0:
+                        continue
+                    cell = (i * ny + j) * nz + k
+                    for entry in range(cells[cell], cells[cell + 1]):
+                        f = cells[entry]
+                        best = _closer(point, taxels, faces[f, 0], faces[f, 1], faces[f, 2], best, p_L, n_L)
+    length = np.sqrt(_square(n_L[0], n_L[1], n_L[2]))
+    n_L[0] /= length
+    n_L[1] /= length
+    n_L[2] /= length
+
+
+@inlined
+def _closer(
+    point: Vector, taxels: Array, a: int, b: int, c: int, best: float, p_L: Array, n_L: Array
+) -> float:
+    """Write point and normal (not of length 1) of face a b c if nearer than `best` [m2]; the least distance.
+
+    Coordinates one by one: a slice of an array costs more than what is done with it here.
+    """
+    ax, ay, az = taxels[a, 0], taxels[a, 1], taxels[a, 2]
+    ux, uy, uz = taxels[b, 0] - ax, taxels[b, 1] - ay, taxels[b, 2] - az
+    vx, vy, vz = taxels[c, 0] - ax, taxels[c, 1] - ay, taxels[c, 2] - az
+    wx, wy, wz = point[0] - ax, point[1] - ay, point[2] - az
+    s, t = _corner_weights(
+        ux * ux + uy * uy + uz * uz, ux * vx + uy * vy + uz * vz, vx * vx + vy * vy + vz * vz,
+        wx * ux + wy * uy + wz * uz, wx * vx + wy * vy + wz * vz,
+    )  # fmt: skip
+    apart: float = _square(wx - s * ux - t * vx, wy - s * uy - t * vy, wz - s * uz - t * vz)
+    if not apart < best:
+        return best
+    r = 1.0 - s - t
+    for i in range(3):
+        p_L[i] = r * taxels[a, i] + s * taxels[b, i] + t * taxels[c, i]
+        n_L[i] = r * taxels[a, 3 + i] + s * taxels[b, 3 + i] + t * taxels[c, 3 + i]
+    return apart
+
+
+@inlined
+def _corner_weights(uu: float, uv: float, vv: float, wu: float, wv: float) -> tuple[float, float]:
+    """Weights of the second and third corner of the nearest point of a triangle (Ericson 2004, 5.1.5).
+
+    u and v are its edges from the first corner, w the way from there to the point; products of these.
+    """
+    if wu <= 0.0 and wv <= 0.0:
+        return 0.0, 0.0
+    bu, bv = wu - uu, wv - uv
+    if bu >= 0.0 and bv <= bu:
+        return 1.0, 0.0
+    vc = wu * bv - bu * wv
+    if vc <= 0.0 and wu >= 0.0 and bu <= 0.0:
+        return wu / uu, 0.0
+    cu, cv = wu - uv, wv - vv
+    if cv >= 0.0 and cu <= cv:
+        return 0.0, 1.0
+    vb = cu * wv - wu * cv
+    if vb <= 0.0 and wv >= 0.0 and cv <= 0.0:
+        return 0.0, wv / vv
+    va = bu * cv - cu * bv
+    if va <= 0.0 and bv - bu >= 0.0 and cu - cv >= 0.0:
+        share = (bv - bu) / ((bv - bu) + (cu - cv))
+        return 1.0 - share, share
+    total = va + vb + vc
+    return vb / total, vc / total
+
+
+@inlined
+def _square(x: float, y: float, z: float) -> float:
+    return x * x + y * y + z * z

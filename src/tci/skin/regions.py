@@ -1,0 +1,108 @@
+"""Regions: named groups of taxels, with their own figures, as Skinware has them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tci.errors import TciError
+from tci.frames import Array, read_only
+from tci.messages import JointReading, SkinState
+from tci.robot.limb import generic_limb_distance
+from tci.skin.skin import Skin
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Region:
+    """A group of taxels, on one patch or on several."""
+
+    name: str
+    taxels: Mapping[str, NDArray[np.intp]]
+    """Indices (k,) of its taxels by patch."""
+
+
+@dataclass(frozen=True, slots=True)
+class RegionState:
+    """What a region feels."""
+
+    force: float
+    """Sum of its taxels' forces [N]."""
+    peak_pressure: float
+    """Of the taxel with the most [Pa]."""
+    mean_pressure: float
+    """Of the taxels that feel any [Pa]; 0 where none does."""
+    area: float
+    """Of the taxels that feel any [m2]."""
+    active: int
+    """How many those are."""
+    coverage: float
+    """Share 0..1 of its taxels that are used: not masked, and of patches that have sent."""
+
+
+def region(skin: Skin, name: str, taxels: Mapping[str, ArrayLike]) -> Region:
+    """A region of taxels by their indices on each patch.
+
+    Raises TciError for no taxels, an index that there is not, or one that is named twice; UnknownNameError
+    for an unknown patch.
+    """
+    found = {}
+    for patch, indices in taxels.items():
+        skin.robot.patch(patch)
+        count = len(skin.surfaces[patch].positions)
+        own = np.atleast_1d(np.asarray(indices))
+        whole = own.dtype.kind in "iu" and own.ndim == 1
+        if not whole or np.any((own < 0) | (own >= count)) or len(np.unique(own)) < len(own):
+            raise TciError(
+                f"region {name!r}: taxels of {patch}; valid: each of 0 to {count - 1} at most once"
+            )
+        if len(own):
+            found[patch] = read_only(own, np.intp)
+    if not found:
+        raise TciError(f"region {name!r} has no taxels")
+    return Region(name, found)
+
+
+def patch_region(skin: Skin, patch: str) -> Region:
+    """A whole patch, under its own name. Raises UnknownNameError."""
+    skin.robot.patch(patch)
+    return region(skin, patch, {patch: np.arange(len(skin.surfaces[patch].positions))})
+
+
+def limb_region(
+    skin: Skin, name: str, part: str, segment: str, *, u: float, theta: float, radius: float,
+    joints: JointReading,
+) -> Region:  # fmt: skip
+    """Taxels within `radius` [limb lengths] of a place (u, theta [rad]) on the generic limb, as a field is.
+
+    They are those of the posture in `joints`: skin that turns with its limb's own rotation moves on.
+    Raises TciError where no taxel is so near.
+    """
+    near = {}
+    for patch in skin.robot.patches:
+        if (patch.part, patch.segment) == (part, segment) and skin.robot.limb_segment(patch):
+            own_u, own_theta, _ = skin.limb(patch.name, joints)
+            near[patch.name] = np.flatnonzero(generic_limb_distance(own_u, own_theta, u, theta) < radius)
+    return region(skin, name, near)
+
+
+def region_state(skin: Skin, what: Region, state: SkinState) -> RegionState:
+    """The figures of a region in a state of the skin."""
+    force = peak = total = area = 0.0
+    active = used = count = 0
+    for patch, taxels in what.taxels.items():
+        count += len(taxels)
+        felt = state.patches.get(patch)
+        if felt is None:
+            continue
+        pressure: Array = felt.pressure[taxels]
+        pressed = pressure > 0.0
+        used += len(taxels) if felt.masked is None else int(np.count_nonzero(~felt.masked[taxels]))
+        force += float(felt.force[taxels].sum())
+        peak = max(peak, float(pressure.max()))
+        total += float(pressure[pressed].sum())
+        active += int(np.count_nonzero(pressed))
+        area += float(skin.surfaces[patch].areas[taxels[pressed]].sum())
+    return RegionState(force, peak, total / active if active else 0.0, area, active, used / count)

@@ -1,0 +1,65 @@
+"""Three-axis taxels: the force along the skin, beside the pressure on it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.frames import Array, doubles, read_only
+from tci.robot.description import Patch
+from tci.skin.surfaces import Surface, tangents
+
+AXES = 3
+SETTLE = 10.0
+"""Time constant [s] with which the rest values of an untouched taxel are followed. Ours."""
+GAP = 1.0
+"""Longest time [s] between two frames that anything is learnt for at once. Ours."""
+
+
+def normal_channels(patch: Patch, surface: Surface) -> NDArray[np.intp]:
+    """Place (n,) in the raw frame of what each taxel feels along its normal.
+
+    A three-axis taxel sends x, y and z in turn: along the skin, along it, and outward.
+    """
+    if patch.sensor.axes == 1:
+        return surface.channels
+    return read_only(AXES * surface.channels + 2, np.intp)
+
+
+class Shear:
+    """Turns the x and y values of one patch into forces. One lives as long as the patch's link is open."""
+
+    def __init__(self, patch: Patch, surface: Surface) -> None:
+        self._sensor = patch.sensor
+        self._areas = surface.areas
+        self._channels = AXES * surface.channels[:, None] + np.arange(2)
+        self._normals = surface.normals
+        x = tangents(surface.normals) if surface.tangents is None else surface.tangents
+        self._axes = np.stack([x, np.cross(surface.normals, x)], axis=1)
+        self._rest = np.full((len(surface.areas), 2), patch.sensor.rest)
+        self._frames = np.zeros((len(surface.areas), 1))
+        self._stamp: float | None = None
+
+    def force(self, values: NDArray[np.generic], pressure: Array, stamp: float) -> Array:
+        """Force (taxels, 3) [N] on each taxel, in the patch's link, from a raw frame (channels,).
+
+        `pressure` (taxels,) [Pa] is what conditioning made of the same frame: a taxel without any feels
+        nothing along the skin either, and its rest values are learnt. A value that is not finite, or that
+        the sensor can't send, counts as rest.
+        """
+        sensor = self._sensor
+        raw = doubles(values[self._channels])
+        usable = (raw >= sensor.lowest) & (raw <= sensor.highest)  # NaN is not
+        raw = np.where(usable, raw, self._rest)
+        elapsed = GAP if self._stamp is None else min(max(stamp - self._stamp, 0.0), GAP)
+        self._stamp = stamp
+        touched = (pressure > 0.0)[:, None]
+        # A mean at first, then a slow follower.
+        self._frames += ~touched
+        share = np.maximum(1.0 - math.exp(-elapsed / SETTLE), 1.0 / np.maximum(self._frames, 1.0))
+        self._rest += np.where(touched, 0.0, share * (raw - self._rest))
+        stress = np.where(touched, (raw - self._rest) * sensor.shear_pascal_per_count, 0.0)
+        along = np.einsum("na,nai->ni", stress, self._axes)
+        return read_only((along - pressure[:, None] * self._normals) * self._areas[:, None])

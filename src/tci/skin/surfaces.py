@@ -1,0 +1,270 @@
+"""The skin of a robot as a surface in space: taxels, outward normals, neighbours and the faces between.
+
+Three kinds of patch: a truncated cone (eqs 3-4), triangular modules at frames of the kinematic model,
+or a table of positions. All end as the same `Surface`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, Delaunay, QhullError, cKDTree
+
+from tci.errors import DescriptionError, Fault
+from tci.frames import Array, apply, invert, read_only, rotation_rpy, rotation_z, transform
+from tci.robot.description import Patch, Robot, TriangularModules, TruncatedCone
+from tci.robot.kinematics import Kinematics
+from tci.robot.skin_files.file import MODULE_PITCH
+from tci.robot.skin_files.table import read_table
+from tci.skin.nearest import nearest_on_faces
+
+NEIGHBOUR_DISTANCE = 0.015
+"""Taxels this close [m] are neighbours: the largest distance that an iCub's skinManager is set to."""
+
+GAP = 0.025
+"""Widest gap [m] in a skin over which taxels are neighbours. Ours: the widest of an iCub's is 19 mm."""
+
+SHEET = 0.3
+"""A skin whose normals are all within 72 degrees (this cosine) of their mean is a sheet. Ours."""
+
+CHANNELS_PER_MODULE = 12
+
+_LATTICE = {
+    0: (-1, 1), 1: (-1, 2), 2: (0, 1), 3: (0, 0), 4: (1, 0),
+    5: (2, -1), 7: (1, -1), 8: (0, -1), 9: (-1, -1), 11: (-1, 0),
+}  # fmt: skip
+"""Place of each taxel on a module, in steps along two lattice axes 60 degrees apart; 3 is the centre.
+
+Channels 6 and 10 are thermal pads. Found from pyCub's positions: every module there fits to 0.03 mm."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surface:
+    """The taxels of one patch, in the frame of its link."""
+
+    patch: str
+    """Name of the patch."""
+    link: str
+    """Link of the kinematic model that carries it."""
+    positions: Array
+    """Taxel positions (n, 3) [m] in the link."""
+    normals: Array
+    """Outward unit normals (n, 3) in the link."""
+    areas: Array
+    """Area (n,) [m2] that each taxel stands for."""
+    channels: NDArray[np.intp]
+    """Place (n,) of each taxel in the raw frame."""
+    neighbours: NDArray[np.intp]
+    """Pairs (m, 2) of taxels that touch: near, and on the same side of a thin limb; all pairs of those that
+    carry one rigid plate. Each pair once."""
+    faces: NDArray[np.intp]
+    """Triangles (f, 3) of taxels, anticlockwise seen from outside. Those of a limb lie on its hull, those of
+    a sheet (palm, sole, cap) are what one sees of it from outside; taxels on one line have none."""
+    tangents: Array | None = None
+    """Unit x axes (n, 3) of three-axis taxels in the link; y is normal x tangent. None: see `tangents`."""
+
+    def project(self, points: Array) -> tuple[Array, Array]:
+        """Nearest points (k, 3) [m] of the surface to `points` (k, 3) [m], and its normals (k, 3) there.
+
+        All in the link. It serves points inside the limb as well: a centre of pressure sinks in there.
+        Without faces it is the nearest taxel.
+        """
+        if not len(self.faces):
+            near = cKDTree(self.positions).query(points)[1]
+            return self.positions[near], self.normals[near]
+        corners, weights, nearest = nearest_on_faces(self.positions, self.faces, points)
+        normals = np.einsum("kc,kci->ki", weights, self.normals[corners])
+        return nearest, normals / np.linalg.norm(normals, axis=1, keepdims=True)
+
+
+def build_surface(robot: Robot, patch: Patch, kinematics: Kinematics) -> Surface:
+    """The surface of one patch.
+
+    Raises DescriptionError when a table can't be read, a module's frame is not fixed to the patch's
+    link, or the patch has fewer channels than its taxels need; UnknownNameError for a link or frame
+    that the model lacks.
+    """
+    words = patch.surface
+    across: Array | None = None
+    kinematics.poses(np.zeros(len(robot.servos)), [patch.link])  # raises when there is no such link
+    if isinstance(words, TruncatedCone):
+        positions, normals, areas, faces = _cone(words)
+        channels = np.arange(len(positions))
+    else:
+        if isinstance(words, TriangularModules):
+            positions, normals, areas, channels = _modules(robot, patch, words, kinematics)
+        else:
+            layout = read_table(robot, patch, words)
+            channels = layout.taxels
+            across = None if layout.tangents is None else read_only(layout.tangents[channels])
+            positions, normals, areas = (
+                values[channels] for values in (layout.positions, layout.normals, layout.areas)
+            )
+        faces = _faces(positions, normals)
+    needed = patch.sensor.axes * (int(channels.max()) + 1)
+    if needed > patch.channels:
+        message = f"patch {patch.name}: it has {patch.channels} channels; its taxels need {needed}"
+        raise DescriptionError(robot.source, [Fault(0, message)])
+    if patch.rigid:
+        neighbours = np.array(list(combinations(range(len(positions)), 2)), np.intp).reshape(-1, 2)
+    else:
+        neighbours = find_neighbours(positions, normals)
+    return Surface(
+        patch=patch.name,
+        link=patch.link,
+        positions=read_only(positions),
+        normals=read_only(normals),
+        areas=read_only(areas),
+        channels=read_only(channels, np.intp),
+        neighbours=read_only(neighbours, np.intp),
+        faces=read_only(_outward(faces, positions, normals), np.intp),
+        tangents=across,
+    )
+
+
+def tangents(normals: Array) -> Array:
+    """Unit vectors (n, 3) across `normals` (n, 3): x axes of taxels of which nobody said any. Ours.
+
+    The link's x axis as the skin sees it; its y axis where that is within 18 degrees of the normal.
+    """
+    steep = np.abs(normals[:, :1]) > 0.95
+    guide = np.where(steep, [0.0, 1.0, 0.0], [1.0, 0.0, 0.0])
+    along = guide - np.einsum("ni,ni->n", guide, normals)[:, None] * normals
+    result: Array = along / np.linalg.norm(along, axis=1, keepdims=True)
+    return result
+
+
+def _cone(cone: TruncatedCone) -> tuple[Array, Array, Array, NDArray[np.intp]]:
+    """Positions, normals, areas and faces of a cone's taxels: first and last ring are its two ends.
+
+    In the cone's frame a taxel at x and theta is at (r(x) cos theta, r(x) sin theta, -x) (eqs 3-4).
+    """
+    ring, place = np.divmod(np.arange(cone.rings * cone.per_ring), cone.per_ring)
+    share = ring / (cone.rings - 1) if cone.rings > 1 else np.full(len(ring), 0.5)
+    x = cone.length * share
+    theta = 2.0 * np.pi * (place + 0.5 * (ring % 2)) / cone.per_ring
+    radius = cone.r1 + (cone.r2 - cone.r1) * share
+    slope = (cone.r2 - cone.r1) / cone.length
+    cos, sin = np.cos(theta), np.sin(theta)
+    positions = np.column_stack([radius * cos, radius * sin, -x])
+    normals = np.column_stack([cos, sin, np.full(len(ring), slope)]) / np.hypot(1.0, slope)
+    area = np.pi * (cone.r1 + cone.r2) * np.hypot(cone.length, cone.r2 - cone.r1)
+    pose = transform(rotation_rpy(*cone.rpy), np.array(cone.origin))
+    areas = np.full(len(ring), area / len(ring))
+    return apply(pose, positions), normals @ pose[:3, :3].T, areas, _ring_strips(cone.rings, cone.per_ring)
+
+
+def _ring_strips(rings: int, per_ring: int) -> NDArray[np.intp]:
+    """Triangles (f, 3) between each ring of a cone and the next, which is half a step further or back."""
+    if rings < 2 or per_ring < 2:
+        return np.zeros((0, 3), np.intp)  # taxels on one line, or in one plane across
+    here = np.arange(per_ring)
+    following = (here + 1) % per_ring
+    strips = []
+    for ring in range(rings - 1):
+        # `ahead` is the ring whose taxels lie half a step after the other's.
+        behind, ahead = (ring, ring + 1) if ring % 2 == 0 else (ring + 1, ring)
+        a, b = behind * per_ring, ahead * per_ring
+        strips.append(np.column_stack([a + here, a + following, b + here]))
+        strips.append(np.column_stack([b + here, a + following, b + following]))
+    return np.concatenate(strips)
+
+
+def _modules(
+    robot: Robot, patch: Patch, modules: TriangularModules, kinematics: Kinematics
+) -> tuple[Array, Array, Array, NDArray[np.intp]]:
+    """Positions, normals, areas and channels of flat modules whose frames' z axes point outward."""
+    poses = _frames(robot, patch, modules, kinematics)
+    turns = modules.turns or (0.0,) * len(poses)
+    steps = np.array(list(_LATTICE.values()), dtype=np.float64)
+    template = np.column_stack(
+        [steps[:, 0] + 0.5 * steps[:, 1], np.sqrt(0.75) * steps[:, 1], np.zeros(len(steps))]
+    )
+    turned = [MODULE_PITCH * template @ rotation_z(turn).T for turn in turns]
+    positions = np.concatenate([apply(pose, taxels) for pose, taxels in zip(poses, turned, strict=True)])
+    normals = np.repeat([pose[:3, 2] for pose in poses], len(_LATTICE), axis=0)
+    # Each taxel of a triangular lattice stands for one hexagon.
+    areas = np.full(len(positions), np.sqrt(0.75) * MODULE_PITCH**2)
+    channels = CHANNELS_PER_MODULE * np.array(modules.ports)[:, None] + np.array(list(_LATTICE))
+    return positions, normals, areas, channels.ravel()
+
+
+def _frames(robot: Robot, patch: Patch, modules: TriangularModules, kinematics: Kinematics) -> list[Array]:
+    """`T_LF` (4, 4) of each module's frame F in the patch's link."""
+    found = []
+    for bend in (0.0, 0.3):
+        poses = kinematics.poses(np.full(len(robot.servos), bend), [patch.link, *modules.frames])
+        T_LT = invert(poses[patch.link])
+        found.append([T_LT @ poses[frame] for frame in modules.frames])
+    moving = [
+        frame
+        for frame, before, after in zip(modules.frames, *found, strict=True)
+        if not np.allclose(before, after, atol=1e-9)
+    ]
+    if moving:
+        message = (
+            f"patch {patch.name}: {', '.join(moving)} moves against link {patch.link}; a joint is between"
+        )
+        raise DescriptionError(robot.source, [Fault(0, message)])
+    return found[0]
+
+
+def _faces(positions: Array, normals: Array) -> NDArray[np.intp]:
+    """Triangles (f, 3) between taxels: of a sheet, or of a limb."""
+    places, index = np.unique(positions, axis=0, return_index=True)
+    if is_sheet(normals):
+        across = np.linalg.svd(normals.mean(axis=0, keepdims=True))[2][1:]
+        flat = places @ across.T
+        if len(places) < 3 or np.linalg.matrix_rank(flat - flat.mean(axis=0), tol=1e-6) < 2:
+            return np.zeros((0, 3), np.intp)
+        return index[np.asarray(Delaunay(flat).simplices, dtype=np.intp)]
+    try:
+        faces = index[np.asarray(ConvexHull(places).simplices, dtype=np.intp)]
+    except QhullError:
+        return np.zeros((0, 3), np.intp)
+    # Without the lids that close a limb's two open ends.
+    towards = normals[faces].mean(axis=1)
+    along = np.abs(np.einsum("fi,fi->f", _unit_normals(faces, positions), towards))
+    result: NDArray[np.intp] = faces[along > 0.5 * np.linalg.norm(towards, axis=1)]
+    return result
+
+
+def is_sheet(normals: Array) -> bool:
+    """Whether a skin with these normals (n, 3) is a sheet: a palm, a sole, a cap, a single taxel."""
+    mean = normals.mean(axis=0)
+    length = float(np.linalg.norm(mean))
+    return length > 0.0 and float((normals @ (mean / length)).min()) > SHEET
+
+
+def _outward(faces: NDArray[np.intp], positions: Array, normals: Array) -> NDArray[np.intp]:
+    """The same triangles, all anticlockwise seen from the side that the taxels' normals point to."""
+    inward = np.einsum("fi,fi->f", _unit_normals(faces, positions), normals[faces].mean(axis=1)) < 0.0
+    return np.where(inward[:, None], faces[:, ::-1], faces)
+
+
+def _unit_normals(faces: NDArray[np.intp], positions: Array) -> Array:
+    a, b, c = positions[faces].transpose(1, 0, 2)
+    across = np.cross(b - a, c - a)
+    result: Array = across / np.linalg.norm(across, axis=1, keepdims=True)
+    return result
+
+
+def find_neighbours(positions: Array, normals: Array) -> NDArray[np.intp]:
+    """Pairs (m, 2), lower index first, of taxels that are near and face the same way.
+
+    Across a gap between modules they are near when no taxel lies in the ball between them (Gabriel
+    and Sokal 1969): one finger on the gap presses both.
+    """
+    tree = cKDTree(positions)
+    pairs = tree.query_pairs(GAP, output_type="ndarray").astype(np.intp)
+    facing = np.einsum("pi,pi->p", normals[pairs[:, 0]], normals[pairs[:, 1]]) > 0.0
+    pairs = pairs[facing]
+    one, other = positions[pairs[:, 0]], positions[pairs[:, 1]]
+    apart = np.linalg.norm(one - other, axis=1)
+    nothing_between = tree.query(0.5 * (one + other))[0] >= 0.5 * apart * (1.0 - 1e-9)
+    pairs = pairs[(apart <= NEIGHBOUR_DISTANCE) | nothing_between]
+    result: NDArray[np.intp] = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
+    return result

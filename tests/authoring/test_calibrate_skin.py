@@ -1,0 +1,81 @@
+"""Calibrated from noisy weights, skins of different kinds feel the same newton."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from skin.long_skin import COLUMNS, ROWS, TAXELS, bump, conditioner, sensor
+from tci.authoring.calibrate_skin import Load, calibrate
+from tci.errors import TciError
+from tci.robot.description import Sensor
+from tci.skin.conditioning import Conditioner
+
+AREA = 3e-5
+AREAS = np.full(TAXELS, AREA)
+INVERTED = sensor(8)
+SENSITIVE = Sensor(rest=120.0, pascal_per_count=30.0, lowest=0.0, highest=4095.0)
+THREE_AXES = Sensor(rest=4000.0, pascal_per_count=2.0, lowest=0.0, highest=65535.0, axes=3)
+"""Its z values; x and y are not calibrated by weights."""
+WRONG = 1.4
+"""The description's response is this far off, so that an uncalibrated skin fails."""
+
+
+def truth(of: Sensor, pressure: np.ndarray) -> np.ndarray:
+    """Counts of a sensor that goes soft: a square-root part beside the linear one."""
+    full = (of.rest - of.lowest) if of.pascal_per_count < 0 else (of.highest - of.rest)
+    share = pressure / 60e3
+    return np.sign(of.pascal_per_count) * full * (0.7 * share + 0.3 * np.sqrt(share))
+
+
+def frames(of: Sensor, force: float, count: int, generator: np.random.Generator) -> np.ndarray:
+    """Raw frames (count, taxels) with `force` [N] on a place of the patch."""
+    shape = bump(*generator.uniform((3, 3), (ROWS - 4, COLUMNS - 4)), 1.0, width=generator.uniform(1.2, 1.6))
+    pressure = np.where(shape > 0.02, shape, 0.0)
+    pressure *= force / (AREA * pressure.sum()) if force else 0.0
+    offsets = np.random.default_rng(5).uniform(-4.0, 4.0, TAXELS)
+    noise = 0.004 * (of.highest - of.lowest) * generator.standard_normal((count, TAXELS))
+    return np.clip(np.rint(of.rest + offsets + truth(of, pressure) + noise), of.lowest, of.highest)
+
+
+@pytest.mark.parametrize(
+    "of", [INVERTED, SENSITIVE, THREE_AXES], ids=["0-255 inverted", "12 bits", "three axes"]
+)
+def test_a_held_out_newton_is_a_newton(of: Sensor) -> None:
+    generator = np.random.default_rng(1)
+    weights = np.repeat([0.3, 0.6, 0.9, 1.3, 1.8, 2.5], 4)
+    loads = [
+        Load(weight * (1.0 + 0.01 * generator.standard_normal()), frames(of, weight, 50, generator))
+        for weight in weights
+    ]
+    found = calibrate(of, AREAS, frames(of, 0.0, 200, generator), loads)
+    plain = conditioner(of)
+    subject = Conditioner(plain.patch, plain.channels, calibration=found)
+    felt = []
+    for _ in range(20):
+        held = [subject.pressure(values) @ AREAS for values in frames(of, 1.0, 20, generator)]
+        felt.append(np.mean(held))
+    assert np.mean(felt) == pytest.approx(1.0, abs=0.05)
+    assert np.ptp(felt) < 0.2
+
+
+def test_rest_alone_keeps_the_description_s_response() -> None:
+    found = calibrate(INVERTED, AREAS, frames(INVERTED, 0.0, 100, np.random.default_rng(2)), [])
+    assert found.response == ()
+    assert found.noise[0] == pytest.approx(0.004 * 255.0, rel=0.3)
+
+
+@pytest.mark.parametrize(
+    ("rest", "loads", "words"),
+    [
+        (np.zeros((3, TAXELS)), [], "20 or more frames"),
+        (np.full((30, TAXELS), np.nan), [], "not all finite"),
+        (np.zeros((30, TAXELS)), [Load(-1.0, np.zeros((3, TAXELS)))], "-1.0 N"),
+        (np.zeros((30, TAXELS)), [Load(1.0, np.zeros((3, 7)))], r"\(3, 7\)"),
+        (np.zeros((30, TAXELS)), [Load(1.0, np.full((3, TAXELS), np.inf))], "1.0 N are not all finite"),
+        (np.zeros((30, TAXELS)), [Load(1.0, np.zeros((3, TAXELS)))], "no taxel reads more"),
+    ],
+)
+def test_data_that_can_t_tell(rest: np.ndarray, loads: list[Load], words: str) -> None:
+    with pytest.raises(TciError, match=words):
+        calibrate(INVERTED, AREAS, rest, loads)

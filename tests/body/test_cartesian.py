@@ -1,0 +1,176 @@
+"""Cartesian actuators: hands and elbows are where they were told to be, on both robots."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from tci.body.cartesian import Reach, reach_of
+from tci.body.generic_body import Body, order_to_platform
+from tci.drivers.simulated import SimulatedLink
+from tci.errors import CommandError, UnknownNameError
+from tci.experiments.same_stimulus import initial_joints
+from tci.frames import Array, apply, invert, transform
+from tci.messages import CartesianCommand, JointReading, PlatformCommand
+from tci.robot.catalogue import load_robot
+from tci.robot.description import Robot
+from tci.robot.generic_arm import forearm_rotation, upper_arm_rotation
+from tci.robot.joint_map import joint_map
+from tci.robot.kinematics import Kinematics, bare_model
+from tci.simulation.world import World
+
+ARMS = [(name, side) for name in ("nao", "icub") for side in ("left", "right")]
+ROBOTS = {name: load_robot(name) for name in ("nao", "icub")}
+BODIES = {name: Body(robot) for name, robot in ROBOTS.items()}
+COMMON_RANGE = np.deg2rad([[0, 90], [10, 70], [-20, 60], [20, 85], [-50, 50]])
+
+
+KINEMATICS = {name: Kinematics(robot) for name, robot in ROBOTS.items()}
+
+
+def centre(robot: Robot, part: str) -> Array:
+    """Where the axes of the first two shoulder joints meet (3,) [m], from MuJoCo's anchors and axes."""
+    assert robot.model is not None
+    model = bare_model(robot.model)
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    servos = [robot.servos[joint.servo] for joint in robot.part(part).servos[:2] if joint.servo is not None]
+    joints = [model.joint(servo.joint).id for servo in servos]
+    anchors, axes = data.xanchor[joints], data.xaxis[joints]
+    along = np.linalg.lstsq(np.column_stack([axes[0], -axes[1]]), anchors[1] - anchors[0], rcond=None)[0]
+    meets = anchors + along[:, None] * axes
+    assert np.linalg.norm(meets[0] - meets[1]) < 1e-4
+    torso = model.body(robot.model.torso_link).id
+    T_WT = transform(data.xmat[torso].reshape(3, 3), data.xpos[torso]) @ robot.model.T_LT
+    return apply(invert(T_WT), meets[0])
+
+
+CENTRES = {(name, f"{side}_arm"): centre(ROBOTS[name], f"{side}_arm") for name, side in ARMS}
+
+
+def ideal_place(generic: Array, side: str, point: str) -> Array:
+    """Elbow and hand (3,) of a generic arm with segments of equal length, in arm lengths."""
+    down = np.array([0.0, 0.0, -0.5])
+    elbow = upper_arm_rotation(generic, side, axial=False) @ down
+    return elbow if point == "elbow" else elbow + forearm_rotation(generic, side, axial=False) @ down
+
+
+def judged(robot: Robot, part: str, point: str, position: Array) -> Array:
+    """The same place by the model's own frames: forearm's ends against the upper arm's origin."""
+    words = robot.part(part)
+    forearm = words.segment("forearm")
+    kinematics = KINEMATICS[robot.name]
+    elbow = apply(kinematics.poses(position, [forearm.link])[forearm.link], np.array(forearm.origin))
+    posture = joint_map(robot, part).to_generic(position)
+    rotation = words.R_TM @ forearm_rotation(posture, words.side or "left", axial=False)
+    end = elbow if point == "elbow" else elbow - forearm.length * rotation[:, 2]
+    length = words.segment("upper_arm").length + forearm.length
+    return words.R_TM.T @ (end - CENTRES[robot.name, part]) / length
+
+
+@pytest.mark.parametrize("point", ["hand", "elbow"])
+@pytest.mark.parametrize(("name", "side"), ARMS)
+def test_places_that_an_arm_can_reach_are_met_to_a_millimetre(name: str, side: str, point: str) -> None:
+    """200 places of random postures, and from each the robot's own five joints."""
+    robot, part = ROBOTS[name], f"{side}_arm"
+    body, joints = BODIES[name], initial_joints(robot)
+    reach = reach_of(robot, part, point)
+    random = np.random.default_rng(3)
+    worst = 0.0
+    for generic in random.uniform(*COMMON_RANGE.T, size=(200, 5)):
+        position = robot.initial_position.copy()
+        there = joint_map(robot, part)
+        position[there.servos] = there.to_robot(generic, position)
+        target = judged(robot, part, point, position)
+        (order,) = body.to_platform([CartesianCommand(part, target, point)], joints)
+        assert isinstance(order, PlatformCommand)
+        reached = robot.initial_position.copy()
+        reached[order.servos] = order.values
+        error = np.linalg.norm(judged(robot, part, point, reached) - target) * reach.length
+        np.testing.assert_allclose(reach.place(reached), judged(robot, part, point, reached), atol=1e-4)
+        worst = max(worst, float(error))
+    print(f"{name} {side} {point}: worst {1e3 * worst:.3f} mm")
+    assert worst <= 1e-3
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_the_same_place_is_reached_on_both_robots(side: str) -> None:
+    """Places of an ideal arm, a bit short of its reach, in arm lengths: one command for both."""
+    random = np.random.default_rng(4)
+    part, worst = f"{side}_arm", 0.0
+    for generic in random.uniform(*COMMON_RANGE.T, size=(100, 5)):
+        target = 0.95 * ideal_place(generic, side, "hand")
+        for name, robot in ROBOTS.items():
+            reach = reach_of(robot, part, "hand")
+            try:
+                found, error = reach.solve(target, robot.initial_position)
+            except CommandError:
+                continue
+            there = judged(robot, part, "hand", found)
+            if error <= 1e-3:
+                worst = max(worst, float(np.linalg.norm(there - target) * reach.length))
+            else:
+                assert name == "icub" or error < 0.01
+    assert worst <= 1e-3
+
+
+@pytest.mark.parametrize("name", ["nao", "icub"])
+def test_a_hand_goes_there_in_simulation(name: str) -> None:
+    world = World(ROBOTS[name], skin=False)
+    link, body = SimulatedLink(world.robot, world=world), BODIES[name]
+    target = np.array([0.55, 0.10, -0.55])
+    command = CartesianCommand("left_arm", target)
+    for now in link.ticks(duration=1.5):
+        joints = link.read().joints
+        orders = body.to_platform([command] if now == 0.0 else [], joints)
+        safe = link.write(link.gate.step(orders, joints, now))
+        assert not safe.refusals
+    reach = Reach(world.robot, "left_arm", "hand")
+    error = np.linalg.norm(reach.place(link.read().joints.position) - target) * reach.length
+    assert error <= 1e-3
+
+
+@pytest.mark.parametrize("name", ["nao", "icub"])
+def test_out_of_reach_is_one_clear_error_or_the_nearest_place(name: str) -> None:
+    body, joints = BODIES[name], initial_joints(ROBOTS[name])
+    far = CartesianCommand("left_arm", np.array([2.0, 0.0, 0.0]))
+    with pytest.raises(CommandError, match=r"to \[2.0, 0.0, 0.0\] arm lengths: out of reach by"):
+        body.to_platform([far], joints)
+    (order,) = body.to_platform([replace(far, nearest=True)], joints)
+    assert isinstance(order, PlatformCommand)
+    position = np.array(joints.position)
+    position[order.servos] = order.values
+    place = reach_of(ROBOTS[name], "left_arm", "hand").place(position)
+    assert 0.9 < place[0] < 1.1
+    assert np.abs(place[1:]).max() < 0.3
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        (CartesianCommand("head", np.zeros(3)), "the hand of head; valid: an arm with upper_arm and forearm"),
+        (CartesianCommand("left_arm", np.zeros(3), "nose"), "point 'nose' of left_arm; valid: hand, elbow"),
+        (CartesianCommand("left_arm", np.zeros(2)), "valid: 3 finite numbers"),
+        (CartesianCommand("left_arm", np.array([np.nan, 0, 0])), "valid: 3 finite numbers"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(command: CartesianCommand, words: str) -> None:
+    joints: JointReading = initial_joints(ROBOTS["nao"])
+    with pytest.raises(CommandError, match=words):
+        BODIES["nao"].to_platform([command], joints)
+    with pytest.raises(UnknownNameError):
+        BODIES["nao"].to_platform([CartesianCommand("tail", np.zeros(3))], joints)
+
+
+def test_an_arm_without_all_its_joints_is_refused() -> None:
+    """As a command that can't be, so that the robot goes on."""
+    nao = ROBOTS["nao"]
+    arm = nao.part("left_arm")
+    servos = [one if one.id < 3 else one.model_copy(update={"servo": None}) for one in arm.servos]
+    short = arm.model_copy(update={"servos": tuple(servos)})
+    robot = nao.model_copy(update={"parts": (short,), "patches": (), "digest": "without an elbow"})
+    with pytest.raises(CommandError, match="left_arm has no shoulder of the generic arm: it needs"):
+        order_to_platform(robot, CartesianCommand("left_arm", np.zeros(3)), robot.initial_position)

@@ -1,0 +1,133 @@
+"""Distances along the skin, where there is no limb."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from capabilities.touches import touch
+from tci.body.generic_body import Body
+from tci.errors import TciError
+from tci.frames import Array, rotation_rpy
+from tci.messages import Contact, Spot
+from tci.robot.catalogue import load_robot
+from tci.robot.description import TruncatedCone
+
+ROBOTS = {name: load_robot(name) for name in ("nao-whole", "icub-whole")}
+BODIES = {name: Body(robot) for name, robot in ROBOTS.items()}
+FRONT = Spot("", (1.0, 0.0, 0.0))
+
+
+def contact_at(body: Body, patch: str, point: Array) -> Contact:
+    words = body.robot.patch(patch)
+    made = touch(np.nan, np.nan, [1.0], part=words.part, segment=words.segment)
+    nearest, _ = body.skin.surfaces[patch].project(point[None])
+    return Contact(**{**{f: getattr(made, f) for f in made.__slots__}, "patch": patch, "p_L": nearest[0]})
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_distances_around_a_head_are_those_of_its_circumference(name: str) -> None:
+    body = BODIES[name]
+    cone = body.robot.patch("head_skin").surface
+    assert isinstance(cone, TruncatedCone)
+    radius = (cone.r1 + cone.r2) / 2.0
+    surface = body.skin.surfaces["head_skin"]
+    spot = body.spots.place("head", FRONT)
+    middle = surface.positions.mean(axis=0)
+    across = spot.p_L - middle
+    axis = rotation_rpy(*cone.rpy)[:, 2]
+    across = across - axis * (axis @ across)
+    side = np.cross(axis, across)
+    side *= np.linalg.norm(across) / np.linalg.norm(side)
+    for angle in np.deg2rad([40, 80, 120, 160]):
+        point = middle + np.cos(angle) * across + np.sin(angle) * side
+        found = body.spots.distance(contact_at(body, "head_skin", point), FRONT)
+        assert found == pytest.approx(radius * angle, rel=0.05), np.rad2deg(angle)
+        chord = 2.0 * radius * np.sin(angle / 2.0)
+        assert found > chord - 0.002
+
+
+def unrolled(cone: TruncatedCone, points: Array) -> Array:
+    """Points (n, 3) [m] of a truncated cone as slant height [m] and angle [rad] (n, 2) of its flat sector."""
+    local = (points - np.array(cone.origin)) @ rotation_rpy(*cone.rpy)
+    slope = (cone.r2 - cone.r1) / cone.length
+    sine = abs(slope) / np.hypot(1.0, slope)
+    radius = cone.r1 - slope * local[:, 2]
+    return np.column_stack([radius / sine, np.arctan2(local[:, 1], local[:, 0]) * sine])
+
+
+@pytest.mark.parametrize(
+    ("name", "patch", "spot"),
+    [
+        ("nao-whole", "head_skin", FRONT),
+        ("nao-whole", "torso_skin", Spot("", (-1.0, 0.0, 0.0))),
+        ("icub-whole", "torso_skin", FRONT),
+        ("icub-whole", "left_palm", Spot("", (0.0, -1.0, 0.0))),
+        ("nao-whole", "left_thigh", Spot("thigh", (1.0, 0.0, 0.0))),
+        ("nao-whole", "right_shank", Spot("shank", (-1.0, 0.0, 0.0))),
+        ("icub-whole", "left_thigh", Spot("thigh", (0.0, 1.0, 0.0))),
+    ],
+)
+def test_distances_are_those_of_the_unrolled_cone(name: str, patch: str, spot: Spot) -> None:
+    """A cone is flat when it is unrolled: the shortest way is a straight line there, whichever way around."""
+    body = BODIES[name]
+    words = body.robot.patch(patch)
+    cone = words.surface
+    assert isinstance(cone, TruncatedCone)
+    place = body.spots.place(words.part, spot)
+    surface = body.skin.surfaces[patch]
+    (start,) = unrolled(cone, place.p_L[None])
+    slope = (cone.r2 - cone.r1) / cone.length
+    sector = 2.0 * np.pi * abs(slope) / np.hypot(1.0, slope)
+    for taxel in range(0, len(surface.positions), 7):
+        (end,) = unrolled(cone, surface.positions[taxel : taxel + 1])
+        apart = abs(start[1] - end[1]) % sector
+        angle = min(apart, sector - apart)
+        exact = np.sqrt(start[0] ** 2 + end[0] ** 2 - 2.0 * start[0] * end[0] * np.cos(angle))
+        found = body.spots.distance(contact_at(body, patch, surface.positions[taxel]), spot)
+        assert found == pytest.approx(exact, rel=0.03, abs=0.001), (taxel, exact)
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_spots_lie_where_they_are_said_to(name: str) -> None:
+    body = BODIES[name]
+    start = body.robot.initial_position
+    for part, spot, axis, sign in (
+        ("head", FRONT, 0, 1.0),
+        ("torso", Spot("", (-1.0, 0.0, 0.0)), 0, -1.0),
+        ("left_leg", Spot("thigh", (0.0, 1.0, 0.0)), 1, 1.0),
+        ("right_leg", Spot("thigh", (0.0, 1.0, 0.0)), 1, -1.0),
+        ("left_leg", Spot("foot", (0.0, 0.0, -1.0)), 2, -1.0),
+    ):
+        place = body.spots.place(part, spot)
+        link = body.robot.patch(place.patch).link
+        position = np.array(start)
+        legs = [part for part in body.robot.parts if part.kind == "leg"]
+        position[[joint.servo for leg in legs for joint in leg.servos if joint.servo is not None]] = 0.0
+        R_TL = body.skin.kinematics.poses(position, [link])[link][:3, :3]
+        assert (R_TL @ place.n_L)[axis] * sign > 0.95, (part, spot)
+
+
+def test_a_contact_is_at_no_distance_from_its_own_place_and_none_from_other_skin() -> None:
+    body = BODIES["icub-whole"]
+    place = body.spots.place("left_leg", Spot("shank", (1.0, 0.0, 0.0)))
+    contact = contact_at(body, place.patch, place.p_L)
+    assert body.spots.distance(contact, Spot("shank", (1.0, 0.0, 0.0))) < 1e-6
+    assert body.spots.distance(contact, Spot("thigh", (1.0, 0.0, 0.0))) == np.inf
+
+
+def test_a_part_without_skin_there_is_told() -> None:
+    body = BODIES["nao-whole"]
+    with pytest.raises(TciError, match="no skin on tail of head"):
+        body.spots.place("head", Spot("tail", (1.0, 0.0, 0.0)))
+
+
+def test_the_sole_is_a_sheet() -> None:
+    body = BODIES["icub-whole"]
+    spot = Spot("foot", (0.0, 0.0, -1.0))
+    place = body.spots.place("left_leg", spot)
+    surface = body.skin.surfaces[place.patch]
+    for taxel in range(0, len(surface.positions), 40):
+        straight = float(np.linalg.norm(surface.positions[taxel] - place.p_L))
+        found = body.spots.distance(contact_at(body, place.patch, surface.positions[taxel]), spot)
+        assert straight - 1e-9 <= found <= 1.25 * straight + 0.005

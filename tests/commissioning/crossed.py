@@ -1,0 +1,124 @@
+"""A simulated robot whose driver is wrong, and a witness who sees what it really does."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from tci.body.posture import generic_posture
+from tci.commissioning.expected_motion import ExpectedMotion
+from tci.drivers.simulated import SimulatedLink
+from tci.errors import TciError
+from tci.frames import read_only
+from tci.gate.gate import SafeCommand
+from tci.messages import Reading
+from tci.robot.description import Robot
+from tci.robot.kinematics import Kinematics
+from tci.simulation.world import World
+
+
+class Crossed(SimulatedLink):
+    """Angle i of the driver is `scale[i]` times angle `order[i]` of the robot: in commands, and in its
+    encoders too unless they are sound."""
+
+    def __init__(
+        self, robot: Robot, *, scale: dict[str, float] | None = None, swap: tuple[str, str] | None = None,
+        sound_encoders: bool = False, **options: Any,
+    ) -> None:  # fmt: skip
+        super().__init__(robot, **options)
+        index = {servo.name: servo.index for servo in robot.servos}
+        self.scale = np.ones(len(index))
+        for name, value in (scale or {}).items():
+            self.scale[index[name]] = value
+        self.order = np.arange(len(index))
+        if swap is not None:
+            a, b = (index[name] for name in swap)
+            self.order[[a, b]] = b, a
+        self._sound = sound_encoders
+        self.start = np.array(self.world.joints().position)
+        self.far = np.zeros(len(index))
+        """Largest true motion (n,) [rad] of each servo since the start."""
+        self.now = np.zeros(len(index))
+        """Largest true motion (n,) [rad] since a witness looked away, with its sign."""
+        self.base = self.start
+
+    def _receive(self) -> Reading:
+        reading = super()._receive()
+        true = reading.joints.position
+        self.far = np.maximum(self.far, np.abs(true - self.start))
+        moved = true - self.base
+        self.now = np.where(np.abs(moved) > np.abs(self.now), moved, self.now)
+        if self._sound:
+            return reading
+        told = read_only(self.scale * true[self.order])
+        return replace(reading, joints=replace(reading.joints, position=told))
+
+    def look(self) -> None:
+        """What moves from here on counts for `now`."""
+        self.base = np.array(self.world.joints().position)
+        self.now = np.zeros_like(self.base)
+
+    def _send(self, safe: SafeCommand) -> None:
+        servos = read_only(self.order[safe.servos], np.intp)
+        position = read_only(safe.position / self.scale[safe.servos])
+        shares = MappingProxyType({int(self.order[s]): v for s, v in safe.stiffness.items()})
+        super()._send(replace(safe, servos=servos, position=position, stiffness=shares))
+
+
+class Witness:
+    """An operator who answers by what `link` really does; `claimed` is the link with the description."""
+
+    def __init__(self, link: Crossed, claimed: Any) -> None:
+        self._link, self._claimed = link, claimed
+        self._kinematics = Kinematics(link.robot)
+        self.asked: list[str] = []
+
+    def may(self, what: str) -> bool:
+        self.asked.append(what)
+        self._link.look()
+        return True
+
+    def saw(self, what: str, expected: ExpectedMotion | None) -> bool | None:
+        if expected is None:
+            return self._stands(what.split(" ")[0])
+        before, after = self._link.base, self._link.base + self._link.now
+        T0 = self._kinematics.poses(before, [expected.link])[expected.link]
+        T1 = self._kinematics.poses(after, [expected.link])[expected.link]
+        moved = T1[:3, 3] - T0[:3, 3]
+        if np.linalg.norm(expected.displacement) > 5e-4:
+            return _alike(moved, expected.displacement)
+        turned = 0.5 * (T1[:3, :3] @ T0[:3, :3].T - T0[:3, :3] @ T1[:3, :3].T)
+        return _alike(np.array([turned[2, 1], turned[0, 2], turned[1, 0]]), expected.rotation)
+
+    def still(self, what: str) -> bool:
+        return bool(np.abs(self._link.now).max() < np.deg2rad(0.5))
+
+    def press(self, patch: str, taxel: int, where: str) -> bool:
+        try:
+            self._link.world.finger.poke(patch, taxel, depth=0.004)
+        except TciError:
+            return False
+        return True
+
+    def release(self) -> None:
+        self._link.world.finger.retire()
+
+    def _stands(self, part: str) -> bool:
+        true = generic_posture(self._link.robot, self._link.world.joints())[part]
+        told = generic_posture(self._claimed.robot, self._claimed.read().joints)[part]
+        return bool(np.abs(true - told).max() < np.deg2rad(10.0))
+
+
+def _alike(seen: np.ndarray, expected: np.ndarray) -> bool:
+    size = np.linalg.norm(expected)
+    return bool(
+        seen @ expected > 0.7 * np.linalg.norm(seen) * size and 0.4 < np.linalg.norm(seen) / size < 2.5
+    )
+
+
+def world_of(robot: Robot, **posture: list[float]) -> World:
+    """A world in which the generic parts start at angles [degrees]."""
+    return World(robot, posture={part: np.deg2rad(angles) for part, angles in posture.items()})

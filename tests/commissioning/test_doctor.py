@@ -1,0 +1,201 @@
+"""What the doctor finds when something is wrong, and that it finds nothing when all is well."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tci.commissioning.doctor import judge
+from tci.commissioning.machine import examine_machine
+from tci.commissioning.streams import observe
+from tci.drivers.diagnosis import Finding, Level
+from tci.drivers.driver import Link
+from tci.drivers.simulated import SimulatedLink
+from tci.errors import LinkError
+from tci.frames import read_only
+from tci.gate.gate import SafeCommand
+from tci.messages import JointReading, Reading, SkinFrame
+from tci.robot.catalogue import load_robot
+from tci.robot.description import Robot
+from tci.simulation.world import World
+
+
+class Spoilt(SimulatedLink):
+    """A simulated robot whose readings are changed on their way."""
+
+    change: Callable[[Reading], Reading | None] = staticmethod(lambda reading: reading)
+
+    def _receive(self) -> Reading:
+        self._kept = self.change(super()._receive()) or self._kept
+        return self._kept
+
+
+@pytest.fixture(scope="module")
+def world() -> World:
+    return World(load_robot("nao"))
+
+
+def examine(link: Link, duration: float = 1.0) -> dict[tuple[str, Level], Finding]:
+    findings = judge(link, observe(link, duration))
+    # How long reading takes is this machine's matter.
+    return {(f.subject, f.level): f for f in findings if "read_p99_ms" not in f.figures}
+
+
+def spoilt(world: World, change: Callable[[Reading], Reading | None]) -> dict[tuple[str, Level], Finding]:
+    world.reset()
+    link = Spoilt(world.robot, world=world)
+    link.change = change
+    return examine(link)
+
+
+def with_joints(change: Callable[[JointReading], JointReading]) -> Callable[[Reading], Reading]:
+    return lambda reading: replace(reading, joints=change(reading.joints))
+
+
+def with_forearm(change: Callable[[SkinFrame], SkinFrame]) -> Callable[[Reading], Reading]:
+    def frame(frame: SkinFrame) -> SkinFrame:
+        return change(frame) if frame.patch == "left_forearm" else frame
+
+    return lambda reading: replace(reading, skin=tuple(map(frame, reading.skin)))
+
+
+@pytest.mark.parametrize("name", ["nao", "icub"])
+def test_a_sound_robot_gets_no_complaint_and_its_rates_are_measured(name: str) -> None:
+    link = SimulatedLink(load_robot(name))
+    found = examine(link)
+    assert {level for _, level in found} == {Level.OK}
+    for patch in link.robot.patches:
+        finding = found[patch.name, Level.OK]
+        assert finding.figures["rate_hz"] == pytest.approx(patch.rate, rel=0.03)
+        assert finding.figures["lost"] == 0.0
+
+
+def test_old_joint_data_is_a_fault_that_names_the_age(world: World) -> None:
+    found = spoilt(world, with_joints(lambda joints: replace(joints, stamp=joints.stamp - 0.3)))
+    finding = found["joints", Level.FAULT]
+    assert finding.figures["age_ms"] == pytest.approx(300.0, abs=1.0)
+    assert "the gate holds at 50 ms" in finding.what
+    ahead = spoilt(world, with_joints(lambda joints: replace(joints, stamp=joints.stamp + 0.3)))
+    assert "clock" in ahead["joints", Level.FAULT].advice
+
+
+def test_frames_that_nobody_saw_are_counted(world: World) -> None:
+    def drop(reading: Reading) -> Reading | None:
+        return None if reading.skin[0].sequence % 4 == 3 else reading
+
+    found = spoilt(world, drop)
+    finding = found["left_forearm", Level.WARNING]
+    assert finding.figures["lost"] == pytest.approx(25, abs=2)
+
+
+def test_a_slow_skin_is_told_from_its_description() -> None:
+    robot = load_robot("nao")
+    slow = robot.model_copy(
+        update={"patches": tuple(patch.model_copy(update={"rate": 40.0}) for patch in robot.patches)}
+    )
+    found = examine(SimulatedLink(robot, world=World(slow)))
+    assert found["right_forearm", Level.WARNING].figures["rate_hz"] == pytest.approx(40.0, rel=0.05)
+
+
+def test_a_skin_that_stands_still_and_one_that_is_not_there(world: World) -> None:
+    still = spoilt(world, with_forearm(lambda frame: replace(frame, stamp=0.0, sequence=0)))
+    assert "restart it" in still["left_forearm", Level.FAULT].advice
+    gone = spoilt(world, lambda reading: replace(reading, skin=reading.skin[1:]))
+    assert gone["left_forearm", Level.FAULT].what == "no frame at all"
+
+
+def test_degrees_in_place_of_radians_are_recognised(world: World) -> None:
+    found = spoilt(
+        world, with_joints(lambda joints: replace(joints, position=read_only(np.rad2deg(joints.position))))
+    )
+    assert "degrees" in found["LShoulderPitch", Level.FAULT].advice
+
+
+def test_a_joint_outside_its_limits_and_one_without_an_angle(world: World) -> None:
+    def move(joints: JointReading) -> JointReading:
+        position = joints.position.copy()
+        position[[2, 3]] = np.nan, 1.5
+        return replace(joints, position=read_only(position))
+
+    found = spoilt(world, with_joints(move))
+    assert "nan" in found["LShoulderPitch", Level.FAULT].what
+    assert "85.9 degrees" in found["LShoulderRoll", Level.WARNING].what
+
+
+def test_servos_that_are_off_and_another_number_of_servos(world: World) -> None:
+    powered = np.ones(len(world.robot.servos), dtype=bool)
+    powered[4] = False
+    off = spoilt(world, with_joints(lambda joints: replace(joints, powered=read_only(powered, np.bool_))))
+    assert "LElbowYaw" in off["joints", Level.NOTE].what
+    fewer = spoilt(
+        world, with_joints(lambda joints: replace(joints, position=read_only(joints.position[:-1])))
+    )
+    assert "13 angles; the description has 14" in fewer["joints", Level.FAULT].what
+
+
+def test_a_skin_of_another_length_polarity_or_range(world: World) -> None:
+    short = spoilt(world, with_forearm(lambda frame: replace(frame, values=frame.values[:-12])))
+    assert "228 values; the description has 240" in short["left_forearm", Level.FAULT].what
+    inverted = spoilt(world, with_forearm(lambda frame: replace(frame, values=255 - frame.values)))
+    assert "inverted" in inverted["left_forearm", Level.WARNING].advice
+    wide = spoilt(world, with_forearm(lambda frame: replace(frame, values=frame.values * 20.0)))
+    assert "0 .. 255" in wide["left_forearm", Level.FAULT].what
+
+
+def test_what_the_link_itself_knows_comes_first(world: World) -> None:
+    class Knowing(SimulatedLink):
+        def diagnose(self) -> tuple[Finding, ...]:
+            return (Finding(Level.NOTE, "dialect", "4.0"),)
+
+    world.reset()
+    link = Knowing(world.robot, world=world)
+    assert judge(link, observe(link, 0.1))[0].subject == "dialect"
+
+
+def test_observing_commands_nothing_and_a_lost_robot_is_an_error(world: World) -> None:
+    class Deaf(SimulatedLink):
+        def _send(self, safe: SafeCommand) -> None:
+            raise AssertionError("the doctor moved the robot")
+
+        def _receive(self) -> Reading:
+            if self.world.time > 0.5:
+                raise LinkError("gone")
+            return super()._receive()
+
+    world.reset()
+    with pytest.raises(LinkError, match="gone"):
+        observe(Deaf(world.robot, world=world), 1.0)
+
+
+def test_this_machine_names_links_robots_and_its_clock() -> None:
+    found = {finding.subject: finding for finding in examine_machine(duration=0.1)}
+    assert found["link sim"].level is Level.OK
+    assert found["robot nao"].level is Level.OK
+    assert found["clock"].figures["late_p99_us"] >= found["clock"].figures["late_p50_us"] >= 0.0
+
+
+def test_another_package_in_the_same_folder_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """`tci` on PyPI brings a package and a command `tci`; MuJoCo 3 and mujoco-core 4 share a folder."""
+    there = [("tci", "0.1.4", "tci"), ("tactile-capabilities", "0.2.0", "tci"),
+             ("mujoco", "3.17.0", "mujoco"), ("mujoco-core", "4.0.1", "mujoco")]  # fmt: skip
+    for name, version, module in there:
+        folder = tmp_path / f"{name.replace('-', '_')}-{version}.dist-info"
+        folder.mkdir()
+        (folder / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: {version}\n")
+        (folder / "top_level.txt").write_text(f"{module}\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    found = {finding.subject: finding for finding in examine_machine(duration=0.1)}
+    assert found["package tci"].level is Level.WARNING
+    assert "tactile-capabilities 0.2.0 and tci 0.1.4 write into the same folder" in found["package tci"].what
+    assert "mujoco 3.17.0 and mujoco-core 4.0.1" in found["package mujoco"].what
+    assert found["package tci"].advice.startswith("pip uninstall tactile-capabilities tci, then")
+    assert "'mujoco>=3.11,<4' serves TCI" in found["package mujoco"].advice
+
+
+def test_a_robot_without_patches_has_only_joints() -> None:
+    robot: Robot = load_robot("nao").model_copy(update={"patches": ()})
+    assert {subject for subject, _ in examine(SimulatedLink(robot))} == {"joints"}

@@ -1,0 +1,27 @@
+"""A process that moves the NAO at `python commander.py VIA [SILENCE]` until it is killed: prints `moving`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import tci
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from drivers.patient import patient
+
+
+def main() -> None:
+    with tci.connect(patient("nao", *map(float, sys.argv[2:])), sys.argv[1], arm=True) as link:
+        arm = link.native("LArm")
+        begun, told = arm.positions(link.read().joints)["LElbowRoll"], False
+        for now in link.ticks():
+            joints = link.read().joints
+            link.write(link.gate.step([arm.command({"LElbowRoll": -0.1}, speed=0.1)], joints, now))
+            if not told and abs(arm.positions(joints)["LElbowRoll"] - begun) > 0.03:
+                told = True
+                print("moving", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,101 @@
+"""A NAO in a process of its own, with autonomous life on or off when it starts; tests kill and restart it."""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from drivers.served import needs_qi
+
+TESTS = Path(__file__).parents[2]
+
+
+class LivingNao:
+    """A NAOqi service in another process."""
+
+    def __init__(self, life: str, port: int = 0, *, late: bool = False) -> None:
+        """In the state `life` from the start on; with `late` autonomous life is there only after `go_on`."""
+        needs_qi()
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "middleware.naoqi.living_nao", life, str(port), *(["late"] * late)],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=TESTS,
+        )  # fmt: skip
+        self.port = int(self._await("port").split()[1])
+        self.via = f"naoqi://127.0.0.1:{self.port}"
+
+    def go_on(self) -> None:
+        """Let autonomous life be there."""
+        assert self.process.stdin is not None
+        self.process.stdin.write("\n")
+        self.process.stdin.flush()
+        self._await("complete")
+
+    def life(self) -> str:
+        """The state of autonomous life, as anybody is told it."""
+        import qi
+
+        session = qi.Session()
+        session.connect(f"tcp://127.0.0.1:{self.port}")
+        try:
+            return str(session.service("ALAutonomousLife").getState())
+        finally:
+            session.close()
+
+    def kill(self) -> None:
+        """End it with -9."""
+        self.process.kill()
+        self.process.communicate()
+
+    def _await(self, word: str) -> str:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            if line.startswith(word):
+                return line
+        raise AssertionError(f"it ended before it said {word!r}")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.kill()
+
+
+def cut(port: int) -> None:
+    """End each connection of this process with `port`; whoever listens there goes on."""
+    for number in os.listdir("/proc/self/fd"):
+        try:
+            found = socket.socket(fileno=os.dup(int(number)))
+        except OSError:
+            continue  # it is none, or has just been closed
+        with found:
+            try:
+                if found.getpeername()[1] == port:
+                    found.shutdown(socket.SHUT_RDWR)
+            except (OSError, IndexError):
+                continue
+
+
+def _serve(life: str, port: str, late: bool) -> None:
+    from drivers.naoqi.still_nao import StillNao
+
+    last: Any = ["ALMotion", "ALAutonomousLife"] if late else ["ALMotion"]
+    with StillNao(port=int(port), without=tuple(last)) as nao:
+        nao.services["ALAutonomousLife"].setState(life)
+        nao.session.registerService("ALMotion", nao.services["ALMotion"])
+        print("port", nao.port, flush=True)
+        if late:
+            sys.stdin.readline()
+            nao.session.registerService("ALAutonomousLife", nao.services["ALAutonomousLife"])
+            print("complete", flush=True)
+        sys.stdin.read()
+
+
+if __name__ == "__main__":
+    _serve(sys.argv[1], sys.argv[2], "late" in sys.argv[3:])

@@ -1,0 +1,46 @@
+"""A simulated robot, shown as `tci serve` shows it, for tests: `python patient.py VIA [SILENCE]`.
+
+Unless told otherwise its times are longer than those of the description, so that a busy machine is no fault.
+It prints `ready`, then a line for each change of the gate's state, with the time [s] and the reason.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+
+import tci
+from tci.drivers.registry import open_server
+from tci.drivers.simulated import SimulatedLink
+from tci.robot.description import Robot
+from tci.runtime.loop import Tick
+from tci.runtime.serve import serve
+
+PATIENCE = 0.5
+"""Silence [s] after which something counts as lost in these tests."""
+
+
+def patient(name: str, silence: float = PATIENCE) -> Robot:
+    """A robot by name that waits for `silence` [s] before it holds."""
+    robot = tci.load_robot(name)
+    bindings = tuple(binding.model_copy(update={"stale_after": silence}) for binding in robot.bindings)
+    return robot.model_copy(update={"bindings": bindings})
+
+
+def main() -> None:
+    state: list[str] = []
+
+    def tell(tick: Tick) -> None:
+        if not state:
+            print("ready", flush=True)
+        if not state or state[0] != tick.sent.state.value:
+            state[:] = [tick.sent.state.value]
+            print(tick.sent.state.value, time.monotonic(), tick.sent.reason, flush=True)
+
+    robot = patient("nao", *map(float, sys.argv[2:]))
+    with SimulatedLink(robot, paced=True) as link, open_server(link, sys.argv[1]) as server:
+        serve(server, observe=tell)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,173 @@
+"""What the tests of ROS 1, ROS 2 and rosbridge share."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import secrets
+import signal
+import socket
+import subprocess
+import time
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+import tci
+from peers import needs_debian_module
+from tci.drivers.driver import Link
+from tci.drivers.registry import connect
+from tci.drivers.ros.messages import BYTES, NO_LAYOUT
+from tci.drivers.ros.node import RosNode
+from tci.gate.safe_command import GateState
+from tci.messages import Reading
+from tci.recording.schemas import JOINTS
+
+PATCHES = {patch.name: patch.channels for patch in tci.load_robot("nao").patches}
+Start = Callable[..., "subprocess.Popen[str]"]
+
+
+class Programs:
+    """Programs that a test started; it kills them in the end, since some do not heed a SIGTERM."""
+
+    def __init__(self) -> None:
+        self.running: list[subprocess.Popen[str]] = []
+
+    def start(self, *command: str) -> subprocess.Popen[str]:
+        environment = dict(os.environ)
+        self.running.append(
+            subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True, env=environment
+            )
+        )
+        return self.running[-1]
+
+    def kill(self) -> None:
+        for process in self.running:
+            process.kill()
+            process.wait()
+            assert process.stdout is not None
+            process.stdout.close()
+
+
+def nao_in_ros(**more: Any) -> dict[str, Any]:
+    """What a robot of ROS needs to be a NAO."""
+    robot = tci.load_robot("nao")
+    names = {servo.index: servo.joint or servo.name for servo in robot.servos}
+    joints: dict[str, list[str]] = {}
+    for servo in robot.servos:
+        joints.setdefault(servo.robot_part, []).append(names[servo.index])
+    position = {names[servo.index]: float(robot.initial_position[servo.index]) for servo in robot.servos}
+    return {"joints": joints, "position": position, "skin": PATCHES, **more}
+
+
+def drive(link: Link, *orders: Any, seconds: float) -> list[Any]:
+    """Run the loop, and give what was sent."""
+    pending, sent = list(orders), []
+    for now in link.ticks(duration=seconds):
+        sent.append(link.write(link.gate.step(pending, link.read().joints, now)))
+        pending = []
+    return sent
+
+
+def complete(link: Link) -> Reading:
+    """The first reading with a frame of every patch, all of the right size."""
+    end = time.monotonic() + 60.0
+    while True:
+        reading = link.read()
+        if {frame.patch: len(frame.values) for frame in reading.skin} == PATCHES:
+            return reading
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
+def go(link: Link, joint: str, angle: float) -> None:
+    """Order it again where a pause of the machine made the robot hold."""
+    arm = link.native("LArm")
+    end = time.monotonic() + 60.0
+    while abs(arm.positions(link.read().joints)[joint] - angle) > 0.01:
+        assert link.gate.state is not GateState.STOP
+        assert time.monotonic() < end
+        drive(link, arm.command({joint: angle}), seconds=0.5)
+
+
+def is_killed_and_comes_back(via: str, begin: Callable[[], subprocess.Popen[str]]) -> None:
+    """A robot that dies is held; one that comes back runs, and is told nothing before a new command."""
+    process = begin()
+    with connect(tci.load_robot("nao"), via, arm=True, wait=60.0) as link:
+        drive(link, seconds=0.3)
+        process.kill()
+        pending = [link.native("LArm").command({"LElbowRoll": -0.1})]
+        for now in link.ticks(duration=30.0):
+            joints = link.read().joints
+            safe = link.write(link.gate.step(pending, joints, now))
+            pending = []
+            if safe.state is GateState.HOLD:
+                break
+            # In the first period in which it is too old it holds, however late a busy machine runs that.
+            assert now - joints.stamp <= link.gate.stale_after <= 0.1
+        assert safe.state is GateState.HOLD
+        while np.any(safe.velocity):  # it comes to rest
+            (safe,) = drive(link, seconds=link.period)
+        process = begin()
+        end, before = time.monotonic() + 90.0, link.read().joints.sequence
+        while link.read().joints.sequence < before + 50 or link.gate.state is not GateState.RUN:
+            drive(link, seconds=0.1)
+            assert time.monotonic() < end
+        process.kill()
+    assert not list(process.stdout or ())
+
+
+@cache
+def roscore() -> str:
+    """A master on the loopback, for the whole run: rospy has one node per process, and that one master."""
+    for module, package in (("rospy", "ros-core"), ("sensor_msgs", "python3-sensor-msgs")):
+        needs_debian_module(module, package)
+    needs_debian_module("trajectory_msgs", "python3-trajectory-msgs")
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    os.environ |= {"ROS_MASTER_URI": f"http://127.0.0.1:{port}", "ROS_IP": "127.0.0.1"}
+    subprocess.Popen(
+        ["roscore", "-p", str(port)],
+        stdout=subprocess.DEVNULL,
+        start_new_session=True,
+        preexec_fn=_end_with_its_parent,
+    )
+    end = time.monotonic() + 60.0
+    while True:
+        with socket.socket() as asked:
+            if asked.connect_ex(("127.0.0.1", port)) == 0:
+                return os.environ["ROS_MASTER_URI"]
+        assert time.monotonic() < end
+        time.sleep(0.1)
+
+
+def _end_with_its_parent() -> None:
+    """A worker of pytest-xdist ends without atexit."""
+    set_parent_death_signal = 1  # prctl's PR_SET_PDEATHSIG
+    ctypes.CDLL(None).prctl(set_parent_death_signal, signal.SIGTERM)
+
+
+def here_only() -> None:
+    """Let ROS 2 find nodes of this machine only, in a domain of these tests."""
+    os.environ |= {"ROS_DOMAIN_ID": "90", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+
+
+def anywhere() -> str:
+    """A namespace that nobody else is in."""
+    return f"/n{secrets.token_hex(4)}"
+
+
+def garbage_on(node: RosNode, namespace: str, messages: list[bytes]) -> None:
+    """Send bytes as states and frames of a TCI process, and joints of wrong lengths."""
+    topics = [f"{namespace}/tci/state", f"{namespace}/tci/frames/left_forearm"]
+    senders = [node.advertise(topic, BYTES) for topic in topics]
+    joints = node.advertise(f"{namespace}/joint_states", JOINTS)
+    for message in messages:
+        for send in senders:
+            send((NO_LAYOUT, np.frombuffer(message, dtype=np.uint8)))
+        joints((0, 0, "", ["a"] * (len(message) % 3), [0.0], [], [1.0] * (len(message) % 2)))
+    node.close()

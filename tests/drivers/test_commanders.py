@@ -1,0 +1,194 @@
+"""Who commands a served robot, on a clock that stands still."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import tci
+from tci.clock import ManualClock
+from tci.drivers.remote.commanders import LEASE, Commanders
+from tci.drivers.remote.protocol import MOST_COMMANDERS, Orders
+from tci.gate.gate import Gate, SafeCommand
+from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch
+
+SESSION, SILENCE = 7, 0.08
+
+
+class Robot:
+    """A NAO with its gate, and what two processes say to it."""
+
+    def __init__(self, silence: float = SILENCE) -> None:
+        self.robot = tci.load_robot("nao")
+        self.clock = ManualClock(100.0)
+        self.commanders = Commanders(self.robot, SESSION, silence, self.clock.now)
+        self.gate = Gate(self.robot, period=0.002, stale_after=1.0)
+        self.readings = 0
+        self.numbers: dict[int, int] = {}
+
+    def say(self, client: int, *orders: PlatformOrder, first: int = 1, **changes: object) -> None:
+        self.numbers[client] = self.numbers.get(client, 0) + 1
+        message: dict[str, object] = {
+            "session": SESSION, "seen": self.clock.now(), "client": client, "name": f"behaviour {client}",
+            "sequence": self.numbers[client], "halt": "", "leaving": False, "first": first, "orders": orders,
+        }  # fmt: skip
+        self.commanders.hear(Orders(**{**message, **changes}))
+
+    def tick(self) -> SafeCommand:
+        if fault := self.commanders.fault():
+            self.gate.hold(fault)
+        count = len(self.robot.servos)
+        self.readings += 1
+        joints = JointReading(
+            self.clock.now(), self.readings, np.array(self.robot.initial_position), np.zeros(count)
+        )
+        sent = self.gate.step(self.commanders.take(), joints, self.clock.now())
+        self.commanders.decided(sent)
+        return sent
+
+
+@pytest.fixture
+def robot() -> Robot:
+    return Robot()
+
+
+def aim(*servos: int, value: float = 0.1) -> PlatformCommand:
+    many = len(servos)
+    return PlatformCommand(
+        Mode.POSITION, np.array(servos, np.intp), np.full(many, value), np.full(many, np.inf)
+    )
+
+
+def test_each_order_counts_once_however_often_it_is_repeated(robot: Robot) -> None:
+    first, second = aim(2), aim(3)
+    robot.say(1, first)
+    assert robot.tick().orders == (first,)
+    robot.say(1, first, second)
+    assert robot.tick().orders == (second,)
+    robot.say(1)
+    assert robot.tick().orders == ()
+    assert robot.commanders.states()[0].acknowledged == 2
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"seen": 99.9},  # held up on the way, or recorded
+        {"seen": 100.5},
+        {"seen": float("nan")},
+        {"session": 6},
+        {"sequence": 0},
+    ],
+)
+def test_34_what_is_late_repeated_or_of_another_session_moves_nothing(
+    robot: Robot, changes: dict[str, object]
+) -> None:
+    robot.say(1)
+    robot.say(1, aim(2), **changes)
+    assert robot.tick().orders == ()
+    assert robot.commanders.rejected == 1
+
+
+def test_34_what_is_played_again_right_after_its_sender_left_moves_nothing(robot: Robot) -> None:
+    robot.say(1, aim(2))
+    robot.tick()
+    begun = robot.clock.now()
+    robot.clock.advance(0.01)
+    robot.say(1, leaving=True)
+    robot.tick()
+    robot.say(1, aim(2), seen=begun)
+    assert robot.tick().orders == ()
+    assert robot.commanders.rejected == 1
+    robot.clock.advance(0.01)
+    robot.say(1, aim(2))  # a controller that begins anew
+    assert len(robot.tick().orders) == 1
+
+
+def test_26_a_joint_has_one_commander_and_the_second_is_told_who_it_is(robot: Robot) -> None:
+    robot.say(1, aim(2, 3))
+    robot.say(2, aim(3), aim(5))
+    assert [order.servos.tolist() for order in robot.tick().orders] == [[2, 3], [5]]
+    first, second = robot.commanders.states()
+    assert (first.refused, second.refused) == (0, 1)
+    assert "commanded by behaviour 1" in second.reason
+    assert robot.robot.servos[3].name in second.reason
+
+
+def test_28_43_a_commander_that_falls_silent_means_hold_and_later_its_joints_are_free(robot: Robot) -> None:
+    robot.say(1, aim(2))
+    assert not robot.tick().reason
+    robot.clock.advance(SILENCE + 0.001)
+    assert "no word from behaviour 1" in robot.tick().reason
+    robot.say(2, aim(2))
+    robot.tick()
+    assert robot.commanders.states()[1].refused == 1
+    robot.clock.advance(LEASE)
+    robot.tick()
+    robot.say(2, aim(2, value=0.2), first=2)
+    assert [order.servos.tolist() for order in robot.tick().orders] == [[2]]
+
+
+def test_43_silence_means_hold_also_where_it_may_be_long() -> None:
+    robot = Robot(silence=3.0)
+    robot.say(1, aim(2))
+    robot.tick()
+    robot.clock.advance(2.9)
+    assert not robot.tick().reason
+    assert [member.client for member in robot.commanders.states()] == [1]
+    robot.clock.advance(0.2)
+    assert "no word from behaviour 1" in robot.tick().reason
+    robot.clock.advance(LEASE)
+    robot.tick()
+    assert not robot.commanders.states()
+
+
+def test_a_commander_that_comes_back_ends_the_hold(robot: Robot) -> None:
+    robot.say(1, aim(2))
+    robot.tick()
+    robot.clock.advance(SILENCE + 0.001)
+    assert robot.tick().reason
+    robot.say(1)
+    assert not robot.tick().reason
+
+
+def test_one_who_commands_nothing_may_leave_unnoticed(robot: Robot) -> None:
+    robot.say(1)
+    robot.clock.advance(SILENCE + 0.001)
+    assert not robot.tick().reason
+    robot.say(2, leaving=True)
+    assert not robot.tick().reason
+
+
+def test_one_who_leaves_stops_what_moves_and_frees_the_joints(robot: Robot) -> None:
+    robot.say(1, aim(2))
+    robot.tick()
+    robot.say(1, leaving=True)
+    assert "left" in robot.tick().reason
+    robot.say(2, aim(2))
+    assert len(robot.tick().orders) == 1
+
+
+def test_while_a_commanders_own_gate_holds_the_robot_holds(robot: Robot) -> None:
+    robot.say(1, aim(2))
+    robot.tick()
+    robot.say(1, halt="its loop missed 9 periods")
+    assert "missed 9" in robot.tick().reason
+    robot.say(1)
+    assert not robot.tick().reason
+
+
+def test_what_the_gate_refuses_is_told_to_its_sender_alone(robot: Robot) -> None:
+    robot.say(1, aim(2), aim(3, value=float("nan")), aim(4))
+    robot.say(2, PlatformSwitch(np.array([999]), Mode.TORQUE), aim(6))
+    assert [order.servos.tolist() for order in robot.tick().orders] == [[2], [4], [6]]
+    first, second = robot.commanders.states()
+    assert (first.refused, second.refused) == (2, 1)
+    assert "nan" in first.reason
+    assert "999" in second.reason
+
+
+def test_33_a_crowd_is_bounded(robot: Robot) -> None:
+    for client in range(1, 100):
+        robot.say(client, aim(2))
+    robot.tick()
+    assert len(robot.commanders.states()) == MOST_COMMANDERS

@@ -1,0 +1,147 @@
+"""Messages between TCI processes as bytes: whole again, and nothing damaged gets in."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import random
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import tci
+from tci.drivers.remote.commanders import Commanders
+from tci.drivers.remote.encoding import (
+    ENVELOPE,
+    frame_bytes,
+    orders_bytes,
+    seal,
+    state_bytes,
+    to_orders,
+    to_skin,
+    to_state,
+)
+from tci.drivers.remote.protocol import MOST_COMMANDERS, MOST_WORDS, Commander, Orders, SessionFrame, State
+from tci.errors import FrameError
+from tci.gate.gate import Gate
+from tci.messages import JointReading, Mode, PlatformCommand, PlatformSwitch, SkinFrame
+
+NAO = tci.load_robot("nao")
+COUNT = len(NAO.servos)
+JOINTS = JointReading(
+    3.5, 70, np.linspace(-1, 1, COUNT), np.zeros(COUNT), np.ones(COUNT),
+    (Mode.POSITION, None) * (COUNT // 2), np.arange(COUNT) % 2 == 0,
+)  # fmt: skip
+STATE = State(11, 12, 100.25, 3.5, JOINTS, "hold", "why", (Commander(5, "a", 6, 2, "because"),))
+FRAME = SessionFrame(11, SkinFrame("left_forearm", 3.25, 9, np.arange(240, dtype=np.uint8)))
+ORDERS = Orders(
+    11, 100.25, 5, "a", 8, "", False, 3,
+    (
+        PlatformCommand(Mode.POSITION, np.array([2, 3]), np.array([0.5, -0.5]), np.array([1.0, np.inf])),
+        PlatformSwitch(np.array([4]), Mode.TORQUE),
+    ),
+)  # fmt: skip
+WHOLE = {"S": state_bytes(NAO, STATE), "F": frame_bytes(NAO, FRAME), "O": orders_bytes(NAO, ORDERS)}
+READ = {"S": to_state, "F": to_skin, "O": to_orders}
+
+
+def plain(value: object) -> object:
+    """Dataclasses and arrays as tuples, which compare."""
+    if dataclasses.is_dataclass(value):
+        return type(value), tuple(plain(getattr(value, f.name)) for f in dataclasses.fields(value))
+    if isinstance(value, np.ndarray):
+        return value.dtype.kind, tuple(value.tolist())
+    return tuple(map(plain, value)) if isinstance(value, tuple) else value
+
+
+@pytest.mark.parametrize(("kind", "before"), [("S", STATE), ("F", FRAME), ("O", ORDERS)])
+def test_what_arrives_is_what_was_sent(kind: str, before: object) -> None:
+    assert plain(READ[kind](NAO, WHOLE[kind])) == plain(before)
+
+
+def test_a_robot_that_says_little_is_read_back_too() -> None:
+    bare = dataclasses.replace(
+        STATE, joints=JointReading(1.0, 2, np.zeros(COUNT), np.zeros(COUNT)), commanders=()
+    )
+    assert plain(to_state(NAO, state_bytes(NAO, bare))) == plain(bare)
+
+
+def test_16_messages_for_another_robot_are_refused_by_the_hash_of_its_description() -> None:
+    other = NAO.model_copy(update={"digest": "0123456789abcdef" * 4})
+    for kind, data in WHOLE.items():
+        with pytest.raises(FrameError, match="0123456789abcdef"):
+            READ[kind](other, data)
+
+
+def test_35_another_kind_of_message_is_refused() -> None:
+    for kind, data in WHOLE.items():
+        with pytest.raises(FrameError, match="kind"):
+            READ[{"S": "F", "F": "O", "O": "S"}[kind]](NAO, data)
+
+
+def test_37_no_bit_can_flip_unseen() -> None:
+    for kind, data in WHOLE.items():
+        for bit in range(8 * len(data)):
+            damaged = bytearray(data)
+            damaged[bit // 8] ^= 1 << bit % 8
+            with pytest.raises(FrameError):
+                READ[kind](NAO, bytes(damaged))
+
+
+def test_30_a_message_that_was_cut_short_is_refused() -> None:
+    for kind, data in WHOLE.items():
+        for end in range(len(data)):
+            with pytest.raises(FrameError):
+                READ[kind](NAO, data[:end])
+
+
+def test_31_spoilt_contents_under_a_sound_check_raise_one_error() -> None:
+    """As a hostile peer sends them: lengths of -1 and 2^31-1, text that is none. TCI_FUZZ_WIRE: how many."""
+    chance = random.Random(1)
+    for _ in range(int(os.environ.get("TCI_FUZZ_WIRE", "20000"))):
+        kind = chance.choice("SFO")
+        body = bytearray(WHOLE[kind][ENVELOPE.size :])
+        for _ in range(chance.randint(1, 4)):
+            place = chance.randrange(len(body))
+            value = chance.choice([b"\xff\xff\xff\xff", b"\xff\xff\xff\x7f", chance.randbytes(1)])
+            body[place : place + len(value)] = value
+        try:
+            READ[kind](NAO, seal(NAO, kind.encode(), bytes(body)))
+        except FrameError:
+            continue
+
+
+def test_31_words_of_others_can_be_printed_and_are_bounded() -> None:
+    wild = "\udcff\x1b[2J\n" * 2000
+    orders = dataclasses.replace(ORDERS, name=wild, halt=wild)
+    state = dataclasses.replace(STATE, reason=wild, commanders=(Commander(5, wild, 6, 2, wild),))
+    heard, told = to_orders(NAO, orders_bytes(NAO, orders)), to_state(NAO, state_bytes(NAO, state))
+    (member,) = told.commanders
+    for words in (heard.name, heard.halt, told.reason, member.name, member.reason):
+        assert words.isprintable()
+        assert len(words.encode()) <= 4 * MOST_WORDS
+
+
+def test_33_what_many_commanders_are_refused_fits_in_a_state() -> None:
+    now = 1.0
+    everybody = Commanders(NAO, 7, 1.0, lambda: now)
+    order = PlatformSwitch(np.full(10_000, 99_999), Mode.POSITION)
+    for client in range(1, MOST_COMMANDERS + 1):
+        everybody.hear(
+            dataclasses.replace(ORDERS, session=7, seen=now, client=client, first=1, orders=(order,))
+        )
+    gate = Gate(NAO, period=0.01, stale_after=1.0)
+    joints = JointReading(now, 1, np.array(NAO.initial_position), np.zeros(COUNT))
+    everybody.decided(gate.step(everybody.take(), joints, now))
+    state = dataclasses.replace(STATE, commanders=everybody.states())
+    told = to_state(NAO, state_bytes(NAO, state))
+    assert len(told.commanders) == MOST_COMMANDERS
+    assert all("99999" in member.reason for member in told.commanders)
+
+
+@given(st.sampled_from("SFO"), st.binary(max_size=400))
+def test_any_bytes_raise_one_error(kind: str, data: bytes) -> None:
+    with pytest.raises(FrameError):
+        READ[kind](NAO, data)

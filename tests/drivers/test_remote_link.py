@@ -1,0 +1,141 @@
+"""The behaviour's side of `remote`, on a clock that stands still and a wire that does what a test wants."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import pytest
+
+import tci
+from tci.clock import ManualClock
+from tci.drivers.remote.driver import WINDOW, RemoteLink
+from tci.drivers.remote.protocol import Orders, SessionFrame, State
+from tci.errors import LinkError
+from tci.gate.safe_command import GateState, SafeCommand
+from tci.messages import JointReading, PlatformOrder
+
+
+class Wire(RemoteLink):
+    """A link whose robot's process is the test."""
+
+    def __init__(self) -> None:
+        super().__init__(tci.load_robot("nao"), middleware="zenoh", place="here", arm=True)
+        self.time = ManualClock(100.0)
+        self.clock = self.time
+        self.inbox: list[State | SessionFrame] = []
+        self.said: list[Orders] = []
+        self.sequence = 0
+        self.there = "run"
+        """State of the gate there."""
+        self.cut = False
+
+    def tell(self, *, late: float = 0.0) -> None:
+        """A state arrives that was sent `late` [s] ago."""
+        self.sequence += 1
+        sent, count = self.time.now() - late, len(self.robot.servos)
+        joints = JointReading(sent, self.sequence, np.array(self.robot.initial_position), np.zeros(count))
+        self.inbox.append(State(1, self.sequence, sent, sent, joints, self.there, "", ()))
+
+    def age(self, *, late: float = 0.0) -> float:
+        """How old [s] the joints are that are read after such a state."""
+        self.tell(late=late)
+        return self.time.now() - self.read().joints.stamp
+
+    def order(self, *orders: PlatformOrder) -> SafeCommand:
+        self.tell()
+        return self.write(self.gate.step(orders, self.read().joints, self.time.now()))
+
+    def _poll(self) -> Iterable[State | SessionFrame]:
+        came, self.inbox = self.inbox, []
+        return came
+
+    def _put(self, orders: Orders) -> None:
+        if self.cut:
+            raise LinkError("the wire is cut")
+        self.said.append(orders)
+
+    def _nobody(self) -> str:
+        return "nobody"
+
+
+@pytest.fixture
+def wire() -> Wire:
+    return Wire()
+
+
+def test_what_was_held_up_is_old_and_a_longer_way_counts_after_a_while(wire: Wire) -> None:
+    for _ in range(100):
+        wire.time.advance(0.01)
+        assert wire.age(late=0.001) == pytest.approx(0.0)
+    for silence in (0.5, 3.0, 60.0):
+        wire.time.advance(silence)
+        # Much comes at once, the oldest first.
+        for left in np.linspace(0.9 * silence, 0.0, 20):
+            assert wire.age(late=0.001 + left) == pytest.approx(left)
+    ages = []
+    for _ in range(round(1.5 * WINDOW / 0.01)):
+        wire.time.advance(0.01)
+        ages.append(wire.age(late=0.201))
+    assert ages[0] == pytest.approx(0.2)
+    assert ages[-1] == pytest.approx(0.0)
+
+
+def test_what_the_robots_process_holds_for_is_not_said_back_however_often_it_is_read(wire: Wire) -> None:
+    """Else each side holds because the other does."""
+    wire.order()
+    for states in (("hold",), ("hold", "run"), ("run", "hold"), ("run",)):
+        for wire.there in states:
+            wire.tell()
+            reading = wire.read()
+        sent = wire.write(wire.gate.step([], reading.joints, wire.time.now()))
+        wire.time.advance(wire.period)
+        assert (sent.state is GateState.HOLD) == ("hold" in states)
+        assert wire.said[-1].halt == ""
+    wire.gate.hold("our own reason")
+    assert wire.order().reason == "our own reason"
+    assert wire.said[-1].halt == "our own reason"
+
+
+def test_a_halt_is_said_until_the_robot_holds_and_nothing_ordered_is_said_again(wire: Wire) -> None:
+    order = wire.native("LArm").command({"LElbowRoll": -1.2})
+    wire.order(order)
+    assert len(wire.said[-1].orders) == 1
+
+    def hold(orders: Orders) -> None:
+        wire.said.append(orders)
+        wire.there = "hold" if len(wire.said) >= 4 else "run"
+        wire.tell()
+
+    wire._put = hold  # type: ignore[method-assign]
+    wire.halt()
+    assert [message.halt for message in wire.said[1:]] == ["halted"] * 3
+    assert not any(message.orders for message in wire.said[1:])
+    wire.there = "run"
+    sent = wire.order(order)
+    assert len(sent.orders) == 1
+    assert wire.said[-1].first == 2
+    assert wire.said[-1].halt == ""
+
+
+def test_a_halt_that_nobody_answers_ends_when_the_robot_holds_by_itself(wire: Wire) -> None:
+    wire.order(wire.native("LArm").command({"LElbowRoll": -1.2}))
+    before = wire.time.now()
+    wire.halt()
+    assert {message.halt for message in wire.said[1:]} == {"halted"}
+    assert wire.time.now() - before == pytest.approx(wire.gate.stale_after, abs=2 * wire.period)
+
+
+def test_one_who_ordered_nothing_halts_nothing(wire: Wire) -> None:
+    wire.tell()
+    wire.read()
+    wire.halt()
+    assert not wire.said
+
+
+def test_a_link_whose_wire_is_cut_is_closed_all_the_same(wire: Wire) -> None:
+    wire.order(wire.native("LArm").command({"LElbowRoll": -1.2}))
+    wire.cut = True
+    wire.close()
+    with pytest.raises(LinkError, match="closed"):
+        wire.read()

@@ -1,0 +1,121 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from recording.recorded import equal_readings, record_poke
+from tci.capabilities.withdrawal import WithdrawalReflex
+from tci.drivers.registry import connect
+from tci.drivers.replay import ReplayLink, changed_versions
+from tci.errors import LinkError, RecordingError
+from tci.recording.recording import Recording
+from tci.robot.catalogue import load_robot
+from tci.runtime.loop import Tick, run
+
+REPLAY = """
+import sys, tci
+from tci.runtime.loop import run
+with tci.connect(tci.load_robot(sys.argv[1]), "replay:" + sys.argv[2]) as link:
+    run(link, tci.WithdrawalReflex())
+    print(link.compared, len(link.different))
+"""
+
+
+@pytest.mark.parametrize("robot", ["nao", "icub"])
+def test_another_process_decides_the_same_bit_for_bit(robot: str, tmp_path: Path) -> None:
+    ticks = record_poke(tmp_path / "a.mcap", robot=robot)
+    assert any(tick.commands for tick in ticks), "the reflex answered"
+    found = subprocess.run(
+        [sys.executable, "-c", REPLAY, robot, str(tmp_path / "a.mcap")],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert found.stdout.split() == [str(len(ticks)), "0"]
+
+
+def test_a_skin_that_sends_changes_only_decides_the_same(tmp_path: Path) -> None:
+    ticks = record_poke(tmp_path / "a.mcap", keep_alive=0.25)
+    with ReplayLink(load_robot("nao"), str(tmp_path / "a.mcap")) as link:
+        assert link.keep_alive == 0.25
+        seen: list[Tick] = []
+        run(link, WithdrawalReflex(), observe=seen.append)
+        assert (link.compared, link.different) == (len(ticks), [])
+    for again, tick in zip(seen, ticks, strict=True):
+        pressures = [[p.pressure for p in each.skin.patches.values()] for each in (again, tick)]
+        assert all((a == b).all() for a, b in zip(*pressures, strict=True))
+
+
+def test_a_replay_that_ends_in_motion_is_not_brought_to_rest(tmp_path: Path) -> None:
+    """Nothing moves: stops would be compared with what was decided then, and use up what is left to read."""
+    ticks = record_poke(tmp_path / "a.mcap")
+    moving = next(i for i, tick in enumerate(ticks) if tick.sent.velocity.any()) + 20
+    assert ticks[moving].sent.velocity.any()
+    with ReplayLink(load_robot("nao"), str(tmp_path / "a.mcap")) as link:
+        run(link, WithdrawalReflex(), duration=ticks[moving].now - ticks[0].now)
+        assert (link.compared, link.different) == (moving, [])
+        assert link.gate.counts.holds == 0
+
+
+def test_a_replay_has_the_period_of_then(tmp_path: Path) -> None:
+    ticks = record_poke(tmp_path / "a.mcap", rate=100.0)
+    assert any(tick.commands for tick in ticks)
+    with ReplayLink(load_robot("nao"), str(tmp_path / "a.mcap")) as link:
+        assert link.period == link.gate.period == 0.01
+        run(link, WithdrawalReflex())
+        assert (link.compared, link.different) == (len(ticks), []) == (60, [])
+
+
+def test_what_decides_the_bits_is_named(tmp_path: Path) -> None:
+    record_poke(tmp_path / "a.mcap", duration=0.02)
+    with ReplayLink(load_robot("nao"), str(tmp_path / "a.mcap")) as link:
+        assert link.changed == []
+    then = '{"numpy": "1.0", "mcap": 7, "else": "1"}'
+    assert [words.split(", here ")[0] for words in changed_versions(then)] == ["numpy 1.0", "mcap 7"]
+    assert changed_versions("[1") == changed_versions("[1]") == changed_versions("") == []
+
+
+def test_the_loop_sees_what_it_saw(tmp_path: Path) -> None:
+    ticks = record_poke(tmp_path / "a.mcap", duration=0.1)
+    seen: list[Tick] = []
+    with connect(load_robot("nao"), f"replay:{tmp_path / 'a.mcap'}") as link:
+        run(link, WithdrawalReflex(), observe=seen.append)
+    assert [tick.now for tick in seen] == [tick.now for tick in ticks]
+    assert all(equal_readings(a.reading, b.reading) for a, b in zip(seen, ticks, strict=True))
+
+
+def test_other_settings_show_what_would_have_happened(tmp_path: Path) -> None:
+    record_poke(tmp_path / "a.mcap")
+    deaf = WithdrawalReflex(fields=())
+    with ReplayLink(load_robot("nao"), str(tmp_path / "a.mcap")) as link:
+        run(link, deaf)
+    answered = next(tick.now for tick in Recording(tmp_path / "a.mcap").ticks() if tick.commands)
+    assert link.different
+    assert link.different[0] == pytest.approx(answered)
+
+
+def test_58_a_replay_reaches_nothing_and_takes_only_its_own_robot(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    record_poke(path, duration=0.05)
+    with pytest.raises(LinkError, match="recorded from 'nao'"):
+        ReplayLink(load_robot("icub"), str(path))
+    with (
+        ReplayLink(load_robot("nao"), str(path), arm=False) as link,
+        pytest.raises(LinkError, match="read-only"),
+    ):
+        run(link, WithdrawalReflex())
+    assert link.compared == 0
+
+
+def test_what_can_not_be_replayed_is_told(tmp_path: Path) -> None:
+    robot = load_robot("nao")
+    with pytest.raises(LinkError, match="valid: replay:FILE"):
+        ReplayLink(robot)
+    with pytest.raises(LinkError, match="can't be read"):
+        ReplayLink(robot, str(tmp_path / "none.mcap"))
+    (tmp_path / "a.mcap").write_text("hello, this is not a recording at all")
+    with pytest.raises(RecordingError):
+        ReplayLink(robot, str(tmp_path / "a.mcap"))

@@ -1,0 +1,92 @@
+"""The main job through a middleware: the reflex in another process, the robot behind its own gate here."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import pytest
+
+import tci
+from drivers.links import free_port, lcm_url
+from drivers.patient import patient
+from drivers.ros_robots import anywhere, here_only, roscore
+from drivers.served import needs_qi
+from tci.errors import LinkError
+from tci.experiments.experiment import SIDES, trials_of
+from tci.experiments.measure import Trial
+from tci.experiments.poke import Stimulus, poke
+from tci.experiments.remote_trial import Elsewhere
+from tci.runtime.loop import Tick
+from tci.simulation.world import World
+
+VIAS: dict[str, Callable[[], str]] = {
+    "zenoh": lambda: f"zenoh:tcp/127.0.0.1:{free_port()}",
+    "lcm": lambda: f"lcm:{lcm_url()}",
+    "naoqi": lambda: f"naoqi:127.0.0.1:{free_port()}",
+    "player": lambda: f"player:127.0.0.1:{free_port()}",
+    "ros2": lambda: f"ros2:{anywhere()}",
+    "ros1": lambda: f"ros1:{anywhere()}",
+}
+EVERY_POKE = "zenoh"
+"""All ten pokes of a robot go through this one; others differ in their wire only: one poke of each arm."""
+TRIES = 4
+"""A busy machine may keep two processes from being real time: then the robot holds, as it should."""
+
+
+def answered(trial: Trial) -> bool:
+    """Whether the reflex there did what it does in the same process."""
+    return (
+        trial.responded
+        and trial.contact_lost_ms is not None
+        and trial.withdrawn_mm >= trial.withdrawn_without_reflex_mm + 5.0
+    )
+
+
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("name", VIAS)
+def test_pokes_of_the_demo_are_answered_from_another_process(name: str) -> None:
+    if name == "naoqi":
+        needs_qi()
+    if name == "ros2":
+        here_only()
+    if name == "ros1":
+        roscore()
+    reflex = tci.WithdrawalReflex()
+    if name != EVERY_POKE:
+        reflex = replace(reflex, fields=reflex.fields[:1])
+    for robot in (patient("icub"), patient("nao")):
+        if name not in {binding.middleware for binding in robot.bindings}:
+            continue
+        sites = {(side, field.name) for side in SIDES for field in reflex.fields}
+        for _ in range(TRIES):
+            for trial in trials_of(robot, reflex, stimulus=Stimulus(), seed=3, via=VIAS[name]()):
+                assert not trial.violations
+                assert trial.contact_lost_without_reflex_ms is None
+                assert trial.cop_error_mm is not None
+                assert trial.cop_error_mm <= 1.0
+                if answered(trial):
+                    sites.discard((trial.side, trial.site))
+                if not sites:
+                    break
+            if not sites:
+                break
+        assert not sites
+
+
+def test_what_keeps_the_other_process_away_is_told() -> None:
+    with pytest.raises(LinkError, match="zenoh"):
+        next(trials_of(tci.load_robot("nao"), tci.WithdrawalReflex(), stimulus=Stimulus(), seed=3,
+                       via="zenoh:no-endpoint"))  # fmt: skip
+
+
+def test_a_process_that_ends_in_the_middle_of_a_trial_is_told() -> None:
+    robot, reflex = tci.load_robot("nao"), tci.WithdrawalReflex()
+    with Elsewhere(robot, VIAS["zenoh"](), reflex.mode) as elsewhere:
+
+        def end(tick: Tick) -> None:
+            elsewhere._process.kill()
+
+        with pytest.raises(LinkError, match=r"the reflex in another process, zenoh.*: ended"):
+            poke(World(robot), "left_arm", reflex.fields[0], Stimulus(), reflex=reflex, seed=3,
+                 watch=end, elsewhere=elsewhere)  # fmt: skip

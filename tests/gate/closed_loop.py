@@ -1,0 +1,278 @@
+"""Hostile commands and false readings around a simulated plant, and a judge of how it truly moves."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gate.hostile import Attack
+from gate.plant import Plant
+from tci.frames import Array, read_only
+from tci.gate.gate import GateState, SafeCommand
+from tci.messages import JointReading, Mode, PlatformOrder, PlatformSwitch
+from tci.robot.description import Robot
+
+BLIND = 0.05
+"""Time [s] after the last fresh reading from which no torque may be sent."""
+OVER = 0.5
+"""Share of its speed limit by which a joint may be too fast while its readings are sound or missing."""
+PRESSED = 0.02
+"""How far [rad] a joint may run into its mechanical stops, which give way a little."""
+LIES = 2.5
+"""Multiple of its speed limit that a joint may reach where its readings are wrong under fresh stamps."""
+UNSEEN, UNSEEN_FOR = 0.15, 0.2
+"""How far [rad] a joint in torque mode may be from where a wrong angle says, until no torque is sent; and the
+time [s] at its speed limit that comes on top."""
+CHANGE = 0.32
+"""Share of its torque limit by which a torque may change while angle and velocity repeat: one that is held or
+pressed looks the same, so a torque that does not change goes on."""
+MOVED, TOLD = 0.3, 0.8
+"""Where a velocity [rad/s] repeats with an angle, no torque is sent after so long [s]."""
+AFTER = 0.5
+"""Time [s] after a wrong reading in which its consequences still count as such."""
+REST_IN = 1.0
+"""Time [s] from when nothing may move any more until nothing does."""
+SLOW = 0.02
+"""Speed [rad/s] of a joint at rest."""
+HONEST = ("none", "repeated", "frozen", "late", "reordered", "errors", "spoilt", "calm")
+"""Readings that are sound, or can be told from sound ones; `calm`: they are sound and the robot holds."""
+LYING = ("stale angle", "stuck", "mirrored")
+"""Faults that look sound, under fresh stamps and numbers."""
+SPEEDS = ("no velocity", "mirrored velocity")
+"""Wrong velocities with sound angles, which tell enough for a joint to keep its limit of speed."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What the gate was shown in a period."""
+
+    fault: str
+    """Why it is not the truth."""
+    lasts: float
+    """For how long [s] already."""
+    lies: bool
+    """Whether a wrong reading looked sound, now or lately."""
+    joints: JointReading
+    """The reading; of a missing or useless one, the last that was none."""
+    age: float
+    """Age [s] of the newest true reading until now."""
+
+
+class TrueJudge:
+    """Sees the plant itself, and what the gate was shown of it; knows nothing else."""
+
+    def __init__(self, robot: Robot, plant: Plant) -> None:
+        self.robot, self.plant = robot, plant
+        self._speed = np.array([servo.limits.velocity or np.inf for servo in robot.servos])
+        self._torque = np.array([servo.limits.torque or np.inf for servo in robot.servos])
+        self._energy: Array | None = None
+        self._pushes = np.zeros((2, len(robot.servos)))
+        self._still, self._stuck = 0.0, False
+        self._coasts = np.full(len(robot.servos), np.nan)
+        self.faults: list[str] = []
+        self.largest: dict[str, float] = {}
+        """How near the largest values came to their bounds, as shares."""
+
+    def see(self, safe: SafeCommand, shown: Shown, period: float) -> None:
+        """What truly happened in a period in which a command was carried out."""
+        plant, index = self.plant, safe.servos
+        loose = np.array([mode is Mode.TORQUE for mode in safe.modes], dtype=bool)
+        sent = plant.sent / self._torque
+        self._stuck = shown.fault == "stuck" or (self._stuck and shown.lies)
+        free = np.setdiff1d(index, self._coasting(index[loose], shown))
+        if not (self._stuck and loose.any()):
+            what, most = ("speed from a wrong angle", LIES) if shown.lies else ("speed", 1.0 + OVER)
+            self._bound(what, free, np.abs(plant.velocity) / self._speed, most)
+            self._bound("into a stop", index, plant.beyond, PRESSED * most)
+        self._see_torque(index[loose], sent, shown)
+        self._still = 0.0 if safe.state is GateState.RUN else self._still + period
+        if self._still > REST_IN and not shown.lies:
+            self._bound("speed at rest", index[~loose], np.abs(plant.velocity), SLOW)
+        if shown.fault == "calm" and shown.lasts > REST_IN:
+            self._bound("speed at rest", index, np.abs(plant.velocity), SLOW)
+
+    def _coasting(self, index: NDArray[np.intp], shown: Shown) -> NDArray[np.intp]:
+        """Those of servos (k,) that are too fast since a wrong reading. Nobody can brake them while no
+        reading is believed, and later braking takes its time: they only lose energy."""
+        plant, speed = self.plant, np.abs(self.plant.velocity) / self._speed
+        energy = plant.energy + 0.1 * plant.inertia * self._speed**2
+        if shown.lies:
+            self._coasts = energy
+            return index[:0]
+        if shown.fault in SPEEDS:
+            self._coasts = np.where(speed <= 1.0 + OVER, energy, self._coasts)
+        else:
+            self._coasts[(speed <= 1.0) & (plant.sent != 0.0)] = np.nan
+        coasting = index[np.isfinite(self._coasts[index]) & (speed[index] > 1.0 + OVER)]
+        self._bound("energy after a wrong angle", coasting, plant.energy / self._coasts, 1.0)
+        return coasting
+
+    def _see_torque(self, index: NDArray[np.intp], sent: Array, shown: Shown) -> None:
+        plant = self.plant
+        blind = not shown.lies and shown.age >= BLIND - 1e-9
+        if blind:
+            self._bound("torque without a fresh reading", index, np.abs(sent), 1e-9)
+            if self._energy is None:
+                self._energy = plant.energy + 0.1 * plant.inertia * self._speed**2
+            self._bound("energy without a fresh reading", index, plant.energy / self._energy, 1.0)
+        else:
+            self._energy = None
+        if shown.fault in ("stale angle", "mirrored"):
+            far = np.abs(plant.position - shown.joints.position) > UNSEEN + UNSEEN_FOR * self._speed
+            self._bound("torque from a wrong angle", index, np.abs(sent) * far, 1e-9)
+        if shown.fault == "stuck" and index.size:
+            if shown.lasts == 0.0:
+                self._pushes[:] = sent
+            self._pushes[0], self._pushes[1] = (
+                np.minimum(self._pushes[0], sent),
+                np.maximum(self._pushes[1], sent),
+            )
+            if np.abs(shown.joints.velocity[index]).max() > MOVED and shown.lasts > TOLD:
+                self._bound("torque from a stuck velocity", index, np.abs(sent), 1e-9)
+            elif shown.lasts > AFTER:
+                change = np.where(sent == 0.0, 0.0, self._pushes[1] - self._pushes[0])
+                self._bound("change of torque while stuck", index, change, CHANGE)
+
+    def _bound(self, what: str, servos: NDArray[np.intp], values: Array, most: float) -> None:
+        """None of `values` (n_servos,) may be above `most`, for `servos` (k,)."""
+        if not servos.size:
+            return
+        worst = int(servos[np.argmax(values[servos])])
+        value = float(values[worst])
+        self.largest[what] = max(self.largest.get(what, 0.0), value / most)
+        if not value <= most:
+            self.faults.append(f"{self.robot.servos[worst].name}: {what} {value:.3g}; valid: {most:.3g}")
+
+
+class ClosedLoop(Attack):
+    """Hostile commands in one mode, readings that go wrong, and joints with masses that nobody knows."""
+
+    def __init__(self, robot: Robot, seed: int, mode: Mode, *, period: float = 0.002) -> None:
+        super().__init__(robot, seed, period=period, body=False, modes=(mode,))
+        self.mode = mode
+        able = [servo for servo in self.movable if mode in robot.servos[servo].modes]
+        self.movable = able
+        self.plant = Plant(robot, self.angles, self.random)
+        self.true = TrueJudge(robot, self.plant)
+        self._past: deque[JointReading] = deque(maxlen=60)
+        self._fault, self._since, self._until = "none", 0.0, 0.3
+        self._delay, self._fresh, self._lied = 0.0, -np.inf, -np.inf
+        self._last = self._sense()
+        self._switch = PlatformSwitch(np.array(able, dtype=np.intp), mode)
+        self.tried: dict[str, int] = {}
+
+    def step(self) -> SafeCommand:
+        """One period."""
+        random = self.random
+        orders: list[PlatformOrder] = []
+        malformed = 0
+        if any(self.gate.modes[servo] is not self.mode for servo in self.movable):
+            orders.append(self._switch)
+        while random.random() < 0.2:
+            order, bad = self._order()
+            if not isinstance(order, PlatformSwitch):
+                orders.append(order)
+                malformed += bad
+        self._mischief()
+        if self.now >= self._until:
+            self._choose()
+        joints = self._read()
+        if self._fault == "calm":
+            self.gate.hold("calm down")
+        safe = self.gate.step(orders, joints, self.now)
+        self.gate.check_out(safe)
+        self.plant.obey(safe)
+        self.plant.advance(self.period)
+        lies = self._fault in LYING
+        self._lied = self.now if lies else self._lied
+        seen = joints if lies else self._last
+        shown = Shown(
+            self._fault, self.now - self._since, self.now - self._lied < AFTER, seen, self.now - self._fresh
+        )
+        self.true.see(safe, shown, self.period)
+        self.now += self.period
+        counts = self.counts
+        counts.steps += 1
+        counts.commands += len(orders)
+        counts.malformed += malformed
+        counts.passed += max(0, malformed - len(safe.refusals))
+        counts.modes |= {*safe.modes}
+        return safe
+
+    def _reset(self) -> None:
+        """An operator looks at the robot first."""
+        if self._fault not in LYING + SPEEDS:
+            super()._reset()
+
+    def _choose(self) -> None:
+        """A fault of readings after a sound time, and the other way round."""
+        random, fault, lasts = self.random, "none", self.random.uniform(0.1, 1.0)
+        if self._fault == "none":
+            fault = str(random.choice(HONEST[1:] + LYING + SPEEDS))
+            lasts = random.choice([0.02, 0.1, 0.6, 6.0], p=[0.3, 0.4, 0.25, 0.05])
+        elif self.gate.state is GateState.STOP:
+            lasts += 0.3
+        self.begin(fault, lasts=lasts, delay=random.uniform(0.005, 0.1))
+
+    def begin(self, fault: str, *, lasts: float, delay: float = 0.0) -> None:
+        """Let readings go wrong for so long [s]; late ones come with a `delay` [s]."""
+        self._fault, self._delay = fault, delay
+        self._since, self._until = self.now, self.now + lasts
+        self.tried[fault] = self.tried.get(fault, 0) + 1
+
+    def _sense(self) -> JointReading:
+        """What sound encoders say."""
+        self.sequence += 1
+        plant = self.plant
+        return JointReading(
+            self.now, self.sequence, read_only(plant.position.copy()), read_only(plant.velocity.copy())
+        )
+
+    def _read(self) -> JointReading:
+        """What the gate is shown."""
+        true = self._sense()
+        self._past.append(true)
+        fault, last = self._fault, self._last
+        shown = true
+        if fault in ("repeated", "errors"):
+            if fault == "errors" and self.now == self._since:
+                self.gate.stop("reading fails")
+            return last
+        if fault == "frozen":
+            return replace(last, stamp=self.now)
+        if fault == "late":
+            old = [one for one in self._past if one.stamp <= self.now - self._delay]
+            shown = old[-1] if old else last
+        elif fault == "reordered":
+            shown = self._past[self.random.integers(len(self._past))]
+        elif fault == "spoilt":
+            return self._spoilt(true)
+        elif fault == "stale angle":
+            return replace(true, position=last.position)
+        elif fault == "stuck":
+            return replace(true, position=last.position, velocity=last.velocity)
+        elif fault == "mirrored":
+            return replace(true, position=read_only(2.0 * last.position - true.position))
+        elif fault == "no velocity":
+            shown = replace(true, velocity=read_only(np.zeros(len(true.velocity))))
+        elif fault == "mirrored velocity":
+            shown = replace(true, velocity=read_only(-true.velocity))
+        self._fresh = max(self._fresh, shown.stamp)
+        if fault in ("none", "calm"):
+            self._last = true
+        return shown
+
+    def _spoilt(self, true: JointReading) -> JointReading:
+        """A reading that can't be used."""
+        position = np.array(true.position)
+        position[self.random.integers(len(position))] = np.nan
+        kinds = (
+            replace(true, position=read_only(position)),
+            replace(true, position=read_only(position[:-1])),
+            replace(true, stamp=self.now + self.random.choice([np.nan, -1.0, 1.0])),
+            replace(true, velocity=read_only(np.full(len(position), np.nan))),
+        )
+        return kinds[self.random.integers(len(kinds))]

@@ -1,0 +1,151 @@
+"""The compiled look at servos' motion, against the same rules in NumPy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tci.frames import Array
+from tci.gate.kernels import motion as at
+
+SETTINGS = np.array([0.1, 0.1, 0.05, 0.04, 0.05, 0.06, 0.03])
+
+
+def since(begin: Array, holds: Array, now: float) -> Array:
+    begin[:] = np.where(holds, np.minimum(begin, now), np.inf)
+    return now - begin
+
+
+def oracle(
+    judged: Array, now: Array, before: Array, position: Array, velocity: Array, stamp: float, elapsed: float,
+    memory: Array,
+) -> tuple[int, int]:  # fmt: skip
+    """What was found and where, for servos that are all under command."""
+    following, lag, patience, opposing, least, repeat, travel = SETTINGS
+    error = np.abs(position - now)
+    lasted = since(memory[0], judged & (error > following + lag * np.abs(velocity)), stamp)
+    if (lasted > patience).any():
+        return at.LATE, int(np.argmax(lasted))
+    speed = (now - before) / elapsed
+    against = judged & (velocity * speed < 0.0) & (np.minimum(np.abs(speed), np.abs(velocity)) > least)
+    lasted = since(memory[1], against, stamp)
+    if (lasted > opposing).any():
+        return at.OPPOSED, int(np.argmax(lasted))
+    repeats = judged & (now == before)
+    begins = ~(repeats & np.isfinite(memory[2]))
+    memory[3][begins] = position[begins]
+    lasted = since(memory[2], repeats, stamp)
+    frozen = (lasted > repeat) & (np.abs(position - memory[3]) > travel)
+    return (at.FROZEN, int(np.argmax(frozen))) if frozen.any() else (at.FOLLOWS, -1)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_it_finds_what_numpy_finds(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    n, step = 6, 0.01
+    judged = random.random(n) < 0.8
+    memories = [np.full((4, n), np.inf) for _ in range(3)]
+    for memory in memories:
+        memory[at.ORIGIN] = 0.0
+    servos, worst, found = np.arange(n), np.zeros(2), set()
+    measured, position, velocity = np.zeros(n), np.zeros(n), np.zeros(n)
+    for k in range(1, 400):
+        if k % 10 == 0:
+            velocity = random.choice([0.0, 0.3, -0.3, 1.0], n)
+            moving = random.choice([1.0, 1.0, 0.0, -1.0, 0.5], n)
+        position = position + step * velocity
+        before, measured = measured, measured + (step * velocity * moving if k >= 10 else 0.0)
+        wanted = oracle(judged, measured, before, position, velocity, step * k, step, memories[0])
+        seen = (servos, judged, measured, before, position, velocity, SETTINGS, step * k, step)
+        plain = np.zeros(2)
+        in_python = at.judge_motion.py_func(*seen, memories[2], plain)
+        got = at.judge_motion(*seen, memories[1], worst)
+        assert got == wanted[0], k
+        np.testing.assert_array_equal(*memories[:2])
+        assert got == in_python
+        np.testing.assert_array_equal(*memories[1:])
+        if got != at.FOLLOWS:
+            assert worst[0] == plain[0] == wanted[1]
+            measured, position = np.zeros(n), np.zeros(n)
+        found.add(got)
+    assert len(found) > 1
+
+
+TOLD = np.array([*SETTINGS, 0.5, 0.3])
+LIMITS = np.array([[2.0] * 6, [10.0] * 6])
+Readings = tuple[Array, Array, Array, Array]
+"""Angles now and before [rad], speeds now and before [rad/s]."""
+
+
+def velocity_oracle(
+    judged: Array, loose: Array, readings: Readings, torque: Array, stamp: float, elapsed: float,
+    memory: Array,
+) -> tuple[int, int]:  # fmt: skip
+    """What was found and where, for servos that are all under command."""
+    following, lag, _, _, least, _, travel, forgets, push = TOLD
+    now, before, speed, speed_before = readings
+    mean, change = 0.5 * (speed + speed_before), now - before
+    known = ~judged & np.isfinite(mean) & (elapsed <= at.SELDOM)
+    moves = (np.abs(speed) > least) | (loose & (np.abs(change) / elapsed > least))
+    drift = max(1.0 - elapsed / forgets, 0.0) * memory[at.DRIFT]
+    memory[at.DRIFT] = np.where(known, drift + np.where(moves, mean * elapsed - change, 0.0), 0.0)
+    drift = np.abs(memory[at.DRIFT])
+    with np.errstate(invalid="ignore"):
+        far = drift > following + lag * np.abs(speed)
+    if far.any():
+        return at.DISAGREES, int(np.argmax(np.where(far, drift, -1.0)))
+    pressed = loose & (now == before) & (speed == speed_before)
+    memory[at.WEAKEST] = np.where(pressed, np.minimum(memory[at.WEAKEST], torque), np.inf)
+    memory[at.STRONGEST] = np.where(pressed, np.maximum(memory[at.STRONGEST], torque), -np.inf)
+    share = (memory[at.STRONGEST] - memory[at.WEAKEST]) / LIMITS[at.TORQUE_LIMIT]
+    lasted = since(memory[at.PUSHED_SINCE], pressed & (share > push), stamp)
+    lasted = np.where(np.isfinite(lasted), lasted, 0.0)
+    way = 0.5 * np.where(lasted > 0.0, share, 0.0) * LIMITS[at.ACCELERATION] * lasted**2
+    return (at.DEAF, int(np.argmax(way))) if (way > travel).any() else (at.FOLLOWS, -1)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_it_finds_what_numpy_finds_of_velocities(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    n = 6
+    judged = random.random(n) < 0.2
+    loose = ~judged & (random.random(n) < 0.7)
+    fresh = np.array([np.zeros(n), np.full(n, np.inf), np.full(n, -np.inf), np.full(n, np.inf)])
+    memories, found, stamp = [fresh.copy() for _ in range(3)], set(), 0.0
+    measured = speed = torque = true = np.zeros(n)
+    sensed = told = np.ones(n)
+    for k in range(1, 600):
+        if k % 15 == 0:
+            true = random.choice([0.0, 0.04, 0.5, -0.5, 2.0], n)
+            sensed = random.choice([1.0, 1.0, 0.0, -1.0], n)
+            told = random.choice([1.0, 1.0, 1.0, 0.0, np.nan], n)
+        if k % 4 == 0:
+            torque = random.uniform(-2.0, 2.0, n)
+        elapsed = float(random.choice([0.01, 0.012, 0.03], p=[0.7, 0.28, 0.02]))
+        stamp += elapsed
+        before, measured = measured, measured + elapsed * sensed * true
+        speed_before, speed = speed, told * true
+        readings = measured, before, speed, speed_before
+        wanted = velocity_oracle(judged, loose, readings, torque, stamp, elapsed, memories[0])
+        seen = (np.arange(n), judged, loose, *readings, torque, LIMITS, TOLD, stamp, elapsed)
+        worst, plain = np.zeros(2), np.zeros(2)
+        got = at.judge_velocity(*seen, memories[1], worst)
+        in_python = at.judge_velocity.py_func(*seen, memories[2], plain)
+        assert got == in_python == wanted[0], k
+        for memory in memories[1:]:
+            np.testing.assert_allclose(memory, memories[0], rtol=1e-12, atol=1e-15)
+        if got != at.FOLLOWS:
+            assert worst[0] == plain[0] == wanted[1]
+            for memory in memories:
+                memory[:] = fresh
+        found.add(got)
+    assert at.DISAGREES in found
+    assert at.FOLLOWS in found
+
+
+def test_the_largest_change_is_numpy_s() -> None:
+    random = np.random.default_rng(1)
+    for count in (0, 1, 7):
+        now, before = random.normal(size=(2, count))
+        for find in (at.largest_change, at.largest_change.py_func):
+            assert find(now, before) == np.abs(now - before).max(initial=0.0)

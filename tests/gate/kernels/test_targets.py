@@ -1,0 +1,66 @@
+"""The compiled look at what a command asks for, against the same in NumPy and Python."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tci.gate.kernels.targets import is_acceptable, pick_out, put_in_place, straight_limits
+
+SERVOS, VALUES, SPEEDS = np.array([3, 0, 5]), np.array([0.1, -0.2, 0.3]), np.array([1.0, 2.0, np.inf])
+
+
+def test_a_command_is_acceptable_and_without_servos_none_is() -> None:
+    assert is_acceptable(SERVOS, VALUES, SPEEDS, 6, 1.0)
+    assert not is_acceptable(SERVOS[:0], VALUES[:0], SPEEDS[:0], 6, 1.0)
+
+
+@pytest.mark.parametrize("place", range(3))
+def test_one_wrong_number_at_any_place_is_seen(place: int) -> None:
+    for servo in (-1, 6, 2**62, SERVOS[(place + 1) % 3]):
+        servos = SERVOS.copy()
+        servos[place] = servo
+        assert not is_acceptable(servos, VALUES, SPEEDS, 6, 1.0)
+    for value in (np.nan, np.inf, -np.inf):
+        values = VALUES.copy()
+        values[place] = value
+        assert not is_acceptable(SERVOS, values, SPEEDS, 6, 1.0)
+    for speed in (np.nan, 0.999, -np.inf):
+        speeds = SPEEDS.copy()
+        speeds[place] = speed
+        assert not is_acceptable(SERVOS, VALUES, speeds, 6, 1.0)
+
+
+def test_values_go_to_their_servos_places_and_come_back_from_there() -> None:
+    index = np.array([0, 2, 3, 4])
+    target, speed, asked = np.full(4, 9.0), np.full(4, 8.0), np.ones(4, bool)
+    lower, upper, fastest = np.full(4, -0.2), np.full(4, 0.2), np.array([1.5, 0.1, 1.0, 0.1])
+    put_in_place(index, SERVOS, VALUES, SPEEDS, lower, upper, fastest, 0.05, target, speed, asked)
+    assert target.tolist() == pytest.approx([-0.15, 9.0, 0.1, 9.0])
+    assert speed.tolist() == [1.5, 8.0, 1.0, 8.0]
+    assert asked.tolist() == [True, False, True, False]
+    found = np.full(3, 7.0)
+    pick_out(index, SERVOS, target, found)
+    assert found.tolist() == pytest.approx([0.1, -0.15, 7.0])
+
+
+def test_between_limits_that_are_near_a_value_goes_to_the_middle() -> None:
+    one, target, asked = np.zeros(1, np.intp), np.zeros(1), np.ones(1, bool)
+    put_in_place(
+        one, one, np.array([7.0]), one + 1.0, one + 0.0, one + 0.1, one + 1.0, 0.25, target, target + 0, asked
+    )
+    assert target.tolist() == [0.05]
+
+
+def test_limits_in_the_ratio_of_the_ways_are_as_large_as_they_may_be() -> None:
+    random = np.random.default_rng(2)
+    for _ in range(200):
+        count = random.integers(1, 7)
+        here, target = random.normal(size=(2, count))
+        target = np.where(random.random(count) < 0.2, here, target)
+        given = random.uniform(0.1, 10.0, (3, count))
+        limits = np.empty((3, count))
+        straight_limits(here, target, *given, 1e-6, 1e-3, limits)
+        way = np.abs(target - here)
+        share = np.maximum(way / max(float(way.max()), 1e-6), 1e-3)
+        assert np.array_equal(limits, [share * np.min(limit / share) for limit in given])

@@ -1,0 +1,114 @@
+"""Simulated joints that close the loop around a gate, with masses, friction and stops of their own."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from tci.frames import Array
+from tci.gate.safe_command import SafeCommand
+from tci.messages import Mode
+from tci.robot.description import Robot
+
+STEP = 2.5e-4
+"""Step of integration [s]."""
+STOP = 250.0
+"""Natural frequency [rad/s] of a joint on its mechanical stop: as stiff as the step allows."""
+SERVO = 200.0
+"""Natural frequency [rad/s] of a servo that holds a joint of the expected mass."""
+SPARE = 3.0
+"""Torque of a servo that holds, as a multiple of what the expected mass takes: firmware has its own limit."""
+SOFT = 0.3
+"""Share of that stiffness in impedance mode."""
+FREE, HELD, YIELDING = range(3)
+
+
+class Plant:
+    """Joints without coupling: inertia, friction, what the compensation of their weight leaves, and stops.
+
+    A joint of the expected mass reaches the servo's acceleration limit with its torque limit.
+    """
+
+    def __init__(self, robot: Robot, position: Array, random: np.random.Generator, *, wrong: float = 0.3):
+        """`wrong`: largest error of the expected masses, as a share."""
+        limits, count = [servo.limits for servo in robot.servos], len(robot.servos)
+        self.lower = np.array([-np.inf if x.lower is None else x.lower for x in limits])
+        self.upper = np.array([np.inf if x.upper is None else x.upper for x in limits])
+        self.torque = np.array([x.torque or 1.0 for x in limits])
+        expected = self.torque / np.array([x.acceleration or 1.0 for x in limits])
+        self.inertia = expected * random.uniform(1.0 - wrong, 1.0 + wrong, count)
+        """Of each joint (n,) [kg m2]."""
+        self._expected = expected
+        self.dry = self.torque * random.uniform(0.0, 0.02, count)
+        """Dry friction (n,) [N m]."""
+        self.weight = self.torque * random.uniform(0.0, 0.02, count)
+        """Largest torque (n,) [N m] of a weight that nobody carries: what a wrong mass leaves over."""
+        self.hangs = random.uniform(-np.pi, np.pi, count)
+        """Angle (n,) [rad] at which that weight hangs."""
+        self.position, self.velocity = np.array(position, dtype=float), np.zeros(count)
+        self._modes = np.full(count, HELD)
+        self._target, self._speed = self.position.copy(), np.zeros(count)
+        self.sent = np.zeros(count)
+        """Torques (n,) [N m] that were sent last; they stay until others are."""
+
+    def obey(self, safe: SafeCommand) -> None:
+        """Take a command over, as the firmware of a robot does."""
+        kinds = {Mode.TORQUE: FREE, Mode.IMPEDANCE: YIELDING}
+        modes = np.array([kinds.get(mode, HELD) for mode in safe.modes], dtype=int)
+        self._modes[safe.servos] = modes
+        self._target[safe.servos], self._speed[safe.servos] = safe.position, safe.velocity
+        self.sent[safe.servos] = np.where(modes == FREE, safe.torque, 0.0)
+
+    def advance(self, time: float) -> None:
+        """Move on by `time` [s]."""
+        _advance(
+            self.position, self.velocity, self._modes, self._target, self._speed, self.sent, self.inertia,
+            self._expected, self.dry, self.weight, self.hangs, self.torque, self.lower, self.upper,
+            round(time / STEP),
+        )  # fmt: skip
+
+    @property
+    def beyond(self) -> Array:
+        """How far (n,) [rad] each joint is pressed into a stop."""
+        return np.maximum(np.maximum(self.position - self.upper, self.lower - self.position), 0.0)
+
+    @property
+    def energy(self) -> Array:
+        """Of each joint (n,) [J]: of its motion, its weight and its stop."""
+        energy: Array = (
+            0.5 * self.inertia * self.velocity**2
+            + self.weight * (1.0 - np.cos(self.position - self.hangs))
+            + 0.5 * self.inertia * (STOP * self.beyond) ** 2
+        )
+        return energy
+
+
+def _loop(
+    position: Any, velocity: Any, modes: Any, target: Any, speed: Any, sent: Any, inertia: Any, expected: Any,
+    dry: Any, weight: Any, hangs: Any, most: Any, lower: Any, upper: Any, steps: int,
+) -> None:  # fmt: skip
+    for i in range(len(position)):
+        q, v = position[i], velocity[i]
+        for k in range(steps):
+            torque = sent[i]
+            if modes[i] != FREE:
+                share = SOFT if modes[i] == YIELDING else 1.0
+                here = target[i] - speed[i] * STEP * (steps - 1 - k)
+                torque = (
+                    expected[i] * SERVO * (share * SERVO * (here - q) + 2.0 * share**0.5 * (speed[i] - v))
+                )
+                torque = min(max(torque, -SPARE * most[i]), SPARE * most[i])
+            torque -= weight[i] * np.sin(q - hangs[i])
+            beyond = max(q - upper[i], 0.0) + min(q - lower[i], 0.0)
+            if beyond != 0.0:
+                torque -= inertia[i] * STOP * (STOP * beyond + 1.4 * v)
+            v += torque / inertia[i] * STEP
+            lost = dry[i] / inertia[i] * STEP
+            v = max(v - lost, 0.0) if v > 0.0 else min(v + lost, 0.0)
+            q += v * STEP
+        position[i], velocity[i] = q, v
+
+
+_advance: Any = njit(cache=True)(_loop)

@@ -1,0 +1,74 @@
+"""What SelfCollision must say, found slowly: every link is measured wherever it is not certainly far away."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tci.frames import Array
+from tci.gate.self_collision import MARGIN, STRIDE
+from tci.robot.clearance import Clearance
+from tci.robot.description import Robot
+
+SIGHT = 0.1
+NOISE = 1e-9
+"""Links that stay where they are, seen from each other, do so up to this [m]."""
+
+
+class Oracle:
+    """Looks along a path."""
+
+    def __init__(self, robot: Robot, *, margin: float = MARGIN) -> None:
+        self.margin = margin
+        self._clearance = Clearance(robot)
+        self._posture = np.zeros(len(robot.servos))
+        self._distance = -np.inf
+
+    def look(self, position: Array) -> None:
+        """Measure at `position` (n_servos,) [rad], so that what lies around it may be covered."""
+        self._posture = position
+        self._distance = self._clearance.gap(position, within=SIGHT).distance
+
+    def fault(self, path: Array) -> str:
+        """Why a motion along `path` (k, n_servos) [rad] must not be made; empty when it may.
+
+        Links that are nearer than the margin where the path begins may go apart, and no nearer.
+        """
+        here = path[0]
+        for point in self._refined(path):
+            if self._distance - np.abs(point - self._posture) @ self._clearance.levers > self.margin:
+                continue
+            self.look(point)
+            if self._distance > self.margin:
+                continue
+            now, before = self._clearance.gaps(here, within=self.margin), self._seen()
+            then, after = self._clearance.gaps(point, within=self.margin), self._seen()
+            # MuJoCo finds what rests up to 1e-7 m nearer than it was.
+            nearer = (then < now) & (np.abs(after - before).max(axis=1) > NOISE)
+            if nearer.any():
+                worst = int(np.argmin(np.where(nearer, then, np.inf)))
+                first, second = self._clearance.names(worst)
+                return (
+                    f"{first} would come {then[worst] * 1e3:.1f} mm near {second}; "
+                    f"valid: at least {self.margin * 1e3:g} mm"
+                )
+        return ""
+
+    def _seen(self) -> Array:
+        """Where the second geom of each pair is, seen from the first (pairs, 12) [m]."""
+        data, (first, second) = self._clearance._data, self._clearance.pairs.T
+        R = data.geom_xmat.reshape(-1, 3, 3)
+        p_12 = np.einsum("pji,pj->pi", R[first], data.geom_xpos[second] - data.geom_xpos[first])
+        R_12 = np.einsum("pji,pjk->pik", R[first], R[second])
+        return np.concatenate([p_12, R_12.reshape(-1, 9)], axis=1)
+
+    def _refined(self, path: Array) -> Array:
+        """The path with points between, so that no link moves more than STRIDE from one to the next."""
+        steps = np.abs(np.diff(path, axis=0)) @ self._clearance.levers
+        counts = np.maximum(1, np.ceil(steps / STRIDE)).astype(int)
+        if (counts == 1).all():
+            return path
+        at = np.concatenate([[0.0], *(i + np.arange(1, n + 1) / n for i, n in enumerate(counts))])
+        index = np.minimum(at.astype(int), len(path) - 2)
+        share = (at - index)[:, None]
+        points: Array = path[index] * (1.0 - share) + path[index + 1] * share
+        return points

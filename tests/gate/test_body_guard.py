@@ -1,0 +1,130 @@
+"""A robot does not hit itself, also when its joints sag, and when one part rests before another."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from gate.gate_checks import PERIOD, Driven, position_command, reading
+from tci.errors import CommandError
+from tci.frames import Array
+from tci.gate.body_guard import LOOKS, BodyGuard
+from tci.gate.gate import Gate
+from tci.gate.self_collision import MARGIN, SelfCollision
+from tci.robot.catalogue import load_robot
+from tci.robot.clearance import Clearance
+
+NAO = load_robot("nao")
+INDEX = {servo.name: servo.index for servo in NAO.servos}
+CHEST = {"RShoulderPitch": 30.0, "RShoulderRoll": 18.0, "RElbowYaw": 0.0, "RElbowRoll": 88.0}
+ASKED = position_command([INDEX[name] for name in CHEST], np.deg2rad([*CHEST.values()]))
+
+
+@pytest.mark.parametrize("sag", [-2.0, -1.0, 1.0, 2.0])
+def test_an_arm_that_is_not_where_it_was_told_keeps_away_from_the_chest(sag: float) -> None:
+    gate = Gate(NAO, period=PERIOD, stale_after=0.05)
+    angles = np.array(NAO.initial_position)
+    away = np.zeros(len(angles))
+    away[ASKED.servos] = np.deg2rad(sag)
+    clearance, least = Clearance(NAO), np.inf
+    for step in range(1500):
+        safe = gate.step([ASKED], reading(angles, step * PERIOD), step * PERIOD)
+        told = np.array(angles)
+        told[safe.servos] = safe.position
+        angles[safe.servos] = safe.position + away[safe.servos]
+        if step > 50:
+            least = min(least, *(clearance.gap(one, within=0.05).distance for one in (told, angles)))
+    assert gate.counts.near_misses > 0
+    assert np.abs(safe.velocity).max() == 0.0
+    assert MARGIN - 5e-4 < least < 0.02
+
+
+class Watched(SelfCollision):
+    """Never sure that nothing is near; keeps the ways that it was asked for."""
+
+    def __init__(self) -> None:
+        super().__init__(NAO)
+        self.ways: list[Array] = []
+        self.boxes: list[Array] = []
+        self.says = ""
+
+    def keeps_margin(self, box: Array) -> bool:
+        self.boxes.append(box.copy())
+        return False
+
+    def fault(self, path: Array) -> str:
+        self.ways.append(path.copy())
+        return self.says
+
+
+def both_arms(*, away: float = 0.0) -> tuple[Driven, Watched]:
+    """A long motion of one arm, and a short one of the other that has just begun."""
+    driven, watched = Driven(NAO, NAO.initial_position), Watched()
+    driven.gate._motion._body = BodyGuard(watched, period=PERIOD)
+    driven.step(position_command([INDEX["LShoulderPitch"]], [0.0]))
+    for _ in range(100):
+        driven.step()
+    driven.step(position_command([INDEX["RElbowRoll"]], [0.8]))
+    watched.ways.clear()
+    driven.angles[INDEX["LShoulderPitch"]] += away
+    driven.step()
+    return driven, watched
+
+
+def test_a_way_ends_when_the_last_part_is_at_rest() -> None:
+    driven, watched = both_arms()
+    driven.gate.stop("look")
+    for _ in range(2000):
+        driven.step()
+    left, right = INDEX["LShoulderPitch"], INDEX["RElbowRoll"]
+    # The right arm looked last, when the left one had taken its step; both then stop as they said.
+    assert watched.ways[-1][-1, [left, right]] == pytest.approx(driven.angles[[left, right]], abs=1e-9)
+    assert abs(watched.ways[-1][-1, left] - watched.ways[-1][1, left]) > 0.01
+    # While the left arm goes on, it is looked at as often again, and nowhere twice.
+    assert len(watched.ways[-1]) == 2 * LOOKS
+    assert np.all(np.diff(watched.ways[-1][1:, left]) < 0.0)
+
+
+def test_a_part_that_moves_alone_is_looked_at_until_it_rests() -> None:
+    driven, watched = Driven(NAO, NAO.initial_position), Watched()
+    driven.gate._motion._body = BodyGuard(watched, period=PERIOD)
+    driven.step(position_command([INDEX["LShoulderPitch"]], [0.0]))
+    assert {len(way) for way in watched.ways} == {1 + LOOKS}
+
+
+def test_all_parts_are_seen_at_the_same_time() -> None:
+    driven, watched = both_arms()
+    first, last = watched.ways[0], watched.ways[-1]
+    assert first == pytest.approx(watched.ways[1])  # all are where they were told to be
+    told = driven.gate._motion.reference
+    for servo, angle in zip(told.servos.tolist(), told.position.tolist(), strict=True):
+        assert last[1, servo] == pytest.approx(angle, abs=1e-12)
+    # The left arm goes first, and the right one had its step still before it.
+    right = INDEX["RElbowRoll"]
+    assert (told.position[told.servos.tolist().index(right)] - first[0, right]) * (
+        first[1, right] - first[0, right]
+    ) > 0
+
+
+def test_the_measured_way_counts_beside_the_told_one() -> None:
+    _, watched = both_arms(away=0.03)
+    left = INDEX["LShoulderPitch"]
+    told, measured = watched.ways[0], watched.ways[1]
+    assert measured[:, left] - told[:, left] == pytest.approx(np.full(len(told), 0.03))
+    others = np.delete(np.arange(told.shape[1]), left)
+    assert measured[:, others] == pytest.approx(told[:, others])
+
+
+def test_a_servo_joins_a_motion_only_when_its_stop_hits_nothing() -> None:
+    driven, watched = both_arms()
+    watched.says = "hand would come 4.0 mm near head"
+    with pytest.raises(CommandError, match="can't join the motion now: hand would come"):
+        driven.gate._motion.accept(position_command([INDEX["LElbowYaw"]], [0.0]), driven.time)
+    (low, high), way = watched.boxes[-1], watched.ways[-1]
+    assert np.all((low <= driven.angles + 1e-12) & (driven.angles <= high + 1e-12))
+    assert way[0] == pytest.approx(driven.angles)
+    assert np.all((low <= way[1:].min(axis=0) + 1e-9) & (way[1:].max(axis=0) <= high + 1e-9))
+    safe = driven.step()
+    assert all(words.startswith("stopped on the way: hand") for words in safe.clamped)
+    assert driven.gate.counts.near_misses == len(safe.clamped) == 2
+    assert INDEX["LElbowYaw"] not in safe.servos

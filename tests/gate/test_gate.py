@@ -1,0 +1,490 @@
+"""The gate: no command passes that a limit forbids, and nothing else makes what a link writes."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gate.gate_checks import (
+    LIMITS,
+    PERIOD,
+    Driven,
+    make_robot,
+    position_command,
+    reading,
+)
+from tci.errors import CommandError, LinkError, TciError
+from tci.gate.acceptance import SLOWEST
+from tci.gate.gate import Gate, GateSettings, GateState, SafeCommand
+from tci.messages import Mode, PlatformCommand
+from tci.robot.description import Limits
+
+ZERO = [0.0] * 6
+WILD = st.one_of(st.floats(-4.0, 4.0), st.sampled_from([np.nan, np.inf, -np.inf, 1e300, -1e9]), st.just(0.0))
+
+
+def test_without_commands_nothing_is_sent() -> None:
+    assert Driven(make_robot(), ZERO).step().servos.size == 0
+
+
+def test_a_target_is_reached_and_other_joints_are_never_sent() -> None:
+    driven = Driven(make_robot(), ZERO)
+    safe = driven.step(position_command([2, 4], [0.5, -0.3]))
+    assert set(safe.servos) == {2, 4}
+    driven.settle()
+    np.testing.assert_allclose(driven.angles, [0, 0, 0.5, 0, -0.3, 0], atol=1e-6)
+    driven.assert_within_limits()
+
+
+def test_the_first_step_continues_where_the_robot_was_measured() -> None:
+    driven = Driven(make_robot(), [0.3, 0.2, -0.5, 1.0, 0.0, 0.0])
+    safe = driven.step(position_command([2], [1.0]))
+    assert abs(safe.position[0] - -0.5) < LIMITS.jerk * PERIOD**3
+
+
+ANGLES = pytest.mark.parametrize("mode", [Mode.POSITION, Mode.IMPEDANCE])
+
+
+@ANGLES
+def test_position_is_clamped_reported_and_what_is_sent_is_the_clamped_value(mode: Mode) -> None:
+    driven = Driven(make_robot(modes=(mode,)), ZERO)
+    safe = driven.step(dataclasses.replace(position_command([3], [6.0]), mode=mode))
+    assert "joint3" in safe.clamped[0]
+    assert "114.59" in safe.clamped[0]
+    driven.settle()
+    assert 2.0 - 1e-5 < driven.angles[3] <= 2.0
+    assert driven.gate.counts.clamps == {"joint3": 1}
+
+
+def test_couplings_are_kept_on_the_way_and_at_the_end() -> None:
+    driven = Driven(make_robot(), ZERO)
+    safe = driven.step(position_command([0, 1], [1.5, -0.5]))
+    assert safe.clamped
+    driven.settle()
+    assert driven.angles[0] - driven.angles[1] == pytest.approx(0.8, abs=1e-4)
+    driven.assert_within_limits()
+
+
+def test_a_coupled_servo_that_nobody_commands_counts_where_it_is() -> None:
+    driven = Driven(make_robot(), [0.0, 0.5, 0, 0, 0, 0])
+    driven.step(position_command([0], [2.0]))
+    driven.settle()
+    assert driven.angles[0] == pytest.approx(1.3, abs=1e-4)
+    driven.assert_within_limits()
+
+
+def test_a_servo_joins_beside_a_coupled_one_that_nobody_commands() -> None:
+    """That one counts where it is from the start: it counted as 0, and who could join was refused."""
+    driven = Driven(make_robot(), [0.5, 1.0, 0, 0, 0, 0])
+    driven.step(position_command([0], [1.7]))
+    for _ in range(60):
+        driven.step()
+    assert driven.angles[0] > 0.55
+    assert not driven.step(position_command([3], [-0.9])).refusals
+    driven.settle()
+    assert driven.angles[[0, 3]] == pytest.approx([1.7, -0.9], abs=1e-6)
+    driven.assert_within_limits()
+
+
+def test_joints_join_a_motion_without_a_jump() -> None:
+    driven = Driven(make_robot(), ZERO)
+    driven.step(position_command([2], [1.5]))
+    for _ in range(50):
+        driven.step()
+    driven.step(position_command([3], [-0.9]))
+    driven.settle()
+    np.testing.assert_allclose(driven.angles[2:4], [1.5, -0.9], atol=1e-6)
+    driven.assert_within_limits()
+
+
+@ANGLES
+def test_start_outside_the_limits_moves_inward_only_and_slowly(mode: Mode) -> None:
+    driven = Driven(make_robot(modes=(mode,)), [0, 0, 2.3, 0, 0, 0])
+    driven.step(dataclasses.replace(position_command([2], [2.2]), mode=mode))
+    driven.settle()
+    path = np.array(driven.path)[:, 2]
+    assert np.all(np.diff(path) <= 1e-12)
+    outside = path[1:] > 2.0
+    assert np.abs(np.diff(path) / PERIOD)[outside].max() <= 0.11 * 3.0
+    assert driven.angles[2] <= 2.0
+
+
+def test_speed_of_the_description_holds_beside_the_limit() -> None:
+    driven = Driven(make_robot(), ZERO)
+    driven.step(position_command([2], [1.5], speed=0.5))
+    driven.settle()
+    assert np.abs(np.diff(np.array(driven.path)[:, 2])).max() / PERIOD <= 0.5 + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [
+        (position_command([2], [np.nan]), "joint2 is nan"),
+        (position_command([2], [np.inf]), "finite"),
+        (position_command([2, 2], [0.1, 0.2]), "each only once"),
+        (position_command([17], [0.1]), "0 to 5"),
+        (position_command([-1], [0.1]), "0 to 5"),
+        (position_command([], []), "at least one"),
+        (position_command([2], [0.1], speed=0.0), "speed of joint2 is 0.0; valid: at least 0.001 rad/s"),
+        (position_command([2], [0.1], speed=1e-300), "speed of joint2"),
+        (position_command([2], [0.1], speed=np.nan), "speed of joint2 is nan"),
+        (PlatformCommand(Mode.POSITION, np.arange(3), np.zeros(2), np.ones(3)), "as many values"),
+        (PlatformCommand(Mode.POSITION, np.array([0.5]), np.zeros(1), np.ones(1)), "0 to 5"),
+        (PlatformCommand(Mode.TORQUE, np.arange(1), np.zeros(1), np.ones(1)), "torque"),
+    ],
+)
+def test_a_bad_command_is_refused_whole_with_a_message(command: PlatformCommand, words: str) -> None:
+    driven = Driven(make_robot(), ZERO)
+    driven.step(position_command([3], [0.5]))
+    safe = driven.step(command)
+    assert words in safe.refusals[0]
+    assert driven.gate.counts.refusals == 1
+    driven.settle()
+    np.testing.assert_allclose(driven.angles, [0, 0, 0, 0.5, 0, 0], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("servos", "values", "speeds", "told"),
+    [
+        ([0, 1, 2], [0.0, 0.0], [1.0, 1.0, 1.0],
+         "position: (3,) servos and (2,) values; valid: as many values as servos, at least one"),
+        ([0, 1, 2], [0.0, 0.0, 0.0], [1.0], "position: (1,) speeds; valid: one for each of 3 servos"),
+        ([4, 6], [0.0, 0.0], [1.0, 1.0], "position: servos [4, 6]; valid: 0 to 5"),
+        ([2, 2], [0.0, 0.0], [1.0, 1.0], "position: servos [2, 2]; valid: each only once"),
+        ([2], [1j], [1.0], "position: values of type complex128; valid: real numbers"),
+        ([2], [0.1], [True], "position: speeds of type bool; valid: real numbers"),
+        ([2, 3, 4], [np.nan, 0.0, np.inf], [1.0, 1.0, 1.0],
+         "position of joint2 is nan, joint4 is inf; valid: finite numbers"),
+        ([2, 3, 4], [0.0, 0.0, 0.0], [0.0, np.nan, 1.0],
+         "speed of joint2 is 0.0, joint3 is nan; valid: at least 0.001 rad/s"),
+    ],
+)  # fmt: skip
+def test_a_refusal_names_what_is_wrong_and_what_would_be_valid(
+    servos: list[int], values: list[float], speeds: list[float], told: str
+) -> None:
+    command = PlatformCommand(Mode.POSITION, np.array(servos), np.array(values), np.array(speeds))
+    assert Driven(make_robot(), ZERO).step(command).refusals == (told,)
+
+
+def test_numbers_of_other_types_are_taken_for_what_they_are() -> None:
+    driven = Driven(make_robot(), ZERO)
+    servos = np.array([2, 3], np.int32)
+    slow = PlatformCommand(Mode.POSITION, servos, np.array([1, 0]), np.full(2, SLOWEST))
+    fast = PlatformCommand(Mode.POSITION, servos, np.array([1, 0]), np.full(2, 1.0, np.float32))
+    assert driven.step(slow).refusals == driven.step(fast).refusals == ()
+    driven.settle()
+    np.testing.assert_allclose(driven.angles[2:4], [1.0, 0.0], atol=1e-6)
+
+
+@pytest.mark.parametrize("missing", ["lower", "upper", "velocity", "acceleration", "jerk"])
+def test_a_servo_without_a_limit_is_not_moved(missing: str) -> None:
+    driven = Driven(make_robot(limits=LIMITS.model_copy(update={missing: None})), ZERO)
+    safe = driven.step(position_command([2], [0.5]))
+    assert f"joint2 can't be moved: its description has no limit of {missing}" in safe.refusals[0]
+    assert safe.servos.size == 0
+
+
+def test_stiffness_and_damping_are_clamped_to_a_share() -> None:
+    driven = Driven(make_robot(), ZERO)
+    for mode, name in ((Mode.STIFFNESS, "stiffness"), (Mode.DAMPING, "damping")):
+        safe = driven.step(PlatformCommand(mode, np.array([0, 1]), np.array([0.4, 1.7]), np.ones(2)))
+        assert getattr(safe, name) == {0: 0.4, 1: 1.0}
+        assert name in safe.clamped[0]
+
+
+def test_old_joint_data_means_hold_and_clears_by_itself_without_replay() -> None:
+    driven = Driven(make_robot(), ZERO)
+    driven.step(position_command([2], [1.5]))
+    for _ in range(60):
+        driven.step()
+    frozen = reading(driven.angles, driven.time - 0.2)
+    for _ in range(400):
+        driven.time += PERIOD
+        safe = driven.gate.step([position_command([2], [-1.0])], frozen, driven.time)
+        assert safe.state is GateState.HOLD
+        assert "old" in safe.refusals[0]
+        assert safe.orders == ()
+        driven.angles[safe.servos] = safe.position
+        driven.path.append(driven.angles.copy())
+    driven.assert_within_limits()
+    stopped = driven.angles[2]
+    assert driven.path[-1][2] == driven.path[-50][2]
+    assert driven.step().state is GateState.RUN
+    driven.settle()
+    assert driven.angles[2] == stopped
+    assert driven.gate.counts.holds == 1
+    again = position_command([2], [0.2])
+    assert driven.step(again).orders == (again,)
+    assert driven.step().orders == ()
+    driven.settle()
+    assert driven.angles[2] == pytest.approx(0.2, abs=1e-6)
+
+
+def test_after_a_short_hold_a_command_to_one_joint_does_not_send_others_on() -> None:
+    """The old targets are forgotten when the hold begins, not when it has come to rest."""
+    for partner in (2, 3):  # a joint that is under command already, and one that joins
+        driven = Driven(make_robot(), ZERO)
+        driven.step(position_command([2, 4], [1.5, 1.5]))
+        for _ in range(60):
+            driven.step()
+        driven.gate.step([], reading(driven.angles, driven.time - 0.2), driven.time)
+        driven.step(position_command([partner], [0.1]))
+        driven.settle()
+        assert 0.0 < driven.angles[4] < 1.0
+        assert driven.angles[partner] == pytest.approx(0.1, abs=1e-6)
+
+
+def test_a_slower_speed_in_full_motion_never_stops_the_loop() -> None:
+    """ruckig finds no synchronised way from some states; then the checked stop is taken."""
+    random = np.random.default_rng(1)
+    driven = Driven(make_robot(), random.uniform(-0.5, 0.5, 6).tolist())
+    for _ in range(300):
+        servos = random.permutation(6)[: random.integers(1, 7)]
+        speed = float(random.choice([0.01, 0.1, 1.0, np.inf]))
+        driven.step(position_command(servos.tolist(), random.uniform(-1.5, 2.5, servos.size).tolist(), speed))
+        for _ in range(random.integers(1, 40)):
+            driven.step()
+    driven.assert_within_limits()
+
+
+def test_a_clamped_coupling_moves_no_servo_that_was_not_named() -> None:
+    driven = Driven(make_robot(), ZERO)
+    driven.step(position_command([0, 1], [0.2, 0.1]))
+    driven.settle()
+    driven.step(position_command([0], [2.0]))
+    driven.settle()
+    assert driven.angles[1] == pytest.approx(0.1, abs=1e-6)
+    assert driven.angles[0] == pytest.approx(0.9, abs=1e-4)
+
+
+def test_a_coupled_servo_that_is_moved_by_hand_counts_where_it_is_now() -> None:
+    driven = Driven(make_robot(), ZERO)
+    driven.step(position_command([0], [0.75]))
+    driven.settle()
+    for _ in range(100):
+        driven.angles[1] += 0.006
+        driven.step()
+    driven.step(position_command([0], [2.0]))
+    driven.settle()
+    assert driven.angles[0] == pytest.approx(1.4, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [reading([0.0] * 5), reading([0, 0, np.nan, 0, 0, 0]), reading(ZERO, np.nan), reading(ZERO, 1e6)],
+    ids=["length", "nan", "stamp", "future"],
+)
+def test_unusable_joint_data_means_hold(bad: object) -> None:
+    gate = Gate(make_robot(), period=PERIOD, stale_after=0.05)
+    assert gate.step([], bad, 0.0).state is GateState.HOLD
+
+
+def test_only_the_gate_makes_what_its_link_writes_and_only_once() -> None:
+    gate, other = (Gate(make_robot(), period=PERIOD, stale_after=0.05) for _ in range(2))
+    safe = gate.step([position_command([2], [0.5])], reading(ZERO), 0.0)
+    with pytest.raises(LinkError):
+        other.check_out(safe)
+    with pytest.raises(LinkError):
+        gate.check_out(dataclasses.replace(safe, position=np.array([9.0])))
+    gate.check_out(safe)
+    with pytest.raises(LinkError):
+        gate.check_out(safe)
+    fields = {field.name: getattr(safe, field.name) for field in dataclasses.fields(safe)}
+    with pytest.raises(LinkError, match="only a gate"):
+        SafeCommand(**{**fields, "seal": object()})
+    with pytest.raises(ValueError, match="read-only"):
+        safe.position[0] = 9.0
+
+
+def test_a_command_that_was_overtaken_is_not_written() -> None:
+    gate = Gate(make_robot(), period=PERIOD, stale_after=0.05)
+    old = gate.step([], reading(ZERO), 0.0)
+    gate.step([], reading(ZERO), 0.0)
+    with pytest.raises(LinkError):
+        gate.check_out(old)
+
+
+@pytest.mark.parametrize("value", [0.0, -0.1, 1.1, np.nan])
+def test_settings_are_checked(value: float) -> None:
+    with pytest.raises(TciError):
+        GateSettings(speed_share=value)
+    if not 0.0 < value < 2.0:
+        with pytest.raises(TciError):
+            Gate(make_robot(), period=value, stale_after=0.05)
+
+
+def test_same_inputs_same_bits() -> None:
+    runs = []
+    for _ in range(2):
+        driven = Driven(make_robot(), ZERO)
+        driven.step(position_command([0, 1, 2], [0.5, 0.2, 1.0]))
+        driven.settle()
+        runs.append(np.array(driven.path))
+    assert np.array_equal(*runs)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.tuples(st.integers(0, 5), WILD, st.integers(1, 60)), min_size=1, max_size=12))
+def test_hostile_commands_one_joint(orders: list[tuple[int, float, int]]) -> None:
+    driven = Driven(make_robot(), ZERO)
+    for servo, value, steps in orders:
+        driven.step(position_command([servo], [value]))
+        for _ in range(steps):
+            driven.step()
+    driven.assert_within_limits()
+
+
+def test_hostile_commands_many() -> None:
+    """Random targets, often retargeted in full motion, some of them damaged (`make soak` runs more)."""
+    cycles = int(os.environ.get("TCI_SOAK", "6000"))
+    random = np.random.default_rng(7)
+    driven = Driven(make_robot(), ZERO)
+    for cycle in range(cycles):
+        commands = []
+        if random.random() < 0.05:
+            values = random.uniform(-3.0, 3.0, 6)
+            if random.random() < 0.3:
+                values[random.integers(6)] = random.choice([np.nan, np.inf, -1e12])
+            commands.append(position_command(range(6), values, speed=random.choice([0.5, 2.0, np.inf])))
+        driven.step(*commands)
+        if cycle % 5000 == 4999:
+            driven.assert_within_limits()
+            del driven.path[:-3]
+    driven.assert_within_limits()
+    assert driven.gate.counts.refusals > 0
+
+
+def test_unlimited_robot_is_refused_before_anything_moves() -> None:
+    driven = Driven(make_robot(limits=Limits()), ZERO)
+    assert driven.step(position_command([0], [0.1])).servos.size == 0
+
+
+def test_speeds_that_do_not_fit_the_servos_are_refused() -> None:
+    driven = Driven(make_robot(), ZERO)
+    command = dataclasses.replace(position_command([2, 4], [0.5, -0.3]), speed=np.ones(3))
+    safe = driven.step(command)
+    assert safe.servos.size == 0
+    assert "speeds; valid: one for each of 2 servos" in safe.refusals[0]
+
+
+def test_targets_are_where_the_servos_go_whatever_was_asked_for() -> None:
+    driven = Driven(make_robot(), ZERO)
+    safe = driven.step(position_command([2, 3], [0.5, 6.0]))
+    going = dict(zip(safe.servos.tolist(), driven.gate.targets.tolist(), strict=True))
+    assert going[2] == pytest.approx(0.5)
+    assert 2.0 - 1e-5 < going[3] <= 2.0
+    driven.gate.stop("now")
+    safe = driven.step()
+    assert np.abs(driven.gate.targets).max() < 0.01, "where it comes to rest"
+
+
+def test_a_gate_without_a_watch_forgets_its_servos_too() -> None:
+    gate = Gate(make_robot(), period=PERIOD, stale_after=0.1, settings=GateSettings(watch=None))
+    safe = gate.step([position_command([2], [0.5])], reading(ZERO, 0.0), 0.0)
+    assert safe.servos.tolist() == [2]
+    gate.drop()
+    assert gate.targets.size == 0
+    assert gate.step([], reading(ZERO, PERIOD), PERIOD).servos.size == 0
+
+
+def test_stops_are_counted_and_have_a_reason() -> None:
+    driven = Driven(make_robot(), ZERO)
+    for count, (said, told) in enumerate([("it smokes", "it smokes"), ("", "stopped without a reason")]):
+        driven.gate.stop(said)
+        driven.gate.stop("another one")
+        assert driven.step().reason == told
+        assert driven.gate.counts.stops == count + 1
+        driven.gate.reset()
+        assert driven.step().state is GateState.RUN
+
+
+def test_a_robot_that_moves_is_not_reset() -> None:
+    driven = Driven(make_robot(), ZERO)
+    driven.step(position_command([2], [1.5]))
+    for _ in range(50):
+        driven.step()
+    driven.gate.stop("it smokes")
+    with pytest.raises(CommandError, match=r"^the robot has not come to rest yet; valid: reset at rest$"):
+        driven.gate.reset()
+    assert driven.step().reason == "it smokes"
+
+
+def test_less_than_no_stiffness_is_none() -> None:
+    driven = Driven(make_robot(), ZERO)
+    safe = driven.step(PlatformCommand(Mode.DAMPING, np.array([0, 1]), np.array([-0.4, 0.7]), np.ones(2)))
+    assert safe.damping == {0: 0.0, 1: 0.7}
+    assert safe.clamped == ("joint0: -0.40 damping asked, clamped to 0.00",)
+
+
+def test_what_lies_ahead_is_where_the_robot_then_is() -> None:
+    driven = Driven(make_robot(), ZERO)
+    driven.step(position_command([2, 3], [0.5, -0.4]))
+    for _ in range(20):
+        safe = driven.step()
+    ahead = driven.gate.ahead(0.1)
+    assert driven.gate.ahead(1e3) == pytest.approx(driven.gate.targets)
+    for _ in range(50):
+        driven.step()
+    assert driven.angles[safe.servos] == pytest.approx(ahead, abs=1e-9)
+
+
+def called_at(times: list[float], caplog: pytest.LogCaptureFixture) -> list[str]:
+    """What is logged when the gate is called at these times [s], with fresh joints and nothing to do."""
+    gate = Gate(make_robot(), period=PERIOD, stale_after=10.0)
+    for now in times:
+        gate.step((), reading(ZERO, now), now)
+    said = [record.getMessage() for record in caplog.records if record.name == "tci"]
+    caplog.clear()
+    return said
+
+
+def test_a_loop_at_a_rate_of_its_own_is_told_at_its_second_late_call(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    late = [0.0, 0.02, 0.0401]
+    assert not called_at(late[:2], caplog)
+    (said,) = called_at(late, caplog)
+    assert "called every 20.1 ms and plans for 2 ms: motions take 10 times as long; valid: " in said
+    assert "a step in each of link.ticks(), or connect to 'sim' with rate=49.75" in said
+    assert len(called_at([0.02 * number for number in range(100)], caplog)) == 1
+
+
+@pytest.mark.parametrize(
+    "times",
+    [
+        [PERIOD * number for number in range(50)],
+        [1.04 * PERIOD * number for number in range(50)],
+        [0.1 * PERIOD * number for number in range(50)],
+        [0.0, 0.02, 0.022, 0.042, 0.044],
+        [0.0, 0.02, 0.05, 0.06, 0.1],
+        [0.0, 0.002, *(0.02 * number for number in range(1, 50))],
+        [0.0, 0.02, -1.0, -0.98],
+    ],
+    ids=["in time", "a little slow", "quick", "now and then", "busy machine", "delayed", "time goes back"],
+)
+def test_a_loop_at_the_gates_rate_is_told_nothing(
+    times: list[float], caplog: pytest.LogCaptureFixture
+) -> None:
+    assert not called_at(times, caplog)
+
+
+@pytest.mark.parametrize("values", [[30.0, 0.0], [-6.5, 0.0], [5.0, -5.0], [3.2, 3.2]])
+def test_angles_that_look_like_degrees_are_refused_whole(values: list[float]) -> None:
+    driven = Driven(make_robot(), ZERO)
+    safe = driven.step(position_command([2, 3], values))
+    assert "degrees? valid: radians" in safe.refusals[0]
+    assert not safe.servos.size
+    assert not driven.gate.counts.clamps
+
+
+@pytest.mark.parametrize("values", [[6.2], [-6.2], [5.0, 2.9], [2.9, 2.9], [0.1, 6.2]])
+def test_angles_that_are_only_too_far_are_clamped(values: list[float]) -> None:
+    driven = Driven(make_robot(), ZERO)
+    safe = driven.step(position_command([2, 3][: len(values)], values))
+    assert not safe.refusals
+    assert safe.clamped

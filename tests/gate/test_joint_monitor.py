@@ -1,0 +1,235 @@
+"""The watch: every fault is told within its time, and nothing is told of a robot that obeys."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from gate.gate_checks import make_robot
+from tci.errors import TciError
+from tci.frames import Array, read_only
+from tci.gate.joint_monitor import Reference, Watch, WatchSettings
+from tci.messages import JointReading, Mode
+
+ROBOT = make_robot(count=6)
+PERIOD = 0.01
+SERVOS = np.arange(5)
+AT_REST = np.zeros(6)
+Positions = Callable[[float], Array]
+
+
+def still(_: float) -> Array:
+    return AT_REST
+
+
+def turning(time: float) -> Array:
+    """All servos turn to and fro, at up to 1 rad/s."""
+    return np.full(6, 0.5 * np.sin(2.0 * time))
+
+
+def readings(measured: Positions, *, duration: float = 2.0) -> Iterator[JointReading]:
+    for index in range(round(duration / PERIOD)):
+        time = index * PERIOD
+        velocity = (measured(time + 1e-6) - measured(time - 1e-6)) / 2e-6
+        yield JointReading(time, index, read_only(measured(time)), read_only(velocity))
+
+
+def reference(told: Positions, time: float, mode: Mode = Mode.POSITION) -> Reference:
+    velocity = (told(time + 1e-6) - told(time - 1e-6)) / 2e-6
+    return Reference(SERVOS, (mode,) * 5, told(time)[:5], velocity[:5])
+
+
+def first_fault(
+    measured: Positions, told: Positions, *, mode: Mode = Mode.POSITION
+) -> tuple[float, str] | None:
+    watch = Watch(ROBOT)
+    for joints in readings(measured):
+        if fault := watch.step(joints, reference(told, joints.stamp, mode)):
+            return joints.stamp, fault
+    return None
+
+
+def one_servo(change: Callable[[float, float], float], *, servo: int = 2) -> Positions:
+    """All servos obey `turning`, 30 ms late, and one of them is changed."""
+
+    def measured(time: float) -> Array:
+        position = turning(time - 0.03).copy()
+        position[servo] = change(time, position[servo])
+        return position
+
+    return measured
+
+
+def test_a_robot_that_obeys_late_is_fine() -> None:
+    assert first_fault(one_servo(lambda _, angle: angle), turning) is None
+
+
+def test_a_servo_that_bends_a_little_is_fine() -> None:
+    assert first_fault(one_servo(lambda _, angle: angle + np.deg2rad(5.0)), turning) is None
+
+
+def test_21_a_stalled_servo_is_told_within_its_patience() -> None:
+    def stalled(time: float, angle: float) -> float:
+        return angle if time < 0.3 else 0.26 + 1e-5 * np.sin(100 * time)
+
+    found = first_fault(one_servo(stalled), turning)
+    assert found is not None
+    assert "joint2 does not follow" in found[1]
+    assert found[1].endswith("from its reference; held or pushed, blocked, stalled or limp")
+    assert 0.3 < found[0] < 1.0
+
+
+@pytest.mark.parametrize("mode", [Mode.IMPEDANCE, Mode.TORQUE])
+def test_a_compliant_joint_may_yield(mode: Mode) -> None:
+    assert first_fault(one_servo(lambda time, angle: angle + 0.5 * np.sin(time)), turning, mode=mode) is None
+
+
+def test_a_short_deviation_is_fine() -> None:
+    def pushed(time: float, angle: float) -> float:
+        return angle - 0.2 * np.exp(-(((time - 0.5) / 0.06) ** 2))
+
+    assert first_fault(one_servo(pushed), turning) is None
+
+
+def test_19_a_motion_against_its_command_is_told_after_a_tenth_of_a_second() -> None:
+    def reversed_(time: float, angle: float) -> float:
+        return -0.5 * np.sin(2.0 * time)
+
+    settings = WatchSettings(following_error=3.0)
+    watch = Watch(ROBOT, settings)
+    for joints in readings(one_servo(reversed_)):
+        if fault := watch.step(joints, reference(turning, joints.stamp)):
+            break
+    assert (
+        "joint2 moves against its command; pushed or pulled; if nothing touches it, the sign of its gamma"
+        in fault
+    )
+    assert settings.opposing < joints.stamp < settings.opposing + 3 * PERIOD
+
+
+def test_25_an_encoder_step_is_told_at_once() -> None:
+    def stepped(time: float, angle: float) -> float:
+        return angle + (np.deg2rad(10.0) if time > 0.495 else 0.0)
+
+    found = first_fault(one_servo(stepped), turning)
+    assert found is not None
+    assert found[0] == pytest.approx(0.5)
+    assert "the angle of joint2 jumped by" in found[1]
+    assert "possible: 3.7" in found[1]
+
+
+def test_25_counts_for_a_servo_that_nobody_commands() -> None:
+    def stepped(time: float, angle: float) -> float:
+        return angle + (np.deg2rad(10.0) if time > 0.495 else 0.0)
+
+    found = first_fault(one_servo(stepped, servo=5), turning)
+    assert found is not None
+    assert "joint5 jumped" in found[1]
+
+
+def test_20_an_encoder_that_stands_still_is_told() -> None:
+    def frozen(time: float, angle: float) -> float:
+        return angle if time < 0.1 else 0.5 * np.sin(0.14)
+
+    found = first_fault(one_servo(frozen), turning)
+    assert found is not None
+    assert "the encoder of joint2 stands still while its reference moved by" in found[1]
+    assert found[0] < 0.35
+
+
+def test_a_joint_at_rest_may_repeat_its_angle_wherever_it_is() -> None:
+    assert first_fault(still, still) is None
+    assert first_fault(lambda _: np.full(6, 1.1), lambda _: np.full(6, 1.1)) is None
+
+
+def test_14_a_reading_that_comes_again_under_fresh_stamps_is_told() -> None:
+    watch, told = Watch(ROBOT), []
+    for joints in readings(turning, duration=0.5):
+        frozen = replace(joints, sequence=min(joints.sequence, 20))
+        told.append(watch.step(frozen, reference(turning, joints.stamp)))
+    first = next(i for i, fault in enumerate(told) if fault)
+    assert first * PERIOD == pytest.approx(0.2 + 0.1 + PERIOD)
+    assert "reading 20 comes again under fresh stamps" in told[first]
+
+
+def test_14_is_told_in_time_though_the_first_stamp_came_twice() -> None:
+    watch, first = Watch(ROBOT), next(readings(still))
+    told = [watch.step(first, reference(still, 0.0)) for _ in range(2)]
+    for index in range(1, 13):
+        told.append(watch.step(replace(first, stamp=index * PERIOD), reference(still, 0.0)))
+    assert [bool(fault) for fault in told] == [False] * 12 + [True] * 2
+
+
+def test_23_a_mode_that_comes_right_again_in_time_is_no_fault() -> None:
+    watch = Watch(ROBOT)
+    for joints in readings(still, duration=1.6):
+        wrong = joints.stamp % 0.4 > 0.05
+        modes = (Mode.TORQUE if wrong else Mode.POSITION,) * 6
+        assert watch.step(replace(joints, modes=modes), reference(still, joints.stamp)) == ""
+
+
+def test_22_a_servo_that_is_off_is_told_at_once() -> None:
+    powered = np.ones(6, dtype=bool)
+    powered[[3, 5]] = False
+    watch = Watch(ROBOT)
+    fault = ""
+    for joints in readings(still, duration=0.1):
+        on = replace(joints, powered=powered if joints.stamp >= 0.05 else np.ones(6, dtype=bool))
+        fault = watch.step(on, reference(still, joints.stamp))
+        assert bool(fault) == (joints.stamp >= 0.05)
+    assert fault == "joint3 is under command and its servo is off"
+
+
+def test_a_servo_that_is_off_and_not_under_command_is_fine() -> None:
+    powered = np.ones(6, dtype=bool)
+    powered[5] = False
+    joints = replace(next(readings(still)), powered=powered)
+    assert Watch(ROBOT).step(joints, reference(still, 0.0)) == ""
+
+
+@pytest.mark.parametrize(("reported", "late"), [(Mode.TORQUE, True), (Mode.POSITION, False), (None, False)])
+def test_23_another_mode_than_the_commanded_one_is_told_after_a_while(
+    reported: Mode | None, late: bool
+) -> None:
+    watch, fault = Watch(ROBOT), ""
+    for joints in readings(still, duration=1.0):
+        modes = (Mode.POSITION, reported, *[Mode.POSITION] * 4)
+        fault = watch.step(replace(joints, modes=modes), reference(still, joints.stamp))
+        assert bool(fault) == (late and joints.stamp > watch.settings.mode_change)
+    assert fault == ("joint1 reports mode torque; commanded in position" if late else "")
+
+
+def test_the_same_reading_twice_tells_nothing_new() -> None:
+    watch = Watch(ROBOT)
+    for joints in readings(one_servo(lambda _, angle: angle)):
+        for _ in range(3):
+            assert watch.step(joints, reference(turning, joints.stamp)) == ""
+
+
+def test_reset_forgets() -> None:
+    watch = Watch(ROBOT)
+    first, second = list(readings(still))[:2]
+    jumped = replace(second, position=read_only(np.ones(6)))
+    assert watch.step(first, reference(still, 0.0)) == ""
+    watch.reset()
+    assert watch.step(jumped, Reference(SERVOS[:0], (), np.zeros(0), np.zeros(0))) == ""
+
+
+@given(lag=st.floats(0.0, 0.08), noise=st.floats(0.0, 2e-3), seed=st.integers(0, 1000))
+def test_no_false_alarm_for_any_lag_and_noise_of_a_sound_servo(lag: float, noise: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    watch = Watch(ROBOT)
+    for joints in readings(lambda time: turning(time - lag), duration=1.0):
+        noisy = replace(joints, position=joints.position + noise * rng.standard_normal(6))
+        assert watch.step(noisy, reference(turning, joints.stamp)) == ""
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
+def test_settings_that_make_no_sense_are_refused(value: float) -> None:
+    with pytest.raises(TciError, match=r"watch: patience .*; valid: above 0 and finite"):
+        WatchSettings(patience=value)

@@ -1,0 +1,114 @@
+"""The figure of a recording, and the film of a run: right numbers, and something to see."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import tci as package
+from cli.test_cli import tci
+from tci.capabilities.fields import default_fields
+from tci.drivers.simulated import SimulatedLink
+from tci.errors import CommandError, RecordingError, UnknownNameError
+from tci.pictures.film import Film
+from tci.pictures.plot import _outline, collect, draw
+from tci.recording.perceived import perceive
+from tci.recording.recording import Recording
+from tci.robot.limb import generic_limb_distance
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("plot") / "poke.mcap"
+    tci("run", "withdrawal", "nao", "--poke", "--duration", "0.7", "--record", str(path))
+    return path
+
+
+def test_the_figure_says_what_the_command_says(recorded: Path, tmp_path: Path) -> None:
+    told = json.loads(tci("plot", str(recorded), "--out", str(tmp_path / "a.png"), "--json"))
+    assert told["part"] == "left_arm"
+    assert told["periods"] == 350
+    (touch,) = told["touches"]
+    assert touch["patch"] == "left_forearm"
+    assert 0.0 <= touch["command_ms"] < touch["motion_ms"] <= touch["lost_ms"] + 50.0
+    picture = np.asarray(Image.open(tmp_path / "a.png").convert("RGB"))
+    assert picture.shape[0] > 1000
+    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 100
+    assert "left_forearm" in tci("plot", str(recorded), "--out", str(tmp_path / "b.svg"))
+    assert (tmp_path / "b.svg").read_text().startswith("<?xml")
+
+
+def test_lines_are_those_of_the_recording(recorded: Path) -> None:
+    robot = package.load_robot("nao")
+    periods = list(perceive(Recording(recorded), robot))
+    part, series = collect(robot, periods, part=None)
+    assert part == "left_arm"
+    forces = [sum(contact.force for contact in period.perception.contacts) for period in periods]
+    assert np.array_equal(series.forces["left_forearm"], forces)
+    commanded = np.isfinite(series.sent).all(axis=1)
+    assert commanded.any()
+    # What was sent leads, and in the end it is where the arm is.
+    assert np.abs(series.sent[-1] - series.measured[-1]).max() < np.deg2rad(1.0)
+    other, right = collect(robot, periods, part="right_arm")
+    assert other == "right_arm"
+    assert not np.isfinite(right.sent).any()
+    with pytest.raises(UnknownNameError, match="tail"):
+        collect(robot, periods, part="tail")
+    with pytest.raises(RecordingError, match="no period"):
+        collect(robot, periods, begin=5.0, part=None)
+
+
+def test_rims_of_fields_are_where_the_field_ends() -> None:
+    for field in default_fields():
+        rim = _outline(field)
+        away = generic_limb_distance(rim[:, 1], rim[:, 0], field.u, field.theta)
+        assert np.allclose(away, field.radius)
+
+
+def test_bad_formats_and_recordings_without_a_robot_are_told(recorded: Path, tmp_path: Path) -> None:
+    robot = package.load_robot("nao")
+    _, series = collect(robot, list(perceive(Recording(recorded), robot)), part=None)
+    with pytest.raises(UnknownNameError, match="valid: png, pdf, svg"):
+        draw(robot, series, "left_arm", tmp_path / "a.docx", fields=(), title="")
+    log = tmp_path / "data.log"
+    log.write_text("1 0.5 240 230\n2 0.52 240 231\n")
+    tci("log", "import", str(log), str(tmp_path / "foot.mcap"))
+    assert "has no robot" in tci("plot", str(tmp_path / "foot.mcap"), status=1)
+
+
+def test_a_film_shows_the_run(tmp_path: Path) -> None:
+    path = tmp_path / "run.gif"
+    with SimulatedLink(package.load_robot("nao")) as link:
+        film = Film(link.world, path, fields=default_fields(), part="left_arm")
+        with pytest.raises(CommandError, match="no period"):
+            film.save()
+        target = np.zeros(5)
+
+        class Raise(package.Capability[int]):
+            def init(self) -> int:
+                return 0
+
+            def step(
+                self, memory: int, perception: package.Perception
+            ) -> tuple[tuple[package.GenericCommand, ...], int]:
+                return (package.GenericCommand("left_arm", package.Mode.POSITION, target),), 0
+
+        package.run(link, Raise(), duration=0.06, observe=film.see)
+        assert film.save() == 3
+    with Image.open(path) as shown:
+        assert shown.n_frames == 3
+        shown.seek(2)
+        last = np.asarray(shown.convert("RGB"), dtype=int)
+        shown.seek(0)
+        first = np.asarray(shown.convert("RGB"), dtype=int)
+    assert first.std() > 20.0
+    assert np.abs(first - last).max() > 50
+    with SimulatedLink(package.load_robot("nao")) as link:
+        with pytest.raises(CommandError, match="exists"):
+            Film(link.world, path, fields=(), part="left_arm")
+        with pytest.raises(UnknownNameError, match="valid: gif, webp, png"):
+            Film(link.world, tmp_path / "run.avi", fields=(), part="left_arm")

@@ -1,0 +1,99 @@
+"""Gravity torques: the derivative of the weight's work, and a case done by hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import small_robot
+from robot.moving import random_postures, robot_and_kinematics
+from tci.errors import CommandError, DescriptionError
+from tci.robot.description import Robot
+from tci.robot.gravity import STANDARD_GRAVITY, Gravity
+from tci.robot.model_file import load_spec
+
+
+def weights(robot: Robot) -> list[tuple[str, float, np.ndarray]]:
+    """Link, mass [kg] and centre of mass [m] of each body that the model gives a mass."""
+    assert robot.model is not None
+    bodies = load_spec(robot.model).bodies
+    return [(body.name, body.mass, body.ipos.copy()) for body in bodies if body.explicitinertial]
+
+
+@pytest.mark.parametrize("name", ["nao", "icub"])
+def test_torques_are_the_transposed_jacobians_times_the_weights(name: str) -> None:
+    robot, kinematics = robot_and_kinematics(name)
+    gravity = Gravity(robot)
+    down = np.array([0.3, -0.2, -0.9])
+    pull = down / np.linalg.norm(down) * STANDARD_GRAVITY
+    assert robot.model is not None
+    parts = [part for part in robot.parts if part.kind in ("arm", "head")]
+    arms = [g.servo for part in parts for g in part.servos if g.servo is not None]
+    for posture in random_postures(robot, 10):
+        expected = np.zeros(len(robot.servos))
+        for link, mass, centre in weights(robot):
+            expected -= kinematics.jacobian(posture, link, point=centre)[:3].T @ (mass * pull)
+        assert np.allclose(gravity.torques(posture, down=down)[arms], expected[arms], rtol=0, atol=1e-9)
+
+
+def test_a_stretched_nao_arm_weighs_what_its_masses_say() -> None:
+    """Arms forward: mass times forward distance of everything beyond the shoulder."""
+    robot, kinematics = robot_and_kinematics("nao")
+    held = Gravity(robot).torques(np.zeros(len(robot.servos)))
+    moment = 0.0
+    for link, mass, centre in weights(robot):
+        if link in ("LShoulder", "LBicep", "LElbow", "LForeArm", "LHand"):
+            T_TL = kinematics.poses(np.zeros(len(robot.servos)), [link])[link]
+            moment += mass * (T_TL[:3, :3] @ centre + T_TL[:3, 3])[0]
+    pitch = next(s.index for s in robot.servos if s.joint == "LShoulderPitch")
+    # ShoulderPitch turns the arm down: it must push the other way.
+    assert held[pitch] == pytest.approx(-moment * STANDARD_GRAVITY, abs=1e-9)
+    assert 0.1 < -held[pitch] < 1.0
+
+
+def test_only_the_direction_of_down_counts() -> None:
+    robot, _ = robot_and_kinematics("icub")
+    gravity = Gravity(robot)
+    standing = gravity.torques(robot.initial_position)
+    assert np.allclose(standing, gravity.torques(robot.initial_position, down=np.array([0, 0, -7.0])))
+    lying = gravity.torques(robot.initial_position, down=np.array([-1.0, 0, 0]))
+    assert np.abs(standing - lying).max() > 0.1
+
+
+def test_what_is_wrong_is_named(tmp_path: Path) -> None:
+    robot, _ = robot_and_kinematics("nao")
+    gravity = Gravity(robot)
+    with pytest.raises(CommandError, match="the robot has 14 servos"):
+        gravity.torques(np.zeros(3))
+    for down in (np.zeros(3), np.zeros(2), np.array([np.nan, 0, 0])):
+        with pytest.raises(CommandError, match="direction of gravity"):
+            gravity.torques(robot.initial_position, down=down)
+    with pytest.raises(DescriptionError, match="l_0 moves and has no <inertial>"):
+        Gravity(small_robot.build(tmp_path))
+
+
+MJCF = """
+<mujoco><option><flag gravity="disable"/></option><worldbody>
+  <body name="torso"><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+    <body name="arm"><inertial pos="0 0 0.1" mass="1" diaginertia="1 1 1"/>
+      <joint name="l0" axis="0 1 0"/><geom size="0.01"/>
+      <body name="hand" pos="0 0 0.3"><geom size="0.05" mass="{mass}"/></body>
+    </body>
+  </body>
+</worldbody></mujoco>
+"""
+
+
+def test_weight_counts_whatever_a_simulation_of_the_model_leaves_out(tmp_path: Path) -> None:
+    robot = small_robot.build(tmp_path)
+    robot = robot.model_copy(update={"servos": robot.servos[:1], "parts": (), "patches": ()})
+    assert robot.model is not None
+    Path(robot.model.path).write_text(MJCF.format(mass=0))
+    assert Gravity(robot).torques(np.array([np.pi / 2]))[0] == pytest.approx(-0.1 * STANDARD_GRAVITY)
+    Path(robot.model.path).write_text(MJCF.format(mass=2))
+    with pytest.raises(
+        DescriptionError, match="link hand has shapes and no <inertial> that says their weight"
+    ):
+        Gravity(robot)

@@ -1,0 +1,119 @@
+"""Kinematic models as others publish them, and files that are damaged."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pytest
+
+from tci.errors import DescriptionError
+from tci.robot.clearance import Clearance
+from tci.robot.description import Model, Robot, Servo
+from tci.robot.gravity import Gravity
+from tci.robot.kinematics import Kinematics, bare_model
+
+MJCF = """
+<mujoco><compiler angle="radian"/>{before}<worldbody>
+  <body name="torso"><freejoint name="root"/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+    <geom name="trunk" size="0.1"/><site name="imu"/>
+    <body name="arm" pos="0 0.2 0"><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+      <joint name="one" axis="0 1 0" range="-1 1"/>{geom}
+    </body>
+  </body>
+  <body name="box"><freejoint/><geom size="0.1"/></body>
+</worldbody>{after}</mujoco>
+"""
+HOME = """
+<actuator><position name="motor" joint="one"/></actuator>
+<sensor><accelerometer site="imu"/></sensor>
+<keyframe><key name="home" qpos="0 0 1 1 0 0 0 0.3 5 0 0 1 0 0 0" ctrl="0.3"/></keyframe>
+"""
+URDF = """
+<robot name="r"><link name="torso"/>
+  <link name="arm"><visual><geometry><mesh filename="{mesh}"/></geometry></visual></link>
+  <joint name="one" type="revolute"><parent link="torso"/><child link="arm"/><origin xyz="0 0.2 0"/>
+    <axis xyz="{axis}"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+</robot>
+"""
+
+
+def robot_of(tmp_path: Path, text: str, format: Literal["mjcf", "urdf"]) -> Robot:
+    path = tmp_path / f"model.{format}.xml"
+    path.write_text(text)
+    return Robot(
+        name="r",
+        source="r",
+        digest=str(tmp_path),
+        model=Model(format=format, path=str(path), torso_link="torso"),
+        servos=(Servo(index=0, robot_part="arm", id=0, name="one", joint="one"),),
+        parts=(),
+    )
+
+
+def mjcf(tmp_path: Path, *, before: str = "", geom: str = "", after: str = "") -> Robot:
+    return robot_of(tmp_path, MJCF.format(before=before, geom=geom, after=after), "mjcf")
+
+
+def test_a_floating_base_and_its_keyframe_are_left_out(tmp_path: Path) -> None:
+    """As MuJoCo's own collection of robots has them."""
+    robot = mjcf(tmp_path, after=HOME)
+    kinematics = Kinematics(robot)
+    assert kinematics.model.nq == 1
+    pose = kinematics.poses(np.array([0.5]), ["arm"])["arm"]
+    np.testing.assert_allclose(pose[:3, 3], [0.0, 0.2, 0.0], atol=1e-12)
+    assert pose[0, 2] == pytest.approx(np.sin(0.5))
+    assert Clearance(robot).servos == (0,)
+    assert Gravity(robot).torques(np.array([0.5])) == pytest.approx([0.0])
+
+
+def test_a_model_is_compiled_once_and_anew_when_its_file_changes(tmp_path: Path) -> None:
+    """What one object does to its model, as gravity does, stays with it."""
+    robot = mjcf(tmp_path)
+    assert robot.model is not None
+    before = bare_model(robot.model)
+    before.body_pos[:] = 1.0
+    assert bare_model(robot.model).body("arm").pos.tolist() == [0.0, 0.2, 0.0]
+    file = Path(robot.model.path)
+    file.write_text(file.read_text().replace("0 0.2 0", "0 0.3 0"))
+    assert bare_model(robot.model).body("arm").pos.tolist() == [0.0, 0.3, 0.0]
+
+
+@pytest.mark.parametrize("mesh", ["none.stl", "none.obj", "file:///none.dae", "."])
+def test_a_mesh_that_is_missing_is_named(tmp_path: Path, mesh: str) -> None:
+    robot = robot_of(tmp_path, URDF.format(mesh=mesh, axis="0 1 0"), "urdf")
+    with pytest.raises(DescriptionError, match=f"mesh {mesh}: .* is not a file"):
+        Kinematics(robot)
+
+
+def test_kinematics_need_no_mesh_of_mjcf_and_what_does_names_it(tmp_path: Path) -> None:
+    robot = mjcf(
+        tmp_path,
+        before='<asset><mesh name="m" file="none.stl"/></asset>',
+        geom='<geom type="mesh" mesh="m"/>',
+    )
+    Kinematics(robot)
+    with pytest.raises(DescriptionError, match=r"not a usable model: .*none.stl"):
+        Clearance(robot)
+
+
+def test_what_mujoco_finds_late_is_a_fault_of_the_file(tmp_path: Path) -> None:
+    robot = robot_of(tmp_path, URDF.format(mesh="", axis="0 0 0"), "urdf")
+    with pytest.raises(DescriptionError, match=r"model.urdf.xml: 1 fault\n.*axis too small"):
+        Kinematics(robot)
+
+
+def test_places_that_are_no_numbers_are_refused(tmp_path: Path) -> None:
+    text = MJCF.format(before="", geom="", after="")
+    for place in ("nan 0.2 0", "inf 0.2 0"):
+        robot = robot_of(tmp_path, text.replace('pos="0 0.2 0"', f'pos="{place}"'), "mjcf")
+        with pytest.raises(DescriptionError, match="not finite"):
+            Kinematics(robot)
+
+
+def test_a_joint_that_the_model_lacks_is_named_where_links_collide_too(tmp_path: Path) -> None:
+    robot = mjcf(tmp_path)
+    lost = robot.servos[0].model_copy(update={"joint": "two"})
+    with pytest.raises(DescriptionError, match="the model has no joint 'two'"):
+        Clearance(robot.model_copy(update={"servos": (lost,), "digest": "lost"}))

@@ -1,0 +1,269 @@
+"""Every packaged robot, and what they share."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import mujoco
+import numpy as np
+import pytest
+from lxml import etree
+
+from tci.body.posture import to_platform
+from tci.body.retarget import with_retargeting
+from tci.exports.cone import cone_of
+from tci.frames import Array, angle_between
+from tci.messages import GenericCommand, Mode
+from tci.robot.catalogue import load_robot, robot_names
+from tci.robot.description import Robot
+from tci.robot.generic_arm import JOINTS, Side, forearm_rotation, side_sign, upper_arm_rotation
+from tci.robot.joint_map import joint_map
+from tci.robot.kinematics import Kinematics
+from tci.robot.model_file import load_spec
+from tci.robot.xml import schema_path
+from tci.skin.surfaces import build_surface
+
+COMMON_RANGE = np.deg2rad([[-10, 95.5], [0, 76], [-29.5, 65], [15, 88.5], [-60, 60]])
+SIDES = ("left", "right")
+
+
+@pytest.fixture(scope="module", params=robot_names())
+def robot(request: pytest.FixtureRequest) -> Robot:
+    return load_robot(request.param)
+
+
+class ModelArm:
+    """One arm of a robot, read from the MuJoCo model itself."""
+
+    def __init__(self, robot: Robot, side: Side) -> None:
+        assert robot.model is not None
+        self.robot, self.part = robot, robot.part(f"{side}_arm")
+        self.model = load_spec(robot.model).compile()
+        self.data = mujoco.MjData(self.model)
+        self.torso = self.model.body(robot.model.torso_link).id
+
+    def at(self, posture: Array) -> None:
+        """Go to generic angles (5,) [rad]."""
+        command = to_platform(self.robot, GenericCommand(self.part.name, Mode.POSITION, posture))
+        for index, angle in zip(command.servos, command.values, strict=True):
+            self.data.qpos[self.model.joint(self.robot.servos[index].joint).qposadr] = angle
+        mujoco.mj_kinematics(self.model, self.data)
+
+    @property
+    def R_MW(self) -> Array:
+        """The world, seen from the arm's mount frame."""
+        assert self.robot.model is not None
+        R_WT = self.data.xmat[self.torso].reshape(3, 3) @ self.robot.model.T_LT[:3, :3]
+        result: Array = self.part.R_TM.T @ R_WT.T
+        return result
+
+    def joint(self, generic: int) -> int:
+        """MuJoCo's number of the joint behind a generic one."""
+        servo = self.part.servos[generic].servo
+        assert servo is not None
+        return int(self.model.joint(self.robot.servos[servo].joint).id)
+
+    def axis(self, generic: int) -> Array:
+        """Axis (3,) of a generic joint in the mount frame, as it turns positively."""
+        sign = np.sign(self.part.servos[generic].scale)
+        result: Array = self.R_MW @ self.data.xaxis[self.joint(generic)] * sign
+        return result
+
+    def along(self) -> Array:
+        """Axis (3,) of internal rotation in the mount frame, towards the elbow."""
+        first, second = self.joint(2), self.joint(3)
+        axis = self.data.xaxis[first]
+        way = self.data.xanchor[second] - self.data.xanchor[first]
+        result: Array = self.R_MW @ axis * np.sign(axis @ way)
+        return result
+
+    def hand(self) -> Array:
+        """Orientation (3, 3) in the mount frame of the link behind the pronation joint."""
+        body = self.model.jnt_bodyid[self.joint(4)]
+        result: Array = self.R_MW @ self.data.xmat[body].reshape(3, 3)
+        return result
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_axes_of_nao_and_icub_agree_in_their_mount_frames(side: Side) -> None:
+    """1000 postures: the axes of upper arm and forearm and the thumb side, to 0.01 degrees."""
+    sign = side_sign(side)
+    arms = [ModelArm(load_robot(name), side) for name in ("nao", "icub")]
+    thumbs_H = []
+    for arm in arms:
+        arm.at(np.zeros(5))
+        thumbs_H.append(arm.hand().T[:, 0])  # the thumb side is forward at generic zero
+    worst = 0.0
+    for posture in np.random.default_rng(2).uniform(*COMMON_RANGE.T, size=(1000, 5)):
+        # Internal rotation turns about the upper arm and pronation about the forearm.
+        ideal = [
+            -sign * upper_arm_rotation(posture, side, axial=False)[:, 2],
+            -sign * forearm_rotation(posture, side, axial=False)[:, 2],
+            forearm_rotation(posture, side, axial=True)[:, 0],
+        ]
+        seen = []
+        for arm, thumb_H in zip(arms, thumbs_H, strict=True):
+            arm.at(posture)
+            seen.append([arm.axis(2), arm.axis(4), arm.hand() @ thumb_H])
+        pairs = [
+            *zip(*seen, strict=True),
+            *zip(seen[0], ideal, strict=True),
+            *zip(seen[1], ideal, strict=True),
+        ]
+        worst = max(worst, *(float(np.rad2deg(angle_between(a, b))) for a, b in pairs))
+    print(f"{side}: NAO, iCub and the generic arm differ by at most {worst:.1e} degrees")
+    assert worst <= 0.01
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+@pytest.mark.parametrize("name", robot_names())
+def test_axes_agree_with_the_generic_arm_in_the_torso_frame(name: str, side: Side) -> None:
+    """1000 postures: upper arm and forearm within 0.5 degrees, wherever the limits allow."""
+    robot = load_robot(name)
+    part = f"{side}_arm"
+    if any(robot.part(part).mount):
+        robot = with_retargeting(robot, part)
+    arm = ModelArm(robot, side)
+    sign = side_sign(side)
+    worst, tried = 0.0, 0
+    for posture in np.random.default_rng(2).uniform(*COMMON_RANGE.T, size=(1000, 5)):
+        command = to_platform(robot, GenericCommand(part, Mode.POSITION, posture))
+        limits = [robot.servos[servo].limits for servo in command.servos]
+        lower, upper = np.array([[limit.lower, limit.upper] for limit in limits], dtype=float).T
+        if np.any(command.values < lower) or np.any(command.values > upper):
+            continue
+        tried += 1
+        arm.at(posture)
+        pairs = [
+            (arm.along(), -upper_arm_rotation(posture, side, axial=False)[:, 2]),
+            (arm.axis(4) * sign, -forearm_rotation(posture, side, axial=False)[:, 2]),
+            (arm.axis(3), -upper_arm_rotation(posture, side, axial=True)[:, 1]),
+        ]
+        worst = max(worst, *(float(np.rad2deg(angle_between(a, b))) for a, b in pairs))
+    print(f"{name}, {side}: {tried} of 1000 postures within limits, at most {worst:.1e} degrees off")
+    assert tried >= 500
+    assert worst <= 0.5
+
+
+def test_initial_posture_is_inside_and_away_from_limits(robot: Robot) -> None:
+    for part in robot.parts:
+        if part.kind != "arm":
+            continue
+        assert [servo.name for servo in part.servos] == list(JOINTS)
+        for generic in part.servos:
+            assert generic.servo is not None
+            limits = robot.servos[generic.servo].limits
+            assert limits.lower is not None
+            assert limits.upper is not None
+            angle = robot.initial_position[generic.servo]
+            assert limits.lower + 0.05 < angle < limits.upper - 0.05
+
+
+def test_couplings_hold_in_the_initial_posture(robot: Robot) -> None:
+    for coupling in robot.couplings:
+        value = robot.initial_position[list(coupling.servos)] @ np.array(coupling.coefficients)
+        assert coupling.lower < value < coupling.upper
+
+
+def test_mapped_servos_can_be_moved(robot: Robot) -> None:
+    mapped = {generic.servo for part in robot.parts for generic in part.servos if generic.servo is not None}
+    for index in mapped:
+        servo = robot.servos[index]
+        figures = servo.limits.model_dump(exclude={"ours"})
+        assert None not in figures.values(), servo.name
+        assert {"acceleration", "jerk"} <= set(servo.limits.ours), "nobody publishes these"
+
+
+def test_left_and_right_mirror_each_other(robot: Robot) -> None:
+    left, right = (robot.part(f"{side}_arm") for side in SIDES)
+    for a, b in zip(left.servos, right.servos, strict=True):
+        assert a.transform == b.transform
+        if a.transform == "retarget":
+            continue  # what limits mean for a shoulder depends on all three joints
+        assert a.servo is not None
+        assert b.servo is not None
+        ranges = []
+        for generic in (a, b):
+            limits = robot.servos[generic.servo].limits
+            assert limits.lower is not None
+            assert limits.upper is not None
+            ends = generic.scale * np.array([limits.lower, limits.upper]) + generic.offset
+            ranges.append(sorted(ends))
+        np.testing.assert_allclose(*ranges, atol=1e-6)
+
+
+def test_skin_lies_on_its_segment(robot: Robot) -> None:
+    kinematics = Kinematics(robot)
+    patches = [patch for patch in robot.patches if robot.limb_segment(patch)]
+    assert {(patch.part, patch.segment) for patch in patches} == set(
+        product(("left_arm", "right_arm"), ("upper_arm", "forearm"))
+    )
+    for patch in patches:
+        surface = build_surface(robot, patch, kinematics)
+        assert len(set(surface.channels.tolist())) == len(surface.positions)
+        fit = cone_of(robot, surface, kinematics)
+        assert 0.02 < fit.r1 < 0.085  # an adult's size: Talos
+        assert fit.rms < 0.006
+        assert fit.largest < 0.015
+
+
+def test_the_schema_accepts_the_description(robot: Robot) -> None:
+    schema = etree.XMLSchema(etree.parse(str(schema_path())))
+    schema.assertValid(etree.parse(robot.source))
+
+
+def test_head_and_torso_turn_as_their_convention_says(robot: Robot) -> None:
+    """Pitch is positive about y, roll about x, yaw about z of the torso, whatever the robot's signs."""
+    assert robot.model is not None
+    model = load_spec(robot.model).compile()
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    R_WT = data.xmat[model.body(robot.model.torso_link).id].reshape(3, 3) @ robot.model.T_LT[:3, :3]
+    for name in ("head", "torso"):
+        for generic, wanted in zip(robot.part(name).servos, np.eye(3)[[1, 0, 2]], strict=True):
+            if generic.servo is not None:
+                joint = robot.servos[generic.servo].joint
+                axis = R_WT.T @ data.xaxis[model.joint(joint).id] * np.sign(generic.scale)
+                assert axis @ wanted > 0.99, (name, generic.name)
+
+
+def test_legs_and_hands_turn_as_their_convention_says(robot: Robot) -> None:
+    """With straight legs and hanging arms: flexion, abduction, internal rotation, knee flexion, toes up, sole
+    inwards; the wrist flexes towards the body, and deviates towards the thumb."""
+    assert robot.model is not None
+    axes = {
+        "leg": [(0, -1, 0), (1, 0, 0), (0, 0, -1), (0, 1, 0), (0, -1, 0), (-1, 0, 0)],
+        "hand": [(-1, 0, 0), (0, -1, 0)],
+    }
+    kinematics = Kinematics(robot)
+    position = np.zeros(len(robot.servos))
+    for part in robot.parts:
+        if part.kind == "arm":
+            joints = joint_map(robot, part.name)
+            position[joints.servos] = joints.to_robot(np.zeros(5), position)
+    found = 0
+    for part in robot.parts:
+        if part.kind not in axes:
+            continue
+        mirror = np.array([1.0, 1.0, 1.0] if part.side == "left" else [-1.0, 1.0, -1.0])
+        for generic, wanted in zip(part.servos, axes[part.kind], strict=True):
+            if generic.servo is None:
+                continue
+            moved = [link for link in kinematics.links if generic.servo in kinematics.chain(link)]
+            axis = kinematics.jacobian(position, moved[-1])[3:, generic.servo] * np.sign(generic.scale)
+            assert axis @ (mirror * wanted) > 0.96, (part.name, generic.name)
+            found += 1
+    assert found == {"nao-whole": 10, "icub-whole": 16, "g1": 16, "talos": 16, "alex": 2}.get(robot.name, 0)
+
+
+@pytest.mark.parametrize("name", ["nao", "icub"])
+def test_the_whole_body_has_all_that_the_plain_robot_has(name: str) -> None:
+    plain, whole = load_robot(name), load_robot(f"{name}-whole")
+    assert whole.servos[: len(plain.servos)] == plain.servos
+    assert {patch.name: patch for patch in plain.patches}.items() <= {
+        p.name: p for p in whole.patches
+    }.items()
+    for part in plain.parts:
+        if part.kind != "torso":
+            assert whole.part(part.name) == part
+    assert {part.kind for part in whole.parts} >= {"arm", "head", "torso", "leg"}

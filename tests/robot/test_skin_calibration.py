@@ -1,0 +1,68 @@
+"""A calibration lies beside the description, and a wrong one is refused."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import small_robot
+from tci.errors import DescriptionError, TciError, UnknownNameError
+from tci.robot.skin_files.calibration import (
+    PatchCalibration,
+    SkinCalibration,
+    calibration_path,
+    read_calibration,
+    write_calibration,
+)
+from tci.skin.skin import Skin
+
+
+def made(taxels: int, *, robot: str = "small", patch: str = "left_arm_forearm") -> SkinCalibration:
+    one = PatchCalibration(
+        rest=(230.0,) * taxels,
+        noise=(0.5,) * taxels,
+        response=((0.0, 0.0), (10.0, 1e3)),
+        report={"loads": 1.0},
+    )
+    return SkinCalibration(robot=robot, date="2026-01-01", patches={patch: one})
+
+
+def test_what_is_written_is_read(tmp_path: Path) -> None:
+    path = calibration_path(tmp_path / "robot.xml")
+    write_calibration(path, made(12))
+    assert path.name == "robot.skin.json"
+    assert read_calibration(path) == made(12)
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "null", '{"robot": 3}', "\x00", '{"robot":"a","x":NaN}'])
+def test_damaged_file_gets_one_error(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "robot.skin.json"
+    path.write_text(text)
+    with pytest.raises(DescriptionError, match=r"robot\.skin\.json"):
+        read_calibration(path)
+
+
+def test_absent_file(tmp_path: Path) -> None:
+    with pytest.raises(DescriptionError, match="can't be read"):
+        read_calibration(tmp_path / "none.json")
+
+
+def test_skin_takes_its_rest_values_from_it(tmp_path: Path) -> None:
+    robot = small_robot.build(tmp_path)
+    skin = Skin(robot, calibration=made(small_robot.TAXELS))
+    name = "left_arm_forearm"
+    state = skin.update(small_robot.reading(small_robot.frame(name, {7: 20})))
+    felt = state.patches[name].pressure
+    assert felt.max() == pytest.approx((20.0 - (small_robot.REST - 230.0)) * 100.0)
+    assert (felt > 0.0).sum() == 1
+
+
+def test_calibration_of_another_skin_is_refused(tmp_path: Path) -> None:
+    robot = small_robot.build(tmp_path)
+    with pytest.raises(TciError, match="'nao'"):
+        Skin(robot, calibration=made(small_robot.TAXELS, robot="nao"))
+    with pytest.raises(UnknownNameError, match="tail"):
+        Skin(robot, calibration=made(small_robot.TAXELS, patch="tail"))
+    with pytest.raises(TciError, match="3 taxels"):
+        Skin(robot, calibration=made(3))

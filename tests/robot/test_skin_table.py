@@ -1,0 +1,82 @@
+"""A patch that names a skin calibration file works like any other."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from lxml import etree
+
+import tci.robot
+from skin_data import SkinData, cone_file
+from tci.errors import DescriptionError
+from tci.exports.cone import cone_of
+from tci.robot.description import Robot
+from tci.robot.kinematics import Kinematics
+from tci.robot.xml import read_robot
+from tci.robot.xml.document import read_bytes
+from tci.skin.skin import Skin
+from tci.skin.surfaces import Surface, build_surface
+
+NAO = Path(tci.robot.__file__).parent / "robots" / "nao"
+
+
+def nao_with(folder: Path, file: Path, *, channels: int, form: str = "icub") -> Robot:
+    """The NAO with the file as the skin of its left forearm, read from XML."""
+    shutil.copytree(NAO, folder / "nao")
+    shutil.copy(file, folder / "nao" / "skin.txt")
+    robot = folder / "nao" / "robot.xml"
+    root = etree.fromstring(read_bytes(robot))
+    (patch,) = root.iterfind(".//patch[@name='left_forearm']")
+    patch.set("channels", str(channels))
+    patch.replace(patch.find("truncated_cone"), etree.fromstring(f'<table file="skin.txt" format="{form}"/>'))
+    robot.write_bytes(etree.tostring(root))
+    return read_robot(robot)
+
+
+def surface_of(robot: Robot) -> Surface:
+    return build_surface(robot, robot.patch("left_forearm"), Kinematics(robot))
+
+
+def test_an_owners_file_in_place_of_the_cone(tmp_path: Path) -> None:
+    robot = nao_with(tmp_path, cone_file(tmp_path / "cone.txt"), channels=192)
+    surface = surface_of(robot)
+    assert len(surface.positions) == 160
+    assert not set(surface.channels % 12) & {6, 10}
+    assert (surface.areas > 0.0).all()
+    np.testing.assert_allclose(np.linalg.norm(surface.normals, axis=1), 1.0)
+    assert "left_forearm" in Skin(robot).surfaces
+
+
+@pytest.mark.parametrize(
+    ("name", "channels", "taxels"),
+    [
+        ("icub/positions_pycub/left_forearm.txt", 768, 240),
+        ("icub/positions/left_forearm_V2.txt", 384, 240),
+        ("icub/positions/left_forearm_mesh.txt", 384, 230),
+        ("nao/positions/nao_left_hand.txt", 384, 240),
+    ],
+)
+def test_each_origins_files_become_surfaces(
+    name: str, channels: int, taxels: int, tmp_path: Path, skin_data: SkinData
+) -> None:
+    robot = nao_with(tmp_path, skin_data.file(name), channels=channels)
+    surface = surface_of(robot)
+    assert len(surface.positions) == taxels
+    assert 50e-4 < surface.areas.sum() < 300e-4
+    assert cone_of(robot, surface, Kinematics(robot)).length > 0.05
+
+
+def test_faults_of_the_file_and_of_the_format(tmp_path: Path) -> None:
+    damaged = tmp_path / "damaged.txt"
+    damaged.write_text("name x\n" + 11 * "0 0 0.01 0 0 1\n" + "0 nan 0 0 0 1\n")
+    robot = nao_with(tmp_path / "a", damaged, channels=12)
+    with pytest.raises(DescriptionError, match="line 13"):
+        surface_of(robot)
+    with pytest.raises(DescriptionError, match="icub"):
+        nao_with(tmp_path / "b", damaged, channels=12, form="nonsense")
+    few = nao_with(tmp_path / "c", cone_file(tmp_path / "cone.txt"), channels=100)
+    with pytest.raises(DescriptionError, match="channels"):
+        surface_of(few)

@@ -1,0 +1,327 @@
+"""Robot descriptions: what loads, and that every fault is one clear message with its line."""
+
+from __future__ import annotations
+
+import os
+import random
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from lxml import etree
+
+from tci.errors import DescriptionError, MissingExtraError, TciError
+from tci.installed import advice
+from tci.robot.xml import read_robot, schema_path
+
+GOOD = """<?xml version="1.0"?>
+<generic_robot version="1" name="tester" angle_unit="deg">
+  <robot_part name="LArm">
+    <servo id="0" name="pitch"><position min="-90" max="90"/><velocity max="200"/></servo>
+    <servo id="1" name="roll"><position min="-20" max="80"/><jerk max="9000" origin="ours"/></servo>
+  </robot_part>
+  <robot_part name="Neck"><servo id="0" name="neck"/></robot_part>
+  <coupling name="cable" min="-100" max="100">
+    <term robot_part="LArm" servo="0" coefficient="1"/><term robot_part="LArm" servo="1" coefficient="-1"/>
+  </coupling>
+  <generic_robot_part name="head" robot_part="LArm">
+    <generic_servo_number>3</generic_servo_number>
+    <generic_servo id="0" name="a">
+      <destination_servo_id>1</destination_servo_id>
+      <transform_factor>-2</transform_factor>
+      <transform_displacement>90</transform_displacement>
+      <stiffness>0.5</stiffness><damping>0.1</damping><speed>20</speed>
+    </generic_servo>
+    <generic_servo id="1" name="b">
+      <destination_servo_id robot_part="Neck">0</destination_servo_id>
+    </generic_servo>
+    <generic_servo id="2" name="c">
+      <destination_servo_id>none</destination_servo_id>
+      <fixed_position>12</fixed_position>
+    </generic_servo>
+    <initial_positions>
+      <servo type="rad" destination_servo_id="0" pos="1.0"/>
+      <servo destination_servo_id="1" pos="0"/>
+    </initial_positions>
+  </generic_robot_part>
+  <binding middleware="sim" rate="100" stale_after="0.1"/>
+  <binding middleware="other" rate="50" stale_after="0.1"><address of="Neck" to="/neck"/></binding>
+</generic_robot>
+"""
+
+LISTING_2 = """<?xml version="1.0"?>
+<generic_robot angle_unit="deg">
+  <generic_robot_part name="icub_head">
+    <generic_servo_number>2</generic_servo_number>
+    <generic_servo id="0">
+      <destination_servo_id>0</destination_servo_id>
+      <transform_factor>1.00</transform_factor> <transform_displacement>0.00</transform_displacement>
+      <stiffness>1.00</stiffness> <damping>0.00</damping> <speed>20.00</speed>
+    </generic_servo>
+    <generic_servo id="1">
+      <destination_servo_id>2</destination_servo_id>
+      <transform_factor>1.00</transform_factor> <transform_displacement>0.00</transform_displacement>
+      <stiffness>1.00</stiffness> <damping>0.00</damping> <speed>20.00</speed>
+    </generic_servo>
+    <initial_positions>
+      <servo type="deg" destination_servo_id="0" pos="-2.00"/>
+      <servo type="deg" destination_servo_id="1" pos="15.00"/>
+    </initial_positions>
+  </generic_robot_part>
+</generic_robot>
+"""
+
+AS_PRINTED = """<Generic_Robot_Part>icub_head</Generic_Robot_Part>
+  <generic_servo_number>2</generic_servo_number>
+<initial_positions>
+  <servo type="deg" destination_servo_id="0" pos="-2.00"/>
+</initial_postions>
+"""
+
+
+def write(folder: Path, text: str | bytes) -> Path:
+    path = folder / "robot.xml"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+def faults(folder: Path, text: str | bytes) -> list[str]:
+    with pytest.raises(DescriptionError) as caught:
+        read_robot(write(folder, text))
+    return [str(fault) for fault in caught.value.faults]
+
+
+def changed(old: str, new: str) -> str:
+    assert GOOD.count(old) >= 1, old
+    return GOOD.replace(old, new, 1)
+
+
+def test_units_become_si_and_everything_is_read(tmp_path: Path) -> None:
+    robot = read_robot(write(tmp_path, GOOD))
+    a, b, c = robot.part("head").servos
+    assert (a.servo, b.servo, c.servo) == (1, 2, None)
+    assert a.scale == -2.0
+    np.testing.assert_allclose([a.offset, a.initial, c.fixed], [np.pi / 2, 1.0, np.deg2rad(12)])
+    np.testing.assert_allclose(a.speed, np.deg2rad(20))
+    assert (a.stiffness, a.damping) == (0.5, 0.1)
+    assert robot.servos[1].limits.ours == ("jerk",)
+    np.testing.assert_allclose(robot.servos[1].limits.upper, np.deg2rad(80))
+    assert robot.couplings[0].coefficients == (1.0, -1.0)
+    assert len(robot.digest) == 64
+    assert robot.binding("other").address("Neck", "usual") == "/neck"
+    assert robot.binding("sim").address("Neck", "usual") == "usual"
+
+
+def test_listing_2_mended_loads_as_it_stands(tmp_path: Path) -> None:
+    robot = read_robot(write(tmp_path, LISTING_2))
+    part = robot.part("icub_head")
+    assert part.kind == "head"
+    assert [robot.servos[servo.servo or 0].id for servo in part.servos] == [0, 2]
+    np.testing.assert_allclose(np.rad2deg(part.initial_posture), [-2, 15])
+
+
+def test_listing_2_as_printed_is_not_well_formed(tmp_path: Path) -> None:
+    assert any("line" in fault for fault in faults(tmp_path, AS_PRINTED))
+    wrong_tag = LISTING_2.replace("</initial_positions>", "</initial_postions>")
+    assert any("line 18" in fault for fault in faults(tmp_path, wrong_tag))
+
+
+def test_ids_that_count_from_one_are_refused(tmp_path: Path) -> None:
+    text = LISTING_2.replace('<generic_servo id="1">', '<generic_servo id="2">')
+    text = text.replace('<generic_servo id="0">', '<generic_servo id="1">')
+    assert any("count up from 0" in fault for fault in faults(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "words"),
+    [
+        (' angle_unit="deg"', "", 2, "angle_unit"),
+        ('angle_unit="deg"', 'angle_unit="degrees"', 2, "deg"),
+        ('min="-90"', 'min="nan"', 4, "nan"),
+        ('min="-90"', 'min="-inf"', 4, "inf"),
+        ('min="-90"', 'min="-9_0"', 4, "9_0"),
+        ('min="-90"', 'min="-\u0669\u0660"', 4, "finite decimal"),
+        ('min="-90"', 'min="0x10"', 4, "0x10"),
+        ('min="-90" max="90"', 'min="90" max="-90"', 4, "90"),
+        ('min="-90" max="90"', 'min="-9000" max="9000"', 4, "9000"),
+        ('<velocity max="200"/>', '<velocity max="0"/>', 4, "0"),
+        ('<jerk max="9000"', '<jerk max="-1"', 5, "-1"),
+        ('<servo id="1" name="roll">', '<servo id="0" name="roll">', 5, "id 0"),
+        ('<servo id="1" name="roll">', '<servo id="1" name="pitch">', 5, "pitch"),
+        (">-2<", ">0<", 15, "0.001"),
+        (">-2<", ">1e-300<", 15, "0.001"),
+        (">-2<", ">2000<", 15, "1000"),
+        (">-2<", ">nan<", 15, "nan"),
+        (">0.5<", ">1.5<", 17, "1.5"),
+        ("<speed>20<", "<speed>0<", 17, "0"),
+        ("<destination_servo_id>1<", "<destination_servo_id>7<", 14, "7"),
+        ('robot_part="Neck"', 'robot_part="Nick"', 20, "Neck"),
+        ('<generic_servo id="2"', '<generic_servo id="1"', 22, "id 1"),
+        ("_number>3<", "_number>4<", 12, "4"),
+        ('pos="1.0"', 'pos="9.0"', 27, "9"),
+        ('pos="1.0"', 'pos="-1.5"', 27, "roll"),
+        ('servo="1" coefficient', 'servo="9" coefficient', 9, "9"),
+        ("<stiffness>", "<stifness>", 17, "stif"),
+        ('name="head"', 'name="head" colour="red"', 11, "colour"),
+        ('version="1"', 'version="7"', 2, "7"),
+        ('rate="100"', 'rate="0"', 31, "0"),
+        ('of="Neck"', 'of="Nek"', 32, "did you mean 'Neck'"),
+        ('<address of="Neck"', '<address of="Neck" to="/a"/><address of="Neck"', 32, "second address of"),
+        ("<transform_factor>", "<transform_type>cubic</transform_type><transform_factor>", 15, "linear"),
+    ],
+)  # fmt: skip
+def test_each_fault_names_line_and_what_is_valid(
+    tmp_path: Path, old: str, new: str, line: int, words: str
+) -> None:
+    text = changed(old, new).replace("<stifness>0.5</stiffness>", "<stifness>0.5</stifness>")
+    found = faults(tmp_path, text)
+    here = [fault for fault in found if fault.startswith(f"line {line}:")]
+    assert here, found
+    assert any(words in fault for fault in here), found
+
+
+def test_all_faults_come_at_once(tmp_path: Path) -> None:
+    text = GOOD
+    for old, new in [
+        ('min="-90"', 'min="nan"'),
+        (">-2<", ">0<"),
+        ("_number>3<", "_number>9<"),
+        ("200", "-2"),
+    ]:
+        text = text.replace(old, new, 1)
+    assert len(faults(tmp_path, text)) >= 4
+
+
+def test_dtds_are_refused(tmp_path: Path) -> None:
+    laughs = '<!DOCTYPE x [<!ENTITY a "ha"><!ENTITY b "&a;&a;&a;">]>'
+    for dtd in (laughs, '<!DOCTYPE x SYSTEM "file:///etc/passwd">', "<!DOCTYPE generic_robot>"):
+        found = faults(tmp_path, GOOD.replace('<?xml version="1.0"?>', f'<?xml version="1.0"?>{dtd}'))
+        assert any("DTD" in fault or "DOCTYPE" in fault for fault in found), found
+
+
+def test_huge_and_deep_files_are_refused(tmp_path: Path) -> None:
+    huge = GOOD + "<!--" + "x" * (1 << 20) + "-->"
+    assert any("1048576 bytes" in fault for fault in faults(tmp_path, huge))
+    deep = "<a>" * 80 + "</a>" * 80
+    assert any("64 deep" in fault for fault in faults(tmp_path, GOOD.replace("<binding", f"{deep}<binding")))
+
+
+def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
+    for path, words in ((tmp_path, "regular file"), (tmp_path / "none.xml", "opened")):
+        with pytest.raises(DescriptionError, match=words):
+            read_robot(path)
+
+
+def test_a_model_file_stays_beside_its_description(tmp_path: Path) -> None:
+    model = '<model format="mjcf" file="../../secret.xml" torso_link="Torso"/>'
+    found = faults(tmp_path, changed('<robot_part name="LArm">', model + '<robot_part name="LArm">'))
+    assert any("secret" in fault for fault in found), found
+
+
+MODELS = {
+    "mjcf": "<mujoco><worldbody><body name='chest'><joint name='free' type='free'/><site name='spot'/>"
+    "<body name='arm'><joint name='ball' type='ball'/><joint name='one'/></body></body></worldbody></mujoco>",
+    "urdf": "<robot name='r'><link name='world'/><link name='chest'/><link name='arm'/>"
+    + "".join(
+        f"<joint name='{name}' type='{kind}'><parent link='{parent}'/><child link='{child}'/></joint>"
+        for name, kind, parent, child in (
+            ("free", "floating", "world", "chest"), ("one", "revolute", "chest", "arm"),
+        )
+    )
+    + "</robot>",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("format", ["mjcf", "urdf"])
+def test_what_a_servo_or_a_link_of_the_model_can_be(tmp_path: Path, format: str) -> None:
+    """What the kinematics would refuse later is refused here, with its line."""
+    (tmp_path / "model").write_text(MODELS[format])
+    model = f'<model format="{format}" file="model" torso_link="chest"/>'
+    text = changed('<robot_part name="LArm">', model + '<robot_part name="LArm">')
+    text = text.replace('name="pitch">', 'name="pitch" joint="one">')
+    assert read_robot(write(tmp_path, text)).model is not None
+    joint = "ball" if format == "mjcf" else "free"
+    found = faults(
+        tmp_path, text.replace('joint="one"', f'joint="{joint}"').replace('link="chest"', 'link="world"')
+    )
+    assert found == [
+        "line 3: the model has no link 'world'; valid: arm, chest",
+        f"line 4: the model has no moving joint '{joint}'; valid: one",
+    ]
+    module = '<patch name="p" part="head" link="arm" rate="9" channels="12">' \
+        '<sensor rest="0" pascal_per_count="1" min="0" max="9"/>' \
+        '<triangular_modules><module frame="spot" port="0"/></triangular_modules></patch>'  # fmt: skip
+    skin = text.replace('<binding middleware="sim"', f'<skin>{module}</skin><binding middleware="sim"')
+    assert "the model has no link 'spot'; valid: arm, chest" in faults(tmp_path, skin)[0]
+
+
+def test_a_model_of_a_package_that_is_not_installed_says_what_to_install(tmp_path: Path) -> None:
+    model = '<model format="urdf" package="no-such-package" extra="icub" file="m.urdf" torso_link="chest"/>'
+    path = write(tmp_path, changed('<robot_part name="LArm">', model + '<robot_part name="LArm">'))
+    with pytest.raises(MissingExtraError, match=re.escape(advice("icub"))):
+        read_robot(path)
+
+
+def damage(data: bytes, chance: random.Random) -> bytes:
+    """One to four random edits: a byte changed, a piece cut, doubled or moved."""
+    pieces = [b"nan", b"-1", b"1e999", b"<", b"&x;", b'"', b"\xff"]
+    for _ in range(chance.randint(1, 4)):
+        if not data:
+            break
+        start = chance.randrange(len(data))
+        end = min(len(data), start + chance.choice([1, 1, 3, 20, 200]))
+        data = chance.choice(
+            [
+                data[:start] + bytes([chance.randrange(256)]) + data[start + 1 :],
+                data[:start] + data[end:],
+                data[:end] + data[start:],
+                data[:start] + chance.choice(pieces) + data[end:],
+            ]
+        )
+    return data
+
+
+def test_damaged_files_never_raise_anything_else(tmp_path: Path) -> None:
+    """Random damage (`make fuzz` runs more)."""
+    chance = random.Random(3)
+    for _ in range(int(os.environ.get("TCI_FUZZ", "400"))):
+        path = write(tmp_path, damage(GOOD.encode(), chance))
+        try:
+            read_robot(path)
+        except TciError as error:
+            named = str(path) in str(error)
+        else:
+            named = True
+        assert named
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    gamma=st.floats(1e-3, 1e3).flatmap(lambda size: st.sampled_from([size, -size])),
+    sigma=st.floats(-180, 180),
+)
+def test_numbers_survive_the_file(
+    tmp_path_factory: pytest.TempPathFactory, gamma: float, sigma: float
+) -> None:
+    text = LISTING_2.replace("<transform_factor>1.00<", f"<transform_factor>{gamma!r}<")
+    text = text.replace("<transform_displacement>0.00<", f"<transform_displacement>{sigma!r}<")
+    servo = read_robot(write(tmp_path_factory.mktemp("numbers"), text)).parts[0].servos[0]
+    assert servo.scale == gamma
+    np.testing.assert_allclose(servo.offset, np.deg2rad(sigma))
+
+
+def test_the_schema_agrees(tmp_path: Path) -> None:
+    schema = etree.XMLSchema(etree.parse(str(schema_path())))
+    for text in (GOOD, LISTING_2):
+        schema.assertValid(etree.fromstring(text.encode()))
+    for old, new in [
+        (' angle_unit="deg"', ""),
+        ("<stiffness>0.5</stiffness>", "<stifness>0.5</stifness>"),
+        ('min="-90"', 'min="nan"'),
+        ('name="head"', 'name="head" colour="red"'),
+        ('<generic_servo id="0"', "<generic_servo"),
+    ]:
+        assert not schema.validate(etree.fromstring(changed(old, new).encode())), new

@@ -1,0 +1,209 @@
+"""What surrounds the loop, one by one: silent skin, standstills, signals, threads, the lease's folder."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import signal
+import sys
+import threading
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import tci
+from tci.errors import LinkError
+from tci.messages import JointReading, Reading, SkinFrame
+from tci.runtime.lease import lease
+from tci.runtime.watchdogs import (
+    LEAST_SILENCE,
+    PILED_UP,
+    STOOD,
+    TURN,
+    Silence,
+    Standstill,
+    attentive,
+    interruptions,
+)
+
+NAO = tci.load_robot("nao")
+PATCHES = [patch.name for patch in NAO.patches]
+
+
+def reading(**sequences: int) -> Reading:
+    """Joints, and a frame of each named patch with its number."""
+    zeros = np.zeros(len(NAO.servos))
+    frames = (SkinFrame(name, 0.0, number, np.zeros(4)) for name, number in sequences.items())
+    return Reading(JointReading(0.0, 0, zeros, zeros), tuple(frames))
+
+
+def test_a_patch_that_falls_silent_is_named_and_those_that_never_spoke_are_not() -> None:
+    silence = Silence(NAO, stale_after=0.05)
+    one, two = PATCHES[:2]
+    for k in range(10):
+        assert not silence.fault(reading(**{one: k, two: k}), 0.02 * k)
+    last = 0.02 * 9
+    assert not silence.fault(reading(**{one: 10, two: 9}), last + LEAST_SILENCE - 1e-6)
+    said = silence.fault(reading(**{one: 11, two: 9}), last + LEAST_SILENCE + 0.01)
+    assert two in said
+    assert one not in said
+    assert "260 ms" in said
+    assert not silence.fault(reading(**{one: 12, two: 10}), last + LEAST_SILENCE + 0.02), "it is back"
+    assert two in silence.fault(reading(**{one: 13}), last + 3 * LEAST_SILENCE), "not even in the reading"
+
+
+@pytest.mark.parametrize(
+    ("stale_after", "keep_alive", "longest"),
+    [(0.05, None, LEAST_SILENCE), (0.6, None, 0.6), (0.05, 0.5, 1.5), (0.05, 0.01, LEAST_SILENCE)],
+)
+def test_silence_is_as_long_as_link_and_senders_allow(
+    stale_after: float, keep_alive: float | None, longest: float
+) -> None:
+    silence = Silence(NAO, stale_after=stale_after, keep_alive=keep_alive)
+    here = reading(**{PATCHES[0]: 1})
+    assert not silence.fault(here, 5.0)
+    assert not silence.fault(here, 5.0 + longest - 1e-6)
+    assert silence.fault(here, 5.0 + longest + 1e-6)
+
+
+def test_a_patch_that_the_robot_lacks_is_nobodys_silence() -> None:
+    silence = Silence(NAO, stale_after=0.05)
+    assert not silence.fault(reading(tail=1), 0.0)
+    assert not silence.fault(reading(tail=1), 1e6)
+
+
+@pytest.mark.parametrize(("stale_after", "longest"), [(0.05, STOOD), (0.5, 0.5)])
+def test_a_standstill_is_longer_than_a_busy_machine_and_than_what_the_link_allows(
+    stale_after: float, longest: float
+) -> None:
+    clock = tci.ManualClock(3.0)
+    still = Standstill(clock, stale_after=stale_after)
+    for _ in range(3):
+        clock.advance(longest - 1e-6)
+        assert still.fault() == ""
+    clock.advance(longest + 0.001)
+    assert still.fault() == f"this process stood still for {longest * 1e3 + 1:.0f} ms"
+    clock.advance(PILED_UP - 0.001)
+    assert still.fault()
+    clock.advance(0.002)
+    assert still.fault() == ""
+
+
+def test_a_standstill_of_exactly_what_is_allowed_is_none_and_ends_exactly() -> None:
+    clock = tci.ManualClock(0.0)
+    still = Standstill(clock, stale_after=0.5)
+    clock.advance(0.5)
+    assert still.fault() == ""
+    clock.advance(1.0)
+    assert still.fault()
+    clock.advance(1.5 + PILED_UP - clock.now())
+    assert still.fault() == ""
+
+
+def test_42_a_second_signal_interrupts_what_hangs_and_handlers_are_as_before() -> None:
+    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)]
+    seen: list[int | None] = []
+
+    def hang() -> None:
+        with interruptions() as found:
+            os.kill(os.getpid(), signal.SIGTERM)
+            seen.append(found.signal)
+            os.kill(os.getpid(), signal.SIGTERM)
+            seen.append(None)
+
+    with pytest.raises(KeyboardInterrupt):
+        hang()
+    assert seen == [signal.SIGTERM], "the second one did not interrupt"
+    assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_45_the_first_thread_that_fails_is_the_one_that_is_told_and_one_that_exits_is_no_failure() -> None:
+    def in_thread(name: str, error: type[BaseException]) -> None:
+        def work() -> None:
+            raise error(name)
+
+        thread = threading.Thread(target=work, name=name)
+        thread.start()
+        thread.join()
+
+    hook = threading.excepthook
+    with interruptions() as found:
+        in_thread("leaving", SystemExit)
+        assert found.failure is None
+        found.raise_it()
+        in_thread("first", ZeroDivisionError)
+        in_thread("second", ValueError)
+        assert found.thread == "first"
+        with pytest.raises(ZeroDivisionError, match="first"):
+            found.raise_it()
+    assert threading.excepthook is hook
+
+
+def test_42_outside_the_main_thread_signals_are_left_alone() -> None:
+    handlers: list[object] = []
+
+    def work() -> None:
+        with interruptions():
+            handlers.append(signal.getsignal(signal.SIGTERM))
+
+    before = signal.getsignal(signal.SIGTERM)
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert handlers == [before]
+
+
+def test_26_a_folder_that_others_may_write_to_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(words: str) -> None:
+        with pytest.raises(LinkError, match=f"{words}; valid: .*TCI_LEASES"), lease("mine"):
+            pytest.fail("the lease was given")
+
+    folder, link, file = tmp_path / "leases", tmp_path / "link", tmp_path / "file"
+    monkeypatch.setenv("TCI_LEASES", str(folder))
+    with lease("mine"):
+        assert [one.suffix for one in folder.iterdir()] == [".lease"]
+    folder.chmod(0o770)
+    refused("others may write to")
+    folder.chmod(0o700)
+    link.symlink_to(folder)
+    monkeypatch.setenv("TCI_LEASES", str(link))
+    refused("is no folder")
+    file.touch()
+    monkeypatch.setenv("TCI_LEASES", str(file))
+    refused("File exists")
+    monkeypatch.setenv("TCI_LEASES", str(folder))
+    monkeypatch.setattr(os, "getuid", lambda: 4_000_000)
+    refused("belongs to somebody else")
+
+
+@pytest.mark.parametrize("usual", [0.02, 0.8 * TURN])
+def test_threads_get_their_turn_and_it_is_as_before_afterwards(usual: float) -> None:
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(usual)
+    try:
+        with suppress(ZeroDivisionError), attentive():
+            assert sys.getswitchinterval() == pytest.approx(min(usual, TURN), abs=5e-6)
+            raise ZeroDivisionError
+        assert sys.getswitchinterval() == pytest.approx(usual, abs=5e-6)
+    finally:
+        sys.setswitchinterval(before)
+
+
+def test_26_no_lease_is_cleared_away_while_it_is_held(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """systemd-tmpfiles removes what is old, but nothing below a folder that it can't lock for itself."""
+    monkeypatch.setenv("TCI_LEASES", str(tmp_path))
+    tmp_path.chmod(0o700)
+    handle = os.open(tmp_path, os.O_RDONLY)
+    try:
+        with lease("mine"), lease("yours"), pytest.raises(BlockingIOError):
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    finally:
+        os.close(handle)

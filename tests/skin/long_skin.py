@@ -1,0 +1,69 @@
+"""A patch of skin for long runs: noise, drift that is nearly common, and touches, in blocks of frames."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from tci.robot.description import Patch, Sensor, TruncatedCone
+from tci.skin.conditioning import Conditioner
+
+ROWS, COLUMNS = 12, 20
+TAXELS = ROWS * COLUMNS
+PASCAL = 450.0
+RATE = 50.0
+
+
+def grid() -> np.ndarray:
+    """Pairs of taxels that touch: 12 x 20, four neighbours each."""
+    index = np.arange(TAXELS).reshape(ROWS, COLUMNS)
+    across = np.stack([index[:, :-1].ravel(), index[:, 1:].ravel()], axis=1)
+    down = np.stack([index[:-1].ravel(), index[1:].ravel()], axis=1)
+    return np.concatenate([across, down])
+
+
+def sensor(bits: int = 8) -> Sensor:
+    """An inverted skin with the rest at 15/16 of its range."""
+    highest = 2.0**bits - 1
+    return Sensor(
+        rest=round(0.94 * highest),
+        pascal_per_count=-PASCAL * 255.0 / highest,
+        lowest=0.0,
+        highest=highest,
+    )
+
+
+def conditioner(of: Sensor | None = None) -> Conditioner:
+    """A patch of 240 taxels."""
+    cone = TruncatedCone(
+        origin=(0.0, 0.0, 0.0),
+        rpy=(0.0, 0.0, 0.0),
+        length=0.1,
+        r1=0.03,
+        r2=0.03,
+        rings=ROWS,
+        per_ring=COLUMNS,
+    )
+    patch = Patch(
+        name="skin", part="left_arm", segment="forearm", link="l", rate=RATE, channels=TAXELS,
+        sensor=of or sensor(), surface=cone,
+    )  # fmt: skip
+    return Conditioner(patch, np.arange(TAXELS), neighbours=grid())
+
+
+def bump(row: float, column: float, peak: float, *, width: float = 1.3) -> np.ndarray:
+    """A touch (taxels,) [counts] around a place of the grid."""
+    rows, columns = np.divmod(np.arange(TAXELS), COLUMNS)
+    return peak * np.exp(-((rows - row) ** 2 + (columns - column) ** 2) / (2.0 * width**2))
+
+
+def block(
+    subject: Conditioner, signal: np.ndarray, times: np.ndarray, noise: float, generator: np.random.Generator
+) -> Iterator[np.ndarray]:
+    """Pressures (taxels,) of frames at `times`; `signal` (frames, taxels) [counts] away from rest."""
+    own = subject.patch.sensor
+    raw = own.rest - signal + noise * generator.standard_normal((len(times), TAXELS))
+    counts = np.clip(np.rint(raw), own.lowest, own.highest)
+    for stamp, values in zip(times, counts, strict=True):
+        yield subject.pressure(values, float(stamp))

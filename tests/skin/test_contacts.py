@@ -1,0 +1,377 @@
+"""Contacts: which taxels belong together, where their centre is, and one force for a field (eq. 7)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from random import Random
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+import small_robot
+from small_robot import LOWER, RADIUS, TAXELS, joints
+from tci.body.posture import generic_posture
+from tci.errors import TciError, UnknownNameError
+from tci.messages import Contact, PatchState, SkinState
+from tci.robot.catalogue import load_robot
+from tci.robot.limb import generic_limb_distance
+from tci.skin.contacts import (
+    ContactSettings,
+    centre_of_pressure,
+    find_clusters,
+    find_contacts,
+    weighted_force,
+)
+from tci.skin.skin import Skin
+
+PATCH = "left_arm_forearm"
+SETTINGS = ContactSettings()
+NEWTON_PER_COUNT = 0.026
+
+pokes = st.tuples(st.floats(0.15, 0.7), st.floats(-np.pi, np.pi), st.floats(5.0, 9.0))
+pressures = hnp.arrays(
+    np.float64, TAXELS, elements=st.sampled_from([0.0, 0.0, 0.0, 400.0, 900.0, 2e3, 5e3, 4e4])
+)
+
+
+@pytest.fixture(scope="module")
+def skin(tmp_path_factory: pytest.TempPathFactory) -> Skin:
+    return Skin(small_robot.build(tmp_path_factory.mktemp("robot")))
+
+
+def contacts_at(
+    skin: Skin, pressure: np.ndarray, *, position: np.ndarray | None = None
+) -> tuple[Contact, ...]:
+    """Contacts of the left forearm at these pressures (taxels,) [Pa]."""
+    at = joints(np.zeros(10) if position is None else position)
+    poses = skin.kinematics.poses(at.position, skin.kinematics.links)
+    felt = PatchState(PATCH, 0.25, 7, pressure, pressure * skin.surfaces[PATCH].areas)
+    return find_contacts(skin, SkinState({PATCH: felt}, poses), generic_posture(skin.robot, at))
+
+
+def press(skin: Skin, *pokes: tuple[float, float, float]) -> np.ndarray:
+    """Pressures (taxels,) [Pa] of pokes (u, theta [rad], force [N]), spread as in the simulated skin."""
+    surface = skin.surfaces[PATCH]
+    pressure = np.zeros(TAXELS)
+    for u, theta, force in pokes:
+        point = np.array([RADIUS * np.cos(theta), RADIUS * np.sin(theta), -u * LOWER])
+        share = np.exp(-0.5 * (np.linalg.norm(surface.positions - point, axis=1) / 0.003) ** 2)
+        pressure += force * share / share.sum() / surface.areas
+    return pressure
+
+
+def in_counts(skin: Skin, pressure: np.ndarray) -> np.ndarray:
+    """The same pressures [Pa] from a sensor of 8 bits that resolves 0.026 N."""
+    areas = skin.surfaces[PATCH].areas
+    return np.clip(np.round(pressure * areas / NEWTON_PER_COUNT), 0, 240) * NEWTON_PER_COUNT / areas
+
+
+# Which taxels
+
+
+@given(st.integers(1, 40), st.data())
+def test_clusters_agree_with_scipy(count: int, data: st.DataObject) -> None:
+    node = st.integers(0, count - 1)
+    pairs = np.array(data.draw(st.lists(st.tuples(node, node), max_size=60)), dtype=np.intp).reshape(-1, 2)
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    number, expected = connected_components(graph, directed=False)
+    found = find_clusters(np.ones(count), pairs, SETTINGS)
+    assert [cluster.tolist() for cluster in found] == [
+        np.flatnonzero(expected == label).tolist() for label in dict.fromkeys(expected.tolist())
+    ]
+    assert len(found) == number
+
+
+def test_chain_of_many_taxels_is_one_cluster() -> None:
+    nodes = np.random.default_rng(0).permutation(2000)
+    assert len(find_clusters(np.ones(2000), np.stack([nodes[:-1], nodes[1:]], axis=1), SETTINGS)) == 1
+
+
+def test_floor_alone_is_no_contact_and_a_seed_takes_its_neighbours() -> None:
+    pairs = np.array([[0, 1], [1, 2], [2, 3], [3, 4], [5, 6]])
+    forces = np.array([0.02, 0.5, 0.02, 0.0, 0.02, 0.09, 0.02])
+    (cluster,) = find_clusters(forces, pairs, SETTINGS)
+    assert cluster.tolist() == [0, 1, 2]
+
+
+def test_taxels_without_neighbours_do_not_cluster_together() -> None:
+    clusters = find_clusters(np.full(3, 0.5), np.empty((0, 2), np.intp), SETTINGS)
+    assert [cluster.tolist() for cluster in clusters] == [[0], [1], [2]]
+
+
+@given(pressures)
+def test_clusters_are_disjoint_seeded_and_complete(skin: Skin, pressure: np.ndarray) -> None:
+    forces = pressure * skin.surfaces[PATCH].areas
+    clusters = find_clusters(forces, skin.surfaces[PATCH].neighbours, SETTINGS)
+    taxels = np.concatenate([*clusters, np.empty(0, np.intp)])
+    assert len(set(taxels.tolist())) == taxels.size
+    assert set(np.flatnonzero(forces >= SETTINGS.touch)) <= set(taxels.tolist())
+    assert (forces[taxels] >= SETTINGS.floor).all()
+    assert all((forces[cluster] >= SETTINGS.touch).any() for cluster in clusters)
+
+
+@given(theta=st.floats(-np.pi, np.pi), u=st.floats(0.2, 0.7))
+def test_touches_on_both_sides_of_a_thin_limb_stay_two(skin: Skin, u: float, theta: float) -> None:
+    """25 mm of radius: their common centre would be on the axis, inside the limb."""
+    found = contacts_at(skin, press(skin, (u, theta, 6.0), (u, theta + np.pi, 6.0)))
+    assert len(found) == 2
+    for contact in found:
+        assert np.hypot(*contact.p_L[:2]) == pytest.approx(RADIUS, abs=0.001)
+    assert np.dot(found[0].n_L, found[1].n_L) < -0.95
+
+
+# Nothing
+
+
+@pytest.mark.parametrize("newton", [0.0, np.nan, 0.005, 0.099])
+def test_no_contact(skin: Skin, newton: float) -> None:
+    assert contacts_at(skin, newton / skin.surfaces[PATCH].areas) == ()
+
+
+def test_no_patch_no_contact(skin: Skin) -> None:
+    assert find_contacts(skin, SkinState({}, {}), {}) == ()
+
+
+def test_NaN_beside_a_touch_is_left_out(skin: Skin) -> None:
+    pressure = press(skin, (0.4, 0.0, 6.0))
+    (before,) = contacts_at(skin, pressure)
+    pressure[before.taxels[before.taxel_forces < before.peak_force]] = np.nan
+    (contact,) = contacts_at(skin, pressure)
+    assert contact.force == before.peak_force
+
+
+def test_posture_that_lacks_the_touched_part(skin: Skin) -> None:
+    felt = PatchState(PATCH, 0.0, 0, np.full(TAXELS, 5000.0), np.ones(TAXELS))
+    with pytest.raises(UnknownNameError, match=r"left_arm.*valid: head"):
+        find_contacts(skin, SkinState({PATCH: felt}, {}), {"head": np.zeros(2)})
+
+
+@pytest.mark.parametrize(("touch", "floor"), [(100.0, 200.0), (100.0, 0.0), (np.nan, 1.0), (np.inf, 1.0)])
+def test_impossible_settings_are_refused(touch: float, floor: float) -> None:
+    with pytest.raises(TciError, match="0 < floor <= touch"):
+        ContactSettings(touch=touch, floor=floor)
+
+
+# Where and how much
+
+
+@given(pokes)
+def test_nothing_of_a_touch_is_lost(skin: Skin, poke: tuple[float, float, float]) -> None:
+    """Each count that a coarse sensor shows is in the contact, also at its weak edge."""
+    pressure = in_counts(skin, press(skin, poke))
+    (contact,) = contacts_at(skin, pressure)
+    assert contact.force == pytest.approx((pressure * skin.surfaces[PATCH].areas).sum())
+    assert contact.taxels.tolist() == np.flatnonzero(pressure).tolist()
+    assert contact.peak_force == contact.taxel_forces.max()
+    assert contact.area == pytest.approx(skin.surfaces[PATCH].areas[contact.taxels].sum())
+    assert (contact.stamp, contact.sequence, contact.segment) == (0.25, 7, "forearm")
+
+
+def test_force_of_random_pokes_is_within_two_percent(skin: Skin) -> None:
+    random = np.random.default_rng(0)
+    for u, theta, force in random.uniform((0.15, -np.pi, 5.0), (0.7, np.pi, 9.0), (200, 3)):
+        (contact,) = contacts_at(skin, in_counts(skin, press(skin, (u, theta, force))))
+        assert contact.force == pytest.approx(force, rel=0.02)
+
+
+@given(pokes, hnp.arrays(np.float64, 10, elements=st.floats(-1.5, 1.5)))
+def test_centre_is_where_the_finger_is(
+    skin: Skin, poke: tuple[float, float, float], position: np.ndarray
+) -> None:
+    """In the link the place of the poke, on the limb turned by pronation, which this skin follows."""
+    (contact,) = contacts_at(skin, press(skin, poke), position=position)
+    place = np.array([RADIUS * np.cos(poke[1]), RADIUS * np.sin(poke[1]), -poke[0] * LOWER])
+    assert np.linalg.norm(contact.p_L - place) < 0.002
+    assert contact.u == pytest.approx(poke[0], abs=0.015)
+    assert abs(np.angle(np.exp(1j * (contact.theta - poke[1] + position[4])))) < 0.06
+    assert contact.taxel_u.min() < contact.u < contact.taxel_u.max()
+    T_TL = skin.link_pose("l_4", joints(position))
+    np.testing.assert_allclose(contact.p_T, T_TL[:3, :3] @ contact.p_L + T_TL[:3, 3], atol=1e-12)
+    np.testing.assert_allclose(contact.n_T, T_TL[:3, :3] @ contact.n_L, atol=1e-12)
+
+
+@given(pressures)
+def test_centre_lies_on_the_surface(skin: Skin, pressure: np.ndarray) -> None:
+    for contact in contacts_at(skin, pressure):
+        again, _ = skin.surfaces[PATCH].project(contact.p_L[None])
+        np.testing.assert_allclose(again[0], contact.p_L, atol=1e-9)
+        assert np.linalg.norm(contact.n_L) == pytest.approx(1.0)
+
+
+def test_wide_touch_does_not_sink_into_the_limb(skin: Skin) -> None:
+    """Half of the limb is held: the mean of eq. 7 is 9 mm below the skin."""
+    surface = skin.surfaces[PATCH]
+    pressure = np.where(surface.positions[:, 0] > 0.0, 5000.0, 0.0)
+    (contact,) = contacts_at(skin, pressure)
+    mean = centre_of_pressure(surface.positions[contact.taxels], contact.taxel_forces)
+    assert np.hypot(*mean[:2]) < RADIUS - 0.008
+    assert np.hypot(*contact.p_L[:2]) == pytest.approx(RADIUS, abs=0.001)
+
+
+def shuffle(skin: Skin, order: np.ndarray) -> Skin:
+    """The same skin with taxel `order[i]` at place i."""
+    surface, place = skin.surfaces[PATCH], np.argsort(order)
+    shuffled = Skin(skin.robot)
+    shuffled.surfaces = {
+        PATCH: replace(
+            surface,
+            positions=surface.positions[order],
+            normals=surface.normals[order],
+            areas=surface.areas[order],
+            channels=surface.channels[order],
+            neighbours=place[surface.neighbours],
+            faces=place[surface.faces],
+        )
+    }
+    return shuffled
+
+
+@settings(max_examples=50)
+@given(pressures, st.permutations(range(TAXELS)))
+def test_order_of_the_taxels_does_not_matter(skin: Skin, pressure: np.ndarray, places: list[int]) -> None:
+    order = np.array(places)
+    one, other = contacts_at(skin, pressure), contacts_at(shuffle(skin, order), pressure[order])
+    same = {frozenset(contact.taxels.tolist()): contact for contact in one}
+    assert len(one) == len(other)
+    for contact in other:
+        twin = same[frozenset(order[contact.taxels].tolist())]
+        assert contact.force == pytest.approx(twin.force)
+        # On a symmetric limb two points may be equally near to the mean; each of them will do.
+        mean = centre_of_pressure(skin.surfaces[PATCH].positions[twin.taxels], twin.taxel_forces)
+        assert np.linalg.norm(contact.p_L - mean) == pytest.approx(np.linalg.norm(twin.p_L - mean), abs=1e-9)
+
+
+@settings(max_examples=50)
+@given(pokes, st.randoms(use_true_random=False))
+def test_order_of_the_taxels_does_not_move_the_centre(
+    skin: Skin, poke: tuple[float, float, float], random: Random
+) -> None:
+    order = np.array(random.sample(range(TAXELS), TAXELS))
+    pressure = press(skin, poke)
+    (one,), (other,) = contacts_at(skin, pressure), contacts_at(shuffle(skin, order), pressure[order])
+    for name in ("p_L", "p_T", "u"):
+        np.testing.assert_allclose(getattr(one, name), getattr(other, name), atol=1e-9, err_msg=name)
+    assert weighted_force(one, 0.2) == pytest.approx(weighted_force(other, 0.2))
+
+
+def test_strongest_contact_comes_first(skin: Skin) -> None:
+    found = contacts_at(skin, press(skin, (0.2, 0.0, 5.0), (0.6, 1.5, 9.0), (0.5, -2.0, 7.0)))
+    assert [round(contact.force) for contact in found] == [9, 7, 5]
+
+
+def test_nobody_can_change_a_contact(skin: Skin) -> None:
+    (contact,) = contacts_at(skin, press(skin, (0.4, 0.0, 6.0)))
+    for name in ("taxels", "taxel_forces", "p_L", "n_L", "p_T", "n_T", "taxel_u", "taxel_theta"):
+        assert not getattr(contact, name).flags.writeable, name
+
+
+# One force for a field
+
+
+def contact_of(
+    u: list[float], theta: list[float], forces: list[float], *, at: tuple[float, float]
+) -> Contact:
+    """A contact with these taxels on the generic limb, and its centre at (u, theta)."""
+    nowhere = np.zeros(3)
+    return Contact(
+        patch=PATCH,
+        part="left_arm",
+        segment="forearm",
+        stamp=0.0,
+        sequence=0,
+        taxels=np.arange(len(forces)),
+        taxel_forces=np.array(forces),
+        force=float(np.sum(forces)),
+        peak_force=float(np.max(forces, initial=0.0)),
+        area=0.0,
+        p_L=nowhere,
+        n_L=nowhere,
+        p_T=nowhere,
+        n_T=nowhere,
+        f_T=nowhere,
+        u=at[0],
+        theta=at[1],
+        taxel_u=np.array(u),
+        taxel_theta=np.array(theta),
+    )
+
+
+def test_weighted_force_is_equation_7() -> None:
+    contact = contact_of([0.5, 0.6, 0.4], [0.0, 0.0, 0.0], [2.0, 1.0, 1.0], at=(0.5, 0.0))
+    # Weights 2 r - |P_t - P| with r = 0.2: 0.4, 0.3, 0.3.
+    assert weighted_force(contact, 0.2) == pytest.approx((0.4 * 2 + 0.3 + 0.3) / 1.0)
+
+
+def test_peak_among_weak_taxels_is_diluted_but_not_in_peak_and_sum() -> None:
+    """The case of the facts: a peak of 100 with ten taxels at 10 gives about 19."""
+    ring = 2.0 * np.pi * np.arange(10) / 10
+    contact = contact_of(
+        [0.5, *(0.5 + 0.01 * np.cos(ring))],
+        [0.0, *(0.01 / 0.3 * np.sin(ring))],
+        [100.0] + [10.0] * 10,
+        at=(0.5, 0.0),
+    )
+    assert 18.0 < weighted_force(contact, 0.1) < 20.0
+    assert weighted_force(contact, 0.1, measure="peak") == 100.0
+    assert weighted_force(contact, 0.1, measure="sum") == 200.0
+
+
+def test_taxel_beyond_the_field_has_no_weight() -> None:
+    """Read literally, eq. 7 gives it a negative one, and a result of -1."""
+    contact = contact_of([0.5, 0.8], [0.0, 0.0], [1.0, 2.0], at=(0.5, 0.0))
+    assert weighted_force(contact, 0.1) == 1.0
+
+
+@pytest.mark.parametrize("radius", [0.0, 0.1])
+def test_no_taxel_no_force(radius: float) -> None:
+    assert weighted_force(contact_of([], [], [], at=(0.5, 0.0)), radius) == 0.0
+    assert weighted_force(contact_of([0.9], [0.0], [5.0], at=(0.5, 0.0)), radius) == 0.0
+
+
+def test_unknown_measure_lists_the_valid_ones() -> None:
+    with pytest.raises(UnknownNameError, match="weighted, sum, peak"):
+        weighted_force(contact_of([], [], [], at=(0.5, 0.0)), 0.1, measure="mean")
+
+
+@given(pressures, st.floats(0.01, 2.0))
+def test_weighted_force_is_a_mean(skin: Skin, pressure: np.ndarray, radius: float) -> None:
+    for contact in contacts_at(skin, pressure):
+        force = weighted_force(contact, radius)
+        low, high = contact.taxel_forces.min(), contact.taxel_forces.max()
+        assert force == 0.0 or low * (1 - 1e-12) <= force <= high * (1 + 1e-12)
+
+
+@given(pokes, st.floats(1.0, 4.0))
+def test_weighted_force_grows_with_the_force(
+    skin: Skin, poke: tuple[float, float, float], factor: float
+) -> None:
+    (contact,) = contacts_at(skin, press(skin, poke))
+    stronger = replace(contact, taxel_forces=contact.taxel_forces * factor)
+    assert weighted_force(stronger, 0.3) == pytest.approx(factor * weighted_force(contact, 0.3))
+
+
+@given(st.floats(-1, 2), st.floats(-10, 10), st.floats(-1, 2), st.floats(-10, 10), st.integers(-3, 3))
+def test_distance_on_the_generic_limb(u: float, a: float, v: float, b: float, turns: int) -> None:
+    distance = generic_limb_distance(u, a, v, b)
+    assert distance == pytest.approx(np.hypot(u - v, 0.6 * np.sin((a - b) / 2)), abs=1e-12)
+    assert distance == pytest.approx(float(generic_limb_distance(v, b + 2 * np.pi * turns, u, a)), abs=1e-9)
+
+
+# The robots that come with TCI
+
+
+@pytest.mark.parametrize("name", ["nao", "icub"])
+def test_skin_of_each_packaged_patch_hangs_together(name: str) -> None:
+    """A finger on a gap between modules makes one contact, also on an iCub's forearm."""
+    skin = Skin(load_robot(name))
+    for patch, surface in skin.surfaces.items():
+        if skin.robot.limb_segment(skin.robot.patch(patch)) is None:
+            continue  # NAO's switches are far from each other
+        assert len(find_clusters(np.ones(len(surface.positions)), surface.neighbours, SETTINGS)) == 1, patch
+        pairs = surface.neighbours
+        assert (np.einsum("ij,ij->i", *surface.normals[pairs.T]) > 0.0).all(), patch

@@ -1,0 +1,115 @@
+"""Taxels that can't be trusted are masked and reported, and come back when they behave."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from skin.long_skin import PASCAL, TAXELS, conditioner, grid
+from tci.errors import TciError
+from tci.skin.conditioning import Conditioner
+from tci.skin.health import HealthSettings
+
+RATE = 10.0
+
+
+class Bench:
+    """A patch with noise of one count, fed at 10 Hz."""
+
+    def __init__(self) -> None:
+        self.subject: Conditioner = conditioner()
+        self.time = 0.0
+        self.generator = np.random.default_rng(7)
+        self.feed(30.0)
+
+    def feed(self, seconds: float, **raw: float | np.ndarray) -> np.ndarray:
+        """Frames in which the taxels `t12=...` send that; the pressures (frames, taxels)."""
+        felt = []
+        for _ in range(int(seconds * RATE)):
+            values = np.rint(self.subject.patch.sensor.rest + self.generator.standard_normal(TAXELS))
+            for name, value in raw.items():
+                if name == "all":
+                    values[:] = value
+                else:
+                    values[int(name[1:])] = value
+            self.time += 1.0 / RATE
+            felt.append(self.subject.pressure(np.clip(values, 0.0, 255.0), self.time))
+        return np.array(felt)
+
+
+@pytest.fixture
+def bench() -> Bench:
+    return Bench()
+
+
+def test_taxel_stuck_high_is_masked_and_comes_back(bench: Bench) -> None:
+    felt = bench.feed(90.0, t100=0.0)
+    assert felt[0, 100] > 0.0
+    assert felt[-1, 100] == 0.0
+    assert np.count_nonzero(np.diff((felt[:, 100] > 0.0).astype(int))) == 1, "it goes off once: no storm"
+    assert dict(bench.subject.health.masked) == {100: "stuck"}
+    assert bench.subject.health.coverage == pytest.approx(1.0 - 1.0 / TAXELS)
+    assert bench.subject.masked[100]
+    bench.feed(10.0)
+    assert bench.subject.health.coverage == 1.0
+
+
+def test_taxel_stuck_anywhere_all_alone_is_masked_after_two_lessons(bench: Bench) -> None:
+    bench.feed(11.0, t100=200.0)  # a lesson is 50 frames, 5 s
+    assert dict(bench.subject.health.masked) == {100: "stuck"}
+    bench.feed(5.0, t100=bench.subject.patch.sensor.rest)
+    assert bench.subject.health.coverage == 1.0
+    bench.feed(11.0, t100=200.0, t101=200.0)
+    assert bench.subject.health.coverage == 1.0, "a press of two, however still"
+
+
+def test_taxel_stuck_low_is_masked(bench: Bench) -> None:
+    bench.feed(90.0, t5=bench.subject.patch.sensor.rest)
+    assert dict(bench.subject.health.masked) == {5: "dead"}
+
+
+def test_dead_patch_has_no_coverage(bench: Bench) -> None:
+    bench.feed(90.0, all=np.full(TAXELS, 240.0))
+    assert bench.subject.health.coverage == 0.0
+
+
+def test_saturated_press_of_several_taxels_stays_a_touch_for_half_an_hour(bench: Bench) -> None:
+    pressed = {f"t{taxel}": 0.0 for taxel in (100, 101, 120, 121)}
+    felt = bench.feed(1800.0, **pressed)[:, [100, 101, 120, 121]]
+    assert bench.subject.health.saturated == 4
+    assert bench.subject.health.coverage == 1.0
+    assert (np.abs(felt / felt[0] - 1.0) < 0.1).all()
+    assert felt.max() <= 256.0 * PASCAL
+
+
+def test_noisy_taxel_is_masked_and_comes_back(bench: Bench) -> None:
+    for _ in range(600):
+        bench.feed(0.1, t40=235.0 + 20.0 * bench.generator.standard_normal())
+    assert dict(bench.subject.health.masked) == {40: "noisy"}
+    assert not bench.feed(1.0, t40=150.0)[:, 40].any()
+    bench.feed(60.0)
+    assert bench.subject.health.coverage == 1.0
+
+
+def test_a_step_of_the_baseline_is_rest_after_a_request(bench: Bench) -> None:
+    step = {f"t{taxel}": 200.0 for taxel in range(0, TAXELS, 3)}
+    assert bench.feed(5.0, **step)[-1].any()
+    bench.subject.rezero()
+    felt = bench.feed(30.0, **step)
+    assert not felt[100:].any()
+
+
+def test_the_same_frames_give_the_same_bits() -> None:
+    one, other = Bench(), Bench()
+    np.testing.assert_array_equal(one.feed(20.0, t3=120.0), other.feed(20.0, t3=120.0))
+    np.testing.assert_array_equal(one.subject.baseline.offset, other.subject.baseline.offset)
+
+
+@pytest.mark.parametrize("bad", [{"still": 0.0}, {"noisy": -1.0}, {"flicker": np.nan}])
+def test_settings_that_make_no_sense(bad: dict[str, float]) -> None:
+    with pytest.raises(TciError, match="health"):
+        HealthSettings(**bad)
+
+
+def test_grid_is_one_patch() -> None:
+    assert len(grid()) == 12 * 19 + 11 * 20

@@ -1,0 +1,84 @@
+"""What a skin learns, it learns in periods without a frame; the result is that of learning at once."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tci.body.generic_body import Body
+from tci.messages import JointReading, Reading, SkinFrame
+from tci.robot.catalogue import load_robot
+from tci.skin.baseline import Baseline
+from tci.skin.conditioning import Conditioner
+from tci.skin.health import TaxelHealth
+from tci.skin.skin import Skin
+
+NAO = load_robot("nao")
+REST = np.zeros(len(NAO.servos))
+
+
+def readings(count: int) -> list[Reading]:
+    """Noise at 50 Hz with a touch in between; one arm sends bytes, all others numbers."""
+    random = np.random.default_rng(4)
+    joints = JointReading(0.0, 0, np.array(NAO.initial_position), REST)
+    found = []
+    for number in range(count):
+        frames = []
+        for patch in NAO.patches:
+            values = patch.sensor.rest + random.integers(-2, 3, patch.channels)
+            if 80 < number < 140:
+                values[:5] -= 60
+            values = np.clip(values, patch.sensor.lowest, patch.sensor.highest)
+            kind = np.uint8 if patch.name.startswith("left") else np.float64
+            frames.append(SkinFrame(patch.name, number / 50.0, number, values.astype(kind)))
+        found.append(Reading(joints, tuple(frames)))
+    return found
+
+
+@pytest.mark.parametrize("times", [1, 3, 20])
+def test_when_it_learns_plays_no_part(times: int) -> None:
+    patient, idle = Skin(NAO), Skin(NAO)
+    for reading in readings(260):
+        one, other = patient.update(reading), idle.update(reading)
+        for name, state in one.patches.items():
+            assert np.array_equal(state.pressure, other.patches[name].pressure)
+            assert state.masked is not None
+            assert np.array_equal(state.masked, other.patches[name].masked)
+        for _ in range(times):
+            idle.learn()
+    assert patient.health == idle.health
+    for name, one in patient.conditioner.patches.items():
+        assert np.array_equal(one.baseline.offset, idle.conditioner.patches[name].baseline.offset)
+        assert np.ptp(one.baseline.noise) > 0.0 or name == "head"
+
+
+def test_one_lesson_at_a_time_between_two_frames(monkeypatch: pytest.MonkeyPatch) -> None:
+    body, learnt = Body(NAO), []
+    learn = Conditioner.learn
+    monkeypatch.setattr(Conditioner, "learn", lambda one: (learnt.append(one.patch.name), learn(one))[1])
+    most = 0
+    for number, reading in enumerate(readings(260)):
+        before = len(learnt)
+        body.perceive(reading, number / 50.0)
+        assert len(learnt) == before
+        for period in range(1, 20):
+            before = len(learnt)
+            body.perceive(reading, number / 50.0 + period / 1000.0)
+            most = max(most, len(learnt) - before)
+    assert most == 1
+    assert {*learnt} == {patch.name for patch in NAO.patches}
+
+
+def test_no_period_learns_a_whole_lesson(monkeypatch: pytest.MonkeyPatch) -> None:
+    body, done = Body(NAO), []
+    for owner, name in ((Baseline, "learn"), (TaxelHealth, "judge")):
+        step = getattr(owner, name)
+        monkeypatch.setattr(
+            owner, name, lambda *a, _step=step, _name=name: (done.append(_name), _step(*a))[1]
+        )
+    for number, reading in enumerate(readings(260)):
+        for period in range(20):
+            before = len(done)
+            body.perceive(reading, number / 50.0 + period / 1000.0)
+            assert len(done) - before <= 1
+    assert done.count("learn") == done.count("judge") > len(NAO.patches)

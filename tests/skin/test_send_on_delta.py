@@ -1,0 +1,173 @@
+"""Senders that send changes only: the interface perceives the same, bit for bit."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import tci
+from tci.errors import TciError
+from tci.frames import read_only
+from tci.messages import JointReading, PatchState, Perception, Reading, SkinFrame
+from tci.robot.catalogue import load_robot
+from tci.robot.description import Robot
+from tci.runtime.loop import Tick, run
+from tci.skin.send_on_delta import ChangedFrames, FilledFrames
+
+KEEP_ALIVE = 0.5
+RATE = 64.0
+"""Frames per second: their times are exact numbers, so that a sender's sums and ours are the same bits."""
+PACKAGED = load_robot("nao")
+NAO = PACKAGED.model_copy(
+    update={"patches": tuple(patch.model_copy(update={"rate": RATE}) for patch in PACKAGED.patches)}
+)
+
+
+def sensor(robot: Robot, seed: int, seconds: float) -> list[tuple[SkinFrame, ...]]:
+    """What the sensors of all patches read, frame by frame: long rests, touches, flicker, values that are no
+    number."""
+    random = np.random.default_rng(seed)
+    values = {patch.name: np.full(patch.channels, 240.0) for patch in robot.patches}
+    frames = []
+    for k in range(int(seconds * RATE)):
+        row = []
+        for name, now in values.items():
+            if random.random() < 0.05:
+                now = values[name] = np.full(len(now), 240.0)
+                start = random.integers(len(now))
+                now[start : start + 12] = random.integers(0, 256)
+                if random.random() < 0.2:
+                    now[random.integers(len(now))] = np.nan
+            row.append(SkinFrame(name, k / RATE, k, read_only(now)))
+        frames.append(tuple(row))
+    return frames
+
+
+def same(one: Perception, other: Perception) -> bool:
+    words = ("patch", "identity")
+    arrays = (
+        "force",
+        "peak_force",
+        "area",
+        "u",
+        "theta",
+        "began",
+        "moved",
+        "taxels",
+        "taxel_forces",
+        "p_L",
+        "n_L",
+        "p_T",
+        "n_T",
+        "f_T",
+        "taxel_u",
+        "taxel_theta",
+    )
+    return len(one.contacts) == len(other.contacts) and all(
+        all(getattr(a, f) == getattr(b, f) for f in words)
+        and all(np.array_equal(getattr(a, f), getattr(b, f), equal_nan=True) for f in arrays)
+        for a, b in zip(one.contacts, other.contacts, strict=True)
+    )
+
+
+def felt(body: tci.Body) -> dict[str, PatchState]:
+    return dict(body.skin.state.patches)
+
+
+@settings(max_examples=15)  # each is 4 s of noise on all patches: more seeds show no more
+@given(st.integers(0, 10_000))
+def test_what_is_perceived_is_the_same(seed: int) -> None:
+    clocked, eventful = tci.Body(NAO), tci.Body(NAO, keep_alive=KEEP_ALIVE)
+    sender, latest = ChangedFrames(KEEP_ALIVE), {}
+    sent = every = 0
+    random = np.random.default_rng(seed)
+    position = np.array(NAO.initial_position)
+    for k, frames in enumerate(sensor(NAO, seed, 4.0)):
+        position = position + random.normal(0.0, 0.01, len(position))
+        joints = JointReading(k / RATE, k, position, np.zeros(len(position)))
+        chosen = sender.select(frames)
+        latest.update({frame.patch: frame for frame in chosen})
+        sent, every = sent + len(chosen), every + len(frames)
+        one = clocked.perceive(Reading(joints, frames), k / RATE)
+        other = eventful.perceive(Reading(joints, tuple(latest.values())), k / RATE)
+        assert same(one, other)
+        for name, state in felt(clocked).items():
+            twin = felt(eventful)[name]
+            assert (state.sequence, state.stamp) == (twin.sequence, pytest.approx(twin.stamp))
+            np.testing.assert_array_equal(state.pressure, twin.pressure)
+            np.testing.assert_array_equal(state.force, twin.force)
+            np.testing.assert_array_equal(state.masked, twin.masked)
+    assert clocked.skin.health == eventful.skin.health
+    assert sent < every / 2
+
+
+def test_the_reflex_does_the_same_on_an_event_driven_skin() -> None:
+    """A poke in simulation: the same commands at the same times."""
+
+    def commands(keep_alive: float | None) -> list[tuple[float, str, list[float]]]:
+        seen: list[tuple[float, str, list[float]]] = []
+
+        def note(tick: Tick) -> None:
+            seen.extend((tick.now, c.part, c.values.tolist()) for c in tick.commands)
+            seen.append((tick.now, "sent", tick.sent.position.tolist()))
+
+        with tci.connect(NAO, "sim", keep_alive=keep_alive) as link:
+            link.world.finger.poke("left_forearm", 100)
+            run(link, tci.WithdrawalReflex(), duration=0.4, observe=note)
+        return seen
+
+    clocked = commands(None)
+    assert any(part == "left_arm" for _, part, _ in clocked)
+    assert commands(0.2) == clocked
+
+
+def test_unchanged_patches_are_not_looked_at() -> None:
+    """All that happens to a frame that was left out is counting."""
+    body = tci.Body(NAO, keep_alive=60.0)
+    frames = tuple(
+        SkinFrame(patch.name, 0.0, 0, read_only(np.full(patch.channels, 240.0))) for patch in NAO.patches
+    )
+    position = np.array(NAO.initial_position)
+    looked = 0
+    for k in range(60):
+        joints = JointReading(k / RATE, k, position, position)
+        before = {name: state.pressure for name, state in felt(body).items()}
+        body.perceive(Reading(joints, frames), k / RATE)
+        looked += sum(state.pressure is not before.get(name) for name, state in felt(body).items())
+    # Three frames to settle, and one after the shorter first lesson of some patches.
+    assert looked <= 4 * len(frames) < 60 * len(frames)
+
+
+def test_a_dead_patch_goes_no_further_than_its_keep_alive() -> None:
+    filled = FilledFrames(NAO, KEEP_ALIVE)
+    frame = SkinFrame("left_forearm", 10.0, 7, read_only(np.zeros(240)))
+    for now, expected in ((10.0, 7), (10.015, 7), (10.016, 8), (10.25, 23), (10.5, 39), (99.0, 39)):
+        (latest,) = filled.fill((frame,), now)
+        assert latest.sequence == expected, now
+        assert latest.stamp == pytest.approx(10.0 + (expected - 7) / RATE)
+        assert latest.values is frame.values
+    assert filled.fill((frame,), 10.1)[0].sequence == 39  # never back in time
+
+
+def test_a_buffer_that_is_written_again_is_a_new_frame() -> None:
+    """Only arrays that nobody can change are known by their identity."""
+    skin = tci.Skin(NAO)
+    buffer = np.full(240, 240.0)
+    joints = JointReading(0.0, 0, np.array(NAO.initial_position), np.zeros(len(NAO.servos)))
+    for k in range(6):
+        skin.update(Reading(joints, (SkinFrame("left_forearm", k / RATE, k, buffer),)))
+    buffer[:20] = 100.0
+    state = skin.update(Reading(joints, (SkinFrame("left_forearm", 0.2, 9, buffer),)))
+    assert state.patches["left_forearm"].pressure.max() > 0.0
+
+
+@pytest.mark.parametrize("seconds", [0.0, -1.0, math.inf, math.nan])
+def test_a_keep_alive_that_is_none_is_an_error(seconds: float) -> None:
+    with pytest.raises(TciError, match="above 0 and finite"):
+        ChangedFrames(seconds)
+    with pytest.raises(TciError, match="above 0 and finite"):
+        tci.Body(NAO, keep_alive=seconds)

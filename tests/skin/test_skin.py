@@ -1,0 +1,376 @@
+"""The skin in space: places in link, limb and torso coordinates; frames in, states out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+import small_robot
+from small_robot import LOWER, PASCAL, RADIUS, TAXELS, frame, joints, reading
+from tci.body.places import find_place
+from tci.errors import FrameError, TciError, UnknownNameError
+from tci.frames import rotation_z
+from tci.messages import JointReading, SkinFrame
+from tci.robot.catalogue import load_robot
+from tci.robot.generic_arm import Side, forearm_rotation, side_sign, upper_arm_rotation
+from tci.skin.skin import Skin
+
+postures = hnp.arrays(np.float64, 10, elements=st.floats(-1.5, 1.5))
+
+
+@pytest.fixture(scope="module")
+def skin(tmp_path_factory: pytest.TempPathFactory) -> Skin:
+    return Skin(small_robot.build(tmp_path_factory.mktemp("robot")))
+
+
+@pytest.fixture
+def fresh(skin: Skin) -> Skin:
+    return Skin(skin.robot)
+
+
+def turned(angle: np.ndarray) -> np.ndarray:
+    """The same angle in -pi..pi."""
+    return np.angle(np.exp(1j * angle))
+
+
+# Frames in, states out
+
+
+def test_pressure_and_force_of_a_pressed_taxel(fresh: Skin) -> None:
+    state = fresh.update(reading(frame("left_arm_forearm", {7: 10})))
+    felt = state.patches["left_arm_forearm"]
+    surface = fresh.surfaces["left_arm_forearm"]
+    taxel = int(np.flatnonzero(surface.channels == 7)[0])
+    assert np.flatnonzero(felt.pressure).tolist() == [taxel]
+    assert felt.pressure[taxel] == 10 * PASCAL
+    assert felt.force[taxel] == pytest.approx(10 * PASCAL * surface.areas[taxel])
+
+
+def test_patch_that_has_not_sent_is_absent(fresh: Skin) -> None:
+    assert not fresh.update(reading()).patches
+    assert list(fresh.update(reading(frame("left_arm_forearm", {}))).patches) == ["left_arm_forearm"]
+
+
+def test_link_poses_are_those_of_skin_and_segments(fresh: Skin) -> None:
+    position = np.linspace(-1.0, 1.0, 10)
+    poses = fresh.update(reading(position=position)).link_poses
+    assert set(poses) == {"l_4", "l_1", "r_3", "torso", "l_2", "r_2"}
+    rotation = forearm_rotation(position[:5], "left", axial=True)
+    np.testing.assert_allclose(poses["l_4"][:3, :3], rotation, atol=1e-12)
+
+
+def test_nothing_new_is_the_same_state(fresh: Skin) -> None:
+    twice = reading(frame("left_arm_forearm", {7: 10}, sequence=3))
+    assert fresh.update(twice) is fresh.update(twice)
+
+
+def test_duplicate_frame_keeps_the_patch_but_not_the_pose(fresh: Skin) -> None:
+    touch = frame("left_arm_forearm", {7: 10}, sequence=3)
+    first = fresh.update(reading(touch))
+    second = fresh.update(reading(touch, position=np.full(10, 0.5)))
+    assert second.patches["left_arm_forearm"] is first.patches["left_arm_forearm"]
+    assert not np.allclose(second.link_poses["l_4"], first.link_poses["l_4"])
+    assert fresh.counts == {"values_dropped": 0, "frames_late": 0}
+
+
+def test_late_frame_is_not_used_and_counted(fresh: Skin) -> None:
+    newest = fresh.update(reading(frame("left_arm_forearm", {7: 10}, sequence=5)))
+    after = fresh.update(reading(frame("left_arm_forearm", {9: 99}, sequence=4)))
+    assert after.patches["left_arm_forearm"] is newest.patches["left_arm_forearm"]
+    assert fresh.counts["frames_late"] == 1
+
+
+def test_restarted_sender_is_heard_again(fresh: Skin) -> None:
+    fresh.update(reading(frame("left_arm_forearm", {}, sequence=5000, stamp=50.0)))
+    state = fresh.update(reading(frame("left_arm_forearm", {7: 10}, sequence=0, stamp=53.0)))
+    assert state.patches["left_arm_forearm"].sequence == 0
+
+
+@given(st.permutations(range(6)))
+def test_of_frames_in_any_order_the_newest_stays(skin: Skin, order: list[int]) -> None:
+    subject = Skin(skin.robot)
+    for sequence in order:
+        state = subject.update(reading(frame("right_arm_forearm", {sequence: 50}, sequence=sequence)))
+    assert state.patches["right_arm_forearm"].sequence == 5
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        (
+            SkinFrame("left_arm_forearm", 0.1, 9, np.zeros(TAXELS - 1, np.uint8)),
+            [f"({TAXELS},)", f"({TAXELS - 1},)"],
+        ),
+        (SkinFrame("tail", 0.1, 9, np.zeros(TAXELS, np.uint8)), ["'tail'", "left_arm_forearm"]),
+    ],
+)
+def test_wrong_frame_is_refused_and_changes_nothing(fresh: Skin, wrong: SkinFrame, words: list[str]) -> None:
+    before = fresh.update(reading(frame("left_arm_forearm", {7: 10}, sequence=1)))
+    good = frame("right_arm_forearm", {7: 10}, sequence=1)
+    with pytest.raises(FrameError) as caught:
+        fresh.update(reading(good, wrong))
+    assert all(word in str(caught.value) for word in words)
+    same = fresh.update(reading(frame("left_arm_forearm", {7: 10}, sequence=1)))
+    assert same.patches == before.patches
+
+
+def test_joints_of_another_robot_are_refused(fresh: Skin) -> None:
+    with pytest.raises(FrameError, match=r"small.*\(9,\), expected \(10,\)"):
+        fresh.update(reading(position=np.zeros(9)))
+
+
+def test_dropped_values_are_counted(fresh: Skin) -> None:
+    values = np.full(TAXELS, 240.0)
+    values[3] = np.nan
+    state = fresh.update(reading(SkinFrame("left_arm_forearm", 0.0, 0, values)))
+    assert not state.patches["left_arm_forearm"].force.any()
+    assert fresh.counts["values_dropped"] == 1
+
+
+@pytest.mark.parametrize("name", ["nao", "icub"])
+def test_frames_of_bytes_are_felt_like_any_numbers(name: str) -> None:
+    """Patches of all kinds, some of them missing or late, a sender that restarts, a board that sends what it
+    can't: the fast way perceives what the other does."""
+    robot = load_robot(name)
+    quick, slow = Skin(robot), Skin(robot)
+    random = np.random.default_rng(1)
+    sequences = {patch.name: 0 for patch in robot.patches}
+    for k in range(300):
+        frames = []
+        for patch in robot.patches:
+            if random.random() < 0.1:
+                continue
+            least, most = patch.sensor.lowest, patch.sensor.highest
+            values = np.full(patch.channels, patch.sensor.rest)
+            if random.random() < 0.5:
+                values[: random.integers(1, 20)] = random.integers(least, most + 1)
+            if k == 200:
+                values[0] = 200.0  # more than a switch can send
+            jump = int(random.choice([1, 1, 1, 1, 2, -2, -90]))
+            sequences[patch.name] += jump
+            values = np.clip(values, 0.0, 255.0)
+            frames.append((patch.name, 0.02 * k + 2.0 * (jump == -90), sequences[patch.name], values))
+        both = [
+            subject.update(
+                reading(
+                    *[SkinFrame(n, t, s, v.astype(kind)) for n, t, s, v in frames],
+                    position=np.array(robot.initial_position),
+                )
+            )
+            for subject, kind in ((quick, np.uint8), (slow, np.float64))
+        ]
+        assert list(both[0].patches) == list(both[1].patches)
+        for patch_name, state in both[0].patches.items():
+            other = both[1].patches[patch_name]
+            assert (state.stamp, state.sequence) == (other.stamp, other.sequence)
+            np.testing.assert_array_equal(state.pressure, other.pressure)
+            np.testing.assert_array_equal(state.force, other.force)
+            np.testing.assert_array_equal(state.masked, other.masked)
+    assert quick.counts == slow.counts
+    assert quick.counts["frames_late"] > 0
+    assert quick.health == slow.health
+
+
+def test_two_frames_of_a_patch_at_once_are_taken_in_turn() -> None:
+    robot = load_robot("nao")
+    together, apart = Skin(robot), Skin(robot)
+    frames = [
+        SkinFrame("left_forearm", 0.02 * k, k, np.full(240, 240 - 30 * (k % 2), np.uint8)) for k in range(6)
+    ]
+    state = together.update(reading(*frames, position=np.array(robot.initial_position)))
+    for one in frames:
+        expected = apart.update(reading(one, position=np.array(robot.initial_position)))
+    np.testing.assert_array_equal(
+        state.patches["left_forearm"].pressure, expected.patches["left_forearm"].pressure
+    )
+    assert together.health == apart.health
+
+
+def test_nobody_can_change_a_state(fresh: Skin) -> None:
+    state = fresh.update(reading(frame("left_arm_forearm", {7: 10})))
+    felt = state.patches["left_arm_forearm"]
+    for array in (felt.pressure, felt.force, *state.link_poses.values()):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1.0
+    with pytest.raises(TypeError):
+        state.patches["tail"] = felt
+
+
+# Places
+
+
+def test_link_frame_is_the_surface(skin: Skin) -> None:
+    surface = skin.surfaces["left_arm_forearm"]
+    at = joints(np.full(10, 0.7))
+    np.testing.assert_array_equal(skin.positions("left_arm_forearm", at), surface.positions)
+    np.testing.assert_array_equal(skin.normals("left_arm_forearm", at), surface.normals)
+
+
+@given(postures)
+def test_torso_frame_follows_the_arm(skin: Skin, position: np.ndarray) -> None:
+    at = joints(position)
+    surface = skin.surfaces["left_arm_forearm"]
+    upper_arm = upper_arm_rotation(position[:5], "left", axial=True)
+    elbow = np.array([0.0, 0.1, 0.0]) + upper_arm @ [0.0, 0.0, -small_robot.UPPER]
+    rotation = forearm_rotation(position[:5], "left", axial=True)
+    expected = surface.positions @ rotation.T + elbow
+    np.testing.assert_allclose(skin.positions("left_arm_forearm", at, frame="torso"), expected, atol=1e-12)
+    normals = skin.normals("left_arm_forearm", at, frame="torso")
+    np.testing.assert_allclose(normals, surface.normals @ rotation.T, atol=1e-12)
+
+
+@given(postures)
+def test_distances_are_the_same_in_every_frame(skin: Skin, position: np.ndarray) -> None:
+    at = joints(position)
+    for patch, surface in skin.surfaces.items():
+        for name in ("limb", "torso"):
+            points = skin.positions(patch, at, frame=name)
+            np.testing.assert_allclose(
+                np.linalg.norm(points - points[0], axis=1),
+                np.linalg.norm(surface.positions - surface.positions[0], axis=1),
+                atol=1e-12,
+            )
+
+
+@given(postures)
+def test_limb_coordinates_are_the_cone(skin: Skin, position: np.ndarray) -> None:
+    for patch, length in (
+        ("left_arm_forearm", LOWER),
+        ("right_arm_forearm", LOWER),
+        ("left_arm_upper_arm", small_robot.UPPER),
+    ):
+        u, _, r = skin.limb(patch, joints(position))
+        np.testing.assert_allclose(r, RADIUS, rtol=1e-9)
+        np.testing.assert_allclose(u * length, -skin.surfaces[patch].positions[:, 2], atol=1e-9)
+
+
+@given(postures)
+def test_theta_turns_with_pronation_only_where_the_skin_does(skin: Skin, position: np.ndarray) -> None:
+    rest, at = joints(np.zeros(10)), joints(position)
+    still = skin.limb("right_arm_forearm", at)[1] - skin.limb("right_arm_forearm", rest)[1]
+    np.testing.assert_allclose(turned(still), 0.0, atol=1e-9)
+    turning = skin.limb("left_arm_forearm", at)[1] - skin.limb("left_arm_forearm", rest)[1]
+    np.testing.assert_allclose(turned(turning + position[4]), 0.0, atol=1e-9)
+    upper = skin.limb("left_arm_upper_arm", at)[1] - skin.limb("left_arm_upper_arm", rest)[1]
+    np.testing.assert_allclose(turned(upper), 0.0, atol=1e-9)
+
+
+@given(hnp.arrays(np.float64, 5, elements=st.floats(-1.5, 1.5)))
+def test_one_place_is_mirrored_on_the_other_arm(skin: Skin, posture: np.ndarray) -> None:
+    """(u, theta, r) fixes the place beside the body: left and right differ by a mirror and the mount."""
+    at = joints(np.concatenate([posture, posture]))
+    beside = {}
+    sides: tuple[tuple[Side, float], ...] = (("left", 0.0), ("right", small_robot.MOUNT))
+    for side, mount in sides:
+        patch = f"{side}_arm_forearm"
+        u, theta, _ = skin.limb(patch, at)
+        shoulder = np.array([0.0, 0.1 * side_sign(side), 0.0])
+        points = (skin.positions(patch, at, frame="torso") - shoulder) @ rotation_z(mount)
+        beside[side] = u, theta, points * [1.0, side_sign(side), 1.0]
+    u, theta, points = beside["left"]
+    frame_at = np.array([-u * LOWER, RADIUS * np.sin(theta), RADIUS * np.cos(theta)]).T
+    u, theta, others = beside["right"]
+    other_at = np.array([-u * LOWER, RADIUS * np.sin(theta), RADIUS * np.cos(theta)]).T
+    # The same rigid motion takes the limb's coordinates to the space beside the body on either side.
+    motion, *_ = np.linalg.lstsq(np.c_[frame_at, np.ones(TAXELS)], points, rcond=None)
+    np.testing.assert_allclose(np.c_[other_at, np.ones(TAXELS)] @ motion, others, atol=1e-9)
+
+
+def test_unknown_names_list_the_valid_ones(skin: Skin) -> None:
+    at = joints(np.zeros(10))
+    with pytest.raises(UnknownNameError, match="left_arm_forearm"):
+        skin.positions("tail", at)
+    with pytest.raises(UnknownNameError, match="link, limb, torso"):
+        skin.normals("left_arm_forearm", at, frame="world")
+    with pytest.raises(UnknownNameError, match="upper_arm, forearm"):
+        skin.segment_pose("left_arm", "hand", at, np.zeros(5))
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_line_of_taxels_has_no_faces(tmp_path: Path) -> None:
+    robot = small_robot.build(tmp_path)
+    patch = robot.patches[0]
+    cone = patch.surface.model_copy(update={"per_ring": 1})
+    line = patch.model_copy(update={"surface": cone, "channels": small_robot.RINGS})
+    surface = Skin(robot.model_copy(update={"patches": (line,), "digest": "line"})).surfaces[patch.name]
+    assert surface.faces.shape == (0, 3)
+    for near, place in zip(*surface.project(surface.positions + 1e-3 * surface.normals), strict=True):
+        assert np.linalg.norm(place) == pytest.approx(1.0)
+        assert (surface.positions == near).all(axis=1).any()
+
+
+def test_a_leg_has_no_places_of_the_generic_limb() -> None:
+    robot = load_robot("nao-whole")
+    skin, at = Skin(robot), JointReading(0.0, 0, robot.initial_position, np.zeros(len(robot.servos)))
+    with pytest.raises(
+        TciError, match="the thigh of left_leg is on no generic limb; valid: segments of an arm"
+    ):
+        find_place(skin, "left_leg", "thigh", 0.5, 0.0, at)
+    with pytest.raises(TciError, match="the foot of right_leg is on no generic limb"):
+        skin.segment_pose("right_leg", "foot", at, np.zeros(6))
+
+
+def test_skin_that_is_on_no_limb_has_no_place_on_one(tmp_path: Path) -> None:
+    robot = small_robot.build(tmp_path)
+    part = robot.parts[0].model_copy(update={"kind": "leg"})
+    skin = Skin(robot.model_copy(update={"parts": (part, robot.parts[1])}))
+    at = joints(np.zeros(10))
+    assert skin.positions("left_arm_forearm", at, frame="torso").shape[1] == 3
+    with pytest.raises(TciError, match="no limb; valid frames: link, torso"):
+        skin.limb("left_arm_forearm", at)
+
+
+# The robots that come with TCI
+
+
+@pytest.fixture(scope="module", params=["nao", "icub"])
+def packaged(request: pytest.FixtureRequest) -> Skin:
+    return Skin(load_robot(request.param))
+
+
+def at_zero(skin: Skin) -> JointReading:
+    count = len(skin.robot.servos)
+    return JointReading(0.0, 0, np.zeros(count), np.zeros(count))
+
+
+def test_packaged_skin_lies_on_its_segment(packaged: Skin) -> None:
+    at = at_zero(packaged)
+    for patch in filter(packaged.robot.limb_segment, packaged.robot.patches):
+        u, _, r = packaged.limb(patch.name, at)
+        assert -0.3 < u.min() < u.max() < 1.3, patch.name
+        assert 0.015 < r.min() <= r.max() < 0.07, patch.name
+
+
+def test_packaged_skin_looks_outward(packaged: Skin) -> None:
+    at = at_zero(packaged)
+    for patch in filter(packaged.robot.limb_segment, packaged.robot.patches):
+        normals = packaged.normals(patch.name, at, frame="limb")
+        points = packaged.positions(patch.name, at, frame="limb")
+        outward = np.einsum("ij,ij->i", normals[:, :2], points[:, :2]) / np.hypot(*points[:, :2].T)
+        assert outward.min() > 0.0, patch.name
+        assert np.median(outward) > 0.9, patch.name
+
+
+@settings(max_examples=20)
+@given(share=st.floats(0.1, 0.9))
+def test_forearm_skin_rides_as_facts_say(packaged: Skin, share: float) -> None:
+    """iCub's forearm skin turns with pronation and its upper-arm skin with the yaw, NAO's sleeves do not."""
+    robot = packaged.robot
+    low, high = at_zero(packaged), at_zero(packaged)
+    for patch in filter(robot.limb_segment, robot.patches):
+        axial = robot.part(patch.part).servos[4 if patch.segment == "forearm" else 2]
+        assert axial.servo is not None
+        limits = robot.servos[axial.servo].limits
+        assert limits.lower is not None
+        assert limits.upper is not None
+        high.position[axial.servo] = limits.lower + share * (limits.upper - limits.lower)
+        gain = axial.scale * high.position[axial.servo]
+        turn = turned(packaged.limb(patch.name, high)[1] - packaged.limb(patch.name, low)[1])
+        expected = -gain if robot.name == "icub" else 0.0
+        np.testing.assert_allclose(turned(turn - expected), 0.0, atol=1e-6, err_msg=patch.name)
+        high.position[axial.servo] = 0.0

@@ -23,7 +23,7 @@ from tci.frames import Array
 from tci.messages import Mode
 from tci.robot.description import GenericPart, Patch, Robot
 from tci.robot.description.patch import Table
-from tci.robot.joint_map import joint_map
+from tci.robot.joint_map import initial_position, joint_map
 from tci.robot.kinematics import Kinematics
 from tci.simulation.world import World
 
@@ -91,7 +91,7 @@ def capability_for(part: str) -> Capability[Any]:
 
 def any_posture(robot: Robot, chance: np.random.Generator) -> dict[str, Array]:
     """Generic angles of all parts, with some servos at their limits."""
-    position = np.array(robot.initial_position)
+    position = np.array(initial_position(robot))
     for servo in robot.servos:
         lower, upper = servo.limits.lower, servo.limits.upper
         if lower is not None and upper is not None:

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from tci.robot.catalogue import load_robot as load_robot
     from tci.robot.catalogue import robot_names as robot_names
     from tci.robot.description import Robot as Robot
+    from tci.robot.joint_map import initial_position as initial_position
     from tci.runtime.loop import Tick as Tick
     from tci.runtime.loop import run as run
     from tci.runtime.reasons import Notice as Notice
@@ -73,6 +74,7 @@ _NAMES = {
     "tci.drivers.driver": ("Link",),
     "tci.robot.catalogue": ("load_robot", "robot_names"),
     "tci.robot.description": ("Robot",),
+    "tci.robot.joint_map": ("initial_position",),
     "tci.runtime.loop": ("Tick", "run"),
     "tci.runtime.reasons": ("Notice",),
     "tci.drivers.registry": ("connect", "link_names"),

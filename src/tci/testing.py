@@ -15,6 +15,7 @@ from tci.frames import Array, read_only
 from tci.messages import GenericCommand, JointReading, Mode, Perception, Reading, SkinFrame
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Patch, Robot
+from tci.robot.joint_map import initial_position
 from tci.skin.shear import normal_channels
 from tci.skin.surfaces import Surface
 
@@ -52,7 +53,7 @@ class TouchedRobot:
         """
         self.robot = robot if isinstance(robot, Robot) else load_robot(robot)
         self.body = Body(self.robot)
-        self._position = np.array(self.robot.initial_position)
+        self._position = np.array(initial_position(self.robot))
         for part, angles in (posture or {}).items():
             command = GenericCommand(part, Mode.POSITION, read_only(angles))
             own = to_platform(self.robot, command, position=self._position)

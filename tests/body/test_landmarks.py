@@ -12,6 +12,7 @@ from tci.frames import Array, rotation_rpy
 from tci.messages import Contact, Spot
 from tci.robot.catalogue import load_robot
 from tci.robot.description import TruncatedCone
+from tci.robot.joint_map import initial_position
 
 ROBOTS = {name: load_robot(name) for name in ("nao-whole", "icub-whole")}
 BODIES = {name: Body(robot) for name, robot in ROBOTS.items()}
@@ -91,7 +92,7 @@ def test_distances_are_those_of_the_unrolled_cone(name: str, patch: str, spot: S
 @pytest.mark.parametrize("name", ROBOTS)
 def test_spots_lie_where_they_are_said_to(name: str) -> None:
     body = BODIES[name]
-    start = body.robot.initial_position
+    start = initial_position(body.robot)
     for part, spot, axis, sign in (
         ("head", FRONT, 0, 1.0),
         ("torso", Spot("", (-1.0, 0.0, 0.0)), 0, -1.0),

@@ -16,7 +16,7 @@ from tci.messages import GenericCommand, Mode
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
 from tci.robot.generic_arm import forearm_rotation, upper_arm_rotation
-from tci.robot.joint_map import joint_map
+from tci.robot.joint_map import initial_position, joint_map
 from tci.robot.kinematics import Kinematics
 from tci.robot.shoulder import Shoulder, shoulder_of
 
@@ -72,7 +72,7 @@ def test_axes_agree_in_the_torso_frame_wherever_limits_allow(name: str, side: st
     random = np.random.default_rng(5)
     reached, worst, missed = 0, 0.0, []
     for generic in random.uniform(*NAO_RANGE.T, size=(1000, 5)):
-        answer = retarget(robot, part, generic, robot.initial_position)
+        answer = retarget(robot, part, generic, initial_position(robot))
         axes = limb_axes(name, part, answer.position)
         apart = [degrees(a, b) for a, b in zip(axes, ideal_axes(generic, side), strict=True)]
         assert_within_limits(robot, answer.position)
@@ -103,7 +103,7 @@ def test_the_nearest_posture_is_the_nearest() -> None:
     robot = ROBOTS["icub"]
     random = np.random.default_rng(5)
     tries = random.uniform(*NAO_RANGE.T, size=(200, 5))
-    answers = [retarget(robot, "right_arm", generic, robot.initial_position) for generic in tries]
+    answers = [retarget(robot, "right_arm", generic, initial_position(robot)) for generic in tries]
     generic, answer = next(
         (g, a) for g, a in zip(tries, answers, strict=True) if a.upper_arm_error > np.deg2rad(5.0)
     )
@@ -112,7 +112,7 @@ def test_the_nearest_posture_is_the_nearest() -> None:
     grids = [np.linspace(low, high, 41) for low, high in zip(turns.lower, turns.upper, strict=True)]
     best = np.inf
     for angles in product(*grids):
-        position = robot.initial_position.copy()
+        position = initial_position(robot).copy()
         position[shoulder] = angles
         try:
             assert_within_limits(robot, position)
@@ -129,7 +129,7 @@ def test_a_retargeted_arm_returns_to_its_generic_angles(name: str, side: str) ->
     for generic in random.uniform(*NAO_RANGE.T, size=(200, 5)):
         for mode in (Mode.POSITION, Mode.IMPEDANCE):
             command = to_platform(robot, GenericCommand(part, mode, generic))
-            position = robot.initial_position.copy()
+            position = initial_position(robot).copy()
             position[command.servos] = command.values
             np.testing.assert_allclose(joint_map(robot, part).to_generic(position), generic, atol=1e-9)
 
@@ -140,7 +140,7 @@ def test_power_is_the_same_on_both_sides_of_a_retargeted_shoulder(name: str, sid
     joints = joint_map(robot, part)
     random = np.random.default_rng(7)
     for generic in random.uniform(*NAO_RANGE.T, size=(100, 5)):
-        position = robot.initial_position.copy()
+        position = initial_position(robot).copy()
         position[joints.servos] = joints.to_robot(generic, position)
         velocity, torque = random.normal(size=(2, 5))
         v = to_platform(robot, GenericCommand(part, Mode.VELOCITY, velocity), position=position)
@@ -157,7 +157,7 @@ def test_an_arm_on_its_mount_and_retargeted_in_the_torso_frame_are_the_same_shou
     random = np.random.default_rng(8)
     for generic in random.uniform(*NAO_RANGE.T, size=(50, 5)):
         command = to_platform(robot, GenericCommand("left_arm", Mode.POSITION, generic))
-        position = robot.initial_position.copy()
+        position = initial_position(robot).copy()
         position[command.servos] = command.values
         exact = with_retargeting(robot, "left_arm")
         seen = joint_map(exact, "left_arm").to_generic(position)
@@ -183,5 +183,5 @@ def test_what_is_no_arm_or_no_posture_is_refused() -> None:
     robot = ROBOTS["nao"]
     for part, generic in (("head", np.zeros(5)), ("left_arm", np.zeros(3)), ("left_arm", np.full(5, np.nan))):
         with pytest.raises(CommandError, match="valid: an arm, and 5 finite angles"):
-            retarget(robot, part, generic, robot.initial_position)
-    assert isinstance(retarget(robot, "left_arm", np.full(5, 0.5), robot.initial_position), Retargeted)
+            retarget(robot, part, generic, initial_position(robot))
+    assert isinstance(retarget(robot, "left_arm", np.full(5, 0.5), initial_position(robot)), Retargeted)

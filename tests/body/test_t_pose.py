@@ -11,7 +11,7 @@ from tci.body.retarget import angle_between
 from tci.errors import CommandError
 from tci.messages import GenericCommand, Mode
 from tci.robot.catalogue import load_robot
-from tci.robot.joint_map import joint_map
+from tci.robot.joint_map import initial_position, joint_map
 from tci.robot.shoulder import shoulder_of
 
 NAMES = ("g1", "talos", "alex")
@@ -24,7 +24,7 @@ AWAY = np.deg2rad([40.0, 60.0, 0.0, 60.0, 0.0])
 def test_an_arm_leaves_the_t_pose(name: str, side: str) -> None:
     robot, part = load_robot(name), f"{side}_arm"
     joints, shoulder = joint_map(robot, part), shoulder_of(robot, part)
-    driven = Driven(robot, robot.initial_position)
+    driven = Driven(robot, initial_position(robot))
     for target in (T_POSE, AWAY):
         command = GenericCommand(part, Mode.POSITION, target)
         for _ in range(5000):
@@ -44,7 +44,7 @@ def test_an_arm_leaves_the_t_pose(name: str, side: str) -> None:
 @pytest.mark.parametrize("abduction", [80.0, 89.0, 89.99, 90.0])
 def test_all_that_needs_no_generic_speed_is_understood_there(name: str, abduction: float) -> None:
     robot = load_robot(name)
-    joints, position = joint_map(robot, "left_arm"), robot.initial_position.copy()
+    joints, position = joint_map(robot, "left_arm"), initial_position(robot).copy()
     posture = T_POSE.copy()
     posture[1] = np.deg2rad(abduction)
     position[joints.servos] = joints.to_robot(posture, position)
@@ -61,7 +61,7 @@ def test_all_that_needs_no_generic_speed_is_understood_there(name: str, abductio
 @pytest.mark.parametrize("mode", [Mode.VELOCITY, Mode.TORQUE])
 def test_no_generic_velocity_or_torque_is_defined_there(mode: Mode) -> None:
     robot = load_robot("talos")
-    joints, position = joint_map(robot, "left_arm"), robot.initial_position.copy()
+    joints, position = joint_map(robot, "left_arm"), initial_position(robot).copy()
     position[joints.servos] = joints.to_robot(T_POSE, position)
     with pytest.raises(CommandError, match="at 90 degrees of abduction no generic velocity"):
         to_platform(robot, GenericCommand("left_arm", mode, np.full(5, 0.1)), position=position)

@@ -24,6 +24,7 @@ from tci.drivers.ros.node import RosNode
 from tci.gate.safe_command import GateState
 from tci.messages import Reading
 from tci.recording.schemas import JOINTS
+from tci.robot.joint_map import initial_position
 
 PATCHES = {patch.name: patch.channels for patch in tci.load_robot("nao").patches}
 Start = Callable[..., "subprocess.Popen[str]"]
@@ -59,7 +60,7 @@ def nao_in_ros(**more: Any) -> dict[str, Any]:
     joints: dict[str, list[str]] = {}
     for servo in robot.servos:
         joints.setdefault(servo.robot_part, []).append(names[servo.index])
-    position = {names[servo.index]: float(robot.initial_position[servo.index]) for servo in robot.servos}
+    position = {names[servo.index]: float(initial_position(robot)[servo.index]) for servo in robot.servos}
     return {"joints": joints, "position": position, "skin": PATCHES, **more}
 
 

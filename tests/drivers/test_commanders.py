@@ -11,6 +11,7 @@ from tci.drivers.remote.commanders import LEASE, Commanders
 from tci.drivers.remote.protocol import MOST_COMMANDERS, Orders
 from tci.gate.gate import Gate, SafeCommand
 from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch
+from tci.robot.joint_map import initial_position
 
 SESSION, SILENCE = 7, 0.08
 
@@ -40,7 +41,7 @@ class Robot:
         count = len(self.robot.servos)
         self.readings += 1
         joints = JointReading(
-            self.clock.now(), self.readings, np.array(self.robot.initial_position), np.zeros(count)
+            self.clock.now(), self.readings, np.array(initial_position(self.robot)), np.zeros(count)
         )
         sent = self.gate.step(self.commanders.take(), joints, self.clock.now())
         self.commanders.decided(sent)

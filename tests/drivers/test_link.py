@@ -26,6 +26,7 @@ from tci.errors import CommandError, LinkError, UnknownNameError
 from tci.gate.gate import Gate
 from tci.gate.safe_command import GateState, SafeCommand
 from tci.messages import Perception, PlatformOrder
+from tci.robot.joint_map import initial_position
 from tci.runtime.loop import run
 
 PATIENCE = 20
@@ -135,7 +136,7 @@ def test_home_is_commands_like_any_other(open_link: Callable[..., Link]) -> None
     part = link.robot.part("right_arm")
     drive(link, link.native("RArm").command({"RElbowRoll": 0.3}))
     servos = [servo.servo for servo in part.servos]
-    wanted = link.robot.initial_position[servos]
+    wanted = initial_position(link.robot)[servos]
     orders = [to_platform(link.robot, command) for command in home(part)]
     assert drive_until(
         link, lambda: np.abs(link.read().joints.position[servos] - wanted).max() < 0.01, *orders

@@ -29,6 +29,7 @@ from tci.drivers.simulated import SimulatedLink
 from tci.errors import FrameError, LinkError
 from tci.gate.safe_command import GateState
 from tci.messages import JointReading, Reading, SkinFrame
+from tci.robot.joint_map import initial_position
 from tci.runtime.serve import serve
 
 DECODERS = (wire.to_floats, wire.to_blob, wire.to_actuators, wire.to_devices, wire.to_access)
@@ -48,7 +49,7 @@ def test_the_client_says_what_the_genuine_server_understood(server: RecordedServ
         assert {frame.patch: frame.values.shape for frame in first.skin} == {
             "left_forearm": (240,), "right_forearm": (240,),
         }  # fmt: skip
-        np.testing.assert_allclose(first.joints.position, link.robot.initial_position, atol=1e-3)
+        np.testing.assert_allclose(first.joints.position, initial_position(link.robot), atol=1e-3)
         pending = [link.native("LArm").command({"LElbowRoll": -1.1})]
         for now in link.ticks(duration=0.5):
             link.write(link.gate.step(pending, link.read().joints, now))
@@ -131,7 +132,7 @@ def test_what_is_not_a_number_is_read_as_such(bits: str) -> None:
     robot = tci.load_robot("nao")
     patch = robot.patches[0]
     frame = SkinFrame(patch.name, 1.0, 0, wire.to_skin(value * patch.channels, patch.channels))
-    reading = Reading(JointReading(1.0, 0, robot.initial_position, 0.0 * robot.initial_position), (frame,))
+    reading = Reading(JointReading(1.0, 0, initial_position(robot), 0.0 * initial_position(robot)), (frame,))
     assert not tci.Skin(robot).update(reading).patches[patch.name].pressure.any()
 
 

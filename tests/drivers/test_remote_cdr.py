@@ -27,6 +27,7 @@ from tci.drivers.remote.protocol import MOST_COMMANDERS, MOST_WORDS, Commander, 
 from tci.errors import FrameError
 from tci.gate.gate import Gate
 from tci.messages import JointReading, Mode, PlatformCommand, PlatformSwitch, SkinFrame
+from tci.robot.joint_map import initial_position
 
 NAO = tci.load_robot("nao")
 COUNT = len(NAO.servos)
@@ -133,7 +134,7 @@ def test_33_what_many_commanders_are_refused_fits_in_a_state() -> None:
             dataclasses.replace(ORDERS, session=7, seen=now, client=client, first=1, orders=(order,))
         )
     gate = Gate(NAO, period=0.01, stale_after=1.0)
-    joints = JointReading(now, 1, np.array(NAO.initial_position), np.zeros(COUNT))
+    joints = JointReading(now, 1, np.array(initial_position(NAO)), np.zeros(COUNT))
     everybody.decided(gate.step(everybody.take(), joints, now))
     state = dataclasses.replace(STATE, commanders=everybody.states())
     told = to_state(NAO, state_bytes(NAO, state))

@@ -14,6 +14,7 @@ from tci.drivers.remote.protocol import Orders, SessionFrame, State
 from tci.errors import LinkError
 from tci.gate.safe_command import GateState, SafeCommand
 from tci.messages import JointReading, PlatformOrder
+from tci.robot.joint_map import initial_position
 
 
 class Wire(RemoteLink):
@@ -34,7 +35,7 @@ class Wire(RemoteLink):
         """A state arrives that was sent `late` [s] ago."""
         self.sequence += 1
         sent, count = self.time.now() - late, len(self.robot.servos)
-        joints = JointReading(sent, self.sequence, np.array(self.robot.initial_position), np.zeros(count))
+        joints = JointReading(sent, self.sequence, np.array(initial_position(self.robot)), np.zeros(count))
         self.inbox.append(State(1, self.sequence, sent, sent, joints, self.there, "", ()))
 
     def age(self, *, late: float = 0.0) -> float:

@@ -34,6 +34,7 @@ from tci.drivers.ros.ros2_dds import DdsNode, _settings, type_hash
 from tci.errors import LinkError
 from tci.exports.facts import query, read_facts
 from tci.recording.schemas import CLOUD, JOINTS
+from tci.robot.joint_map import initial_position
 
 HERE = Path(__file__).parent
 SERVE = (sys.executable, "-m", "tci.cli.main", "serve", "nao", "--duration", "120", "--via")
@@ -105,7 +106,7 @@ def test_plain_values_where_the_binding_says_so(start: Start, namespace: str) ->
     heard = [json.loads(line) for line in process.stdout or ()]
     assert heard[-1]["values"] == pytest.approx(
         [
-            -1.2 if s.name == "LElbowRoll" else robot.initial_position[s.index]
+            -1.2 if s.name == "LElbowRoll" else initial_position(robot)[s.index]
             for s in robot.servos_of("LArm")
         ],
         abs=1e-3,
@@ -181,9 +182,9 @@ def test_a_robot_that_tci_shows_is_an_ordinary_robot_to_ros(start: Start, namesp
     robot = tci.load_robot("nao")
     left = [servo.joint or servo.name for servo in robot.servos_of("LArm")]
     here = dict(
-        zip(left, [float(robot.initial_position[s.index]) for s in robot.servos_of("LArm")], strict=True)
+        zip(left, [float(initial_position(robot)[s.index]) for s in robot.servos_of("LArm")], strict=True)
     )
-    right = [float(robot.initial_position[servo.index]) for servo in robot.servos_of("RArm")]
+    right = [float(initial_position(robot)[servo.index]) for servo in robot.servos_of("RArm")]
     names = [servo.name for servo in robot.servos_of("RArm")]
     right[names.index("RElbowRoll")] = 1.0
     about = {

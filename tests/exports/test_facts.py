@@ -10,7 +10,7 @@ import pytest
 from tci.errors import DescriptionError
 from tci.exports.facts import RobotFacts, generic_limits, query, read_facts
 from tci.robot.catalogue import load_robot
-from tci.robot.joint_map import joint_map
+from tci.robot.joint_map import initial_position, joint_map
 from tci.robot.kinematics import Kinematics
 
 ROBOTS = ("nao", "icub")
@@ -33,7 +33,7 @@ def test_its_tables_give_the_poses_of_the_kinematics(name: str) -> None:
         for part in ("left_arm", "right_arm", "head")
         for convention in ("classic", "modified")
     }
-    position = robot.initial_position + 0.1
+    position = initial_position(robot) + 0.1
     for table in facts.denavit_hartenberg:
         pose = np.array(table.base)
         for row in table.rows:
@@ -65,7 +65,7 @@ def test_generic_limits_are_those_of_the_servos(name: str) -> None:
                 continue
             limits, ends = robot.servos[joint.servo].limits, []
             for limit in (limits.lower, limits.upper):
-                position = robot.initial_position.copy()
+                position = initial_position(robot).copy()
                 position[joint.servo] = np.nan if limit is None else limit
                 ends.append(joints.to_generic(position)[joint.id])
             if limits.lower is None:

@@ -15,6 +15,7 @@ from tci.frames import Array, read_only
 from tci.gate.gate import Gate, GateSettings
 from tci.gate.safe_command import SafeCommand
 from tci.messages import JointReading, Order, Perception, Reading, SkinFrame
+from tci.robot.joint_map import initial_position
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport
 from tci.skin.skin import Skin
@@ -46,7 +47,7 @@ class NoisySkin(Link):
                 self.robot, period=self.period, stale_after=binding.stale_after, settings=settings
             )
         self.lease_name = f"felt:{os.getpid()}:{id(self)}"
-        self.angles, self.count = np.array(ROBOT.initial_position), 0
+        self.angles, self.count = np.array(initial_position(ROBOT)), 0
         self.noise, self.random = noise, np.random.default_rng(3)
         self.touches: list[tuple[float, float, str, np.ndarray, float]] = []
 

@@ -22,6 +22,7 @@ from tci.gate.gate import Gate, GateSettings, GateState
 from tci.gate.safe_command import SafeCommand
 from tci.messages import JointReading, Order, Perception, Reading, SkinFrame
 from tci.robot.description import Robot
+from tci.robot.joint_map import initial_position
 from tci.runtime.loop import Tick, run
 
 LEARNT = 5.0
@@ -58,7 +59,7 @@ class NoisyBody(Link):
         settings, stale = GateSettings(self_collision=None), self.robot.binding("sim").stale_after
         self.gate = Gate(self.robot, period=self.period, stale_after=stale, settings=settings)
         self.lease_name = f"felt:{os.getpid()}:{id(self)}"
-        self.angles, self.count = np.array(self.robot.initial_position), 0
+        self.angles, self.count = np.array(initial_position(self.robot)), 0
         self.random, self.touches = np.random.default_rng(3), touches
         part, patch, place = PLACES[kind]
         body = Body(self.robot)

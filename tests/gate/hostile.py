@@ -14,6 +14,7 @@ from tci.gate.acceptance import SLOWEST
 from tci.gate.gate import Gate, GateSettings, GateState, SafeCommand
 from tci.messages import CONTROL_MODES, JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch
 from tci.robot.description import Robot
+from tci.robot.joint_map import initial_position
 
 AHEAD = 0.02
 """Time [s] that robots are told ahead."""
@@ -194,7 +195,7 @@ class Attack:
         self.random = np.random.default_rng(seed)
         self.counts = Counts()
         self.now, self.sequence = 0.0, 0
-        self.angles = np.array(robot.initial_position, dtype=float)
+        self.angles = np.array(initial_position(robot), dtype=float)
         self.speeds = np.zeros(len(self.angles))
         self.movable = [s.index for s in robot.servos if None not in (s.limits.lower, s.limits.jerk)]
         self.sag = self.random.uniform(-SAG, SAG, len(self.angles))

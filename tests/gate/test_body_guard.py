@@ -13,6 +13,7 @@ from tci.gate.gate import Gate
 from tci.gate.self_collision import MARGIN, SelfCollision
 from tci.robot.catalogue import load_robot
 from tci.robot.clearance import Clearance
+from tci.robot.joint_map import initial_position
 
 NAO = load_robot("nao")
 INDEX = {servo.name: servo.index for servo in NAO.servos}
@@ -23,7 +24,7 @@ ASKED = position_command([INDEX[name] for name in CHEST], np.deg2rad([*CHEST.val
 @pytest.mark.parametrize("sag", [-2.0, -1.0, 1.0, 2.0])
 def test_an_arm_that_is_not_where_it_was_told_keeps_away_from_the_chest(sag: float) -> None:
     gate = Gate(NAO, period=PERIOD, stale_after=0.05)
-    angles = np.array(NAO.initial_position)
+    angles = np.array(initial_position(NAO))
     away = np.zeros(len(angles))
     away[ASKED.servos] = np.deg2rad(sag)
     clearance, least = Clearance(NAO), np.inf
@@ -59,7 +60,7 @@ class Watched(SelfCollision):
 
 def both_arms(*, away: float = 0.0) -> tuple[Driven, Watched]:
     """A long motion of one arm, and a short one of the other that has just begun."""
-    driven, watched = Driven(NAO, NAO.initial_position), Watched()
+    driven, watched = Driven(NAO, initial_position(NAO)), Watched()
     driven.gate._motion._body = BodyGuard(watched, period=PERIOD)
     driven.step(position_command([INDEX["LShoulderPitch"]], [0.0]))
     for _ in range(100):
@@ -86,7 +87,7 @@ def test_a_way_ends_when_the_last_part_is_at_rest() -> None:
 
 
 def test_a_part_that_moves_alone_is_looked_at_until_it_rests() -> None:
-    driven, watched = Driven(NAO, NAO.initial_position), Watched()
+    driven, watched = Driven(NAO, initial_position(NAO)), Watched()
     driven.gate._motion._body = BodyGuard(watched, period=PERIOD)
     driven.step(position_command([INDEX["LShoulderPitch"]], [0.0]))
     assert {len(way) for way in watched.ways} == {1 + LOOKS}

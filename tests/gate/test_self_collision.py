@@ -19,6 +19,7 @@ from tci.messages import CONTROL_MODES, Mode
 from tci.robot.catalogue import load_robot, robot_names
 from tci.robot.clearance import Clearance
 from tci.robot.description import Robot
+from tci.robot.joint_map import initial_position
 
 NAO = load_robot("nao")
 PATHS = 3000 if os.environ.get("TCI_SOAK") else 60
@@ -29,7 +30,7 @@ INDEX = {servo.name: servo.index for servo in NAO.servos}
 
 def moved(**angles: float) -> Array:
     """The initial posture with some joints elsewhere [degrees]."""
-    position = NAO.initial_position.copy()
+    position = initial_position(NAO).copy()
     for name, angle in angles.items():
         position[INDEX[name]] = np.deg2rad(angle)
     return position
@@ -40,22 +41,22 @@ INTO_THE_CHEST = moved(RShoulderPitch=30.0, RShoulderRoll=18.0, RElbowYaw=0.0, R
 
 def test_an_arm_that_would_hit_the_chest_is_named() -> None:
     assert CLEARANCE.gap(INTO_THE_CHEST, within=0.1).distance < 0.0
-    fault = SelfCollision(NAO).fault(np.array([NAO.initial_position, INTO_THE_CHEST]))
+    fault = SelfCollision(NAO).fault(np.array([initial_position(NAO), INTO_THE_CHEST]))
     assert "mm near" in fault
     assert "valid: at least 5 mm" in fault
 
 
 def test_the_way_counts_and_not_only_its_end() -> None:
-    across = np.array([NAO.initial_position, INTO_THE_CHEST, NAO.initial_position])
+    across = np.array([initial_position(NAO), INTO_THE_CHEST, initial_position(NAO)])
     assert SelfCollision(NAO).fault(across)
 
 
 def test_a_free_way_is_free() -> None:
-    assert SelfCollision(NAO).fault(np.array([NAO.initial_position, moved(RShoulderRoll=-60.0)])) == ""
+    assert SelfCollision(NAO).fault(np.array([initial_position(NAO), moved(RShoulderRoll=-60.0)])) == ""
 
 
 def test_out_of_a_collision_is_allowed_and_deeper_is_not() -> None:
-    deep, way_out = INTO_THE_CHEST, NAO.initial_position - INTO_THE_CHEST
+    deep, way_out = INTO_THE_CHEST, initial_position(NAO) - INTO_THE_CHEST
     shares = np.linspace(0.0, 0.2, 20)
     gaps = [CLEARANCE.gap(deep + share * way_out, within=0.1).distance for share in shares]
     assert gaps[0] < gaps[10] < gaps[-1]
@@ -70,7 +71,7 @@ def test_what_is_let_pass_keeps_the_margin_at_every_point(seed: int) -> None:
     rng = np.random.default_rng(seed)
     lower = np.array([servo.limits.lower or 0.0 for servo in NAO.servos])
     upper = np.array([servo.limits.upper or 0.0 for servo in NAO.servos])
-    start = NAO.initial_position
+    start = initial_position(NAO)
     path = start + np.linspace(0.0, 1.0, 6)[:, None] * (rng.uniform(lower, upper) - start)
     fine = start + np.linspace(0.0, 1.0, 200)[:, None] * (path[-1] - start)
     least = min(CLEARANCE.gap(point, within=0.1).distance for point in fine)
@@ -100,7 +101,7 @@ def test_random_paths_are_judged_as_by_measuring_everything(name: str) -> None:
     robot = load_robot(name)
     guard, oracle, rng = SelfCollision(robot), Oracle(robot), np.random.default_rng(11)
     lower, upper = limits(robot)
-    here = start = robot.initial_position
+    here = start = initial_position(robot)
     for index in range(PATHS):
         if index % 10 == 0:  # also from inside another link
             here = start + rng.uniform() * (rng.uniform(lower, upper) - start)

@@ -20,6 +20,7 @@ from tci.gate.speeds import Slope
 from tci.gate.torque import CREEP, TorqueLimiter
 from tci.messages import CONTROL_MODES, JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch
 from tci.robot.catalogue import load_robot
+from tci.robot.joint_map import initial_position
 
 PERIOD = 0.002
 ICUB = load_robot("icub")
@@ -34,7 +35,7 @@ class Elbow:
 
     def __init__(self, *, mass: float = 0.38) -> None:
         self.gate = Gate(ICUB, period=PERIOD, stale_after=0.05)
-        start = np.array(ICUB.initial_position)
+        start = np.array(initial_position(ICUB))
         start[ELBOW.index] = np.deg2rad(60.0)
         self.plant = Plant(ICUB, start, np.random.default_rng(0), wrong=0.0)
         self.plant.inertia *= mass

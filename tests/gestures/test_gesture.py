@@ -19,6 +19,7 @@ from tci.gestures.gesture import Gesture, TorsoView, fit, record
 from tci.messages import GenericCommand, Mode
 from tci.robot.catalogue import load_robot
 from tci.robot.generic_arm import JOINTS, Side, forearm_rotation, upper_arm_rotation
+from tci.robot.joint_map import initial_position
 
 TIMES = np.linspace(0.0, 2.0, 41)
 
@@ -139,7 +140,7 @@ def test_a_recording_is_in_the_torso_frame() -> None:
     icub, nao = load_robot("icub"), load_robot("nao")
     gesture = Gesture(TIMES, {"left_arm": waving(), "right_arm": waving()})
     fitted = fit(icub, gesture)
-    positions = np.array([icub.initial_position] * len(fitted.gesture.times))
+    positions = np.array([initial_position(icub)] * len(fitted.gesture.times))
     for row, time in zip(positions, fitted.gesture.times, strict=True):
         for part, angles in fitted.gesture.at(time).items():
             command = to_platform(icub, GenericCommand(part, Mode.POSITION, angles), position=row)
@@ -326,5 +327,5 @@ def test_damaged_motion_capture_is_refused(tmp_path: Path, change: tuple[str, st
 
 def test_the_view_from_the_torso_of_a_robot_without_mount_is_its_generic_posture() -> None:
     nao = load_robot("nao")
-    view = TorsoView(nao).posture(nao.initial_position)
+    view = TorsoView(nao).posture(initial_position(nao))
     np.testing.assert_allclose(view["left_arm"], nao.part("left_arm").initial_posture, atol=1e-12)

@@ -16,6 +16,7 @@ from tci.recording.names import distinct, inside
 from tci.recording.recorder import Recorder
 from tci.recording.recording import Recording
 from tci.robot.catalogue import load_robot
+from tci.robot.joint_map import initial_position
 from tci.runtime.loop import Tick
 
 
@@ -75,7 +76,7 @@ def test_a_frame_that_does_not_fit_is_felt_as_nothing_known(tmp_path: Path) -> N
     robot = load_robot("nao")
     patch = robot.patches[0]
     rest = np.full(patch.channels, patch.sensor.rest)
-    joints = JointReading(0.0, 0, np.array(robot.initial_position), np.zeros(len(robot.servos)))
+    joints = JointReading(0.0, 0, np.array(initial_position(robot)), np.zeros(len(robot.servos)))
     with Recorder(tmp_path / "a.mcap", robot) as recorder:
         for number, values in enumerate((rest, np.full(patch.channels, np.nan), rest)):
             frame = SkinFrame(patch.name, 0.01 * number, number, values)

@@ -14,6 +14,7 @@ from tci.robot.catalogue import load_robot
 from tci.robot.clearance import Clearance
 from tci.robot.collisions import LEFT, RIGHT
 from tci.robot.description import Robot
+from tci.robot.joint_map import initial_position
 from tci.simulation.world import World
 
 ROBOTS = {name: load_robot(name) for name in ("nao", "icub")}
@@ -85,7 +86,7 @@ def test_the_nearest_of_all_pairs(name: str) -> None:
 
 
 def test_far_apart_is_told_as_the_distance_looked_at() -> None:
-    gap = CLEARANCES["nao"].gap(ROBOTS["nao"].initial_position, within=0.001)
+    gap = CLEARANCES["nao"].gap(initial_position(ROBOTS["nao"]), within=0.001)
     assert (gap.distance, gap.first, gap.second) == (0.001, "", "")
 
 

@@ -12,6 +12,7 @@ from robot.moving import random_postures, robot_and_kinematics
 from tci.errors import CommandError, DescriptionError
 from tci.robot.description import Robot
 from tci.robot.gravity import STANDARD_GRAVITY, Gravity
+from tci.robot.joint_map import initial_position
 from tci.robot.model_file import load_spec
 
 
@@ -56,9 +57,9 @@ def test_a_stretched_nao_arm_weighs_what_its_masses_say() -> None:
 def test_only_the_direction_of_down_counts() -> None:
     robot, _ = robot_and_kinematics("icub")
     gravity = Gravity(robot)
-    standing = gravity.torques(robot.initial_position)
-    assert np.allclose(standing, gravity.torques(robot.initial_position, down=np.array([0, 0, -7.0])))
-    lying = gravity.torques(robot.initial_position, down=np.array([-1.0, 0, 0]))
+    standing = gravity.torques(initial_position(robot))
+    assert np.allclose(standing, gravity.torques(initial_position(robot), down=np.array([0, 0, -7.0])))
+    lying = gravity.torques(initial_position(robot), down=np.array([-1.0, 0, 0]))
     assert np.abs(standing - lying).max() > 0.1
 
 
@@ -69,7 +70,7 @@ def test_what_is_wrong_is_named(tmp_path: Path) -> None:
         gravity.torques(np.zeros(3))
     for down in (np.zeros(3), np.zeros(2), np.array([np.nan, 0, 0])):
         with pytest.raises(CommandError, match="direction of gravity"):
-            gravity.torques(robot.initial_position, down=down)
+            gravity.torques(initial_position(robot), down=down)
     with pytest.raises(DescriptionError, match="l_0 moves and has no <inertial>"):
         Gravity(small_robot.build(tmp_path))
 

@@ -9,6 +9,7 @@ import pytest
 
 from tci.errors import DescriptionError
 from tci.robot.catalogue import load_robot
+from tci.robot.joint_map import initial_position
 from tci.robot.xml import read_robot
 
 TABLE = """<generic_robot version="1" name="bent" angle_unit="deg">
@@ -70,7 +71,7 @@ def position(angle: float) -> str:
 
 def test_a_table_is_inverted(tmp_path: Path) -> None:
     assert faults(tmp_path, TABLE.format(low=-90, high=90, initial=position(90))) == []
-    assert read_robot(tmp_path / "robot.xml").initial_position == pytest.approx([0.0])
+    assert initial_position(read_robot(tmp_path / "robot.xml")) == pytest.approx([0.0])
     limit, cable = sorted(
         faults(tmp_path, TABLE.format(low=-20, high=20, initial=position(0))),
         key=lambda fault: "cable" in fault,
@@ -130,7 +131,7 @@ def test_a_retargeted_shoulder_is_looked_at_with_its_model(tmp_path: Path, name:
     head = text[: text.index("<coupling") if "<coupling" in text else text.index("<generic_robot_part")]
     robot = load_robot(name)
     servo = robot.servos[robot.part("left_arm").servos[0].servo or 0]
-    angle = np.rad2deg(robot.initial_position[servo.index])
+    angle = np.rad2deg(initial_position(robot)[servo.index])
     cable = (
         f'<coupling name="cable" min="{angle + 1}" max="{angle + 2}">'
         f'<term robot_part="{servo.robot_part}" servo="{servo.id}" coefficient="1"/></coupling>\n  '

@@ -9,6 +9,7 @@ from robot.moving import HANDS, coupled, random_postures, robot_and_kinematics
 from tci.errors import CommandError, UnknownNameError
 from tci.robot.description import Limits, Robot
 from tci.robot.inverse import InverseKinematics
+from tci.robot.joint_map import initial_position
 
 COUNT = 200
 
@@ -34,15 +35,15 @@ def test_what_can_be_reached_is_reached(name: str, link: str, kind: str) -> None
     others = np.setdiff1d(np.arange(len(robot.servos)), inverse.servos)
     reached = 0
     for random in random_postures(robot, COUNT, seed=3):
-        posture = robot.initial_position.copy()
+        posture = initial_position(robot).copy()
         posture[list(inverse.servos)] = random[list(inverse.servos)]
         T_TP, _ = kinematics.pose_and_jacobian(posture, link, point=point)
-        answer = inverse.solve(T_TP if kind == "pose" else T_TP[:3, 3], robot.initial_position)
+        answer = inverse.solve(T_TP if kind == "pose" else T_TP[:3, 3], initial_position(robot))
         moved = answer.position[list(inverse.servos)]
         assert (moved >= lower).all()
         assert (moved <= upper).all()
         assert coupled(robot, answer.position)
-        assert np.array_equal(answer.position[others], robot.initial_position[others])
+        assert np.array_equal(answer.position[others], initial_position(robot)[others])
         there, _ = kinematics.pose_and_jacobian(answer.position, link, point=point)
         assert np.linalg.norm(there[:3, 3] - T_TP[:3, 3]) == pytest.approx(answer.error, abs=1e-9)
         if answer.reached:
@@ -68,10 +69,10 @@ def test_where_it_is_nothing_moves(name: str, link: str) -> None:
 def test_a_small_motion_of_the_target_is_a_small_motion_of_the_arm(name: str, link: str) -> None:
     robot, kinematics = robot_and_kinematics(name)
     inverse = InverseKinematics(robot, kinematics, link)
-    target = kinematics.poses(robot.initial_position, [link])[link][:3, 3]
-    answer = inverse.solve(target + np.array([0.0, 0.0, 0.005]), robot.initial_position)
+    target = kinematics.poses(initial_position(robot), [link])[link][:3, 3]
+    answer = inverse.solve(target + np.array([0.0, 0.0, 0.005]), initial_position(robot))
     assert answer.reached
-    assert np.abs(answer.position - robot.initial_position).max() < 0.2
+    assert np.abs(answer.position - initial_position(robot)).max() < 0.2
 
 
 @pytest.mark.parametrize("kind", ["position", "pose"])
@@ -94,7 +95,7 @@ def test_out_of_reach_is_an_answer_at_the_nearest_place() -> None:
     robot, kinematics = robot_and_kinematics("nao")
     inverse = InverseKinematics(robot, kinematics, "LHand")
     shoulder = np.array([0.0, 0.098, 0.1])
-    answer = inverse.solve(shoulder + np.array([1.0, 0.0, 0.0]), robot.initial_position)
+    answer = inverse.solve(shoulder + np.array([1.0, 0.0, 0.0]), initial_position(robot))
     assert not answer.reached
     # The arm's length to the wrist is 161.6 mm (105, 15 and 55.95 mm with a bent elbow of 2 degrees).
     assert answer.error == pytest.approx(1.0 - 0.1616, abs=1e-3)
@@ -104,11 +105,11 @@ def test_what_is_wrong_is_named() -> None:
     robot, kinematics = robot_and_kinematics("nao")
     inverse = InverseKinematics(robot, kinematics, "LHand")
     with pytest.raises(CommandError, match=r"target of shape \(2,\)"):
-        inverse.solve(np.zeros(2), robot.initial_position)
+        inverse.solve(np.zeros(2), initial_position(robot))
     with pytest.raises(CommandError, match="valid: finite"):
-        inverse.solve(np.array([np.nan, 0, 0]), robot.initial_position)
+        inverse.solve(np.array([np.nan, 0, 0]), initial_position(robot))
     with pytest.raises(CommandError, match="no pose"):
-        inverse.solve(np.zeros((4, 4)), robot.initial_position)
+        inverse.solve(np.zeros((4, 4)), initial_position(robot))
     with pytest.raises(CommandError, match="present posture"):
         inverse.solve(np.zeros(3), np.zeros(5))
     with pytest.raises(CommandError, match=r"some of \(2, 3, 4, 5, 6\)"):

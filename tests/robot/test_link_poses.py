@@ -11,6 +11,7 @@ from robot.moving import random_postures
 from tci.errors import UnknownNameError
 from tci.robot.catalogue import load_robot, robot_names
 from tci.robot.description import Model, Robot
+from tci.robot.joint_map import initial_position
 from tci.robot.kinematics import Kinematics
 from tci.robot.link_poses import SkinLinks
 
@@ -70,4 +71,4 @@ def test_an_unknown_link_is_named() -> None:
         SkinLinks(robot, Kinematics(robot), ["Paw"])
     links = SkinLinks(robot, Kinematics(robot), ["LForeArm"])
     with pytest.raises(KeyError):
-        links.poses(np.array(robot.initial_position))["Paw"]
+        links.poses(np.array(initial_position(robot)))["Paw"]

@@ -17,7 +17,7 @@ from tci.messages import GenericCommand, Mode
 from tci.robot.catalogue import load_robot, robot_names
 from tci.robot.description import Robot
 from tci.robot.generic_arm import JOINTS, Side, forearm_rotation, side_sign, upper_arm_rotation
-from tci.robot.joint_map import joint_map
+from tci.robot.joint_map import initial_position, joint_map
 from tci.robot.kinematics import Kinematics
 from tci.robot.model_file import load_spec
 from tci.robot.xml import schema_path
@@ -155,13 +155,13 @@ def test_initial_posture_is_inside_and_away_from_limits(robot: Robot) -> None:
             limits = robot.servos[generic.servo].limits
             assert limits.lower is not None
             assert limits.upper is not None
-            angle = robot.initial_position[generic.servo]
+            angle = initial_position(robot)[generic.servo]
             assert limits.lower + 0.05 < angle < limits.upper - 0.05
 
 
 def test_couplings_hold_in_the_initial_posture(robot: Robot) -> None:
     for coupling in robot.couplings:
-        value = robot.initial_position[list(coupling.servos)] @ np.array(coupling.coefficients)
+        value = initial_position(robot)[list(coupling.servos)] @ np.array(coupling.coefficients)
         assert coupling.lower < value < coupling.upper
 
 

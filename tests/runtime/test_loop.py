@@ -20,6 +20,7 @@ from tci.drivers.simulated import SimulatedLink
 from tci.errors import CommandError, LinkError
 from tci.gate.gate import GateState, SafeCommand
 from tci.messages import GenericCommand, Mode, Order, Perception, Reading, SwitchMode
+from tci.robot.joint_map import initial_position
 from tci.runtime.lease import lease
 from tci.runtime.loop import PERSISTS, REST, Tick, run
 from tci.runtime.loop_report import LoopReport
@@ -571,7 +572,7 @@ def test_41_every_period_counts_once_wherever_in_it_the_loop_wakes() -> None:
 
         def _receive(self) -> Reading:
             self.count += 1
-            here = np.array(self.robot.initial_position)
+            here = np.array(initial_position(self.robot))
             return Reading(tci.JointReading(self.clock.now(), self.count, here, 0.0 * here), ())
 
         def _send(self, safe: SafeCommand) -> None:

@@ -15,6 +15,7 @@ from tci.frames import Array
 from tci.messages import Mode
 from tci.robot.catalogue import load_robot
 from tci.robot.collisions import LEFT, RIGHT
+from tci.robot.joint_map import initial_position
 from tci.robot.kinematics import Kinematics
 from tci.simulation.stepping import find_library
 from tci.simulation.world import World, start_angles
@@ -295,7 +296,7 @@ def test_torque_mode_begins_without_a_torque_and_a_halt_ends_it(nao: World) -> N
     nao.advance(0.1)
     start = nao.joints().position[servo]
     assert abs(start) > 1.0
-    assert start == nao.robot.initial_position[servo]
+    assert start == initial_position(nao.robot)[servo]
     nao.set_torques([servo], [0.2])
     nao.advance(0.15)
     there = nao.joints().position[servo]

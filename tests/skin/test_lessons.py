@@ -8,6 +8,7 @@ import pytest
 from tci.body.generic_body import Body
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.robot.catalogue import load_robot
+from tci.robot.joint_map import initial_position
 from tci.skin.baseline import Baseline
 from tci.skin.conditioning import Conditioner
 from tci.skin.health import TaxelHealth
@@ -20,7 +21,7 @@ REST = np.zeros(len(NAO.servos))
 def readings(count: int) -> list[Reading]:
     """Noise at 50 Hz with a touch in between; one arm sends bytes, all others numbers."""
     random = np.random.default_rng(4)
-    joints = JointReading(0.0, 0, np.array(NAO.initial_position), REST)
+    joints = JointReading(0.0, 0, np.array(initial_position(NAO)), REST)
     found = []
     for number in range(count):
         frames = []

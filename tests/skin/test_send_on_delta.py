@@ -15,6 +15,7 @@ from tci.frames import read_only
 from tci.messages import JointReading, PatchState, Perception, Reading, SkinFrame
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
+from tci.robot.joint_map import initial_position
 from tci.runtime.loop import Tick, run
 from tci.skin.send_on_delta import ChangedFrames, FilledFrames
 
@@ -85,7 +86,7 @@ def test_what_is_perceived_is_the_same(seed: int) -> None:
     sender, latest = ChangedFrames(KEEP_ALIVE), {}
     sent = every = 0
     random = np.random.default_rng(seed)
-    position = np.array(NAO.initial_position)
+    position = np.array(initial_position(NAO))
     for k, frames in enumerate(sensor(NAO, seed, 4.0)):
         position = position + random.normal(0.0, 0.01, len(position))
         joints = JointReading(k / RATE, k, position, np.zeros(len(position)))
@@ -131,7 +132,7 @@ def test_unchanged_patches_are_not_looked_at() -> None:
     frames = tuple(
         SkinFrame(patch.name, 0.0, 0, read_only(np.full(patch.channels, 240.0))) for patch in NAO.patches
     )
-    position = np.array(NAO.initial_position)
+    position = np.array(initial_position(NAO))
     looked = 0
     for k in range(60):
         joints = JointReading(k / RATE, k, position, position)
@@ -157,7 +158,7 @@ def test_a_buffer_that_is_written_again_is_a_new_frame() -> None:
     """Only arrays that nobody can change are known by their identity."""
     skin = tci.Skin(NAO)
     buffer = np.full(240, 240.0)
-    joints = JointReading(0.0, 0, np.array(NAO.initial_position), np.zeros(len(NAO.servos)))
+    joints = JointReading(0.0, 0, np.array(initial_position(NAO)), np.zeros(len(NAO.servos)))
     for k in range(6):
         skin.update(Reading(joints, (SkinFrame("left_forearm", k / RATE, k, buffer),)))
     buffer[:20] = 100.0

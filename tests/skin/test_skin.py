@@ -18,6 +18,7 @@ from tci.frames import rotation_z
 from tci.messages import JointReading, SkinFrame
 from tci.robot.catalogue import load_robot
 from tci.robot.generic_arm import Side, forearm_rotation, side_sign, upper_arm_rotation
+from tci.robot.joint_map import initial_position
 from tci.skin.skin import Skin
 
 postures = hnp.arrays(np.float64, 10, elements=st.floats(-1.5, 1.5))
@@ -159,7 +160,7 @@ def test_frames_of_bytes_are_felt_like_any_numbers(name: str) -> None:
             subject.update(
                 reading(
                     *[SkinFrame(n, t, s, v.astype(kind)) for n, t, s, v in frames],
-                    position=np.array(robot.initial_position),
+                    position=np.array(initial_position(robot)),
                 )
             )
             for subject, kind in ((quick, np.uint8), (slow, np.float64))
@@ -182,9 +183,9 @@ def test_two_frames_of_a_patch_at_once_are_taken_in_turn() -> None:
     frames = [
         SkinFrame("left_forearm", 0.02 * k, k, np.full(240, 240 - 30 * (k % 2), np.uint8)) for k in range(6)
     ]
-    state = together.update(reading(*frames, position=np.array(robot.initial_position)))
+    state = together.update(reading(*frames, position=np.array(initial_position(robot))))
     for one in frames:
-        expected = apart.update(reading(one, position=np.array(robot.initial_position)))
+        expected = apart.update(reading(one, position=np.array(initial_position(robot))))
     np.testing.assert_array_equal(
         state.patches["left_forearm"].pressure, expected.patches["left_forearm"].pressure
     )
@@ -306,7 +307,7 @@ def test_a_line_of_taxels_has_no_faces(tmp_path: Path) -> None:
 
 def test_a_leg_has_no_places_of_the_generic_limb() -> None:
     robot = load_robot("nao-whole")
-    skin, at = Skin(robot), JointReading(0.0, 0, robot.initial_position, np.zeros(len(robot.servos)))
+    skin, at = Skin(robot), JointReading(0.0, 0, initial_position(robot), np.zeros(len(robot.servos)))
     with pytest.raises(
         TciError, match="the thigh of left_leg is on no generic limb; valid: segments of an arm"
     ):

@@ -21,6 +21,7 @@ from tci.capabilities.discounts import phi, psi
 from tci.capabilities.fields import default_fields
 from tci.compiled import inlined
 from tci.messages import PatchState, SkinState
+from tci.robot.joint_map import initial_position
 from tci.robot.limb import generic_limb_distance
 from tci.skin.contacts import ContactSettings
 from tci.skin.kernels.condition import empty_memory
@@ -102,7 +103,7 @@ class Frame:
             near = np.linalg.norm(self.surface.positions - at, axis=1) < 1.6 * pitch
             self.touched[self.surface.channels[near]] = 120
         self.values = np.zeros((2, self.patch.channels), np.uint8)
-        position = np.array(robot.initial_position)
+        position = np.array(initial_position(robot))
         self.poses = self.skin.kinematics.poses(position, self.flat.links)
         self.posture = np.array(robot.part(self.patch.part).initial_posture)
         self.octets.conditioners[0].threshold[:] = 7.0

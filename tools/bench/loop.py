@@ -15,6 +15,7 @@ import tci
 from tci.clock import MonotonicClock
 from tci.drivers.driver import Link
 from tci.messages import JointReading, Reading, SkinFrame
+from tci.robot.joint_map import initial_position
 from tci.runtime.loop_report import LoopReport
 
 SECONDS = float(os.environ.get("TCI_BENCH_LOOP", "60"))
@@ -41,7 +42,7 @@ class Echo(Link):
         robot = robot.model_copy(update={"bindings": (binding,)})
         super().__init__(robot, middleware="sim", clock=MonotonicClock(), armed=True)
         self._values = parts.values
-        self._angles, self._count = np.array(robot.initial_position), 0
+        self._angles, self._count = np.array(initial_position(robot)), 0
         self._still = np.zeros(len(self._angles))
         self._skin: tuple[SkinFrame, ...] = ()
 

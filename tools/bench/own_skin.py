@@ -14,6 +14,7 @@ from measured import ROUNDS, Measured, each, row
 import tci
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.robot.description import Patch, Robot, Table
+from tci.robot.joint_map import initial_position
 from tci.robot.skin_files.reader import read_layout
 
 DATA = Path(os.environ.get("DATA", ""), "icub", "positions_pycub")
@@ -59,7 +60,7 @@ class Perceiving:
         surfaces = self.body.skin.surfaces
         self.taxels = sum(len(surface.positions) for surface in surfaces.values())
         self._raw = (self._touched(120), self._touched(119))
-        self._position = np.array(self.robot.initial_position)
+        self._position = np.array(initial_position(self.robot))
         self._count = itertools.count()
         self._perceive(({name: np.full(v.shape, 240, v.dtype) for name, v in self._raw[0].items()},))
         self()

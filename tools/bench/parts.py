@@ -20,6 +20,7 @@ from tci.exports.chain import chain_to
 from tci.exports.urdf import to_urdf
 from tci.messages import GenericCommand, JointReading, Mode
 from tci.robot.inverse import InverseKinematics
+from tci.robot.joint_map import initial_position
 from tci.robot.kinematics import Kinematics
 from tci.robot.link_poses import SkinLinks
 from tci.robot.model_file import load_spec
@@ -30,7 +31,7 @@ from tci.skin.kernels.contacts import cluster
 def gate_and_ruckig(robot: tci.Robot) -> tuple[Work, Work]:
     """Five joints in motion: the whole gate, with its check that it can stop, and one ruckig update."""
     gate = tci.Gate(robot, period=0.002, stale_after=0.05)
-    position = np.array(robot.initial_position)
+    position = np.array(initial_position(robot))
     near, far = robot.part("left_arm").initial_posture, np.deg2rad([60.0, 60.0, 30.0, 40.0, 30.0])
     commands = [
         to_platform(robot, GenericCommand("left_arm", Mode.POSITION, target)) for target in (near, far)
@@ -87,7 +88,7 @@ def clusters_and_scipy(robot: tci.Robot) -> tuple[Work, Work]:
 def kinematics_and_mujoco(robot: tci.Robot, *, in_loop: bool) -> tuple[Work, Work]:
     """Poses of four links: ours from joint angles to torso frame, as asked for or as the loop does it, and
     MuJoCo's mj_kinematics alone."""
-    kinematics, position = Kinematics(robot), robot.initial_position
+    kinematics, position = Kinematics(robot), initial_position(robot)
     links = [patch.link for patch in robot.patches]
     own = SkinLinks(robot, kinematics, links)
     assert robot.model is not None
@@ -99,7 +100,7 @@ def kinematics_and_mujoco(robot: tci.Robot, *, in_loop: bool) -> tuple[Work, Wor
 
 def kinematics_and_pinocchio(robot: tci.Robot) -> tuple[Work, Work]:
     """Pose and Jacobian of a hand: ours relative to the torso, Pinocchio's in the world."""
-    kinematics, position = Kinematics(robot), robot.initial_position
+    kinematics, position = Kinematics(robot), initial_position(robot)
     model = pinocchio.buildModelFromXML(to_urdf(robot))
     data, q, frame = model.createData(), pinocchio.neutral(model), model.getFrameId("LHand")
     world = pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
@@ -120,10 +121,10 @@ def inverse_and_kdl(robot: tci.Robot) -> tuple[Work, Work] | None:
     limits = [robot.servos[servo].limits for servo in servos]
     random, targets = np.random.default_rng(0), []
     for _ in range(100):
-        posture = robot.initial_position.copy()
+        posture = initial_position(robot).copy()
         posture[servos] = random.uniform([limit.lower for limit in limits], [limit.upper for limit in limits])
         targets.append(kinematics.poses(posture, ["LHand"])["LHand"])
-    start = robot.initial_position[servos].tolist()
+    start = initial_position(robot)[servos].tolist()
     request = json.dumps({"segments": segments, "targets": [t.tolist() for t in targets], "start": start})
     try:
         child = subprocess.Popen(
@@ -143,7 +144,7 @@ def inverse_and_kdl(robot: tci.Robot) -> tuple[Work, Work] | None:
     def ours() -> object:
         nonlocal count
         count += 1
-        return inverse.solve(targets[count % len(targets)], robot.initial_position)
+        return inverse.solve(targets[count % len(targets)], initial_position(robot))
 
     def peer() -> float:
         """Microseconds of one solution, measured over there."""

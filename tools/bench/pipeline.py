@@ -13,6 +13,7 @@ from measured import Measured, cold, in_turn, row
 import tci
 from tci.authoring.dense_skin import with_dense_skin
 from tci.messages import JointReading, Reading, SkinFrame
+from tci.robot.joint_map import initial_position
 from tci.skin.send_on_delta import FilledFrames
 
 PERIOD = 0.002
@@ -40,7 +41,7 @@ class Pipeline:
             self.values[patch.name] = values
         later = {name: values - (values < 200).astype(np.uint8) for name, values in self.values.items()}
         self.frames = (self.values, later)  # what is touched differs from frame to frame
-        self.position = np.array(self.robot.initial_position)
+        self.position = np.array(initial_position(self.robot))
         self.count = itertools.count(1)
         self.taxels = sum(patch.channels for patch in self.robot.patches)
         self()
@@ -88,7 +89,7 @@ def events() -> list[Measured]:
     raw = {p.name: np.full(p.channels, p.sensor.rest, np.uint8) for p in robot.patches}
     for values in raw.values():
         values.setflags(write=False)
-    joints = JointReading(0.0, 0, np.array(robot.initial_position), np.zeros(len(robot.servos)))
+    joints = JointReading(0.0, 0, np.array(initial_position(robot)), np.zeros(len(robot.servos)))
     period = 1.0 / robot.patches[0].rate
     clocked, eventful = tci.Skin(robot), tci.Skin(robot)
     filled = FilledFrames(robot, 1.0)

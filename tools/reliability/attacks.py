@@ -16,6 +16,7 @@ from tci.messages import CONTROL_MODES, Mode
 from tci.robot.catalogue import load_robot, robot_names
 from tci.robot.collisions import exclude_overlaps, solid_spec
 from tci.robot.description import Robot
+from tci.robot.joint_map import initial_position
 
 CHUNK = 10_000
 """Cycles of one attack; then a new one begins, with another seed."""
@@ -103,7 +104,7 @@ class Eyes:
     """MuJoCo's collision detection on a robot's links."""
 
     def __init__(self, robot: Robot) -> None:
-        self._model = exclude_overlaps(solid_spec(robot), robot, robot.initial_position)
+        self._model = exclude_overlaps(solid_spec(robot), robot, initial_position(robot))
         self._data = mujoco.MjData(self._model)
         joints = [(s.index, self._model.joint(s.joint).qposadr[0]) for s in robot.servos if s.joint]
         self._servos, self._addresses = (list(column) for column in zip(*joints, strict=True))

@@ -13,6 +13,7 @@ from tci.body.generic_body import Body
 from tci.frames import read_only
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.robot.generic_arm import SEGMENTS
+from tci.robot.joint_map import initial_position
 from tci.skin.skin import Skin
 
 RATE = 50.0
@@ -54,7 +55,7 @@ class Day:
         skin = Skin(self.robot)
         self.channels = skin.surfaces[self.patch.name].channels
         count = len(self.channels)
-        still = read_only(self.robot.initial_position)
+        still = read_only(initial_position(self.robot))
         self.joints = JointReading(0.0, 0, still, read_only(np.zeros(len(still))))
         self.u, self.theta, _ = skin.limb(self.patch.name, self.joints)
         self.noise = self.random.uniform(0.5, 1.5, count)

@@ -26,6 +26,7 @@ from tci.errors import TciError
 from tci.frames import frozen
 from tci.messages import Reading, SkinFrame
 from tci.robot.generic_arm import SEGMENTS
+from tci.robot.joint_map import initial_position
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import Histogram, LoopReport
 from tci.runtime.real_time import real_time
@@ -61,7 +62,7 @@ class Touched(Link):
             clock=MonotonicClock(tail=0.9 * PERIOD),  # the processor is the loop's own
             armed=True,
         )
-        self.angles, self.count, self.busy = np.array(robot.initial_position), 0, 0.0
+        self.angles, self.count, self.busy = np.array(initial_position(robot)), 0, 0.0
         self._start, self._number = self.clock.now(), -1
         self._frames: tuple[SkinFrame, ...] = ()
         # Bytes, as the links of a robot with 8-bit sensors give them; each frame is an array of its own.

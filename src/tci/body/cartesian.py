@@ -17,7 +17,7 @@ from tci.messages import CartesianCommand, Mode, PlatformCommand
 from tci.robot.description import Robot
 from tci.robot.generic_arm import SEGMENTS
 from tci.robot.inverse import InverseKinematics, InverseSettings
-from tci.robot.joint_map import joint_map
+from tci.robot.joint_map import initial_position, joint_map
 from tci.robot.kinematics import Kinematics
 from tci.robot.shoulder import shoulder_of
 from tci.skin.skin import segment_pose
@@ -80,7 +80,7 @@ class Reach:
 
     def _hand(self) -> Array:
         """The forearm's distal end (3,) [m] in its link: a point of its axis, so it turns with neither."""
-        home = self.robot.initial_position
+        home = initial_position(self.robot)
         T_TL = self._kinematics.poses(home, [self._forearm.link])[self._forearm.link]
         posture = joint_map(self.robot, self.part.name).to_generic(home)
         T_TS = segment_pose(self.part, self._forearm, T_TL, posture)

@@ -18,7 +18,7 @@ from tci.errors import TciError
 from tci.frames import Array, read_only
 from tci.messages import Contact, Spot
 from tci.robot.description import GenericPart, Patch
-from tci.robot.joint_map import joint_map
+from tci.robot.joint_map import initial_position, joint_map
 from tci.skin.nearest import nearest_on_faces
 from tci.skin.skin import Skin
 from tci.skin.surfaces import Surface
@@ -110,7 +110,7 @@ class Spots:
         """Unit vector (3,) in the patch's link."""
         skin = self._skin
         joints = joint_map(skin.robot, part.name)
-        position = np.array(skin.robot.initial_position)
+        position = np.array(initial_position(skin.robot))
         position[joints.servos] = joints.to_robot(np.zeros(len(part.servos)), position)
         towards = np.array(spot.towards) / np.linalg.norm(spot.towards)
         if part.side == "right":

@@ -10,7 +10,7 @@ from tci.errors import CommandError, FrameError
 from tci.frames import Array, read_only
 from tci.messages import GenericCommand, JointReading, Mode, PlatformCommand, PlatformSwitch, SwitchMode
 from tci.robot.description import GenericPart, Robot
-from tci.robot.joint_map import joint_map, postures
+from tci.robot.joint_map import initial_position, joint_map, postures
 
 ANGLES = (Mode.POSITION, Mode.IMPEDANCE)
 """Modes whose values are joint angles [rad]."""
@@ -74,7 +74,7 @@ def to_platform(robot: Robot, command: GenericCommand, *, position: Array | None
         raise CommandError(
             f"{robot.name} has no joint in its {part.name}: it lacks {lacks}; valid: {', '.join(others)}"
         )
-    here = robot.initial_position if position is None else position
+    here = initial_position(robot) if position is None else position
     speeds = joints.unlimited
     if command.mode in ANGLES:
         values, speeds = joints.to_robot(values, here), joints.speeds(here)

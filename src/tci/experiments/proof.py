@@ -24,6 +24,7 @@ from tci.frames import Array, angle_between, apply
 from tci.messages import GenericCommand, Mode
 from tci.robot.description import GenericPart, Robot
 from tci.robot.generic_arm import JOINTS, forearm_rotation, side_sign, upper_arm_rotation
+from tci.robot.joint_map import initial_position
 from tci.robot.kinematics import Kinematics
 from tci.simulation.world import World
 
@@ -140,7 +141,7 @@ def compare_axes(robot: Robot, part: GenericPart) -> Axes:
         if np.any(command.values < lower) or np.any(command.values > upper):
             continue
         within += 1
-        position = np.array(robot.initial_position)
+        position = np.array(initial_position(robot))
         position[command.servos] = command.values
         upper_arm, bend, forearm = arm_axes(robot, part, kinematics, hand, position)
         pairs = [

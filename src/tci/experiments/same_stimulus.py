@@ -18,6 +18,7 @@ from tci.frames import Array, angle_between, apply, invert, read_only
 from tci.messages import Contact, GenericCommand, JointReading, Mode, Perception
 from tci.robot.description import Robot
 from tci.robot.generic_arm import limb_coordinates
+from tci.robot.joint_map import initial_position
 
 FORCES = np.linspace(0.0, 1.0, 21)
 """Force of the stimulus [N] in successive frames: the rise of a touch."""
@@ -88,7 +89,7 @@ def answer(body: Body, part: str, field: ReceptiveField) -> Array:
 def initial_joints(robot: Robot) -> JointReading:
     """The robot at rest in its initial posture."""
     still = read_only(np.zeros(len(robot.servos)))
-    return JointReading(0.0, 0, robot.initial_position, still)
+    return JointReading(0.0, 0, initial_position(robot), still)
 
 
 def touch(

@@ -16,6 +16,7 @@ from tci.errors import TciError
 from tci.frames import Array, apply, invert, read_only
 from tci.robot.description import Robot
 from tci.robot.generic_arm import segment_rotation
+from tci.robot.joint_map import initial_position
 from tci.robot.kinematics import Kinematics
 from tci.skin.surfaces import Surface
 
@@ -113,7 +114,7 @@ def limb_axis(robot: Robot, surface: Surface, kinematics: Kinematics) -> tuple[A
     segment = robot.limb_segment(patch)
     if segment is None or part.side is None:
         raise TciError(f"skin patch {patch.name!r} is on no generic limb, so no cone fits it")
-    poses = kinematics.poses(robot.initial_position, [patch.link, segment.link])
+    poses = kinematics.poses(initial_position(robot), [patch.link, segment.link])
     R_TS = part.R_TM @ segment_rotation(segment.name, part.initial_posture, part.side)
     T_LT = invert(poses[patch.link])
     origin = apply(T_LT, apply(poses[segment.link], np.array(segment.origin)))

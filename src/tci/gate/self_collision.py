@@ -17,6 +17,7 @@ from tci.gate.kernels.clearance_bounds import come_near, follow, stand, to_joint
 from tci.gate.kernels.solids import Solids
 from tci.robot.clearance import Clearance
 from tci.robot.description import Robot
+from tci.robot.joint_map import initial_position
 from tci.skin.kernels.flat import Indices
 
 MARGIN = 0.005
@@ -69,7 +70,7 @@ class SelfCollision:
         self._box = np.zeros((2, joints))
         self._ends = self._box[0], self._box[1]
         self._patience = 0
-        start = self._of_joints(robot.initial_position)
+        start = self._of_joints(initial_position(robot))
         self._measure(start, np.arange(pairs, dtype=np.int32), self._axis)
 
     def keeps_margin(self, box: Array) -> bool:

@@ -17,7 +17,7 @@ from tci.body.retarget import retarget, with_retargeting
 from tci.errors import CommandError, TciError
 from tci.frames import Array, read_only
 from tci.robot.description import GenericPart, Robot
-from tci.robot.joint_map import JointMap, joint_map
+from tci.robot.joint_map import JointMap, initial_position, joint_map
 
 SAMPLE = 0.02
 """Time [s] between the postures of a fitted gesture. Ours."""
@@ -130,7 +130,7 @@ def fit(robot: Robot, gesture: Gesture, *, exact: bool = True, share: float = SH
         )
     count = max(2, int(np.ceil(gesture.duration / SAMPLE)) + 1)
     times = np.linspace(0.0, gesture.duration, count)
-    positions = np.tile(robot.initial_position, (count, 1))
+    positions = np.tile(initial_position(robot), (count, 1))
     missed: dict[str, float] = {}
     for name in used:
         part = robot.part(name)

@@ -13,6 +13,7 @@ from tci.messages import JointReading, Reading, SkinFrame
 from tci.recording.importing import importing
 from tci.recording.skin_manager import SKIN_PARTS, read_skin_events
 from tci.robot.description import Robot
+from tci.robot.joint_map import initial_position
 from tci.skin.skin import Skin
 
 LONGEST = 2**20
@@ -98,7 +99,7 @@ def import_skin_events(log: Path, out: Path, robot: Robot) -> tuple[int, int]:
                     raw = patch.sensor.rest + sign * contact.pressure
                     values[patch.name][taxels] = np.clip(raw, patch.sensor.lowest, patch.sensor.highest)
                 frames = tuple(SkinFrame(name, stamp, number, read_only(raw)) for name, raw in values.items())
-                joints = JointReading(stamp, number, robot.initial_position, still)
+                joints = JointReading(stamp, number, initial_position(robot), still)
                 recorder.tick(stamp, Reading(joints, frames))
                 number += 1
         except FrameError as error:

@@ -18,6 +18,7 @@ from tci.errors import CommandError
 from tci.frames import Array, read_only
 from tci.robot.collisions import exclude_overlaps, solid_spec
 from tci.robot.description import Robot
+from tci.robot.joint_map import initial_position
 from tci.robot.kinematics import joints_of
 
 
@@ -115,7 +116,7 @@ class Clearance:
 @lru_cache(maxsize=8)
 def _solid_model(robot: Robot) -> mujoco.MjModel:
     """Nobody writes to it, and reading an iCub's meshes takes a second."""
-    return exclude_overlaps(solid_spec(robot), robot, robot.initial_position)
+    return exclude_overlaps(solid_spec(robot), robot, initial_position(robot))
 
 
 def _pairs(model: mujoco.MjModel) -> NDArray[np.intp]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.errors import CommandError
-from tci.frames import Array, frozen
+from tci.frames import Array, frozen, read_only
 from tci.robot.description import GenericPart, GenericServo, Robot
 
 
@@ -289,6 +289,19 @@ def postures(robot: Robot) -> Postures:
     found: Postures | None = robot.kept.get(("joint_map", ""))
     if found is None:
         found = robot.kept["joint_map", ""] = Postures(robot)
+    return found
+
+
+def initial_position(robot: Robot) -> Array:
+    """Returns the angle (n_servos,) [rad] of every servo in the initial posture (inverse of eq. 1); 0 where
+    no generic part gives one. Raises what the transforms raise."""
+    found: Array | None = robot.kept.get(("initial_position", ""))
+    if found is None:
+        position = np.zeros(len(robot.servos))
+        for part in robot.parts:
+            joints = joint_map(robot, part.name)
+            position[joints.servos] = joints.to_robot(part.initial_posture, position)
+        found = robot.kept["initial_position", ""] = read_only(position)
     return found
 
 

@@ -16,6 +16,7 @@ from tci.messages import JointReading
 from tci.pictures.paint import FULL_SCALE, SKIN_COLOUR, pressure_colours
 from tci.robot.collisions import NO_MODEL, solid_spec
 from tci.robot.description import Robot
+from tci.robot.joint_map import initial_position
 from tci.robot.model_file import compiled
 from tci.simulation.finger import RADIUS
 from tci.skin.skin import Skin
@@ -62,7 +63,7 @@ class Figure:
         self._torso_body = self._model.body(robot.model.torso_link).id
         self._T_LT = robot.model.T_LT
         self._links = {name: self._model.body(s.link).id for name, s in self.skin.surfaces.items()}
-        self._move(robot.initial_position)
+        self._move(initial_position(robot))
         self._root = server.scene.add_frame(f"/{key}", show_axes=False)
         limbs = {body for name, body in self._links.items() if robot.limb_segment(robot.patch(name))}
         meshes = body_meshes(self._model, limbs)
@@ -112,7 +113,7 @@ class Figure:
         above = self._turn.T @ np.array([middle[0], middle[1], high[2] + 0.06])
         server.scene.add_label(f"/{key}/name", name, position=above)
         self._pose_bodies()
-        self._draw_taxels(robot.initial_position)
+        self._draw_taxels(initial_position(robot))
 
     def stand(self, y: float) -> None:
         """Put the robot on the floor, its middle `y` [m] to its left."""

@@ -18,6 +18,7 @@ from tci.frames import read_only
 from tci.messages import JointReading, Mode, PlatformCommand, Reading, SkinFrame
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
+from tci.robot.joint_map import initial_position
 
 
 class StillNao:
@@ -31,7 +32,7 @@ class StillNao:
         from tci.drivers.naoqi.services import all_services
 
         self.robot = robot or load_robot("nao")
-        position = read_only(self.robot.initial_position)
+        position = read_only(initial_position(self.robot))
         joints = JointReading(0.0, 0, position, read_only(np.zeros_like(position)))
         frames = [
             SkinFrame(patch.name, 0.0, 0, np.full(patch.channels, patch.sensor.rest, np.uint8))

@@ -17,6 +17,7 @@ needs_qi()
 
 from tci.drivers.naoqi.stream import AHEAD, CATCH_UP, Stream
 from tci.drivers.naoqi.words import CYCLE
+from tci.robot.joint_map import initial_position
 
 ROBOT = load_robot("nao")
 PERIOD = 0.005
@@ -70,7 +71,7 @@ class Motion:
 def swing(send: Any) -> tuple[np.ndarray, np.ndarray, Motion]:
     """A swing of the elbow through a gate: speeds (n,) [rad/s] of the reference and of the robot."""
     gate = Gate(ROBOT, period=PERIOD, stale_after=1.0)
-    position = np.array(ROBOT.initial_position)
+    position = np.array(initial_position(ROBOT))
     motion = Motion(float(position[INDEX]))
     arm = NativePart("LArm", ROBOT.servos_of("LArm"))
     commands = [arm.command({NAME: -0.1}, speed=2.0)]
@@ -139,7 +140,7 @@ def test_a_servo_at_rest_is_left_alone_and_a_moving_one_gets_at_most_a_target_ea
 def test_where_it_turns_it_is_as_fast_as_from_the_target_before() -> None:
     """The robot is on its way there, wherever it is measured: if nobody sends again, it must rest soon."""
     ours, gate = stream(), Gate(ROBOT, period=PERIOD, stale_after=1.0)
-    position = np.array(ROBOT.initial_position)
+    position = np.array(initial_position(ROBOT))
     motion = Motion(float(position[INDEX]))
     arm = NativePart("LArm", ROBOT.servos_of("LArm"))
     for tick, way in enumerate((0.04, -0.02, -0.03)):
@@ -159,7 +160,7 @@ def test_targets_wait_while_the_robot_has_not_taken_the_one_before() -> None:
 
     ours = stream()
     gate = Gate(ROBOT, period=PERIOD, stale_after=1.0)
-    position = np.array(ROBOT.initial_position)
+    position = np.array(initial_position(ROBOT))
     motion = Motion(float(position[INDEX]), answers=Busy)
     arm = NativePart("LArm", ROBOT.servos_of("LArm"))
     commands = [arm.command({NAME: -0.1})]
@@ -175,7 +176,7 @@ def test_targets_wait_while_the_robot_has_not_taken_the_one_before() -> None:
 def test_what_the_robot_refuses_is_counted_in_its_words() -> None:
     ours = stream()
     gate = Gate(ROBOT, period=PERIOD, stale_after=1.0)
-    position = np.array(ROBOT.initial_position)
+    position = np.array(initial_position(ROBOT))
     motion = Motion(float(position[INDEX]), answers=lambda: Done("ALMotion: too hot\nmore"))
     arm = NativePart("LArm", ROBOT.servos_of("LArm"))
     for tick in range(40):

@@ -55,6 +55,7 @@ from tci.errors import CommandError, FrameError, LinkError
 from tci.exports.facts import query
 from tci.gate.safe_command import SafeCommand
 from tci.messages import Perception, Reading, SkinFrame
+from tci.robot.joint_map import initial_position
 
 BACKLOG = 128
 """Connections that are looked at in one period. Ours."""
@@ -110,7 +111,7 @@ class PlayerServer(RemoteServer):
         own = [STATES, *self._frames.values()]
         self._offered = [*self._devices, *((OPAQUE, index) for index in own)]
         self._controllers = Controllers(link.robot, self.number, of="a Player client")
-        self._position = link.robot.initial_position
+        self._position = initial_position(link.robot)
         self._states, self._is_due = Every(1.0 / link.robot.binding("player").rate), False
         self._arrived: deque[bytes] = deque(maxlen=64)
         self.rejected = 0
@@ -265,7 +266,7 @@ class PlayerServer(RemoteServer):
             limits = []
             for servo in self.link.robot.servos_of(name):
                 low, high = servo.limits.lower or 0.0, servo.limits.upper or 0.0
-                home = float(self.link.robot.initial_position[servo.index])
+                home = float(initial_position(self.link.robot)[servo.index])
                 limits.append((low, high, home, servo.limits.velocity or 0.0))
             return geometry(limits)
         return b"" if message.subtype == POWER else None

@@ -31,6 +31,7 @@ from tci.gate.safe_command import SafeCommand
 from tci.messages import Order, Perception, Reading, SkinFrame
 from tci.recording.schemas import CLOUD, JOINTS, SKIN, joints_values, skin_values
 from tci.robot.description import Robot
+from tci.robot.joint_map import initial_position
 from tci.robot.kinematics import Kinematics
 from tci.skin.surfaces import build_surface
 
@@ -49,7 +50,7 @@ class RosServer(RemoteServer):
             self._middleware = middleware
             robot = link.robot
             names = self._names = Names(robot, middleware, namespace)
-            self._position = robot.initial_position
+            self._position = initial_position(robot)
             period = 1.0 / robot.binding(middleware).rate
             self._states, self._is_due = Every(period), False
             self._joint_names = [names.joint(servo) for servo in robot.servos]

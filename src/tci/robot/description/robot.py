@@ -58,18 +58,6 @@ class Robot(Words):
         return hash((self.name, self.digest))
 
     @cached_property
-    def initial_position(self) -> Array:
-        """Angle (n_servos,) [rad] of every servo in the initial posture (inverse of eq. 1); 0 where no
-        generic part says."""
-        from tci.robot.joint_map import joint_map  # it needs the types above
-
-        position = np.zeros(len(self.servos))
-        for part in self.parts:
-            joints = joint_map(self, part.name)
-            position[joints.servos] = joints.to_robot(part.initial_posture, position)
-        return read_only(position)
-
-    @cached_property
     def coupling_rows(self) -> tuple[Array, Array, Array]:
         """All couplings at once, rows @ position within lower and upper: (m, n_servos), (m,), (m,) [rad]."""
         rows = np.zeros((len(self.couplings), len(self.servos)))

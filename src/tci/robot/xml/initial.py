@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from tci.robot.description import GenericPart, GenericServo, Robot, Servo
-from tci.robot.joint_map import Coupled, Linear, Table, Transform
+from tci.robot.joint_map import Coupled, Linear, Table, Transform, initial_position
 from tci.robot.xml.document import Faults
 from tci.robot.xml.node import Node, listed
 from tci.robot.xml.servos import Servos, check_initial_sum
@@ -74,7 +74,7 @@ def check_retargeted(root: Node, robot: Robot, faults: Faults) -> None:
     if not retargeted:
         return
     nodes = {node.get("name"): node for node in root.all("generic_robot_part")}
-    initial = dict(enumerate(robot.initial_position.tolist()))
+    initial = dict(enumerate(initial_position(robot).tolist()))
     for servo in robot.servos:
         if servo.index in retargeted and _outside(servo, initial[servo.index], _SOLVED):
             node = nodes[retargeted[servo.index]]

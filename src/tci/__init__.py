@@ -13,7 +13,6 @@ from tci.learning.registration import register_when_imported as _register_when_i
 
 if TYPE_CHECKING:
     from tci.body.generic_body import Body as Body
-    from tci.body.posture import generic_posture as generic_posture
     from tci.body.posture import home as home
     from tci.body.posture import to_platform as to_platform
     from tci.capabilities.capability import Capability as Capability
@@ -40,6 +39,7 @@ if TYPE_CHECKING:
     from tci.robot.catalogue import load_robot as load_robot
     from tci.robot.catalogue import robot_names as robot_names
     from tci.robot.description import Robot as Robot
+    from tci.robot.joint_map import generic_posture as generic_posture
     from tci.robot.joint_map import initial_position as initial_position
     from tci.runtime.loop import Tick as Tick
     from tci.runtime.loop import run as run
@@ -58,7 +58,7 @@ _NAMES = {
     "tci.body.generic_body": ("Body",),
     "tci.skin.contacts": ("find_contacts",),
     "tci.gate.gate": ("Gate", "SafeCommand"),
-    "tci.body.posture": ("generic_posture", "home", "to_platform"),
+    "tci.body.posture": ("home", "to_platform"),
     "tci.skin.skin": ("Skin",),
     "tci.messages": (
         "Contact",
@@ -74,7 +74,7 @@ _NAMES = {
     "tci.drivers.driver": ("Link",),
     "tci.robot.catalogue": ("load_robot", "robot_names"),
     "tci.robot.description": ("Robot",),
-    "tci.robot.joint_map": ("initial_position",),
+    "tci.robot.joint_map": ("generic_posture", "initial_position"),
     "tci.runtime.loop": ("Tick", "run"),
     "tci.runtime.reasons": ("Notice",),
     "tci.drivers.registry": ("connect", "link_names"),

@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gate.gate_checks import make_robot, reading
-from tci.body.posture import generic_posture, home, to_platform
+from tci.body.posture import home, to_platform
 from tci.errors import CommandError, FrameError, UnknownNameError
 from tci.messages import GenericCommand, Mode
 from tci.robot.catalogue import load_robot
 from tci.robot.description import GenericPart, GenericServo, Robot
-from tci.robot.joint_map import joint_map
+from tci.robot.joint_map import generic_posture, joint_map
 
 GAMMA = st.floats(1e-3, 1e3).flatmap(lambda size: st.sampled_from([size, -size]))
 ANGLE = st.floats(-3.2, 3.2)

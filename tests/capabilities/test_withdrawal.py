@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from capabilities.touches import BOTH_ARMS, POSTURE, one_field, poke, see, touch
-from tci.body.posture import generic_posture, to_platform
+from tci.body.posture import to_platform
 from tci.capabilities.fields import ReceptiveField, default_fields
 from tci.capabilities.withdrawal import WithdrawalMemory, WithdrawalReflex
 from tci.capabilities.withdrawing import Withdrawal
@@ -20,6 +20,7 @@ from tci.frames import Array
 from tci.gate.gate import Gate
 from tci.messages import Contact, JointReading, Mode, Perception
 from tci.robot.catalogue import load_robot
+from tci.robot.joint_map import generic_posture
 from tci.robot.limb import generic_limb_distance
 
 FIELD = one_field()

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from tci.body.posture import generic_posture
 from tci.commissioning.expected_motion import ExpectedMotion
 from tci.drivers.simulated import SimulatedLink
 from tci.errors import TciError
@@ -16,6 +15,7 @@ from tci.frames import read_only
 from tci.gate.gate import SafeCommand
 from tci.messages import Reading
 from tci.robot.description import Robot
+from tci.robot.joint_map import generic_posture
 from tci.robot.kinematics import Kinematics
 from tci.simulation.world import World
 

@@ -11,7 +11,7 @@ import pytest
 
 from tci.body.generic_body import Body
 from tci.body.places import find_place
-from tci.body.posture import generic_posture, to_platform
+from tci.body.posture import to_platform
 from tci.capabilities.fields import default_fields
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.drivers.simulated import SimulatedLink
@@ -24,6 +24,7 @@ from tci.frames import Array, apply
 from tci.gate.gate import Gate, GateSettings
 from tci.messages import GenericCommand, JointReading, Mode
 from tci.robot.catalogue import load_robot
+from tci.robot.joint_map import generic_posture
 from tci.robot.limb import generic_limb_distance
 from tci.runtime.loop import Tick, run
 from tci.simulation.finger import STIFFNESS

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from tci.body.generic_body import Body
-from tci.body.posture import generic_posture
 from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.drivers.simulated import SimulatedLink
 from tci.errors import CommandError
@@ -14,6 +13,7 @@ from tci.frames import Array
 from tci.messages import Spot
 from tci.robot.catalogue import load_robot
 from tci.robot.gravity import Gravity
+from tci.robot.joint_map import generic_posture
 from tci.runtime.loop import Tick, run
 from tci.simulation.world import World
 

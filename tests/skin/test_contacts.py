@@ -15,10 +15,10 @@ from scipy.sparse.csgraph import connected_components
 
 import small_robot
 from small_robot import LOWER, RADIUS, TAXELS, joints
-from tci.body.posture import generic_posture
 from tci.errors import TciError, UnknownNameError
 from tci.messages import Contact, PatchState, SkinState
 from tci.robot.catalogue import load_robot
+from tci.robot.joint_map import generic_posture
 from tci.robot.limb import generic_limb_distance
 from tci.skin.contacts import (
     ContactSettings,

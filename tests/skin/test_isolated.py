@@ -10,10 +10,10 @@ import pytest
 
 import tci
 from tci.body.generic_body import Body
-from tci.body.posture import generic_posture
 from tci.errors import TciError
 from tci.frames import read_only
 from tci.messages import Contact, JointReading, PatchState, Reading, SkinFrame, SkinState
+from tci.robot.joint_map import generic_posture
 from tci.skin.contacts import ContactSettings, find_contacts
 from tci.skin.health import Health
 from tci.skin.isolated import LoneSettings

@@ -9,7 +9,7 @@ from functools import partial
 from tci.body.cartesian import cartesian_to_platform
 from tci.body.coverage import Coverage
 from tci.body.landmarks import Spots
-from tci.body.posture import generic_columns, generic_posture, switch, to_platform
+from tci.body.posture import generic_columns, switch, to_platform
 from tci.body.retreat import Retreat
 from tci.body.support import Balance
 from tci.frames import Array, read_only
@@ -30,6 +30,7 @@ from tci.messages import (
     SwitchMode,
 )
 from tci.robot.description import Robot
+from tci.robot.joint_map import generic_posture
 from tci.skin.contact_table import identities
 from tci.skin.contacts import ContactSettings, find_contacts
 from tci.skin.send_on_delta import FilledFrames

@@ -6,26 +6,14 @@ import math
 
 import numpy as np
 
-from tci.errors import CommandError, FrameError
+from tci.errors import CommandError
 from tci.frames import Array, read_only
-from tci.messages import GenericCommand, JointReading, Mode, PlatformCommand, PlatformSwitch, SwitchMode
+from tci.messages import GenericCommand, Mode, PlatformCommand, PlatformSwitch, SwitchMode
 from tci.robot.description import GenericPart, Robot
-from tci.robot.joint_map import initial_position, joint_map, postures
+from tci.robot.joint_map import initial_position, joint_map
 
 ANGLES = (Mode.POSITION, Mode.IMPEDANCE)
 """Modes whose values are joint angles [rad]."""
-
-
-def generic_posture(robot: Robot, joints: JointReading) -> dict[str, Array]:
-    """Generic angles (n,) [rad] of every part, by name (eq. 2).
-
-    Raises FrameError when the reading has another number of joints than the robot.
-    """
-    if joints.position.shape != (len(robot.servos),):
-        raise FrameError(
-            f"joint reading of shape {joints.position.shape}; {robot.name} has {len(robot.servos)} servos"
-        )
-    return postures(robot).to_generic(joints.position)
 
 
 def generic_columns(robot: Robot, part: str, jacobian: Array, position: Array) -> Array:

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from tci.body.posture import generic_posture
 from tci.commissioning.doctor import judge
 from tci.commissioning.hardware import ServoCheck
 from tci.commissioning.hardware_skin import SkinCheck
@@ -17,6 +16,7 @@ from tci.drivers.driver import Link
 from tci.errors import UnknownNameError
 from tci.messages import Mode, PlatformCommand
 from tci.robot.description import Patch, Robot, Servo
+from tci.robot.joint_map import generic_posture
 from tci.runtime.lease import commanding
 
 LOOK = 1.0

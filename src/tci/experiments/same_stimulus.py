@@ -11,14 +11,14 @@ import numpy as np
 
 from tci.body.generic_body import Body
 from tci.body.places import find_place
-from tci.body.posture import generic_posture, to_platform
+from tci.body.posture import to_platform
 from tci.capabilities.fields import ReceptiveField
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.frames import Array, angle_between, apply, invert, read_only
 from tci.messages import Contact, GenericCommand, JointReading, Mode, Perception
 from tci.robot.description import Robot
 from tci.robot.generic_arm import limb_coordinates
-from tci.robot.joint_map import initial_position
+from tci.robot.joint_map import generic_posture, initial_position
 
 FORCES = np.linspace(0.0, 1.0, 21)
 """Force of the stimulus [N] in successive frames: the rise of a touch."""

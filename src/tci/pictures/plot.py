@@ -12,7 +12,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
-from tci.body.posture import generic_posture
 from tci.capabilities.fields import ReceptiveField
 from tci.errors import RecordingError, UnknownNameError
 from tci.frames import Array
@@ -22,6 +21,7 @@ from tci.recording.perceived import Perceived
 from tci.recording.touches import Touch, find_touches
 from tci.robot.description import Robot
 from tci.robot.generic_arm import JOINTS, SEGMENTS
+from tci.robot.joint_map import generic_posture
 from tci.robot.limb import RHO
 from tci.skin.skin import Skin
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.body.posture import generic_posture
 from tci.engine import mujoco
 from tci.frames import Array, apply, invert, transform
 from tci.messages import Reading
@@ -17,6 +16,7 @@ from tci.pictures.camera import Camera
 from tci.pictures.paint import SKIN_COLOUR, FieldLook, FieldPaint, TaxelPaint
 from tci.pictures.render import Painter, model_colours, render
 from tci.robot.generic_arm import SEGMENTS
+from tci.robot.joint_map import generic_posture
 from tci.simulation.finger import FINGER
 from tci.simulation.touch import skin_geom
 from tci.simulation.world import World

@@ -13,8 +13,9 @@ from abc import ABC, abstractmethod
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.errors import CommandError
+from tci.errors import CommandError, FrameError
 from tci.frames import Array, frozen, read_only
+from tci.messages import JointReading
 from tci.robot.description import GenericPart, GenericServo, Robot
 
 
@@ -290,6 +291,18 @@ def postures(robot: Robot) -> Postures:
     if found is None:
         found = robot.kept["joint_map", ""] = Postures(robot)
     return found
+
+
+def generic_posture(robot: Robot, joints: JointReading) -> dict[str, Array]:
+    """Generic angles (n,) [rad] of every part, by name (eq. 2).
+
+    Raises FrameError when the reading has another number of joints than the robot.
+    """
+    if joints.position.shape != (len(robot.servos),):
+        raise FrameError(
+            f"joint reading of shape {joints.position.shape}; {robot.name} has {len(robot.servos)} servos"
+        )
+    return postures(robot).to_generic(joints.position)
 
 
 def initial_position(robot: Robot) -> Array:

@@ -10,12 +10,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.body.posture import generic_posture
 from tci.errors import FrameError, TciError, UnknownNameError
 from tci.frames import Array, apply, invert, transform
 from tci.messages import JointReading, Reading, SkinState
 from tci.robot.description import GenericPart, Robot, Segment
 from tci.robot.generic_arm import limb_coordinates, segment_rotation
+from tci.robot.joint_map import generic_posture
 from tci.robot.kinematics import Kinematics
 from tci.robot.link_poses import SkinLinks
 from tci.robot.skin_files.calibration import SkinCalibration, calibration_path, read_calibration

@@ -11,10 +11,10 @@ import numpy as np
 import viser
 
 from tci.body.places import Place, find_place
-from tci.body.posture import generic_posture
 from tci.errors import TciError
 from tci.frames import Array, apply, invert
 from tci.robot.generic_arm import limb_coordinates
+from tci.robot.joint_map import generic_posture
 from tci.viewer.controls import Controls
 from tci.viewer.fields import legend
 from tci.viewer.figure import Figure

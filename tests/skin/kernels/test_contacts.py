@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skin.kernels import contact_oracle
-from tci.body.posture import generic_posture
 from tci.messages import JointReading, PatchState, SkinState
 from tci.robot.catalogue import load_robot
+from tci.robot.joint_map import generic_posture
 from tci.skin.contacts import ContactSettings, find_contacts
 from tci.skin.kernels.nearest import nearest
 from tci.skin.skin import Skin

@@ -9,6 +9,7 @@ from itertools import product
 import numpy as np
 import pytest
 
+from tci.authoring.dense_skin import with_skin_rate
 from tci.body.generic_body import Body
 from tci.body.places import find_place
 from tci.body.posture import to_platform
@@ -16,7 +17,7 @@ from tci.capabilities.fields import default_fields
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.drivers.simulated import SimulatedLink
 from tci.errors import TciError
-from tci.experiments.experiment import Report, run_experiment, with_skin_rate
+from tci.experiments.experiment import Report, run_experiment
 from tci.experiments.measure import cop_error
 from tci.experiments.poke import Stimulus, poke
 from tci.experiments.same_stimulus import initial_joints

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from ruckig import InputParameter, OutputParameter, Ruckig
 
+from tci.authoring.dense_skin import with_skin_rate
 from tci.errors import CommandError, DescriptionError, UnknownNameError
-from tci.experiments.experiment import with_skin_rate
 from tci.frames import Array
 from tci.messages import Mode
 from tci.robot.catalogue import load_robot

@@ -15,8 +15,7 @@ from lxml import etree
 from measured import ROUNDS, Measured, each, row
 
 import tci
-from tci.authoring.dense_skin import with_dense_skin
-from tci.experiments.experiment import with_skin_rate
+from tci.authoring.dense_skin import with_dense_skin, with_skin_rate
 from tci.robot.description import Robot
 from tci.simulation import scene
 from tci.simulation.touch import skin_geom

@@ -1,10 +1,10 @@
-"""The same robot with more skin: to see how everything scales with taxels and patches."""
+"""Variants of a robot's skin: more taxels and patches, to see how everything scales; another rate."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from tci.errors import TciError
+from tci.errors import CommandError, TciError
 from tci.exports.cone import ConeFit, cone_of
 from tci.frames import Array
 from tci.robot.description import Patch, Robot, TruncatedCone
@@ -66,3 +66,11 @@ def _towards(axis: Array) -> tuple[float, float, float]:
     """Roll, pitch and yaw [rad] of a frame whose -z points along `axis` (3,)."""
     x, y, z = -axis
     return 0.0, float(np.arctan2(np.hypot(x, y), z)), float(np.arctan2(y, x))
+
+
+def with_skin_rate(robot: Robot, rate: float) -> Robot:
+    """The same robot with skin frames at `rate` [Hz]. Raises CommandError."""
+    if not 1.0 <= rate <= 1000.0:
+        raise CommandError(f"skin rate {rate:g} Hz; valid: 1 to 1000")
+    patches = tuple(patch.model_copy(update={"rate": rate}) for patch in robot.patches)
+    return robot.model_copy(update={"patches": patches})

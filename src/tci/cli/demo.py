@@ -14,10 +14,11 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from tci.authoring.dense_skin import with_skin_rate
 from tci.capabilities.withdrawal import MODES, WithdrawalReflex
 from tci.cli.console import console, print_json
 from tci.errors import MissingExtraError, UnknownNameError
-from tci.experiments.experiment import SIDES, Report, run_experiment, with_skin_rate
+from tci.experiments.experiment import SIDES, Report, run_experiment
 from tci.experiments.measure import Trial
 from tci.experiments.pictures import draw_demo
 from tci.experiments.remote_trial import try_server

@@ -8,13 +8,14 @@ from collections.abc import Callable, Iterable
 from importlib.metadata import entry_points
 from typing import Any
 
+from tci.capabilities.orders import named
 from tci.drivers.combined import JoinedLink
 from tci.drivers.driver import Link
 from tci.drivers.server import Server
 from tci.errors import LinkError, TciError, UnknownNameError
 from tci.installed import needs
+from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
-from tci.runtime.arguments import as_robot
 
 LINKS = "tci.links"
 JOIN = " + "
@@ -45,6 +46,20 @@ def load_server(name: str) -> Callable[..., Server]:
     """What makes a server, by its entry point. Raises as `load_link` does."""
     factory: Callable[..., Server] = _load(SERVERS, "server", name)
     return factory
+
+
+def as_robot(given: object) -> Robot:
+    """Returns a robot that is loaded already, or loads one by its name or path.
+
+    Raises TciError for anything else, and what `load_robot` raises.
+    """
+    if isinstance(given, Robot):
+        return given
+    if isinstance(given, str | os.PathLike):
+        return load_robot(given)
+    raise TciError(
+        f"connect: {named(given)} in place of a robot; valid: tci.load_robot('nao'), or just 'nao'"
+    )
 
 
 def connect(

@@ -9,7 +9,6 @@ from typing import Any
 
 from tci.body.generic_body import Body
 from tci.capabilities.withdrawal import WithdrawalReflex
-from tci.errors import CommandError
 from tci.experiments.measure import Trial, measure
 from tci.experiments.poke import Stimulus, poke
 from tci.experiments.remote_trial import Elsewhere
@@ -30,14 +29,6 @@ class Report:
     def to_json(self) -> dict[str, Any]:
         """As a dictionary of plain values."""
         return asdict(self)
-
-
-def with_skin_rate(robot: Robot, rate: float) -> Robot:
-    """The same robot with skin frames at `rate` [Hz]. Raises CommandError."""
-    if not 1.0 <= rate <= 1000.0:
-        raise CommandError(f"skin rate {rate:g} Hz; valid: 1 to 1000")
-    patches = tuple(patch.model_copy(update={"rate": rate}) for patch in robot.patches)
-    return robot.model_copy(update={"patches": patches})
 
 
 def trials_of(

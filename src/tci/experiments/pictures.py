@@ -14,7 +14,7 @@ from tci.experiments.figure import Panel, draw_figure
 from tci.experiments.poke import Stimulus, Trace, poke
 from tci.frames import Array, apply
 from tci.pictures.camera import Camera, fit, look_at, project
-from tci.pictures.paint import FIELD_COLOURS, FULL_SCALE, FieldLook
+from tci.pictures.paint import FULL_SCALE, FieldLook, field_looks
 from tci.pictures.portrait import Moment, Portrait, keep_moment
 from tci.robot.description import Robot
 from tci.runtime.loop import Tick
@@ -45,16 +45,6 @@ def draw_demo(robots: Sequence[Robot], reflex: WithdrawalReflex, path: Path, *, 
         caption="The same reflex, from the same source, on each robot. Left of a pair: the largest force "
         "that the skin felt. Right: withdrawn.\nReceptive fields and base motions are ours.",
     )
-
-
-def field_looks(fields: Sequence[ReceptiveField]) -> list[FieldLook]:
-    """How receptive fields look in pictures."""
-    return [
-        FieldLook(
-            field.segment, field.u, field.theta, field.radius, FIELD_COLOURS[index % len(FIELD_COLOURS)]
-        )
-        for index, field in enumerate(fields)
-    ]
 
 
 def _row(

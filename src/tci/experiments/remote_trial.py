@@ -16,6 +16,7 @@ from collections.abc import Iterator
 from types import TracebackType
 from typing import Self
 
+from tci.authoring.dense_skin import with_skin_rate
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.drivers.driver import Link
 from tci.drivers.registry import connect, open_server
@@ -187,8 +188,6 @@ def _patiently(robot: Robot, via: str) -> Link:
 
 def main() -> None:
     """The other process: told an address it connects and runs the reflex, until it is told anything more."""
-    from tci.experiments.experiment import with_skin_rate
-
     source, mode, rate, name, silence = sys.argv[1:]
     robot = load_robot(source)
     bindings = tuple(

@@ -10,9 +10,8 @@ from PIL import Image, ImageDraw
 
 from tci.capabilities.fields import ReceptiveField
 from tci.errors import CommandError, UnknownNameError
-from tci.experiments.pictures import field_looks
 from tci.pictures.camera import Camera, fit
-from tci.pictures.paint import FULL_SCALE
+from tci.pictures.paint import FULL_SCALE, field_looks
 from tci.pictures.portrait import Portrait, keep_moment
 from tci.pictures.video import needs_video, save_video
 from tci.runtime.loop import Tick

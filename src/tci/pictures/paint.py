@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import KDTree
 
+from tci.capabilities.fields import ReceptiveField
 from tci.frames import Array, apply
 from tci.pictures.cast import Hits
 from tci.robot.generic_arm import Side, limb_coordinates
@@ -87,6 +88,16 @@ class FieldLook:
     """Red, green, blue, 0 to 1."""
     strength: float = 0.45
     """How strongly the field tints the skin, 0 to 1."""
+
+
+def field_looks(fields: Sequence[ReceptiveField]) -> list[FieldLook]:
+    """How receptive fields look in pictures."""
+    return [
+        FieldLook(
+            field.segment, field.u, field.theta, field.radius, FIELD_COLOURS[index % len(FIELD_COLOURS)]
+        )
+        for index, field in enumerate(fields)
+    ]
 
 
 class FieldPaint:

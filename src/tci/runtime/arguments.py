@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from inspect import isabstract
 from typing import Any
 
@@ -11,22 +10,6 @@ from tci.capabilities.capability import Capability
 from tci.capabilities.orders import named
 from tci.drivers.driver import Link
 from tci.errors import TciError
-from tci.robot.catalogue import load_robot
-from tci.robot.description import Robot
-
-
-def as_robot(given: object) -> Robot:
-    """Returns a robot that is loaded already, or loads one by its name or path.
-
-    Raises TciError for anything else, and what `load_robot` raises.
-    """
-    if isinstance(given, Robot):
-        return given
-    if isinstance(given, str | os.PathLike):
-        return load_robot(given)
-    raise TciError(
-        f"connect: {named(given)} in place of a robot; valid: tci.load_robot('nao'), or just 'nao'"
-    )
 
 
 def as_link(given: object) -> Link:

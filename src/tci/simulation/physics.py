@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,11 +10,6 @@ from numpy.typing import NDArray
 from tci.engine import mujoco
 from tci.frames import Array, transform
 from tci.simulation import stepping
-
-if TYPE_CHECKING:
-    from tci.simulation.finger import Finger
-    from tci.simulation.servos import Servos
-    from tci.simulation.taxels import Taxels
 
 
 class Physics:
@@ -55,12 +50,12 @@ class Physics:
         self.steps = 0
         self.touch()
 
-    def advance(self, until: int, servos: Servos, finger: Finger, taxels: Taxels) -> None:
-        """Steps until there were `until` of them since the start."""
+    def advance(self, until: int, *others: Any) -> None:
+        """Steps until there were `until` of them since the start. `others` are the arrays of servos, finger
+        and taxels as `stepping.march` takes them."""
         self.steps = stepping.march(
             self.model._address, self.data._address, self.steps, until, self.step, self._moved, self._warm,
-            self._here, self.whole, servos.state, servos.places, servos.asked, finger.state, finger.traced,
-            taxels.arrays,
+            self._here, self.whole, *others,
         )  # fmt: skip
 
     def refresh(self) -> None:

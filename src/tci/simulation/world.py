@@ -139,7 +139,16 @@ class World:
         last = math.ceil(until / self._physics.step - 1e-6)
         while self._physics.steps < last:
             end = min(last, self._taxels.due) if self._taxels.noisy else last
-            self._physics.advance(end, self._servos, self.finger, self._taxels)
+            servos, finger = self._servos, self.finger
+            self._physics.advance(
+                end,
+                servos.state,
+                servos.places,
+                servos.asked,
+                finger.state,
+                finger.traced,
+                self._taxels.arrays,
+            )
             if self._taxels.noisy or self._physics.steps < end:
                 self._taxels.frames()
 

@@ -14,6 +14,7 @@ import pytest
 import tci
 from drivers.links import free_port
 from drivers.yarp.show import Show, until
+from tci.authoring.dense_skin import with_skin_rate
 from tci.body.places import find_place
 from tci.drivers.simulated import SimulatedLink
 from tci.drivers.yarp import names, served_board, server
@@ -30,7 +31,6 @@ from tci.drivers.yarp.skin_events import decode_events
 from tci.drivers.yarp.state import decode_state
 from tci.drivers.yarp.values import Vocab
 from tci.errors import CommandError, LinkError
-from tci.experiments.experiment import with_skin_rate
 from tci.messages import Mode, PlatformCommand, PlatformSwitch
 from tci.runtime.serve import serve
 

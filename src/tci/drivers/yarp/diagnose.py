@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -12,14 +13,12 @@ from tci.drivers.yarp import address as addresses
 from tci.drivers.yarp.address import patch_port
 from tci.drivers.yarp.bindings.module import importable
 from tci.drivers.yarp.board import find_board
+from tci.drivers.yarp.board_driver import BoardLink
+from tci.drivers.yarp.dialect import Dialect
 from tci.drivers.yarp.feed import Feed
 from tci.drivers.yarp.network import Network
 from tci.errors import MissingExtraError, TciError
 from tci.robot.description import Robot
-
-if TYPE_CHECKING:
-    from tci.drivers.yarp.board_driver import BoardLink
-    from tci.drivers.yarp.driver import YarpLink
 
 NEAR = 0.5
 """Limits that differ by no more [deg] count as the same. Ours."""
@@ -74,17 +73,17 @@ def _no_server(error: TciError) -> Finding:
     return Finding(Level.FAULT, "name server", str(error), advice)
 
 
-def examine(link: YarpLink) -> tuple[Finding, ...]:
+def examine(
+    dialect: Dialect, boards: Mapping[str, BoardLink], skin: Mapping[str, Feed[Any]]
+) -> tuple[Finding, ...]:
     """Dialect, joints and limits that differ from the description, lost and wrong messages, clocks."""
-    found = [
-        Finding(Level.OK, "dialect", f"YARP {link.dialect.name}", figures={"dialect": link.dialect.name})
-    ]
-    for part, board in link.boards.items():
+    found = [Finding(Level.OK, "dialect", f"YARP {dialect.name}", figures={"dialect": dialect.name})]
+    for part, board in boards.items():
         found += _examine_board(part, board)
     feeds: dict[str, Feed[Any]] = {
-        part: board.feed for part, board in link.boards.items() if board.feed is not None
+        part: board.feed for part, board in boards.items() if board.feed is not None
     }
-    for name, feed in {**feeds, **link.skin}.items():
+    for name, feed in {**feeds, **skin}.items():
         said = feed.last_error or feed.port.last_error
         level = Level.WARNING if feed.wrong or feed.lost or said else Level.OK
         what = f"{feed.lost} messages lost, {feed.wrong} wrong"

@@ -125,7 +125,7 @@ class YarpLink(Link):
 
     def diagnose(self) -> tuple[Finding, ...]:
         self._check_open()
-        return examine(self)
+        return examine(self.dialect, self.boards, self.skin)
 
     def _receive(self) -> Reading:
         until = time.monotonic() + PATIENCE * self.period

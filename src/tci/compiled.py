@@ -1,4 +1,6 @@
-"""Loops are compiled once and kept on disk, until any source that they are made of changes.
+"""Compiled loops, and the types of the arrays that they take: one signature for all callers.
+
+Loops are compiled once and kept on disk, until any source that they are made of changes.
 
 Numba looks only at the file of the loop itself, and at its date: after an update of a file that the loop
 calls into, it would run the old machine code. So what it compares is the content of all these files here.
@@ -15,7 +17,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from numba import njit
+from numba import float64, njit, types
 
 HERE = Path(__file__).parent
 
@@ -61,15 +63,29 @@ def _jit(loop: Callable[..., Any], **options: bool) -> Any:
 
 def _stamp(own: Path, calls: tuple[ModuleType, ...]) -> str:
     """A hash of all the sources."""
-    files = {
-        own,
-        Path(__file__),
-        HERE / "arrays.py",
-        HERE / "robot" / "limb.py",
-        *HERE.glob("*/kernels/*.py"),
-    }
+    files = {own, Path(__file__), HERE / "robot" / "limb.py", *HERE.glob("*/kernels/*.py")}
     files |= {Path(str(module.__file__)) for module in calls}
     digest = hashlib.sha256()
     for file in sorted(files):
         digest.update(file.read_bytes())
     return digest.hexdigest()
+
+
+def reads(dimensions: int, dtype: Any = float64) -> Any:
+    """An array that the loop only reads; contiguous."""
+    return types.Array(dtype, dimensions, "C", readonly=True)
+
+
+def views(dimensions: int, dtype: Any = float64) -> Any:
+    """A small array that the loop only reads, with any strides."""
+    return types.Array(dtype, dimensions, "A", readonly=True)
+
+
+def writes(dimensions: int, dtype: Any = float64) -> Any:
+    """An array that the loop changes; contiguous."""
+    return types.Array(dtype, dimensions, "C")
+
+
+def returns(*results: Any) -> Any:
+    """What a loop gives back, called with its arguments: the whole signature."""
+    return types.Tuple(results)  # type: ignore[no-untyped-call] # Numba's has no types

@@ -8,10 +8,9 @@ import numpy as np
 from numba import boolean, int64, void
 from numpy.typing import NDArray
 
-from tci.arrays import reads, views, writes
 from tci.capabilities import discounts
 from tci.capabilities.fields import ReceptiveField
-from tci.compiled import compiled, inlined
+from tci.compiled import compiled, inlined, reads, views, writes
 from tci.frames import Array, read_only
 from tci.robot.generic_arm import SEGMENTS
 from tci.robot.limb import generic_limb_point

@@ -6,8 +6,7 @@ import math
 
 from numba import int64
 
-from tci.arrays import reads, returns, writes
-from tci.compiled import compiled, inlined
+from tci.compiled import compiled, inlined, reads, returns, writes
 from tci.frames import Array
 from tci.simulation import kernel
 from tci.simulation.kernel import REACH, ROWS, SHARE, share_into, within

@@ -9,8 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numba import float64, int64
 
-from tci.arrays import reads, views, writes
-from tci.compiled import compiled, inlined
+from tci.compiled import compiled, inlined, reads, views, writes
 from tci.frames import Array
 
 SIGMA = 3e-3

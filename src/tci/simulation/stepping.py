@@ -12,8 +12,7 @@ from typing import Any
 from llvmlite import binding
 from numba import float64, int64, types
 
-from tci.arrays import reads, returns, views, writes
-from tci.compiled import compiled, inlined
+from tci.compiled import compiled, inlined, reads, returns, views, writes
 from tci.engine import mujoco
 from tci.frames import Array
 from tci.simulation import feeling, kernel

@@ -11,8 +11,7 @@ import numpy as np
 from numba import float64, int32, int64, void
 from numpy.typing import NDArray
 
-from tci.arrays import reads, returns, views, writes
-from tci.compiled import compiled, inlined
+from tci.compiled import compiled, inlined, reads, returns, views, writes
 from tci.frames import Array
 from tci.skin.kernels.flat import Indices
 

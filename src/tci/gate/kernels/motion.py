@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from numba import boolean, float64, int64
 
-from tci.arrays import reads, views, writes
-from tci.compiled import compiled
+from tci.compiled import compiled, reads, views, writes
 from tci.frames import Array
 
 FOLLOWS, LATE, OPPOSED, FROZEN, DISAGREES, DEAF = range(6)

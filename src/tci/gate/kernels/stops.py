@@ -6,8 +6,7 @@ import numpy as np
 from numba import boolean, int64, void
 from numpy.typing import NDArray
 
-from tci.arrays import reads, views, writes
-from tci.compiled import compiled
+from tci.compiled import compiled, reads, views, writes
 from tci.frames import Array
 
 

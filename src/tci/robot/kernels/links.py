@@ -6,8 +6,7 @@ import numpy as np
 from numba import int64, void
 from numpy.typing import NDArray
 
-from tci.arrays import reads, writes
-from tci.compiled import compiled, inlined
+from tci.compiled import compiled, inlined, reads, writes
 from tci.frames import Array
 
 BEFORE, SERVO, SLIDES = range(3)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import float64
 
-from tci.arrays import views
-from tci.compiled import compiled, inlined
+from tci.compiled import compiled, inlined, views
 from tci.frames import Array
 from tci.robot.limb import RHO
 

@@ -8,8 +8,7 @@ import numpy as np
 from numba import boolean, float32, float64, int64, uint8
 from numpy.typing import NDArray
 
-from tci.arrays import reads, returns, writes
-from tci.compiled import compiled, inlined
+from tci.compiled import compiled, inlined, reads, returns, writes
 from tci.frames import Array
 
 Single = NDArray[np.float32]

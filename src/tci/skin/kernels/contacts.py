@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import float64, int32, int64
 
-from tci.arrays import reads, writes
-from tci.compiled import compiled, inlined
+from tci.compiled import compiled, inlined, reads, writes
 from tci.frames import Array
 from tci.robot.kernels.limb import Row, limb_pose
 from tci.robot.limb import RHO

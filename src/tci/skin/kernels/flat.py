@@ -8,8 +8,7 @@ import numpy as np
 from numba import int32, int64
 from numpy.typing import NDArray
 
-from tci.arrays import reads, writes
-from tci.compiled import compiled, inlined
+from tci.compiled import compiled, inlined, reads, writes
 from tci.frames import Array, read_only
 from tci.robot.description import GenericPart, Patch, Segment
 from tci.robot.kernels.limb import limb_numbers

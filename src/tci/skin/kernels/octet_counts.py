@@ -14,8 +14,7 @@ import numpy as np
 from numba import float32, int32, int64, uint8, uint16, void
 from numpy.typing import NDArray
 
-from tci.arrays import reads, writes
-from tci.compiled import compiled, inlined
+from tci.compiled import compiled, inlined, reads, writes
 from tci.frames import Array
 from tci.skin.kernels.condition import (
     BEFORE,

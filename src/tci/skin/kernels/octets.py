@@ -10,8 +10,7 @@ import numpy as np
 from numba import boolean, float32, float64, int32, int64, uint8
 from numpy.typing import NDArray
 
-from tci.arrays import reads, writes
-from tci.compiled import compiled, inlined
+from tci.compiled import compiled, inlined, reads, writes
 from tci.frames import Array
 from tci.skin.kernels.condition import HIGHEST, LOWEST, Single, response
 from tci.skin.kernels.octet_counts import (

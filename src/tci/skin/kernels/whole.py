@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import float64, int32, int64, void
 
-from tci.arrays import reads, returns, views, writes
-from tci.compiled import compiled, inlined
+from tci.compiled import compiled, inlined, reads, returns, views, writes
 from tci.frames import Array
 from tci.skin.kernels.contacts import FORCE, THETA, U, cluster, cluster_of, describe
 from tci.skin.kernels.flat import Indices

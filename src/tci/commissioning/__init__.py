@@ -1,1 +1,5 @@
-"""From a new robot to its first touch: the doctor, the first minutes, checks of hardware."""
+"""From a new robot to its first touch.
+
+The doctor says what a machine and a robot lack. The first minutes check directions, limits and skin with
+small motions, one after the other.
+"""

@@ -1,4 +1,5 @@
-"""L2: links to robots, real and simulated. One module per middleware, one extra of the same name.
+"""Ways to a robot (Fig. 2, L2): simulated, replayed, or over a middleware.
 
-`link` holds the base class; every sibling is one way to reach a robot.
+Each is a `Link`, in `driver`: it reads sensors and writes what its gate approved. Servers show a robot to
+other programs; `remote` is the protocol between two TCI processes, `faults` spoils any link on purpose.
 """

@@ -1,1 +1,5 @@
-"""A robot as others want it: Denavit-Hartenberg parameters, trees for KDL, URDF, facts over a wire."""
+"""A robot in the forms that other libraries read.
+
+Denavit-Hartenberg parameters, chains for OROCOS KDL, and URDF are made from its description. `facts` is
+what a served robot answers to a query.
+"""

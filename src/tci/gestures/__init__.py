@@ -1,1 +1,4 @@
-"""Sequences of postures, in generic joints: recorded, read from files, given to any robot."""
+"""Gestures: sequences of postures in generic joints.
+
+They are recorded, or read from CSV and BVH files. The same gesture plays on any robot.
+"""

@@ -1,1 +1,4 @@
-"""Reinforcement learning: a Gymnasium environment, simulated rollouts."""
+"""Simulated robots for learning: a Gymnasium environment and plain rollouts.
+
+Each step is a period of the loop, with the same perception and the same gate as on a robot.
+"""

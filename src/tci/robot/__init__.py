@@ -1,0 +1,6 @@
+"""One robot as data, and its kinematics.
+
+A description (`description/`) is read from XML (`xml/`); those that come with TCI are in `robots/`. Joint
+maps translate between generic joints and the robot's own (eqs. 1-2). Kinematics, gravity and clearances are
+worked out from the description's model.
+"""

@@ -1,1 +1,5 @@
-"""What brings a link and a capability together: the loop, and the registry of links by name."""
+"""The control loop and what guards it.
+
+`loop` reads, perceives, decides and writes once per period. Watchdogs, heartbeat and lease end it safely;
+`serve` runs it for orders that come from other programs.
+"""

@@ -92,7 +92,7 @@ def test_a_row_that_was_not_tried_stays_as_it_is_on_the_page(tool: Any, tmp_path
 
 @pytest.mark.parametrize(
     ("file", "row"),
-    [("attacks", "limits"), ("plant", "plant"), ("gate", "non_finite"), ("explore", "loop"),
+    [("attacks", "limits"), ("plant", "plant"), ("non_finite", "non_finite"), ("explore", "loop"),
      ("bytes_in", "descriptions"), ("bytes_in", "heartbeats"), ("wires", "wires")],
 )  # fmt: skip
 def test_rows_that_need_no_clock_are_sound_at_the_size_of_ci(

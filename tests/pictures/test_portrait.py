@@ -18,6 +18,17 @@ FIELD = FieldLook("forearm", 0.6, 0.0, 0.3, (0.1, 0.9, 0.1), strength=0.9)
 PATCH = "left_forearm"
 
 
+@pytest.fixture(scope="module")
+def shared() -> World:
+    return World(load_robot("nao"))
+
+
+@pytest.fixture
+def nao(shared: World) -> World:
+    shared.reset()
+    return shared
+
+
 def moment(world: World) -> Moment:
     return keep_moment(world, Reading(world.joints(), world.frames()))
 

@@ -49,7 +49,7 @@ class Row:
     peer: Callable[[], str]
     """The genuine program at the other end, and its version."""
     tests: str
-    """Where that is used: files and folders of tests/middleware."""
+    """Where that is used: files and folders of tests/drivers."""
     back: str
     """What happens when a robot's process that died is there again."""
     where: Callable[[], str] = lambda: str(free_port())

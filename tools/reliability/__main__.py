@@ -25,6 +25,7 @@ from explore import loop
 from exposure import exposure
 from kills import yarp_kills
 from mutation import branches, mutation
+from non_finite import non_finite
 from page import write_page
 from plant import plant
 from pool import COMMITS, commit
@@ -35,8 +36,6 @@ from row import Row
 from stream import yarp_skin
 from timing import one_kilohertz
 from wires import wires
-
-from gate import non_finite
 
 ROWS: dict[str, Callable[[bool], Row]] = {
     one.__name__: one

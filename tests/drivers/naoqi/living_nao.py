@@ -22,7 +22,7 @@ class LivingNao:
         """In the state `life` from the start on; with `late` autonomous life is there only after `go_on`."""
         needs_qi()
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "middleware.naoqi.living_nao", life, str(port), *(["late"] * late)],
+            [sys.executable, "-m", "drivers.naoqi.living_nao", life, str(port), *(["late"] * late)],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=TESTS,
         )  # fmt: skip
         self.port = int(self._await("port").split()[1])

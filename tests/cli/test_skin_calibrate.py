@@ -19,6 +19,7 @@ from tci.errors import DescriptionError, TciError
 from tci.messages import JointReading, Reading
 from tci.recording.recorder import Recorder
 from tci.robot.catalogue import load_robot
+from tci.robot.joint_map import initial_position
 from tci.robot.skin_files.calibration import read_calibration
 from tci.robot.xml import read_robot
 from tci.simulation.world import World
@@ -160,7 +161,7 @@ def test_bad_arguments_write_nothing(tmp_path: Path) -> None:
     with pytest.raises(TciError, match="valid: --via replay:FILE"):
         run("nao", "--patch", "left_forearm", *log, *out)
     with Recorder(tmp_path / "no-skin.mcap", load_robot("nao")) as recorder:
-        angles = load_robot("nao").initial_position
+        angles = initial_position(load_robot("nao"))
         recorder.tick(0.0, Reading(JointReading(0.0, 0, angles, np.zeros_like(angles)), ()))
     with pytest.raises(TciError, match="left_forearm: no frame in the recording"):
         run("nao", "--patch", "left_forearm", "--via", f"replay:{tmp_path / 'no-skin.mcap'}", *log, *out)

@@ -1,10 +1,15 @@
-"""Counting what a process holds, for tests of what is left when something has ended."""
+"""What a process holds, for tests of what is left when a link has ended."""
 
 from __future__ import annotations
 
+import gc
 import os
 import threading
+import time
+from collections.abc import Callable
 from contextlib import suppress
+
+from tci.drivers.driver import Link
 
 
 def held() -> set[object]:
@@ -16,3 +21,19 @@ def held() -> set[object]:
             name = os.readlink(f"/proc/self/fd/{number}")
             found.add(name if name.startswith(("socket:", "pipe:")) else (number, name))
     return found
+
+
+def left_behind(
+    make: Callable[[], Link], use: Callable[[Link], object], *, patience: float = 30.0
+) -> set[object]:
+    """Everything that came to this process with a link and is still there `patience` [s] after its end."""
+    before = held()
+    link = make()
+    use(link)
+    opened = held() - before
+    link.close()
+    end = time.monotonic() + patience
+    while (left := opened & held()) and time.monotonic() < end:
+        gc.collect()  # each topic of rospy has an epoll descriptor, in a circle of objects
+        time.sleep(0.05)
+    return left

@@ -95,10 +95,10 @@ def test_joint_data_that_keeps_a_torque_up_does_not_outlive_the_run(
     home = read_only(link.world.joints().position.copy())
 
     def restless() -> Reading:
-        joints = replace(receive().joints, position=home)
-        speed = 0.5 * np.sin(500.0 * joints.stamp)
-        joints = replace(joints, velocity=read_only(np.full(len(ROBOT.servos), speed)))
-        return Reading(joints, ())
+        joints = receive().joints
+        angle, speed = -0.0125 * np.cos(40.0 * joints.stamp), 0.5 * np.sin(40.0 * joints.stamp)
+        velocity = read_only(np.full(len(ROBOT.servos), speed))
+        return Reading(replace(joints, position=read_only(home + angle), velocity=velocity), ())
 
     monkeypatch.setattr(link, "_receive", restless)
     run(link, Push(), duration=0.2)

@@ -89,7 +89,7 @@ def test_28_reading_that_fails_where_writing_works_ends_with_no_torque(
 def test_joint_data_that_keeps_a_torque_up_does_not_outlive_the_run(
     link: SimulatedLink, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A joint that never seems to come to rest is braked nearly as long as the loop waits for it."""
+    """A joint that swings on is braked, and let go before the loop ends."""
     sent, receive = Sent(link, monkeypatch), link._receive
 
     home = read_only(link.world.joints().position.copy())
@@ -102,7 +102,7 @@ def test_joint_data_that_keeps_a_torque_up_does_not_outlive_the_run(
 
     monkeypatch.setattr(link, "_receive", restless)
     run(link, Push(), duration=0.2)
-    ended = 0.2 + REST
-    assert np.abs(sent.since(ended - 0.2)).max() > 1.0, "it is braked"
+    assert np.abs(sent.since(0.2)).max() > 10.0, "it is braked"
+    assert len(sent.since(0.2)) <= REST / link.period
     assert sent[-1][1] == 0.0
     assert link.gate.state is not GateState.STOP

@@ -1,9 +1,9 @@
 """The gate: the last step before the wire. No command passes that a limit forbids.
 
-Order of checks: usable joint data; whether the robot does what it is told (`watch`); for each command
+Order of checks: usable joint data; whether the robot does what it is told (`joint_monitor`); for each command
 its shape, finite values, known limits and the servo's mode (`acceptance`, `motion`); position and couplings,
-clamped and reported (`bounds`); over time velocity, acceleration and jerk (`limiter`) or torque (`torque`);
-and the robot's own body (`self_collision`).
+clamped and reported (`bounds`); over time velocity, acceleration and jerk (`trajectory`) or torque
+(`torque`); and the robot's own body (`self_collision`).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """No command leaves that would make the robot hit itself: the arms, the body, the head, the other arm.
 
 Mostly nothing is measured: compiled bounds from below tell which pairs of links keep their distance, and
-MuJoCo measures the others (`kernels.apart`).
+MuJoCo measures the others (`kernels.clearance_bounds`).
 """
 
 from __future__ import annotations

@@ -55,6 +55,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker(pytest.mark.live)
         if {"skin_data", "genuine_data"} & {*getattr(item, "fixturenames", ())}:
             item.add_marker(pytest.mark.data)
+    # The browser's tests are the longest group: one process would be at them when the other has ended.
+    items.sort(key=lambda item: "viewer" not in item.path.parts)
     if config.getoption("--data") is None:
         items[:] = [item for item in items if "genuine_data" not in getattr(item, "fixturenames", ())]
 

@@ -36,7 +36,7 @@ quick: dev-env  ## lint, types and the tests of what changed since main, within 
 	@$(VENV)/python tools/quick.py
 
 test-real: dev-env  ## tests on genuine skin files and recordings (DATA=FOLDER, not part of this repository)
-	@$(VENV)/python -m pytest -q -m data --data "$(DATA)"
+	@$(VENV)/python -m pytest -q -n logical --maxprocesses 8 --dist loadgroup -m data --data="$(DATA)"
 
 lint: dev-env  ## ruff and strict types
 	@$(VENV)/ruff check .

@@ -1,4 +1,4 @@
-"""What a process holds, for tests of what is left when a link has ended."""
+"""Threads and descriptors of this process, for tests of what is left when a link has ended."""
 
 from __future__ import annotations
 

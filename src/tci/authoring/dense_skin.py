@@ -69,7 +69,7 @@ def _towards(axis: Array) -> tuple[float, float, float]:
 
 
 def with_skin_rate(robot: Robot, rate: float) -> Robot:
-    """The same robot with skin frames at `rate` [Hz]. Raises CommandError."""
+    """Returns the robot with skin frames at `rate` [Hz]. Raises CommandError."""
     if not 1.0 <= rate <= 1000.0:
         raise CommandError(f"skin rate {rate:g} Hz; valid: 1 to 1000")
     patches = tuple(patch.model_copy(update={"rate": rate}) for patch in robot.patches)

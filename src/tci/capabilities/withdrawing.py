@@ -84,7 +84,7 @@ class Withdrawal(Generic[F]):
 
 
 class Refusal(NamedTuple):
-    """Why a touched part stays. A touch that lasts is not judged anew in each period."""
+    """The reason why a touched part stays. A touch that lasts is not judged anew in each period."""
 
     reason: str
     contacts: Sequence[Contact]
@@ -93,7 +93,7 @@ class Refusal(NamedTuple):
     """When that was [s]."""
 
     def stands(self, perception: Perception) -> bool:
-        """Whether it need not be judged anew: the skin has told nothing new, and it is recent."""
+        """Tells if it need not be judged anew: the skin has told nothing new, and it is recent."""
         return perception.contacts is self.contacts and perception.stamp - self.stamp < ANEW
 
 

@@ -91,7 +91,7 @@ class FieldLook:
 
 
 def field_looks(fields: Sequence[ReceptiveField]) -> list[FieldLook]:
-    """How receptive fields look in pictures."""
+    """Returns the looks of receptive fields in pictures."""
     return [
         FieldLook(
             field.segment, field.u, field.theta, field.radius, FIELD_COLOURS[index % len(FIELD_COLOURS)]

@@ -15,7 +15,7 @@ from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from mcap.writer import Writer
 
@@ -41,6 +41,8 @@ from tci.recording.schemas import (
 from tci.recording.topics import Topics
 from tci.robot.description import Robot
 
+OF_THIS_MACHINE: Any = {"source": True, "model": {"path"}, "patches": {"__all__": {"surface": {"file"}}}}
+"""Paths in a description: a recording that is given away tells nobody where its maker keeps files."""
 PACKAGES = ("tci", "numpy", "mujoco", "ruckig", "numba", "mcap")
 """Whose versions a recording names, beside Python's."""
 
@@ -227,7 +229,7 @@ def _metadata(
     found = {
         "robot": robot.name if robot else "",
         "description_sha256": robot.digest if robot else "",
-        "description": robot.model_dump_json(exclude={"source": True, "model": {"path"}}) if robot else "",
+        "description": robot.model_dump_json(exclude=OF_THIS_MACHINE) if robot else "",
         "middleware": middleware,
         "period_s": repr(period),
         "begun": time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),

@@ -2,6 +2,6 @@
 
 import tci
 
-with tci.connect("nao", "sim") as link:
-    link.world.finger.poke("left_forearm", 150)
-    print(tci.run(link, tci.WithdrawalReflex(), duration=1.0))
+with tci.connect("nao", "sim") as driver:
+    driver.world.finger.poke("left_forearm", 150)
+    print(tci.run(driver, tci.WithdrawalReflex(), duration=1.0))

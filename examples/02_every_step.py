@@ -4,14 +4,14 @@ import tci
 
 robot = tci.load_robot("nao")
 reflex = tci.WithdrawalReflex()
-with tci.connect(robot, "sim") as link:
-    link.world.finger.poke("left_forearm", 100, speed=0.2, depth=0.008)
+with tci.connect(robot, "sim") as driver:
+    driver.world.finger.poke("left_forearm", 100, speed=0.2, depth=0.008)
     body, memory = tci.Body(robot), reflex.init()
-    for now in link.ticks(duration=1.0):
-        reading = link.read()
+    for now in driver.ticks(duration=1.0):
+        reading = driver.read()
         seen = body.perceive(reading, now)
         commands, memory = reflex.step(memory, seen)
         platform = body.to_platform(commands, reading.joints)
-        sent = link.write(link.gate.step(platform, reading.joints, now))
+        sent = driver.write(driver.gate.step(platform, reading.joints, now))
         for command in commands:
             print(f"{now:.3f} s: {command.part} withdraws")

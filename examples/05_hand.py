@@ -11,11 +11,11 @@ TARGET = np.array([0.55, 0.10, -0.55])  # forward, left, up, in the arm's mount 
 
 robot = tci.load_robot("nao")
 body = Body(robot)
-with tci.connect(robot, "sim") as link:
-    for now in link.ticks(duration=1.5):
-        joints = link.read().joints
+with tci.connect(robot, "sim") as driver:
+    for now in driver.ticks(duration=1.5):
+        joints = driver.read().joints
         wanted = [CartesianCommand("left_arm", TARGET)] if now == 0.0 else []
-        link.write(link.gate.step(body.to_platform(wanted, joints), joints, now))
+        driver.write(driver.gate.step(body.to_platform(wanted, joints), joints, now))
     reach = reach_of(robot, "left_arm", "hand")
-    missed = np.linalg.norm(reach.place(link.read().joints.position) - TARGET) * reach.length
+    missed = np.linalg.norm(reach.place(driver.read().joints.position) - TARGET) * reach.length
     print(f"{robot.name}: {1e3 * missed:.2f} mm from its target")

@@ -36,15 +36,15 @@ class Shrug(tci.Capability[dict[str, tuple[np.ndarray, float]]]):
 if __name__ == "__main__":
     for name in ("nao", "icub"):
         robot = tci.load_robot(name)
-        with tci.connect(robot, "sim") as link:
+        with tci.connect(robot, "sim") as driver:
             rolls = []
 
-            def watch(tick, world=link.world, rolls=rolls):
+            def watch(tick, world=driver.world, rolls=rolls):
                 rolls.append(tick.perception.posture["left_arm"][1])
                 if tick.now > 0.08:
                     world.finger.retire()
 
-            link.world.finger.poke("left_forearm", 100)
-            tci.run(link, Shrug(), duration=2.0, observe=watch)
+            driver.world.finger.poke("left_forearm", 100)
+            tci.run(driver, Shrug(), duration=2.0, observe=watch)
             start, highest, end = np.rad2deg([rolls[0], max(rolls), rolls[-1]])
             print(f"{name}: shoulder roll {start:.0f}, then {highest:.0f}, then {end:.0f} degrees")

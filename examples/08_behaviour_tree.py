@@ -40,6 +40,6 @@ def tell(tick: tci.Tick) -> None:
             print(f"{tick.now:.3f} s: {last}")
 
 
-with tci.connect(tci.load_robot("nao"), "sim") as link:
-    link.world.finger.poke("left_forearm", 150, speed=0.25, depth=0.01, gap=0.1)
-    tci.run(link, BehaviourTree(tree), duration=3.0, observe=tell)
+with tci.connect(tci.load_robot("nao"), "sim") as driver:
+    driver.world.finger.poke("left_forearm", 150, speed=0.25, depth=0.01, gap=0.1)
+    tci.run(driver, BehaviourTree(tree), duration=3.0, observe=tell)

@@ -14,22 +14,22 @@ def at_rest(sent: tci.SafeCommand) -> bool:
     return bool(np.abs(sent.velocity).max(initial=0.0) < 1e-3)
 
 
-# The gate plans from one of its steps to the next, so tell the link how often you call it.
+# The gate plans from one of its steps to the next, so tell the driver how often you call it.
 for rate in (50.0, 100.0, 1000.0):
-    with tci.connect(robot, "sim", rate=rate) as link:
-        for now in link.ticks(duration=2.0):
+    with tci.connect(robot, "sim", rate=rate) as driver:
+        for now in driver.ticks(duration=2.0):
             orders = [order] if now == 0.0 else []
-            sent = link.write(link.gate.step(orders, link.read().joints, now))
+            sent = driver.write(driver.gate.step(orders, driver.read().joints, now))
             if now > 0.05 and at_rest(sent):
                 break
         print(f"loop at {rate:.0f} Hz: 30 degrees in {now:.2f} s")
 
-# Over a link with a rate of its own: decide at yours, and let the gate step at the link's.
-with tci.connect(robot, "sim") as link:
-    often = round(0.02 / link.period)
-    for tick, now in enumerate(link.ticks(duration=2.0)):
+# Over a driver with a rate of its own: decide at yours, and let the gate step at the driver's.
+with tci.connect(robot, "sim") as driver:
+    often = round(0.02 / driver.period)
+    for tick, now in enumerate(driver.ticks(duration=2.0)):
         orders = [order] if tick % often == 0 else []  # 50 times per second
-        sent = link.write(link.gate.step(orders, link.read().joints, now))
+        sent = driver.write(driver.gate.step(orders, driver.read().joints, now))
         if now > 0.05 and at_rest(sent):
             break
-    print(f"decisions at 50 Hz, steps at {1.0 / link.period:.0f} Hz: 30 degrees in {now:.2f} s")
+    print(f"decisions at 50 Hz, steps at {1.0 / driver.period:.0f} Hz: 30 degrees in {now:.2f} s")

@@ -14,10 +14,10 @@ from tci.recording.recording import Recording
 
 path = Path(sys.argv[1]) if sys.argv[1:] else Path(mkdtemp()) / "touch.mcap"
 if not sys.argv[1:]:
-    with tci.connect(tci.load_robot("nao"), "sim") as link, Recorder(path, link.robot) as recorder:
-        link.world.finger.poke("left_forearm", 100, speed=0.2, depth=0.008)
+    with tci.connect(tci.load_robot("nao"), "sim") as driver, Recorder(path, driver.robot) as recorder:
+        driver.world.finger.poke("left_forearm", 100, speed=0.2, depth=0.008)
         tci.run(
-            link,
+            driver,
             tci.WithdrawalReflex(),
             duration=0.5,
             observe=lambda tick: recorder.tick(tick.now, tick.reading, tick.commands, tick.sent),

@@ -18,7 +18,7 @@ from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.capabilities.capability import Capability
 from tci.capabilities.soft_reaction import SoftReaction
 from tci.capabilities.withdrawal import WithdrawalReflex
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.simulated import SimulatedDriver
 from tci.frames import Array
 from tci.messages import Mode
 from tci.robot.description import GenericPart, Patch, Robot
@@ -58,15 +58,15 @@ def press(
     surface = world.surfaces[patch]
     place = surface.positions[taxel], surface.normals[taxel]
     world.finger.poke(patch, *place, speed=0.25, depth=depth, gap=0.002)
-    link, body, memory = SimulatedLink(world.robot, world=world), Body(world.robot), capability.init()
+    driver, body, memory = SimulatedDriver(world.robot, world=world), Body(world.robot), capability.init()
     first, before, rise, notes = None, 0.0, 0.0, dict[str, None]()
-    with link:
-        for now in link.ticks(duration=RESTS + 0.1 + watch):
+    with driver:
+        for now in driver.ticks(duration=RESTS + 0.1 + watch):
             if first is not None:
                 if now > first + watch:
                     break
                 rise = max(rise, world.finger.force - before)
-            reading = link.read()
+            reading = driver.read()
             seen = body.perceive(reading, now)
             orders: Sequence[Any] = ()
             if now >= RESTS:
@@ -76,7 +76,7 @@ def press(
                 notes |= dict.fromkeys(capability.notes(memory))
                 if first is None and any(_moves(order) for order in more):
                     first, before = now, world.finger.force
-            link.write(link.gate.step(body.to_platform(orders, reading.joints), reading.joints, now))
+            driver.write(driver.gate.step(body.to_platform(orders, reading.joints), reading.joints, now))
     return Touched(first is not None, tuple(notes), rise)
 
 

@@ -43,10 +43,10 @@ def test_pictures_of_a_page_exist_and_have_words(page: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md"])
-def test_links_of_the_first_pages_lead_somewhere(name: str) -> None:
-    links = set(re.findall(r"\]\((?!https?:)([^)#]+)", (DOCS.parent / name).read_text()))
-    assert [link for link in sorted(links) if not (DOCS.parent / link).exists()] == []
-    assert name != "README.md" or "CONTRIBUTING.md" in links
+def test_drivers_of_the_first_pages_lead_somewhere(name: str) -> None:
+    drivers = set(re.findall(r"\]\((?!https?:)([^)#]+)", (DOCS.parent / name).read_text()))
+    assert [driver for driver in sorted(drivers) if not (DOCS.parent / driver).exists()] == []
+    assert name != "README.md" or "CONTRIBUTING.md" in drivers
 
 
 def test_every_page_can_be_found() -> None:
@@ -56,7 +56,7 @@ def test_every_page_can_be_found() -> None:
 
 NAME = re.compile(r"`(tci(?:\.[A-Za-z_][A-Za-z_0-9]*)+)(?:\([^`]*\))?`")
 
-GROUPS = {"tci.robots", "tci.links", "tci.servers", "tci.capabilities"}
+GROUPS = {"tci.robots", "tci.drivers", "tci.servers", "tci.capabilities"}
 """Of entry points: names of another kind."""
 
 

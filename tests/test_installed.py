@@ -75,9 +75,9 @@ def test_advice_is_of_the_distribution_that_lacks_something(acme: PathDistributi
 def test_a_missing_module_names_itself_and_the_way_to_get_it(acme: PathDistribution) -> None:
     with (
         pytest.raises(
-            MissingExtraError, match=r"^the link 'acme' needs no_such_wire, .*'acme-robot\[acme\]'$"
+            MissingExtraError, match=r"^the driver 'acme' needs no_such_wire, .*'acme-robot\[acme\]'$"
         ),
-        needs("the link 'acme'", "acme", of=acme),
+        needs("the driver 'acme'", "acme", of=acme),
     ):
         import no_such_wire  # noqa: F401
 

@@ -59,8 +59,8 @@ def fetch_pip() -> None:
     print("this Python has no ensurepip: fetching pip from PyPI", flush=True)
     try:
         page = read(PIP_INDEX).decode()
-        link = re.search(rf'href="([^"#]*{re.escape(PIP_WHEEL)})', page)
-        wheel = read(urllib.parse.urljoin(PIP_INDEX, link[1])) if link else b""
+        driver = re.search(rf'href="([^"#]*{re.escape(PIP_WHEEL)})', page)
+        wheel = read(urllib.parse.urljoin(PIP_INDEX, driver[1])) if driver else b""
     except OSError as error:
         sys.exit(f"can't fetch pip ({error}); on Debian: apt-get install python3-venv ca-certificates")
     if hashlib.sha256(wheel).hexdigest() != PIP_SHA256:

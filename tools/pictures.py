@@ -58,16 +58,16 @@ def foot(_: Path) -> None:
 def shrug(folder: Path) -> None:
     """The example of an own capability, filmed."""
     shrugging = runpy.run_path(str(ROOT / "examples" / "07_own_capability.py"))["Shrug"]()
-    with tci.connect(tci.load_robot("nao"), "sim") as link:
-        link.world.finger.poke("left_forearm", 100)
-        film = Film(link.world, folder / "shrug.gif", fields=(), part="left_arm")
+    with tci.connect(tci.load_robot("nao"), "sim") as driver:
+        driver.world.finger.poke("left_forearm", 100)
+        film = Film(driver.world, folder / "shrug.gif", fields=(), part="left_arm")
 
         def watch(tick: tci.Tick) -> None:
             film.see(tick)
             if tick.now > 0.08:
-                link.world.finger.retire()
+                driver.world.finger.retire()
 
-        tci.run(link, shrugging, duration=1.0, observe=watch)
+        tci.run(driver, shrugging, duration=1.0, observe=watch)
         film.save()
     shutil.copy(folder / "shrug.gif", IMAGES / "shrug.gif")
 

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from tci.clock import ManualClock as ManualClock
     from tci.clock import MonotonicClock as MonotonicClock
     from tci.clock import ticks as ticks
-    from tci.drivers.driver import Link as Link
+    from tci.drivers.driver import Driver as Driver
     from tci.drivers.registry import connect as connect
-    from tci.drivers.registry import link_names as link_names
+    from tci.drivers.registry import driver_names as driver_names
     from tci.errors import TciError as TciError
     from tci.gate.gate import Gate as Gate
     from tci.gate.gate import SafeCommand as SafeCommand
@@ -71,13 +71,13 @@ _NAMES = {
         "SkinFrame",
         "SwitchMode",
     ),
-    "tci.drivers.driver": ("Link",),
+    "tci.drivers.driver": ("Driver",),
     "tci.robot.catalogue": ("load_robot", "robot_names"),
     "tci.robot.description": ("Robot",),
     "tci.robot.joint_map": ("generic_posture", "initial_position"),
     "tci.runtime.loop": ("Tick", "run"),
     "tci.runtime.reasons": ("Notice",),
-    "tci.drivers.registry": ("connect", "link_names"),
+    "tci.drivers.registry": ("connect", "driver_names"),
     "tci.runtime.result": ("RunResult",),
     "tci.learning.simulate": ("simulate",),
 }

@@ -66,8 +66,8 @@ class FrameError(TciError):
     """A frame of a skin or of the joints does not fit the robot. It was not used."""
 
 
-class LinkError(TciError):
-    """A link can't be opened, is closed, or was given something that no gate made."""
+class DriverError(TciError):
+    """A driver can't be opened, is closed, or was given something that no gate made."""
 
 
 class WireError(TciError):

@@ -61,7 +61,7 @@ class JointReading:
     """The robot's joints at one instant, in the order of `Robot.servos`."""
 
     stamp: float
-    """When it was measured [s], on the link's clock."""
+    """When it was measured [s], on the driver's clock."""
     sequence: int
     """Counts up by one with each new reading of the robot."""
     position: Array
@@ -83,7 +83,7 @@ class SkinFrame:
     patch: str
     """Name of the patch in the robot's description."""
     stamp: float
-    """When it was measured [s], on the link's clock."""
+    """When it was measured [s], on the driver's clock."""
     sequence: int
     """Counts up by one with each new frame of the patch."""
     values: NDArray[np.generic]
@@ -176,7 +176,7 @@ class Contact:
     identity: int = 0
     """The same number from the frame in which the contact began to its end; no other contact has it."""
     began: float = 0.0
-    """When it began [s], on the link's clock: its own stamp in its first frame."""
+    """When it began [s], on the driver's clock: its own stamp in its first frame."""
     moved: float = 0.0
     """How far [m] its centre is from where it began, in the patch's link."""
 

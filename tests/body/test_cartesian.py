@@ -10,7 +10,7 @@ import pytest
 
 from tci.body.cartesian import Reach, reach_of
 from tci.body.generic_body import Body, order_to_platform
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError, UnknownNameError
 from tci.experiments.same_stimulus import initial_joints
 from tci.frames import Array, apply, invert, transform
@@ -120,7 +120,7 @@ def test_the_same_place_is_reached_on_both_robots(side: str) -> None:
 @pytest.mark.parametrize("name", ["nao", "icub"])
 def test_a_hand_goes_there_in_simulation(name: str) -> None:
     world = World(ROBOTS[name], skin=False)
-    link, body = SimulatedLink(world.robot, world=world), BODIES[name]
+    link, body = SimulatedDriver(world.robot, world=world), BODIES[name]
     target = np.array([0.55, 0.10, -0.55])
     command = CartesianCommand("left_arm", target)
     for now in link.ticks(duration=1.5):

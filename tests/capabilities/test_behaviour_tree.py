@@ -14,7 +14,7 @@ from py_trees.composites import Parallel, Selector, Sequence
 import tci
 from tci.capabilities.behaviour_tree import BehaviourTree, Reflex, Task
 from tci.capabilities.capability import Capability
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.simulated import SimulatedDriver
 from tci.errors import TciError
 from tci.frames import Array
 from tci.messages import GenericCommand, Mode, Order, Perception, SwitchMode
@@ -141,7 +141,7 @@ def test_on_a_robot_the_withdrawal_reflex_interrupts_and_the_same_run_gives_the_
 
     def once() -> tuple[list[str], list[bytes], Array]:
         states, told = [], []
-        with SimulatedLink(tci.load_robot("nao"), seed=4) as link:
+        with SimulatedDriver(tci.load_robot("nao"), seed=4) as link:
             link.world.finger.poke("left_forearm", 150, speed=0.25, depth=0.01, gap=0.05)
 
             def watch(tick: Tick) -> None:

@@ -11,7 +11,7 @@ from tci.body.places import find_place
 from tci.capabilities.capability import Capability
 from tci.capabilities.contact_stop import ContactStop
 from tci.capabilities.fields import default_fields
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.simulated import SimulatedDriver
 from tci.errors import TciError
 from tci.frames import read_only
 from tci.messages import CartesianCommand, Command, GenericCommand, Mode, Perception, SwitchMode
@@ -122,7 +122,7 @@ def test_a_hand_on_its_way_stops_and_goes_on(always: bool) -> None:
 def peak_force(name: str, *, stops: bool) -> float:
     """Bends an elbow towards a finger that stands in its way; the largest force [N]."""
     world = World(load_robot(name))
-    link = SimulatedLink(world.robot, world=world)
+    link = SimulatedDriver(world.robot, world=world)
     field = next(field for field in default_fields() if field.name == "forearm_flexor")
     place = find_place(Skin(world.robot), "left_arm", field.segment, field.u, field.theta, link.read().joints)
     world.finger.poke(place.patch, place.p_L, place.n_L, speed=1e-4, depth=0.0, gap=0.004)

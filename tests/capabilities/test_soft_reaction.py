@@ -13,7 +13,7 @@ from tci.body.posture import to_platform
 from tci.capabilities.fields import default_fields
 from tci.capabilities.soft_reaction import SoftReaction
 from tci.capabilities.withdrawal import WithdrawalReflex
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError, TciError
 from tci.experiments.poke import Stimulus, Trace, poke
 from tci.frames import Array, apply, read_only
@@ -73,7 +73,7 @@ def test_the_jacobian_of_a_contact_is_the_kinematics_own(name: str, side: str) -
     world = World(load_robot(name))
     robot, part = world.robot, f"{side}_arm"
     body, contacts = Body(robot), []
-    link = SimulatedLink(robot, world=world)
+    link = SimulatedDriver(robot, world=world)
 
     def note(tick: Tick) -> None:
         contacts.extend((contact, tick) for contact in tick.perception.contacts)
@@ -117,7 +117,7 @@ def test_a_pushed_arm_goes_along_and_is_pressed_less(name: str, mode: Mode) -> N
 
 def test_a_robot_without_torque_says_so_before_anything_moves() -> None:
     world = World(load_robot("nao"))
-    link = SimulatedLink(world.robot, world=world)
+    link = SimulatedDriver(world.robot, world=world)
     before = link.read().joints.position
     with pytest.raises(CommandError, match=r"SoftReaction can't begin: nao: .* has no torque mode; valid"):
         run(link, SoftReaction(mode=Mode.TORQUE), duration=0.1)

@@ -15,7 +15,7 @@ from drivers.served import Served, needs_qi
 def test_this_machine() -> None:
     told = json.loads(tci("doctor", "--json"))
     assert told["healthy"]
-    assert {"machine", "clock", "link sim"} <= {finding["subject"] for finding in told["findings"]}
+    assert {"machine", "clock", "driver sim"} <= {finding["subject"] for finding in told["findings"]}
 
 
 def test_a_robot_its_streams_and_a_table() -> None:

@@ -14,22 +14,22 @@ import pytest
 from typer.testing import CliRunner
 
 from tci.cli.main import app, main
-from tci.drivers.simulated import SimulatedLink
-from tci.errors import CommandError, LinkError
+from tci.drivers.simulated import SimulatedDriver
+from tci.errors import CommandError, DriverError
 from tci.gestures.files import read_csv
 from tci.messages import Reading
 from tci.robot.description import Robot
 from tci.simulation.world import World
 
 
-class Breaking(SimulatedLink):
+class Breaking(SimulatedDriver):
     """A robot that knows no angle for a while, and is away from `END` [s] on."""
 
     END = 0.5
 
     def read(self) -> Reading:
         if self.clock.now() >= self.END:
-            raise LinkError("the robot is away")
+            raise DriverError("the robot is away")
         reading = super().read()
         if not 0.1 < self.clock.now() < 0.15:
             return reading
@@ -49,7 +49,7 @@ def breaking(monkeypatch: pytest.MonkeyPatch) -> type[Breaking]:
 def test_what_was_shown_before_the_robot_went_away_is_kept(breaking: type[Breaking], tmp_path: Path) -> None:
     file = tmp_path / "wave.csv"
     result = CliRunner().invoke(app, ["gesture", "record", str(file), "nao"])
-    assert isinstance(result.exception, LinkError)
+    assert isinstance(result.exception, DriverError)
     gesture, _ = read_csv(file)
     assert breaking.END - 0.05 < gesture.duration < breaking.END
     assert f"holds the {len(gesture.times)} postures" in result.stderr
@@ -61,10 +61,10 @@ def test_sigterm_ends_it_as_ctrl_c_does(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    def read(link: Breaking) -> Reading:
-        if link.clock.now() >= 0.3:
+    def read(driver: Breaking) -> Reading:
+        if driver.clock.now() >= 0.3:
             os.kill(os.getpid(), signal.SIGTERM)
-        return super(Breaking, link).read()
+        return super(Breaking, driver).read()
 
     monkeypatch.setattr(breaking, "read", read)
     file = tmp_path / "wave.csv"
@@ -84,7 +84,7 @@ def test_a_robot_that_shows_nothing_leaves_no_file(
 ) -> None:
     monkeypatch.setattr(breaking, "END", 0.0)
     result = CliRunner().invoke(app, ["gesture", "record", str(tmp_path / "wave.csv"), "nao"])
-    assert isinstance(result.exception, LinkError)
+    assert isinstance(result.exception, DriverError)
     assert not list(tmp_path.iterdir())
 
 

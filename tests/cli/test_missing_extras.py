@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from tci.cli.demo import demo
-from tci.drivers.registry import link_names
+from tci.drivers.registry import driver_names
 from tci.errors import TciError
 from tci.installed import advice
 from tci.robot.generic_arm import JOINTS
@@ -116,13 +116,13 @@ def test_it_ends_with_what_to_install(words: str, said: dict[str, tuple[object, 
     assert "building the worlds" not in text
 
 
-def test_the_doctor_tells_every_link_that_lacks_its_library(said: dict[str, tuple[object, str]]) -> None:
+def test_the_doctor_tells_every_driver_that_lacks_its_library(said: dict[str, tuple[object, str]]) -> None:
     found = {each["subject"]: each for each in json.loads(said[DOCTOR][1])["findings"]}
-    lacking = {name for name in link_names() if found[f"link {name}"]["level"] != "ok"}
+    lacking = {name for name in driver_names() if found[f"driver {name}"]["level"] != "ok"}
     assert lacking == {"naoqi", "ros1", "ros2", "rosbridge", "zenoh"}
     for name in lacking:
-        assert found[f"link {name}"]["level"] == "note"
-        assert VIAS[name] in found[f"link {name}"]["advice"]
+        assert found[f"driver {name}"]["level"] == "note"
+        assert VIAS[name] in found[f"driver {name}"]["advice"]
 
 
 @pytest.mark.parametrize(

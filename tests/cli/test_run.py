@@ -15,10 +15,10 @@ import tci
 from cli.test_cli import tci as told_by
 from tci.body.generic_body import Body
 from tci.cli.run import load_capability, run_capability
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.drivers.faults.fault_list import FAULTS
 from tci.drivers.faults.injectors import INJECTORS
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.simulated import SimulatedDriver
 from tci.errors import UnknownNameError
 from tci.messages import Spot
 
@@ -242,10 +242,10 @@ def test_the_list_of_faults() -> None:
 def test_why_a_touched_leg_stays_is_told_once(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def poke_the_shin(link: Link) -> None:
-        assert isinstance(link, SimulatedLink)
-        place = Body(link.robot).spots.place("left_leg", Spot("shank", (1.0, 0.0, 0.0)))
-        link.world.finger.poke(place.patch, place.p_L, place.n_L)
+    def poke_the_shin(driver: Driver) -> None:
+        assert isinstance(driver, SimulatedDriver)
+        place = Body(driver.robot).spots.place("left_leg", Spot("shank", (1.0, 0.0, 0.0)))
+        driver.world.finger.poke(place.patch, place.p_L, place.n_L)
 
     monkeypatch.setattr("tci.cli.run.poke_forearm", poke_the_shin)
     run_capability("body-withdrawal", "nao-whole", duration=0.4, poke=True, as_json=True)

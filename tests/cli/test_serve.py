@@ -10,8 +10,8 @@ import pytest
 import tci
 from runtime.test_serve import Desk, turn_head
 from tci.cli import serve as command
-from tci.drivers.faults.fault_injector import FaultyLink, parse_fault
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.faults.fault_injector import FaultInjector, parse_fault
+from tci.drivers.simulated import SimulatedDriver
 from tci.runtime.reasons import MOST
 
 AWAY = 400
@@ -20,12 +20,12 @@ AWAY = 400
 
 def served(monkeypatch: pytest.MonkeyPatch, orders: Iterable[tci.GenericCommand], *, as_json: bool) -> None:
     """Serve a robot whose joints fall silent; an order arrives in each period."""
-    link = FaultyLink(
-        SimulatedLink(tci.load_robot("nao")), [parse_fault(f"dropped-frames@0.1:{AWAY * 0.002}")]
+    driver = FaultInjector(
+        SimulatedDriver(tci.load_robot("nao")), [parse_fault(f"dropped-frames@0.1:{AWAY * 0.002}")]
     )
     plan = dict(enumerate([one] for one in orders))
-    monkeypatch.setattr(command, "connect", lambda *_, **__: link)
-    monkeypatch.setattr(command, "open_server", lambda link, via: Desk(link, plan))
+    monkeypatch.setattr(command, "connect", lambda *_, **__: driver)
+    monkeypatch.setattr(command, "open_server", lambda driver, via: Desk(driver, plan))
     command.serve("nao", via="desk", source="sim", arm=True, duration=0.2 + AWAY * 0.002, as_json=as_json)
 
 

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 import tci.robot
 from tci.cli.main import app
 from tci.cli.record import recorder_for
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.simulated import SimulatedDriver
 from tci.errors import DescriptionError, TciError
 from tci.messages import JointReading, Reading
 from tci.recording.recorder import Recorder
@@ -45,12 +45,12 @@ def description(tmp_path: Path) -> Path:
 def recorded(description: Path, tmp_path: Path) -> tuple[Path, Path]:
     """A true NAO pressed while a force sensor listens: a recording, and the sensor's log."""
     world = World(load_robot("nao"))  # feels with the true response
-    link = SimulatedLink(read_robot(description), world=world)
+    driver = SimulatedDriver(read_robot(description), world=world)
     log = ["time,force"]
-    with link, recorder_for(tmp_path / "loads.mcap", link, "sim", {}) as recorder:
+    with driver, recorder_for(tmp_path / "loads.mcap", driver, "sim", {}) as recorder:
         poked = -1
-        for now in link.ticks(duration=7.0):
-            reading = link.read()
+        for now in driver.ticks(duration=7.0):
+            reading = driver.read()
             recorder.tick(now, reading)
             log.append(f"{now},{world.contact_truth('left_forearm').force}")
             turn = int(now) - 1

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tci.commissioning.expected_motion import ExpectedMotion
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.simulated import SimulatedDriver
 from tci.errors import TciError
 from tci.frames import read_only
 from tci.gate.gate import SafeCommand
@@ -20,7 +20,7 @@ from tci.robot.kinematics import Kinematics
 from tci.simulation.world import World
 
 
-class Crossed(SimulatedLink):
+class Crossed(SimulatedDriver):
     """Angle i of the driver is `scale[i]` times angle `order[i]` of the robot: in commands, and in its
     encoders too unless they are sound."""
 
@@ -69,22 +69,22 @@ class Crossed(SimulatedLink):
 
 
 class Witness:
-    """An operator who answers by what `link` really does; `claimed` is the link with the description."""
+    """An operator who answers by what `driver` really does; `claimed` is the driver with the description."""
 
-    def __init__(self, link: Crossed, claimed: Any) -> None:
-        self._link, self._claimed = link, claimed
-        self._kinematics = Kinematics(link.robot)
+    def __init__(self, driver: Crossed, claimed: Any) -> None:
+        self._driver, self._claimed = driver, claimed
+        self._kinematics = Kinematics(driver.robot)
         self.asked: list[str] = []
 
     def may(self, what: str) -> bool:
         self.asked.append(what)
-        self._link.look()
+        self._driver.look()
         return True
 
     def saw(self, what: str, expected: ExpectedMotion | None) -> bool | None:
         if expected is None:
             return self._stands(what.split(" ")[0])
-        before, after = self._link.base, self._link.base + self._link.now
+        before, after = self._driver.base, self._driver.base + self._driver.now
         T0 = self._kinematics.poses(before, [expected.link])[expected.link]
         T1 = self._kinematics.poses(after, [expected.link])[expected.link]
         moved = T1[:3, 3] - T0[:3, 3]
@@ -94,20 +94,20 @@ class Witness:
         return _alike(np.array([turned[2, 1], turned[0, 2], turned[1, 0]]), expected.rotation)
 
     def still(self, what: str) -> bool:
-        return bool(np.abs(self._link.now).max() < np.deg2rad(0.5))
+        return bool(np.abs(self._driver.now).max() < np.deg2rad(0.5))
 
     def press(self, patch: str, taxel: int, where: str) -> bool:
         try:
-            self._link.world.finger.poke(patch, taxel, depth=0.004)
+            self._driver.world.finger.poke(patch, taxel, depth=0.004)
         except TciError:
             return False
         return True
 
     def release(self) -> None:
-        self._link.world.finger.retire()
+        self._driver.world.finger.retire()
 
     def _stands(self, part: str) -> bool:
-        true = generic_posture(self._link.robot, self._link.world.joints())[part]
+        true = generic_posture(self._driver.robot, self._driver.world.joints())[part]
         told = generic_posture(self._claimed.robot, self._claimed.read().joints)[part]
         return bool(np.abs(true - told).max() < np.deg2rad(10.0))
 

@@ -10,7 +10,7 @@ import numpy as np
 import tci
 from faults.felt import NoisySkin
 from gate.hostile import Judge
-from tci.drivers.faults.fault_injector import FaultPlan, FaultyLink
+from tci.drivers.faults.fault_injector import FaultInjector, FaultPlan
 from tci.drivers.faults.injectors import INJECTORS
 from tci.errors import CommandError
 from tci.gate.gate import GateState
@@ -71,13 +71,13 @@ class Explorer:
     def episode(self, duration: float = EPISODE) -> None:
         """A loop for some time [s] with up to four faults."""
         random, seen = self.random, self.seen
-        link = NoisySkin(body=False)
+        driver = NoisySkin(body=False)
         names = random.choice(NAMES, int(random.integers(0, 5)), replace=False).tolist()
         plans = [FaultPlan(n, random.uniform(0.0, duration), random.uniform(0.05, 2.0)) for n in names]
         if random.random() < 0.1:
             plans.append(FaultPlan(str(random.choice(LETHAL)), random.uniform(0.0, duration)))
-        faulty = FaultyLink(link, plans)
-        judge = Judge(link.robot, link.period)
+        faulty = FaultInjector(driver, plans)
+        judge = Judge(driver.robot, driver.period)
         before = [GateState.RUN, GateState.RUN]
 
         def observe(tick: Tick) -> None:
@@ -95,10 +95,10 @@ class Explorer:
             if state is not GateState.RUN and len(tick.sent.refusals) < len(tick.commands):
                 seen.broken.append(f"a command was accepted in {state.value}")
             if random.random() < 0.003:
-                link.gate.stop("the operator")
+                driver.gate.stop("the operator")
             if random.random() < 0.05:
                 try:
-                    link.gate.reset()
+                    driver.gate.reset()
                 except CommandError:
                     return
                 judge.forget()
@@ -107,10 +107,10 @@ class Explorer:
         report = LoopReport()
         try:
             run(faulty, Restless(random), duration=duration, observe=observe, report=report)
-        except (SystemExit, RuntimeError, tci.errors.LinkError) as error:
+        except (SystemExit, RuntimeError, tci.errors.DriverError) as error:
             if not any(plan.name in LETHAL for plan in faulty.begun):
                 seen.broken.append(f"the loop ended: {error!r}")
-            if link.gate.state is not GateState.STOP:
+            if driver.gate.state is not GateState.STOP:
                 seen.broken.append("the loop ended in an error and the gate did not stop")
         faulty.close()
         seen.faults.update(plan.name for plan in faulty.begun)

@@ -13,9 +13,9 @@ from tci.commissioning.doctor import judge
 from tci.commissioning.machine import examine_machine
 from tci.commissioning.streams import observe
 from tci.drivers.diagnosis import Finding, Level
-from tci.drivers.driver import Link
-from tci.drivers.simulated import SimulatedLink
-from tci.errors import LinkError
+from tci.drivers.driver import Driver
+from tci.drivers.simulated import SimulatedDriver
+from tci.errors import DriverError
 from tci.frames import read_only
 from tci.gate.gate import SafeCommand
 from tci.messages import JointReading, Reading, SkinFrame
@@ -24,7 +24,7 @@ from tci.robot.description import Robot
 from tci.simulation.world import World
 
 
-class Spoilt(SimulatedLink):
+class Spoilt(SimulatedDriver):
     """A simulated robot whose readings are changed on their way."""
 
     change: Callable[[Reading], Reading | None] = staticmethod(lambda reading: reading)
@@ -39,17 +39,17 @@ def world() -> World:
     return World(load_robot("nao"))
 
 
-def examine(link: Link, duration: float = 1.0) -> dict[tuple[str, Level], Finding]:
-    findings = judge(link, observe(link, duration))
+def examine(driver: Driver, duration: float = 1.0) -> dict[tuple[str, Level], Finding]:
+    findings = judge(driver, observe(driver, duration))
     # How long reading takes is this machine's matter.
     return {(f.subject, f.level): f for f in findings if "read_p99_ms" not in f.figures}
 
 
 def spoilt(world: World, change: Callable[[Reading], Reading | None]) -> dict[tuple[str, Level], Finding]:
     world.reset()
-    link = Spoilt(world.robot, world=world)
-    link.change = change
-    return examine(link)
+    driver = Spoilt(world.robot, world=world)
+    driver.change = change
+    return examine(driver)
 
 
 def with_joints(change: Callable[[JointReading], JointReading]) -> Callable[[Reading], Reading]:
@@ -65,10 +65,10 @@ def with_forearm(change: Callable[[SkinFrame], SkinFrame]) -> Callable[[Reading]
 
 @pytest.mark.parametrize("name", ["nao", "icub"])
 def test_a_sound_robot_gets_no_complaint_and_its_rates_are_measured(name: str) -> None:
-    link = SimulatedLink(load_robot(name))
-    found = examine(link)
+    driver = SimulatedDriver(load_robot(name))
+    found = examine(driver)
     assert {level for _, level in found} == {Level.OK}
-    for patch in link.robot.patches:
+    for patch in driver.robot.patches:
         finding = found[patch.name, Level.OK]
         assert finding.figures["rate_hz"] == pytest.approx(patch.rate, rel=0.03)
         assert finding.figures["lost"] == 0.0
@@ -97,7 +97,7 @@ def test_a_slow_skin_is_told_from_its_description() -> None:
     slow = robot.model_copy(
         update={"patches": tuple(patch.model_copy(update={"rate": 40.0}) for patch in robot.patches)}
     )
-    found = examine(SimulatedLink(robot, world=World(slow)))
+    found = examine(SimulatedDriver(robot, world=World(slow)))
     assert found["right_forearm", Level.WARNING].figures["rate_hz"] == pytest.approx(40.0, rel=0.05)
 
 
@@ -146,34 +146,34 @@ def test_a_skin_of_another_length_polarity_or_range(world: World) -> None:
     assert "0 .. 255" in wide["left_forearm", Level.FAULT].what
 
 
-def test_what_the_link_itself_knows_comes_first(world: World) -> None:
-    class Knowing(SimulatedLink):
+def test_what_the_driver_itself_knows_comes_first(world: World) -> None:
+    class Knowing(SimulatedDriver):
         def diagnose(self) -> tuple[Finding, ...]:
             return (Finding(Level.NOTE, "dialect", "4.0"),)
 
     world.reset()
-    link = Knowing(world.robot, world=world)
-    assert judge(link, observe(link, 0.1))[0].subject == "dialect"
+    driver = Knowing(world.robot, world=world)
+    assert judge(driver, observe(driver, 0.1))[0].subject == "dialect"
 
 
 def test_observing_commands_nothing_and_a_lost_robot_is_an_error(world: World) -> None:
-    class Deaf(SimulatedLink):
+    class Deaf(SimulatedDriver):
         def _send(self, safe: SafeCommand) -> None:
             raise AssertionError("the doctor moved the robot")
 
         def _receive(self) -> Reading:
             if self.world.time > 0.5:
-                raise LinkError("gone")
+                raise DriverError("gone")
             return super()._receive()
 
     world.reset()
-    with pytest.raises(LinkError, match="gone"):
+    with pytest.raises(DriverError, match="gone"):
         observe(Deaf(world.robot, world=world), 1.0)
 
 
-def test_this_machine_names_links_robots_and_its_clock() -> None:
+def test_this_machine_names_drivers_robots_and_its_clock() -> None:
     found = {finding.subject: finding for finding in examine_machine(duration=0.1)}
-    assert found["link sim"].level is Level.OK
+    assert found["driver sim"].level is Level.OK
     assert found["robot nao"].level is Level.OK
     assert found["clock"].figures["late_p99_us"] >= found["clock"].figures["late_p50_us"] >= 0.0
 
@@ -198,4 +198,4 @@ def test_another_package_in_the_same_folder_is_told(tmp_path: Path, monkeypatch:
 
 def test_a_robot_without_patches_has_only_joints() -> None:
     robot: Robot = load_robot("nao").model_copy(update={"patches": ()})
-    assert {subject for subject, _ in examine(SimulatedLink(robot))} == {"joints"}
+    assert {subject for subject, _ in examine(SimulatedDriver(robot))} == {"joints"}

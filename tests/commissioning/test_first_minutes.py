@@ -15,7 +15,7 @@ from drivers.served import needs_qi
 from tci.commissioning.first_minutes import first_minutes, wanted
 from tci.commissioning.hardware import MOST
 from tci.drivers.diagnosis import Finding, Level
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.drivers.registry import connect, open_server
 from tci.errors import UnknownNameError
 from tci.robot.catalogue import load_robot
@@ -28,10 +28,10 @@ STRAIGHT = {"left_arm": [90.0, 0.0, 90.0, 60.0, 0.0]}
 """Shoulder pitch and elbow yaw, which have the same limits, both at 0."""
 
 
-def minutes(link: Link, crossed: Crossed, *names: str, taxels: int = 0) -> dict[str, Finding]:
+def minutes(driver: Driver, crossed: Crossed, *names: str, taxels: int = 0) -> dict[str, Finding]:
     servos, patches = wanted(ROBOT, names)
     found, _ = first_minutes(
-        link, Witness(crossed, link), servos=servos, patches=patches if taxels else (), taxels=taxels
+        driver, Witness(crossed, driver), servos=servos, patches=patches if taxels else (), taxels=taxels
     )
     assert np.rad2deg(crossed.far.max()) <= np.rad2deg(MOST)
     return {finding.subject: finding for finding in found}
@@ -154,10 +154,10 @@ def test_servos_that_are_off_are_switched_on_only_with_permission() -> None:
             self.on |= bool(safe.stiffness)
             super()._send(safe)
 
-    link = Off(ROBOT)
+    driver = Off(ROBOT)
     servos, _ = wanted(ROBOT, ["HeadYaw"])
-    operator = Witness(link, link)
-    found, _ = first_minutes(link, operator, servos=servos, patches=())
+    operator = Witness(driver, driver)
+    found, _ = first_minutes(driver, operator, servos=servos, patches=())
     assert operator.asked[0] == "switch on HeadYaw"
     assert {finding.subject: finding.level for finding in found}["HeadYaw"] is Level.OK
 
@@ -170,9 +170,9 @@ def test_a_patch_that_is_dead_swapped_inverted_or_in_another_order_is_found() ->
                 skin = [change(frame) if "forearm" in frame.patch else frame for frame in reading.skin]
                 return replace(reading, skin=tuple(skin))
 
-        link = Spoilt(ROBOT)
+        driver = Spoilt(ROBOT)
         _, patches = wanted(ROBOT, ["left_forearm"])
-        found, _ = first_minutes(link, Witness(link, link), servos=(), patches=patches, taxels=3)
+        found, _ = first_minutes(driver, Witness(driver, driver), servos=(), patches=patches, taxels=3)
         return {f.subject: f for f in found if f.level is Level.FAULT and "taxel" in f.subject}
 
     other = {"left_forearm": "right_forearm", "right_forearm": "left_forearm"}
@@ -238,8 +238,8 @@ def served(crossed: Crossed, via: str, *names: str) -> dict[str, Finding]:
     thread.start()
     try:
         for _ in range(PATIENCE):
-            with connect(ROBOT, address, arm=True) as link:
-                found = minutes(link, crossed, *names)
+            with connect(ROBOT, address, arm=True) as driver:
+                found = minutes(driver, crossed, *names)
             # A machine that is too busy for real time looks like a robot that is too slow.
             if "motion" not in found and not any("the gate" in finding.what for finding in found.values()):
                 break

@@ -10,7 +10,7 @@ SCRIPT = """
 import json, sys
 from numba.core.event import install_recorder
 import tci
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.simulated import SimulatedDriver
 from tci.runtime.loop import run
 from tci.simulation.world import World
 
@@ -22,9 +22,9 @@ def observe(tick):
     modules.append(set(sys.modules))
     answered.extend(command.part for command in tick.commands)
 
-with SimulatedLink(robot, world=world) as link, install_recorder("numba:compile") as compiled:
+with SimulatedDriver(robot, world=world) as driver, install_recorder("numba:compile") as compiled:
     world.finger.poke("left_forearm", 150, speed=0.25, depth=0.01, gap=0.02)
-    run(link, tci.WithdrawalReflex(), duration=0.6, observe=observe)
+    run(driver, tci.WithdrawalReflex(), duration=0.6, observe=observe)
 late = sorted(set.union(*modules) - modules[0])
 print(json.dumps({"answered": answered, "imported": late, "compiled": len(compiled.buffer)}))
 """

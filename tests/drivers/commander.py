@@ -12,12 +12,12 @@ from drivers.patient import patient
 
 
 def main() -> None:
-    with tci.connect(patient("nao", *map(float, sys.argv[2:])), sys.argv[1], arm=True) as link:
-        arm = link.native("LArm")
-        begun, told = arm.positions(link.read().joints)["LElbowRoll"], False
-        for now in link.ticks():
-            joints = link.read().joints
-            link.write(link.gate.step([arm.command({"LElbowRoll": -0.1}, speed=0.1)], joints, now))
+    with tci.connect(patient("nao", *map(float, sys.argv[2:])), sys.argv[1], arm=True) as driver:
+        arm = driver.native("LArm")
+        begun, told = arm.positions(driver.read().joints)["LElbowRoll"], False
+        for now in driver.ticks():
+            joints = driver.read().joints
+            driver.write(driver.gate.step([arm.command({"LElbowRoll": -0.1}, speed=0.1)], joints, now))
             if not told and abs(arm.positions(joints)["LElbowRoll"] - begun) > 0.03:
                 told = True
                 print("moving", flush=True)

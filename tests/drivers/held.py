@@ -1,4 +1,4 @@
-"""Threads and descriptors of this process, for tests of what is left when a link has ended."""
+"""Threads and descriptors of this process, for tests of what is left when a driver has ended."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 
 
 def held() -> set[object]:
@@ -24,14 +24,14 @@ def held() -> set[object]:
 
 
 def left_behind(
-    make: Callable[[], Link], use: Callable[[Link], object], *, patience: float = 30.0
+    make: Callable[[], Driver], use: Callable[[Driver], object], *, patience: float = 30.0
 ) -> set[object]:
-    """Everything that came to this process with a link and is still there `patience` [s] after its end."""
+    """Everything that came to this process with a driver and is still there `patience` [s] after its end."""
     before = held()
-    link = make()
-    use(link)
+    driver = make()
+    use(driver)
     opened = held() - before
-    link.close()
+    driver.close()
     end = time.monotonic() + patience
     while (left := opened & held()) and time.monotonic() < end:
         gc.collect()  # each topic of rospy has an epoll descriptor, in a circle of objects

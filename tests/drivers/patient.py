@@ -11,7 +11,7 @@ import time
 
 import tci
 from tci.drivers.registry import open_server
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.simulated import SimulatedDriver
 from tci.robot.description import Robot
 from tci.runtime.loop import Tick
 from tci.runtime.serve import serve
@@ -38,7 +38,7 @@ def main() -> None:
             print(tick.sent.state.value, time.monotonic(), tick.sent.reason, flush=True)
 
     robot = patient("nao", *map(float, sys.argv[2:]))
-    with SimulatedLink(robot, paced=True) as link, open_server(link, sys.argv[1]) as server:
+    with SimulatedDriver(robot, paced=True) as driver, open_server(driver, sys.argv[1]) as server:
         serve(server, observe=tell)
 
 

@@ -1,10 +1,10 @@
 """What genuine Player 3.1.1 and TCI said to each other: recorded once, played in the tests.
 
-    python tests/drivers/player_exchange.py client PORT     our link, and a genuine server at PORT
+    python tests/drivers/player_exchange.py client PORT     our driver, and a genuine server at PORT
     python tests/drivers/player_exchange.py server PORT TO  a genuine client at PORT, our server at TO
 
 records again. The genuine server has `passthrough` drivers to a NAO of `tci serve nao --via player` (opaque:1
-is the right forearm), once with our link as its client, and once as a client of our server.
+is the right forearm), once with our driver as its client, and once as a client of our server.
 """
 
 from __future__ import annotations
@@ -160,10 +160,10 @@ def main() -> None:
     what, port = sys.argv[1], int(sys.argv[2])
     if what == "client":
         tap = Tap("client", 0, port)
-        with tci.connect(narrow(), f"player:127.0.0.1:{tap.port}", arm=True) as link:
-            pending = [link.native("LArm").command({"LElbowRoll": -1.1})]
-            for now in link.ticks(duration=0.5):
-                link.write(link.gate.step(pending, link.read().joints, now))
+        with tci.connect(narrow(), f"player:127.0.0.1:{tap.port}", arm=True) as driver:
+            pending = [driver.native("LArm").command({"LElbowRoll": -1.1})]
+            for now in driver.ticks(duration=0.5):
+                driver.write(driver.gate.step(pending, driver.read().joints, now))
                 pending = []
     else:
         tap = Tap("server", port, int(sys.argv[3]))

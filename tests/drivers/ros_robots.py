@@ -17,7 +17,7 @@ import numpy as np
 
 import tci
 from peers import needs_debian_module
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.drivers.registry import connect
 from tci.drivers.ros.messages import BYTES, NO_LAYOUT
 from tci.drivers.ros.node import RosNode
@@ -64,58 +64,58 @@ def nao_in_ros(**more: Any) -> dict[str, Any]:
     return {"joints": joints, "position": position, "skin": PATCHES, **more}
 
 
-def drive(link: Link, *orders: Any, seconds: float) -> list[Any]:
+def drive(driver: Driver, *orders: Any, seconds: float) -> list[Any]:
     """Run the loop, and give what was sent."""
     pending, sent = list(orders), []
-    for now in link.ticks(duration=seconds):
-        sent.append(link.write(link.gate.step(pending, link.read().joints, now)))
+    for now in driver.ticks(duration=seconds):
+        sent.append(driver.write(driver.gate.step(pending, driver.read().joints, now)))
         pending = []
     return sent
 
 
-def complete(link: Link) -> Reading:
+def complete(driver: Driver) -> Reading:
     """The first reading with a frame of every patch, all of the right size."""
     end = time.monotonic() + 60.0
     while True:
-        reading = link.read()
+        reading = driver.read()
         if {frame.patch: len(frame.values) for frame in reading.skin} == PATCHES:
             return reading
         assert time.monotonic() < end
         time.sleep(0.01)
 
 
-def go(link: Link, joint: str, angle: float) -> None:
+def go(driver: Driver, joint: str, angle: float) -> None:
     """Order it again where a pause of the machine made the robot hold."""
-    arm = link.native("LArm")
+    arm = driver.native("LArm")
     end = time.monotonic() + 60.0
-    while abs(arm.positions(link.read().joints)[joint] - angle) > 0.01:
-        assert link.gate.state is not GateState.STOP
+    while abs(arm.positions(driver.read().joints)[joint] - angle) > 0.01:
+        assert driver.gate.state is not GateState.STOP
         assert time.monotonic() < end
-        drive(link, arm.command({joint: angle}), seconds=0.5)
+        drive(driver, arm.command({joint: angle}), seconds=0.5)
 
 
 def is_killed_and_comes_back(via: str, begin: Callable[[], subprocess.Popen[str]]) -> None:
     """A robot that dies is held; one that comes back runs, and is told nothing before a new command."""
     process = begin()
-    with connect(tci.load_robot("nao"), via, arm=True, wait=60.0) as link:
-        drive(link, seconds=0.3)
+    with connect(tci.load_robot("nao"), via, arm=True, wait=60.0) as driver:
+        drive(driver, seconds=0.3)
         process.kill()
-        pending = [link.native("LArm").command({"LElbowRoll": -0.1})]
-        for now in link.ticks(duration=30.0):
-            joints = link.read().joints
-            safe = link.write(link.gate.step(pending, joints, now))
+        pending = [driver.native("LArm").command({"LElbowRoll": -0.1})]
+        for now in driver.ticks(duration=30.0):
+            joints = driver.read().joints
+            safe = driver.write(driver.gate.step(pending, joints, now))
             pending = []
             if safe.state is GateState.HOLD:
                 break
             # In the first period in which it is too old it holds, however late a busy machine runs that.
-            assert now - joints.stamp <= link.gate.stale_after <= 0.1
+            assert now - joints.stamp <= driver.gate.stale_after <= 0.1
         assert safe.state is GateState.HOLD
         while np.any(safe.velocity):  # it comes to rest
-            (safe,) = drive(link, seconds=link.period)
+            (safe,) = drive(driver, seconds=driver.period)
         process = begin()
-        end, before = time.monotonic() + 90.0, link.read().joints.sequence
-        while link.read().joints.sequence < before + 50 or link.gate.state is not GateState.RUN:
-            drive(link, seconds=0.1)
+        end, before = time.monotonic() + 90.0, driver.read().joints.sequence
+        while driver.read().joints.sequence < before + 50 or driver.gate.state is not GateState.RUN:
+            drive(driver, seconds=0.1)
             assert time.monotonic() < end
         process.kill()
     assert not list(process.stdout or ())

@@ -140,7 +140,7 @@ class RecordedServer:
 
 
 def record(port: int) -> None:
-    """Let the link drive the robot behind a genuine server for a second, and keep what was said."""
+    """Let the driver drive the robot behind a genuine server for a second, and keep what was said."""
     from roslibpy.comm import comm_asyncio
 
     lines: list[str] = []
@@ -162,10 +162,10 @@ def record(port: int) -> None:
         received(self, payload, isBinary)
 
     protocol._send, protocol.onMessage = send, receive
-    with tci.connect(narrow(), f"rosbridge:127.0.0.1:{port}", arm=True, wait=20.0) as link:
-        pending = [link.native("LArm").command({"LElbowRoll": -1.2})]
-        for now in link.ticks(duration=0.6):
-            link.write(link.gate.step(pending, link.read().joints, now))
+    with tci.connect(narrow(), f"rosbridge:127.0.0.1:{port}", arm=True, wait=20.0) as driver:
+        pending = [driver.native("LArm").command({"LElbowRoll": -1.2})]
+        for now in driver.ticks(duration=0.6):
+            driver.write(driver.gate.step(pending, driver.read().joints, now))
             pending = []
     FILE.parent.mkdir(exist_ok=True)
     FILE.write_text("\n".join(lines) + "\n")

@@ -47,7 +47,7 @@ class Served:
 
     @property
     def address(self) -> str:
-        """What a link connects to, where it is said as NAME:HOST:PORT."""
+        """What a driver connects to, where it is said as NAME:HOST:PORT."""
         found = re.search(r"\w+:[\d.]+:\d+", self.where)
         assert found is not None, self.where
         return found[0]

@@ -1,4 +1,4 @@
-"""The look at what a link leaves behind finds what one forgets."""
+"""The look at what a driver leaves behind finds what one forgets."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ import threading
 
 import tci
 from drivers.held import left_behind
-from tci.drivers.driver import Link
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.driver import Driver
+from tci.drivers.simulated import SimulatedDriver
 
 
-def test_what_a_link_forgets_is_found() -> None:
+def test_what_a_driver_forgets_is_found() -> None:
     forgotten, end = [], threading.Event()
     thread = threading.Thread(target=end.wait)
 
-    def make() -> Link:
+    def make() -> Driver:
         thread.start()
         forgotten.append(socket.socket())
-        return SimulatedLink(tci.load_robot("nao"), arm=True)
+        return SimulatedDriver(tci.load_robot("nao"), arm=True)
 
-    left = left_behind(make, Link.read, patience=0.2)
+    left = left_behind(make, Driver.read, patience=0.2)
     assert left == {thread, f"socket:[{os.fstat(forgotten[0].fileno()).st_ino}]"}
     forgotten.pop().close()
     end.set()

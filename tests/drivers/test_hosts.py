@@ -10,7 +10,7 @@ import tci
 from drivers.player_exchange import RecordedServer
 from drivers.rosbridge_exchange import narrow
 from tci.drivers.remote.hosts import numeric
-from tci.errors import LinkError
+from tci.errors import DriverError
 from tci.runtime.lease import lease
 
 
@@ -50,9 +50,9 @@ def test_26_a_host_by_two_names_has_one_commander() -> None:
     for host in ("127.0.0.1", "127.1"):  # by `localhost` some machines reach nobody
         server = RecordedServer()  # it has one client
         try:
-            with tci.connect(narrow(), f"player:{host}:{server.port}") as link:
-                names.append(link.lease_name.replace(str(server.port), "6665"))
+            with tci.connect(narrow(), f"player:{host}:{server.port}") as driver:
+                names.append(driver.lease_name.replace(str(server.port), "6665"))
         finally:
             server.close()
-    with lease(names[0]), pytest.raises(LinkError, match="one commander at a time"), lease(names[1]):
+    with lease(names[0]), pytest.raises(DriverError, match="one commander at a time"), lease(names[1]):
         pytest.fail("two have it")

@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 
 import tci
-from drivers.links import Lcm, lcm_url
 from drivers.patient import patient
 from drivers.test_remote_cdr import FRAME, NAO, ORDERS, STATE, plain
+from drivers.wires import Lcm, lcm_url
 from peers import needs_program
 from tci.clock import ManualClock
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.drivers.lcm.datagrams import (
     LONGEST,
     PATIENCE,
@@ -31,7 +31,7 @@ from tci.drivers.lcm.datagrams import (
     Transmitter,
     parse_url,
 )
-from tci.drivers.lcm.driver import LcmLink
+from tci.drivers.lcm.driver import LcmDriver
 from tci.drivers.lcm.encoding import (
     frame_bytes,
     orders_bytes,
@@ -41,7 +41,7 @@ from tci.drivers.lcm.encoding import (
     to_state,
 )
 from tci.drivers.lcm.tci_lcm import orders_t, state_t
-from tci.errors import FrameError, LinkError
+from tci.errors import DriverError, FrameError
 from tci.gate.safe_command import GateState
 
 TYPES = Path(tci.__file__).parent / "drivers" / "lcm" / "tci_lcm"
@@ -150,16 +150,16 @@ def test_a_network_that_goes_away_ends_nobody_and_one_that_never_was_is_told() -
     peer = Lcm()
     peer.start()
     try:
-        with peer.open(arm=True) as link:
-            assert isinstance(link, LcmLink)
-            sound, link._bus.transmitter = link._bus.transmitter, Broken()
-            with pytest.raises(LinkError, match="nothing can be sent: Network is unreachable"):
-                link.write(link.gate.step([], link.read().joints, link.clock.now()))
-            link._bus.transmitter = sound
-            link.write(link.gate.step([], link.read().joints, link.clock.now()))
-            link._bus.transmitter = Broken()
-            link.write(link.gate.step([], link.read().joints, link.clock.now()))
-            link._bus.transmitter = sound
+        with peer.open(arm=True) as driver:
+            assert isinstance(driver, LcmDriver)
+            sound, driver._bus.transmitter = driver._bus.transmitter, Broken()
+            with pytest.raises(DriverError, match="nothing can be sent: Network is unreachable"):
+                driver.write(driver.gate.step([], driver.read().joints, driver.clock.now()))
+            driver._bus.transmitter = sound
+            driver.write(driver.gate.step([], driver.read().joints, driver.clock.now()))
+            driver._bus.transmitter = Broken()
+            driver.write(driver.gate.step([], driver.read().joints, driver.clock.now()))
+            driver._bus.transmitter = sound
     finally:
         peer.stop()
 
@@ -229,13 +229,13 @@ def test_damaged_datagrams_never_raise() -> None:
     ["udpm://10.0.0.1:7667", "tcp://239.255.76.67:7667", "udpm://239.255.76.67", "udpm://239.1.1.1:99999"],
 )
 def test_a_wrong_url_says_what_is_valid(url: str) -> None:
-    with pytest.raises(LinkError, match="valid: udpm"):
+    with pytest.raises(DriverError, match="valid: udpm"):
         parse_url(url)
 
 
 def test_nobody_there_is_told() -> None:
-    with pytest.raises(LinkError, match="tci serve ROBOT --via lcm"):
-        LcmLink(NAO, lcm_url())
+    with pytest.raises(DriverError, match="tci serve ROBOT --via lcm"):
+        LcmDriver(NAO, lcm_url())
 
 
 @pytest.mark.timeout(120)
@@ -253,9 +253,9 @@ def test_debians_lcm_logger_records_and_its_logplayer_shows_the_robot_again_but_
                 while not (log.exists() and log.stat().st_size):  # what comes before it listens is not there
                     assert time.monotonic() < end, "it never records"
                     time.sleep(0.01)
-                with peer.open(arm=True) as link:
+                with peer.open(arm=True) as driver:
                     for angle in (-0.3, -1.2):
-                        assert bend(link, angle) == pytest.approx(angle, abs=0.05)
+                        assert bend(driver, angle) == pytest.approx(angle, abs=0.05)
             finally:
                 recording.send_signal(signal.SIGINT)
         channels = {}
@@ -266,15 +266,18 @@ def test_debians_lcm_logger_records_and_its_logplayer_shows_the_robot_again_but_
         assert sum(order.num_orders for order in ordered) >= 1
         assert state_t.decode(channels["tci/nao/state"][-1]).position[0] == pytest.approx(0.0, abs=3.0)
 
-        with peer.open(arm=True) as link:  # elsewhere again, then the old orders come once more
-            assert bend(link, -0.5) == pytest.approx(-0.5, abs=0.05)
+        with peer.open(arm=True) as driver:  # elsewhere again, then the old orders come once more
+            assert bend(driver, -0.5) == pytest.approx(-0.5, abs=0.05)
         subprocess.run([player, f"--lcm-url={url}", log], check=True, capture_output=True, timeout=60)
-        with peer.open(arm=False) as link:
-            assert elbow(link) == pytest.approx(-0.5, abs=0.05)
+        with peer.open(arm=False) as driver:
+            assert elbow(driver) == pytest.approx(-0.5, abs=0.05)
     finally:
         peer.stop()
     play = [player, f"--lcm-url={url}", log]
-    with subprocess.Popen(play, stdout=subprocess.DEVNULL) as playing, LcmLink(patient("nao"), url) as shown:
+    with (
+        subprocess.Popen(play, stdout=subprocess.DEVNULL) as playing,
+        LcmDriver(patient("nao"), url) as shown,
+    ):
         elbows = []
         while playing.poll() is None:
             elbows.append(elbow(shown))
@@ -282,17 +285,17 @@ def test_debians_lcm_logger_records_and_its_logplayer_shows_the_robot_again_but_
     assert np.ptp(elbows) > 0.1
 
 
-def elbow(link: Link) -> float:
-    return link.native("LArm").positions(link.read().joints)["LElbowRoll"]
+def elbow(driver: Driver) -> float:
+    return driver.native("LArm").positions(driver.read().joints)["LElbowRoll"]
 
 
-def bend(link: Link, to: float) -> float:
+def bend(driver: Driver, to: float) -> float:
     """Bend the left elbow, ordered again where a busy machine made the robot hold; where it is in the end."""
-    order = link.native("LArm").command({"LElbowRoll": to})
+    order = driver.native("LArm").command({"LElbowRoll": to})
     pending = [order]
-    for now in link.ticks(duration=30.0):
-        sent = link.write(link.gate.step(pending, link.read().joints, now))
+    for now in driver.ticks(duration=30.0):
+        sent = driver.write(driver.gate.step(pending, driver.read().joints, now))
         pending = [order] if sent.refusals or sent.state is not GateState.RUN else []
-        if abs(elbow(link) - to) < 0.02:
+        if abs(elbow(driver) - to) < 0.02:
             break
-    return elbow(link)
+    return elbow(driver)

@@ -64,20 +64,20 @@ def state_at(lines: Sequence[str], moment: float) -> str:
 
 SEE = """
 import sys, tci
-with tci.connect(tci.load_robot("nao"), sys.argv[1]) as link:
-    print("sees", len(link.read().skin))
+with tci.connect(tci.load_robot("nao"), sys.argv[1]) as driver:
+    print("sees", len(driver.read().skin))
 """
 ORDER = """
 import sys, tci
 sys.path.insert(0, "tests")
 from drivers.patient import patient
-with tci.connect(patient("nao", 0.5), sys.argv[1], arm=True) as link:
-    arm = link.native("RArm")
-    before, reasons = arm.positions(link.read().joints)["RElbowRoll"], set()
-    for now in link.ticks(duration=2.0):
-        sent = link.write(link.gate.step([arm.command({"RElbowRoll": 0.4})], link.read().joints, now))
+with tci.connect(patient("nao", 0.5), sys.argv[1], arm=True) as driver:
+    arm = driver.native("RArm")
+    before, reasons = arm.positions(driver.read().joints)["RElbowRoll"], set()
+    for now in driver.ticks(duration=2.0):
+        sent = driver.write(driver.gate.step([arm.command({"RElbowRoll": 0.4})], driver.read().joints, now))
         reasons.add(sent.reason)
-    after = arm.positions(link.read().joints)["RElbowRoll"]
+    after = arm.positions(driver.read().joints)["RElbowRoll"]
     print("moved" if abs(after - before) > 0.05 else "stays", *reasons)
 """
 
@@ -115,7 +115,7 @@ def test_two_machines_a_router_two_robots_three_behaviours_and_a_cut(
     }.items():
         (tmp_path / f"{name}.json5").write_text(text)
         said = network.says("minds", "-c", SEE, f"zenoh:kitchen@{tmp_path / name}.json5")
-        assert "LinkError" in said, name
+        assert "DriverError" in said, name
         assert "sees" not in said, name
 
     # Three behaviours; then the wire to their machine is cut: both robots hold within 100 ms.

@@ -25,8 +25,8 @@ from tci.drivers.player.client import parse
 from tci.drivers.player.driver import FRAMES, STATES
 from tci.drivers.player.server import MOST_OWED, PlayerServer
 from tci.drivers.player.wire import ACTARRAY, OPAQUE, Kind, Message, Stream
-from tci.drivers.simulated import SimulatedLink
-from tci.errors import FrameError, LinkError
+from tci.drivers.simulated import SimulatedDriver
+from tci.errors import DriverError, FrameError
 from tci.gate.safe_command import GateState
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.robot.joint_map import initial_position
@@ -44,35 +44,35 @@ def server() -> Iterator[RecordedServer]:
 
 
 def test_the_client_says_what_the_genuine_server_understood(server: RecordedServer) -> None:
-    with tci.connect(narrow(), f"player:127.0.0.1:{server.port}", arm=True) as link:
-        first = link.read()
+    with tci.connect(narrow(), f"player:127.0.0.1:{server.port}", arm=True) as driver:
+        first = driver.read()
         assert {frame.patch: frame.values.shape for frame in first.skin} == {
             "left_forearm": (240,), "right_forearm": (240,),
         }  # fmt: skip
-        np.testing.assert_allclose(first.joints.position, initial_position(link.robot), atol=1e-3)
-        pending = [link.native("LArm").command({"LElbowRoll": -1.1})]
-        for now in link.ticks(duration=0.5):
-            link.write(link.gate.step(pending, link.read().joints, now))
+        np.testing.assert_allclose(first.joints.position, initial_position(driver.robot), atol=1e-3)
+        pending = [driver.native("LArm").command({"LElbowRoll": -1.1})]
+        for now in driver.ticks(duration=0.5):
+            driver.write(driver.gate.step(pending, driver.read().joints, now))
             pending = []
-        assert link.read().joints.sequence > first.joints.sequence + 10
+        assert driver.read().joints.sequence > first.joints.sequence + 10
     recorded = {gist(read(data)) for _, who, data in said("client") if who == "client"}
     assert {gist(message) for message in server.heard} == recorded
 
 
 def test_28_a_server_that_dies_means_hold(server: RecordedServer) -> None:
-    with tci.connect(narrow(), f"player:127.0.0.1:{server.port}", arm=True) as link:
+    with tci.connect(narrow(), f"player:127.0.0.1:{server.port}", arm=True) as driver:
         server.close()
-        for now in link.ticks(duration=10.0):
-            held = link.write(link.gate.step([], link.read().joints, now))
+        for now in driver.ticks(duration=10.0):
+            held = driver.write(driver.gate.step([], driver.read().joints, now))
             if held.state is GateState.HOLD:
                 break
         assert held.state is GateState.HOLD
-    with pytest.raises(LinkError, match="closed"):
-        link.read()
+    with pytest.raises(DriverError, match="closed"):
+        driver.read()
 
 
 def test_31_35_what_does_not_fit_is_counted_or_ends_the_connection(server: RecordedServer) -> None:
-    with tci.connect(narrow(), f"player:127.0.0.1:{server.port}") as link:
+    with tci.connect(narrow(), f"player:127.0.0.1:{server.port}") as driver:
         now = 1e9
         for interface, index, body in (
             (ACTARRAY, 1, wire.actuators(np.zeros(3), np.zeros(3))),
@@ -82,15 +82,15 @@ def test_31_35_what_does_not_fit_is_counted_or_ends_the_connection(server: Recor
             (OPAQUE, 0, b""),
         ):
             now += 1.0
-            before = link.rejected
+            before = driver.rejected
             damaged = Message(interface, index, Kind.DATA, 1, now, body).to_bytes()
 
             def disturb(damaged: bytes = damaged) -> None:  # of one device only the latest is looked at
                 server.send(damaged)
-                link.read()
+                driver.read()
 
-            wait(disturb, lambda before=before: link.rejected > before)
-        assert np.isfinite(link.read().joints.position).all()
+            wait(disturb, lambda before=before: driver.rejected > before)
+        assert np.isfinite(driver.read().joints.position).all()
         for size in (2**31 - 1, 2**32 - 1, wire.MOST + 1):
             with pytest.raises(FrameError, match="declared"):
                 list(Stream().feed(wire.HEADER.pack(0, 0, ACTARRAY, 0, 1, 1, 0.0, 0, size)))
@@ -137,11 +137,11 @@ def test_what_is_not_a_number_is_read_as_such(bits: str) -> None:
 
 
 def test_the_server_answers_as_the_genuine_client_understood_and_obeys_it() -> None:
-    with SimulatedLink(tci.load_robot("nao")) as link, PlayerServer(link, "127.0.0.1:0") as server:
+    with SimulatedDriver(tci.load_robot("nao")) as driver, PlayerServer(driver, "127.0.0.1:0") as server:
         answers: list[tuple[int, Message]] = []
         thread = threading.Thread(target=lambda: answers.extend(play(server.port)), daemon=True)
         thread.start()
-        wait(lambda: serve(server, duration=0.02, clock=link.clock), lambda: not thread.is_alive())
+        wait(lambda: serve(server, duration=0.02, clock=driver.clock), lambda: not thread.is_alive())
         recorded = [read(data) for _, who, data in said("server") if not data.startswith(b"Player v.")]
         expected = [m.body for m in recorded if m.kind == Kind.ACK and m.subtype == wire.SUBSCRIBE]
         got = [m.body for _, m in answers]
@@ -156,24 +156,24 @@ def test_the_server_answers_as_the_genuine_client_understood_and_obeys_it() -> N
                 if (message := next(rest, None)) is not None:
                     connection.sendall(message.to_bytes())
 
-            serve(server, duration=2.0, observe=send, clock=link.clock)
+            serve(server, duration=2.0, observe=send, clock=driver.clock)
         wanted = wire.to_floats(commands[-1].body)
-        for servo, angle in zip(link.robot.servos_of("LArm"), wanted, strict=True):
+        for servo, angle in zip(driver.robot.servos_of("LArm"), wanted, strict=True):
             if servo.limits.jerk is not None:
-                assert link.read().joints.position[servo.index] == pytest.approx(angle, abs=0.01)
+                assert driver.read().joints.position[servo.index] == pytest.approx(angle, abs=0.01)
 
 
 def test_36_a_taken_port_and_others_are_told() -> None:
     robot = tci.load_robot("nao")
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-        with SimulatedLink(robot) as link, pytest.raises(LinkError, match="valid: a free port"):
-            PlayerServer(link, f"127.0.0.1:{port}")
-    with pytest.raises(LinkError, match=f"no Player server at 127.0.0.1:{port}"):
+        with SimulatedDriver(robot) as driver, pytest.raises(DriverError, match="valid: a free port"):
+            PlayerServer(driver, f"127.0.0.1:{port}")
+    with pytest.raises(DriverError, match=f"no Player server at 127.0.0.1:{port}"):
         tci.connect(robot, f"player:127.0.0.1:{port}")
     assert parse("") == ("127.0.0.1", 6665)
     for address in ("a b", "host:99999", "host/x"):
-        with pytest.raises(LinkError, match="valid: player:HOST:PORT"):
+        with pytest.raises(DriverError, match="valid: player:HOST:PORT"):
             parse(address)
 
 
@@ -191,8 +191,8 @@ def test_33_a_client_that_asks_and_does_not_read_is_let_go_and_little_waits_for_
 ) -> None:
     robot = tci.load_robot("nao")
     with (
-        SimulatedLink(robot) as link,
-        PlayerServer(link, "127.0.0.1:0") as server,
+        SimulatedDriver(robot) as driver,
+        PlayerServer(driver, "127.0.0.1:0") as server,
         socket.create_connection(("127.0.0.1", server.port), timeout=30.0) as quiet,
         socket.socket() as greedy,
     ):
@@ -262,7 +262,7 @@ def test_31_mutated_bytes_are_messages_or_refused() -> None:
                         continue
         except FrameError:
             continue
-    with SimulatedLink(robot) as link, PlayerServer(link, "127.0.0.1:0") as server:
+    with SimulatedDriver(robot) as driver, PlayerServer(driver, "127.0.0.1:0") as server:
         for _ in range(200):
             raw = bytearray(chance.choice(good))
             raw[chance.randrange(len(raw))] = chance.randrange(256)

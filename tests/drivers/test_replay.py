@@ -9,8 +9,8 @@ import pytest
 from recording.recorded import equal_readings, record_poke
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.drivers.registry import connect
-from tci.drivers.replay import ReplayLink, changed_versions
-from tci.errors import LinkError, RecordingError
+from tci.drivers.replay import ReplayDriver, changed_versions
+from tci.errors import DriverError, RecordingError
 from tci.recording.recording import Recording
 from tci.robot.catalogue import load_robot
 from tci.runtime.loop import Tick, run
@@ -18,9 +18,9 @@ from tci.runtime.loop import Tick, run
 REPLAY = """
 import sys, tci
 from tci.runtime.loop import run
-with tci.connect(tci.load_robot(sys.argv[1]), "replay:" + sys.argv[2]) as link:
-    run(link, tci.WithdrawalReflex())
-    print(link.compared, len(link.different))
+with tci.connect(tci.load_robot(sys.argv[1]), "replay:" + sys.argv[2]) as driver:
+    run(driver, tci.WithdrawalReflex())
+    print(driver.compared, len(driver.different))
 """
 
 
@@ -39,11 +39,11 @@ def test_another_process_decides_the_same_bit_for_bit(robot: str, tmp_path: Path
 
 def test_a_skin_that_sends_changes_only_decides_the_same(tmp_path: Path) -> None:
     ticks = record_poke(tmp_path / "a.mcap", keep_alive=0.25)
-    with ReplayLink(load_robot("nao"), str(tmp_path / "a.mcap")) as link:
-        assert link.keep_alive == 0.25
+    with ReplayDriver(load_robot("nao"), str(tmp_path / "a.mcap")) as driver:
+        assert driver.keep_alive == 0.25
         seen: list[Tick] = []
-        run(link, WithdrawalReflex(), observe=seen.append)
-        assert (link.compared, link.different) == (len(ticks), [])
+        run(driver, WithdrawalReflex(), observe=seen.append)
+        assert (driver.compared, driver.different) == (len(ticks), [])
     for again, tick in zip(seen, ticks, strict=True):
         pressures = [[p.pressure for p in each.skin.patches.values()] for each in (again, tick)]
         assert all((a == b).all() for a, b in zip(*pressures, strict=True))
@@ -54,25 +54,25 @@ def test_a_replay_that_ends_in_motion_is_not_brought_to_rest(tmp_path: Path) -> 
     ticks = record_poke(tmp_path / "a.mcap")
     moving = next(i for i, tick in enumerate(ticks) if tick.sent.velocity.any()) + 20
     assert ticks[moving].sent.velocity.any()
-    with ReplayLink(load_robot("nao"), str(tmp_path / "a.mcap")) as link:
-        run(link, WithdrawalReflex(), duration=ticks[moving].now - ticks[0].now)
-        assert (link.compared, link.different) == (moving, [])
-        assert link.gate.counts.holds == 0
+    with ReplayDriver(load_robot("nao"), str(tmp_path / "a.mcap")) as driver:
+        run(driver, WithdrawalReflex(), duration=ticks[moving].now - ticks[0].now)
+        assert (driver.compared, driver.different) == (moving, [])
+        assert driver.gate.counts.holds == 0
 
 
 def test_a_replay_has_the_period_of_then(tmp_path: Path) -> None:
     ticks = record_poke(tmp_path / "a.mcap", rate=100.0)
     assert any(tick.commands for tick in ticks)
-    with ReplayLink(load_robot("nao"), str(tmp_path / "a.mcap")) as link:
-        assert link.period == link.gate.period == 0.01
-        run(link, WithdrawalReflex())
-        assert (link.compared, link.different) == (len(ticks), []) == (60, [])
+    with ReplayDriver(load_robot("nao"), str(tmp_path / "a.mcap")) as driver:
+        assert driver.period == driver.gate.period == 0.01
+        run(driver, WithdrawalReflex())
+        assert (driver.compared, driver.different) == (len(ticks), []) == (60, [])
 
 
 def test_what_decides_the_bits_is_named(tmp_path: Path) -> None:
     record_poke(tmp_path / "a.mcap", duration=0.02)
-    with ReplayLink(load_robot("nao"), str(tmp_path / "a.mcap")) as link:
-        assert link.changed == []
+    with ReplayDriver(load_robot("nao"), str(tmp_path / "a.mcap")) as driver:
+        assert driver.changed == []
     then = '{"numpy": "1.0", "mcap": 7, "else": "1"}'
     assert [words.split(", here ")[0] for words in changed_versions(then)] == ["numpy 1.0", "mcap 7"]
     assert changed_versions("[1") == changed_versions("[1]") == changed_versions("") == []
@@ -81,8 +81,8 @@ def test_what_decides_the_bits_is_named(tmp_path: Path) -> None:
 def test_the_loop_sees_what_it_saw(tmp_path: Path) -> None:
     ticks = record_poke(tmp_path / "a.mcap", duration=0.1)
     seen: list[Tick] = []
-    with connect(load_robot("nao"), f"replay:{tmp_path / 'a.mcap'}") as link:
-        run(link, WithdrawalReflex(), observe=seen.append)
+    with connect(load_robot("nao"), f"replay:{tmp_path / 'a.mcap'}") as driver:
+        run(driver, WithdrawalReflex(), observe=seen.append)
     assert [tick.now for tick in seen] == [tick.now for tick in ticks]
     assert all(equal_readings(a.reading, b.reading) for a, b in zip(seen, ticks, strict=True))
 
@@ -90,32 +90,32 @@ def test_the_loop_sees_what_it_saw(tmp_path: Path) -> None:
 def test_other_settings_show_what_would_have_happened(tmp_path: Path) -> None:
     record_poke(tmp_path / "a.mcap")
     deaf = WithdrawalReflex(fields=())
-    with ReplayLink(load_robot("nao"), str(tmp_path / "a.mcap")) as link:
-        run(link, deaf)
+    with ReplayDriver(load_robot("nao"), str(tmp_path / "a.mcap")) as driver:
+        run(driver, deaf)
     answered = next(tick.now for tick in Recording(tmp_path / "a.mcap").ticks() if tick.commands)
-    assert link.different
-    assert link.different[0] == pytest.approx(answered)
+    assert driver.different
+    assert driver.different[0] == pytest.approx(answered)
 
 
 def test_58_a_replay_reaches_nothing_and_takes_only_its_own_robot(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     record_poke(path, duration=0.05)
-    with pytest.raises(LinkError, match="recorded from 'nao'"):
-        ReplayLink(load_robot("icub"), str(path))
+    with pytest.raises(DriverError, match="recorded from 'nao'"):
+        ReplayDriver(load_robot("icub"), str(path))
     with (
-        ReplayLink(load_robot("nao"), str(path), arm=False) as link,
-        pytest.raises(LinkError, match="read-only"),
+        ReplayDriver(load_robot("nao"), str(path), arm=False) as driver,
+        pytest.raises(DriverError, match="read-only"),
     ):
-        run(link, WithdrawalReflex())
-    assert link.compared == 0
+        run(driver, WithdrawalReflex())
+    assert driver.compared == 0
 
 
 def test_what_can_not_be_replayed_is_told(tmp_path: Path) -> None:
     robot = load_robot("nao")
-    with pytest.raises(LinkError, match="valid: replay:FILE"):
-        ReplayLink(robot)
-    with pytest.raises(LinkError, match="can't be read"):
-        ReplayLink(robot, str(tmp_path / "none.mcap"))
+    with pytest.raises(DriverError, match="valid: replay:FILE"):
+        ReplayDriver(robot)
+    with pytest.raises(DriverError, match="can't be read"):
+        ReplayDriver(robot, str(tmp_path / "none.mcap"))
     (tmp_path / "a.mcap").write_text("hello, this is not a recording at all")
     with pytest.raises(RecordingError):
-        ReplayLink(robot, str(tmp_path / "a.mcap"))
+        ReplayDriver(robot, str(tmp_path / "a.mcap"))

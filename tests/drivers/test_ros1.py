@@ -30,12 +30,12 @@ from peers import DEBIAN_PYTHON, needs_debian_module
 from tci.drivers.registry import connect
 from tci.drivers.ros.messages import TEXT
 from tci.drivers.ros.ros1 import Ros1Node
-from tci.errors import LinkError
+from tci.errors import DriverError
 from tci.exports.facts import query, read_facts
 
 HERE = Path(__file__).parent
 SERVE = (sys.executable, "-m", "tci.cli.main", "serve", "nao", "--duration", "120", "--via")
-pytestmark = pytest.mark.xdist_group("link-ros1")
+pytestmark = pytest.mark.xdist_group("driver-ros1")
 """rospy has one node per process, and a node has one master."""
 
 
@@ -60,16 +60,16 @@ def test_a_robot_in_ros_sends_joints_and_skin_and_takes_trajectories(
 ) -> None:
     namespace = make()
     process = ros_robot(start, namespace)
-    with connect(tci.load_robot("nao"), f"ros1:{namespace}", arm=True, wait=60.0) as link:
-        first = complete(link)
+    with connect(tci.load_robot("nao"), f"ros1:{namespace}", arm=True, wait=60.0) as driver:
+        first = complete(driver)
         for frame in first.skin:
             np.testing.assert_array_equal(frame.values, np.arange(len(frame.values), dtype=np.uint16))
-        go(link, "LElbowRoll", -1.2)
-        drive(link, seconds=1.0)
-        assert link.read().joints.sequence > first.joints.sequence + 50
+        go(driver, "LElbowRoll", -1.2)
+        drive(driver, seconds=1.0)
+        assert driver.read().joints.sequence > first.joints.sequence + 50
     process.kill()
     heard = [json.loads(line) for line in process.stdout or ()]
-    names = [servo.joint or servo.name for servo in link.robot.servos_of("LArm")]
+    names = [servo.joint or servo.name for servo in driver.robot.servos_of("LArm")]
     assert heard[-1]["names"] == names
     assert {(command["part"], command["seconds"]) for command in heard} == {("LArm", 0.01)}
 
@@ -77,16 +77,16 @@ def test_a_robot_in_ros_sends_joints_and_skin_and_takes_trajectories(
 def test_what_a_killed_process_left_in_the_master_is_no_robot(start: Start) -> None:
     via = f"ros1:{anywhere()}"
     shown = start(*SERVE, via)
-    with connect(tci.load_robot("nao"), via, wait=60.0) as link:
-        assert not link.is_native
+    with connect(tci.load_robot("nao"), via, wait=60.0) as driver:
+        assert not driver.is_native
     shown.kill()
     shown.wait()
-    with pytest.raises(LinkError, match=r"nobody publishes .*/tci_nao_\w+ \(http:.*\) is registered"):
+    with pytest.raises(DriverError, match=r"nobody publishes .*/tci_nao_\w+ \(http:.*\) is registered"):
         connect(tci.load_robot("nao"), via, wait=0.5)
     process = ros_robot(start, via.removeprefix("ros1:"))
-    with connect(tci.load_robot("nao"), via, wait=60.0) as link:
-        assert link.is_native
-        assert any(finding.subject == "node" for finding in link.diagnose())
+    with connect(tci.load_robot("nao"), via, wait=60.0) as driver:
+        assert driver.is_native
+        assert any(finding.subject == "node" for finding in driver.diagnose())
         process.kill()
 
 
@@ -116,7 +116,7 @@ def test_35_topics_of_a_wrong_type_are_refused_by_name(start: Start) -> None:
     namespace = anywhere()
     ros_robot(start, namespace, wrong_type=True)
     with pytest.raises(
-        LinkError, match=r"/joint_states is std_msgs/msg/String; valid: sensor_msgs/msg/JointS"
+        DriverError, match=r"/joint_states is std_msgs/msg/String; valid: sensor_msgs/msg/JointS"
     ):
         connect(tci.load_robot("nao"), f"ros1:{namespace}", wait=15.0)
 
@@ -124,19 +124,19 @@ def test_35_topics_of_a_wrong_type_are_refused_by_name(start: Start) -> None:
 def test_33_a_flood_does_not_age_what_is_read(start: Start) -> None:
     namespace = anywhere()
     ros_robot(start, namespace, flood=100)
-    with connect(tci.load_robot("nao"), f"ros1:{namespace}", wait=60.0) as link:
+    with connect(tci.load_robot("nao"), f"ros1:{namespace}", wait=60.0) as driver:
         time.sleep(2.0)
         end = time.monotonic() + 30.0
-        while link.clock.now() - link.read().joints.stamp > link.gate.stale_after:
+        while driver.clock.now() - driver.read().joints.stamp > driver.gate.stale_after:
             assert time.monotonic() < end
 
 
 def test_a_robot_that_tci_shows_is_an_ordinary_robot_to_ros(start: Start) -> None:
     start(*SERVE, "ros1:/left")
     robot = tci.load_robot("nao")
-    with connect(robot, "ros1:/left", arm=True, wait=60.0) as link:
-        assert link.read().joints.modes is not None, "a TCI process tells more than a JointState can"
-        go(link, "LElbowRoll", -1.2)
+    with connect(robot, "ros1:/left", arm=True, wait=60.0) as driver:
+        assert driver.read().joints.modes is not None, "a TCI process tells more than a JointState can"
+        go(driver, "LElbowRoll", -1.2)
     asked = subprocess.run(
         [DEBIAN_PYTHON, "-c", LOOK], capture_output=True, text=True, timeout=120, check=True
     )
@@ -186,8 +186,8 @@ print(json.dumps(found))
 
 def test_without_a_master_and_in_a_bad_namespace_it_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     needs_debian_module("rospy", "ros-core")
-    with pytest.raises(LinkError, match="no ROS namespace"):
+    with pytest.raises(DriverError, match="no ROS namespace"):
         connect(tci.load_robot("nao"), "ros1:a b")
     monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:9")
-    with pytest.raises(LinkError, match=r"no ROS master at http://127.0.0.1:9.*roscore"):
+    with pytest.raises(DriverError, match=r"no ROS master at http://127.0.0.1:9.*roscore"):
         connect(tci.load_robot("nao"), "ros1")

@@ -31,7 +31,7 @@ from tci.drivers.registry import connect
 from tci.drivers.ros.messages import BYTES, TEXT, TRAJECTORY, VALUES
 from tci.drivers.ros.native import QUEUE
 from tci.drivers.ros.ros2_dds import DdsNode, _settings, type_hash
-from tci.errors import LinkError
+from tci.errors import DriverError
 from tci.exports.facts import query, read_facts
 from tci.recording.schemas import CLOUD, JOINTS
 from tci.robot.joint_map import initial_position
@@ -71,20 +71,20 @@ def ros_robot(start: Start, namespace: str, **more: Any) -> subprocess.Popen[str
 
 def test_a_robot_in_ros_sends_joints_and_skin_and_takes_trajectories(start: Start, namespace: str) -> None:
     process = ros_robot(start, namespace)
-    with connect(tci.load_robot("nao"), f"ros2:{namespace}", arm=True, wait=60.0) as link:
-        first = complete(link)
+    with connect(tci.load_robot("nao"), f"ros2:{namespace}", arm=True, wait=60.0) as driver:
+        first = complete(driver)
         for frame in first.skin:
             assert frame.values.dtype == np.uint16
             np.testing.assert_array_equal(frame.values, np.arange(len(frame.values)))
-        go(link, "LElbowRoll", -1.2)
-        drive(link, seconds=1.0)
-        last = link.read()
+        go(driver, "LElbowRoll", -1.2)
+        drive(driver, seconds=1.0)
+        last = driver.read()
         assert last.joints.sequence > first.joints.sequence + 50
         assert last.skin[0].sequence > first.skin[0].sequence + 50
     process.kill()
     heard = [json.loads(line) for line in process.stdout or ()]
     assert {command["part"] for command in heard} == {"LArm"}, "no other part was ever sent anything"
-    names = [servo.joint or servo.name for servo in link.robot.servos_of("LArm")]
+    names = [servo.joint or servo.name for servo in driver.robot.servos_of("LArm")]
     assert all(command["names"] == names for command in heard), "a controller wants all its joints"
     assert {command["seconds"] for command in heard} == {0.01}
 
@@ -99,9 +99,9 @@ def test_plain_values_where_the_binding_says_so(start: Start, namespace: str) ->
             binding = binding.model_copy(update={"addresses": (place,)})
         bindings.append(binding)
     robot = robot.model_copy(update={"bindings": tuple(bindings)})
-    with connect(robot, f"ros2:{namespace}", arm=True, wait=60.0) as link:
-        go(link, "LElbowRoll", -1.2)
-        drive(link, seconds=0.2)
+    with connect(robot, f"ros2:{namespace}", arm=True, wait=60.0) as driver:
+        go(driver, "LElbowRoll", -1.2)
+        drive(driver, seconds=0.2)
     process.kill()
     heard = [json.loads(line) for line in process.stdout or ()]
     assert heard[-1]["values"] == pytest.approx(
@@ -122,7 +122,7 @@ def test_28_a_robot_that_dies_is_held_within_100_ms_and_34_nothing_is_replayed(
 def test_35_topics_of_a_wrong_type_are_refused_by_name(start: Start, namespace: str) -> None:
     ros_robot(start, namespace, wrong_type=True)
     with pytest.raises(
-        LinkError, match=r"/joint_states is std_msgs/msg/String; valid: sensor_msgs/msg/JointState"
+        DriverError, match=r"/joint_states is std_msgs/msg/String; valid: sensor_msgs/msg/JointState"
     ):
         connect(tci.load_robot("nao"), f"ros2:{namespace}", wait=20.0)
 
@@ -131,16 +131,16 @@ def test_nobody_there_a_bad_namespace_and_bad_settings_are_told(
     domain: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     robot = tci.load_robot("nao")
-    with pytest.raises(LinkError, match="nobody publishes /left/nao/joint_states"):
+    with pytest.raises(DriverError, match="nobody publishes /left/nao/joint_states"):
         connect(robot, "ros2:/left/nao", wait=0.2)
-    with pytest.raises(LinkError, match="no ROS namespace"):
+    with pytest.raises(DriverError, match="no ROS namespace"):
         connect(robot, "ros2:10.0.0.1")
     monkeypatch.setenv("ROS_DOMAIN_ID", "999")
-    with pytest.raises(LinkError, match="0 to 232"):
+    with pytest.raises(DriverError, match="0 to 232"):
         connect(robot, "ros2", wait=0.2)
     monkeypatch.setenv("ROS_DOMAIN_ID", "3")
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "EVERYWHERE")
-    with pytest.raises(LinkError, match="LOCALHOST"):
+    with pytest.raises(DriverError, match="LOCALHOST"):
         connect(robot, "ros2", wait=0.2)
 
 
@@ -149,7 +149,7 @@ def test_a_peer_that_cyclone_would_end_the_process_for_is_told(
     domain: int, monkeypatch: pytest.MonkeyPatch, peer: str
 ) -> None:
     monkeypatch.setenv("ROS_STATIC_PEERS", f"127.0.0.1;{peer}")
-    with pytest.raises(LinkError, match=f"'{peer}' of ROS_STATIC_PEERS is no address; valid: HOST or"):
+    with pytest.raises(DriverError, match=f"'{peer}' of ROS_STATIC_PEERS is no address; valid: HOST or"):
         connect(tci.load_robot("nao"), "ros2", wait=0.2)
 
 
@@ -162,17 +162,17 @@ def test_cyclone_gets_addresses_and_no_names(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_33_a_flood_costs_bounded_time_and_memory(start: Start, namespace: str) -> None:
     ros_robot(start, namespace, flood=100)
-    with connect(tci.load_robot("nao"), f"ros2:{namespace}", wait=60.0) as link:
-        for _ in link.ticks(duration=1.0):
-            before = link.read().joints.sequence
-            assert link.read().joints.sequence - before <= QUEUE
+    with connect(tci.load_robot("nao"), f"ros2:{namespace}", wait=60.0) as driver:
+        for _ in driver.ticks(duration=1.0):
+            before = driver.read().joints.sequence
+            assert driver.read().joints.sequence - before <= QUEUE
         time.sleep(1.0)
-        before = link.read().joints.sequence
-        assert link.read().joints.sequence - before <= QUEUE, (
+        before = driver.read().joints.sequence
+        assert driver.read().joints.sequence - before <= QUEUE, (
             "what came meanwhile was dropped, but the newest"
         )
         end = time.monotonic() + 30.0
-        while link.clock.now() - link.read().joints.stamp > link.gate.stale_after:
+        while driver.clock.now() - driver.read().joints.stamp > driver.gate.stale_after:
             assert time.monotonic() < end
 
 
@@ -222,9 +222,9 @@ def test_a_robot_that_tci_shows_is_an_ordinary_robot_to_ros(start: Start, namesp
 
 def test_a_behaviour_elsewhere_commands_a_robot_that_tci_shows(start: Start, namespace: str) -> None:
     start(*SERVE, f"ros2:{namespace}")
-    with connect(tci.load_robot("nao"), f"ros2:{namespace}", arm=True, wait=60.0) as link:
-        go(link, "LElbowRoll", -1.2)
-        reading = complete(link)
+    with connect(tci.load_robot("nao"), f"ros2:{namespace}", arm=True, wait=60.0) as driver:
+        go(driver, "LElbowRoll", -1.2)
+        reading = complete(driver)
         assert reading.joints.modes is not None, "a TCI process tells more than a JointState can"
 
 
@@ -236,9 +236,9 @@ def test_by_genuine_rclpy_it_is_the_same(
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(Path(tci.__file__).parents[1]), *_site_packages()]))
     serve = "import sys; from tci.cli.main import main; sys.argv = ['tci', *sys.argv[1:]]; main()"
     start(python, "-c", serve, "serve", "nao", "--via", f"ros2:{namespace}", "--duration", "120")
-    with connect(tci.load_robot("nao"), f"ros2:{namespace}", arm=True, wait=60.0) as link:
-        go(link, "LElbowRoll", -1.2)
-        complete(link)
+    with connect(tci.load_robot("nao"), f"ros2:{namespace}", arm=True, wait=60.0) as driver:
+        go(driver, "LElbowRoll", -1.2)
+        complete(driver)
     told = subprocess.run(
         [python, "-c", BY_RCLPY, f"ros2:{namespace}"], capture_output=True, text=True, timeout=120, check=True
     )
@@ -251,9 +251,9 @@ def _site_packages() -> list[str]:
 
 BY_RCLPY = """
 import json, sys, tci
-with tci.connect(tci.load_robot("nao"), sys.argv[1], wait=60.0) as link:
-    elbow = link.native("LArm").positions(link.read().joints)["LElbowRoll"]
-    print(json.dumps([type(link._node).__name__, link.is_native, elbow]))
+with tci.connect(tci.load_robot("nao"), sys.argv[1], wait=60.0) as driver:
+    elbow = driver.native("LArm").positions(driver.read().joints)["LElbowRoll"]
+    print(json.dumps([type(driver._node).__name__, driver.is_native, elbow]))
 """
 
 
@@ -272,7 +272,7 @@ def test_closing_leaves_nothing_behind(domain: int) -> None:
         one.close()
         one.close()
         two.close()
-        with pytest.raises(LinkError, match="closed"):
+        with pytest.raises(DriverError, match="closed"):
             send((((), 0), np.arange(3.0)))
     assert len(os.listdir("/proc/self/task")) <= threads, "Cyclone's own threads are gone with it"
 

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 import tci
-from drivers.links import free_port
 from drivers.rosbridge_exchange import RecordedServer, exchange, narrow, plain
+from drivers.wires import free_port
 from tci.drivers.ros.messages import BYTES, NO_LAYOUT, TRAJECTORY
 from tci.drivers.ros.rosbridge import MOST_WAITING, RosbridgeNode, _get, _new, parse
 from tci.drivers.ros.tree import Trees
-from tci.errors import LinkError
+from tci.errors import DriverError
 from tci.gate.safe_command import GateState
 from tci.recording.schemas import CLOUD, JOINTS, cloud_fields, header
 
@@ -31,9 +31,9 @@ def server() -> Iterator[RecordedServer]:
 
 
 def test_the_client_says_what_the_genuine_server_understood(server: RecordedServer) -> None:
-    with tci.connect(narrow(), f"rosbridge:127.0.0.1:{server.port}", arm=True) as link:
+    with tci.connect(narrow(), f"rosbridge:127.0.0.1:{server.port}", arm=True) as driver:
         end = time.monotonic() + 60.0
-        while len((first := link.read()).skin) < 2:
+        while len((first := driver.read()).skin) < 2:
             assert time.monotonic() < end
             time.sleep(0.01)
         assert {frame.patch: len(frame.values) for frame in first.skin} == {
@@ -42,16 +42,16 @@ def test_the_client_says_what_the_genuine_server_understood(server: RecordedServ
         }
         for frame in first.skin:
             np.testing.assert_array_equal(frame.values, np.arange(240, dtype=np.uint16))
-        assert first.joints.position.shape == (len(link.robot.servos),)
-        pending = [link.native("LArm").command({"LElbowRoll": -1.1})]
-        for now in link.ticks(duration=60.0):
-            joints = link.read().joints
-            link.write(link.gate.step(pending, joints, now))
+        assert first.joints.position.shape == (len(driver.robot.servos),)
+        pending = [driver.native("LArm").command({"LElbowRoll": -1.1})]
+        for now in driver.ticks(duration=60.0):
+            joints = driver.read().joints
+            driver.write(driver.gate.step(pending, joints, now))
             pending = []
             said = any(message["op"] == "publish" for message in server.heard)
             if said and joints.sequence > first.joints.sequence + 20:
                 break
-        assert link.read().joints.sequence > first.joints.sequence + 20
+        assert driver.read().joints.sequence > first.joints.sequence + 20
     recorded = {json.dumps(plain(m), sort_keys=True) for _, who, m in exchange() if who == "client"}
     said = [json.dumps(plain(message), sort_keys=True) for message in server.heard]
     assert set(said) <= recorded
@@ -61,22 +61,22 @@ def test_the_client_says_what_the_genuine_server_understood(server: RecordedServ
 
 
 def test_28_a_server_that_dies_means_hold_and_closing_leaves_nothing(server: RecordedServer) -> None:
-    link = tci.connect(narrow(), f"rosbridge:127.0.0.1:{server.port}", arm=True)
+    driver = tci.connect(narrow(), f"rosbridge:127.0.0.1:{server.port}", arm=True)
     server.close()
-    for now in link.ticks(duration=60.0):
-        held = link.write(link.gate.step([], link.read().joints, now))
+    for now in driver.ticks(duration=60.0):
+        held = driver.write(driver.gate.step([], driver.read().joints, now))
         if held.state is GateState.HOLD:
             break
     assert held.state is GateState.HOLD
-    link.close()
-    link.close()
-    with pytest.raises(LinkError, match="closed"):
-        link.read()
+    driver.close()
+    driver.close()
+    with pytest.raises(DriverError, match="closed"):
+        driver.read()
 
 
 def test_one_who_gave_up_does_not_stay_when_the_server_is_there_later() -> None:
     port = free_port()
-    with pytest.raises(LinkError, match="no rosbridge server"):
+    with pytest.raises(DriverError, match="no rosbridge server"):
         RosbridgeNode("127.0.0.1", port)
     late = RecordedServer(port)
     try:
@@ -103,9 +103,9 @@ def test_32_a_server_that_reads_nothing_keeps_little_waiting(server: RecordedSer
     node.close()
 
 
-def test_35_messages_that_are_none_are_counted_and_the_link_goes_on(server: RecordedServer) -> None:
-    with tci.connect(narrow(), f"rosbridge:127.0.0.1:{server.port}") as link:
-        before = link.read().joints.sequence
+def test_35_messages_that_are_none_are_counted_and_the_driver_goes_on(server: RecordedServer) -> None:
+    with tci.connect(narrow(), f"rosbridge:127.0.0.1:{server.port}") as driver:
+        before = driver.read().joints.sequence
         damaged = [
             {"name": ["a"]}, {"header": 3}, {"header": {"stamp": {}, "frame_id": ""}}, [], "text", 7, None,
             {"header": {"stamp": {"secs": 1, "nsecs": "x"}, "frame_id": ""}, "name": 3},
@@ -119,11 +119,11 @@ def test_35_messages_that_are_none_are_counted_and_the_link_goes_on(server: Reco
             server._loop.call_soon_threadsafe(server.protocol.say, said)
         server._loop.call_soon_threadsafe(server.protocol.sendMessage, b"{no json")
         end = time.monotonic() + 60.0
-        while sum(link._node.rejected.values()) < len(damaged) - 1 and time.monotonic() < end:
+        while sum(driver._node.rejected.values()) < len(damaged) - 1 and time.monotonic() < end:
             time.sleep(0.05)
-        assert sum(link._node.rejected.values()) >= len(damaged) - 1
-        assert link.read().joints.sequence > before
-        assert any(finding.subject == "messages" for finding in link.diagnose())
+        assert sum(driver._node.rejected.values()) >= len(damaged) - 1
+        assert driver.read().joints.sequence > before
+        assert any(finding.subject == "messages" for finding in driver.diagnose())
 
 
 def test_nobody_there_and_bad_addresses_are_told() -> None:
@@ -131,9 +131,9 @@ def test_nobody_there_and_bad_addresses_are_told() -> None:
     assert parse("10.0.0.5:9091/left/nao") == ("10.0.0.5", 9091, "/left/nao")
     assert parse("robot.local/left") == ("robot.local", 9090, "/left")
     for address in ("a b", "host:99999", "host:x", "ws://host:9090"):
-        with pytest.raises(LinkError, match="valid: "):
+        with pytest.raises(DriverError, match="valid: "):
             parse(address)
-    with pytest.raises(LinkError, match=r"no rosbridge server at ws://127.0.0.1:9"):
+    with pytest.raises(DriverError, match=r"no rosbridge server at ws://127.0.0.1:9"):
         tci.connect(tci.load_robot("nao"), "rosbridge:127.0.0.1:9")
 
 

@@ -14,17 +14,17 @@ import numpy as np
 import psutil
 import pytest
 
-from drivers.links import Lcm, lcm_url
 from drivers.namespaces import Network, needs_namespaces
 from drivers.test_remote_cdr import JOINTS, NAO, ORDERS
-from drivers.test_remote_link import Wire
+from drivers.test_remote_driver import Wire
+from drivers.wires import Lcm, lcm_url
 from tci.drivers.lcm.datagrams import Receiver, Transmitter, parse_url
-from tci.drivers.lcm.driver import LcmLink, LcmServer
+from tci.drivers.lcm.driver import LcmDriver, LcmServer
 from tci.drivers.lcm.encoding import frame_bytes, orders_bytes, state_bytes
 from tci.drivers.own_sockets import on_loopback
 from tci.drivers.remote.commanders import LEASE
 from tci.drivers.remote.protocol import SessionFrame, State
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.simulated import SimulatedDriver
 from tci.gate.safe_command import GateState, SafeCommand
 from tci.messages import SkinFrame
 
@@ -154,27 +154,27 @@ def test_of_a_served_robot_only_its_own_skin_and_states_count() -> None:
     url = peer.via.removeprefix("lcm:")
     stranger = Transmitter(url)
     try:
-        with peer.open(arm=True) as link:
-            assert isinstance(link, LcmLink)
-            assert link._state is not None
-            own = link._state.session
-            link.read()
+        with peer.open(arm=True) as driver:
+            assert isinstance(driver, LcmDriver)
+            assert driver._state is not None
+            own = driver._state.session
+            driver.read()
             for session in (own, own + 1):
                 joints = replace(JOINTS, position=np.full(len(NAO.servos), 0.1))
                 false = State(session, 1 << 40, 0.0, 0.0, joints, "stop", "a lie", ())
-                stranger.send("tci/nao/state", state_bytes(link.robot, false))
-                stranger.send("tci/nao/skin", frame_bytes(link.robot, SessionFrame(session, TOUCH)))
-            before = {frame.patch: frame.sequence for frame in link.read().skin}
-            for _ in link.ticks(duration=1.0):
-                reading = link.read()
-                if link.strangers >= 4 and all(f.sequence > before[f.patch] for f in reading.skin):
+                stranger.send("tci/nao/state", state_bytes(driver.robot, false))
+                stranger.send("tci/nao/skin", frame_bytes(driver.robot, SessionFrame(session, TOUCH)))
+            before = {frame.patch: frame.sequence for frame in driver.read().skin}
+            for _ in driver.ticks(duration=1.0):
+                reading = driver.read()
+                if driver.strangers >= 4 and all(f.sequence > before[f.patch] for f in reading.skin):
                     break
-            assert link.strangers == 4
-            assert link.gate.state is not GateState.STOP
+            assert driver.strangers == 4
+            assert driver.gate.state is not GateState.STOP
             for frame in reading.skin:
                 assert before[frame.patch] < frame.sequence < TOUCH.sequence
             assert reading.joints.position[0] != 0.1
-            (finding,) = [found for found in link.diagnose() if found.subject == "strangers"]
+            (finding,) = [found for found in driver.diagnose() if found.subject == "strangers"]
             assert finding.what.startswith("4 messages of another process")
     finally:
         stranger.close()
@@ -183,7 +183,7 @@ def test_of_a_served_robot_only_its_own_skin_and_states_count() -> None:
 
 def test_orders_in_the_name_of_a_commander_count_from_its_own_place_only() -> None:
     url = lcm_url()
-    with SimulatedLink(NAO) as link, LcmServer(link, url) as server:
+    with SimulatedDriver(NAO) as driver, LcmServer(driver, url) as server:
         commander, stranger = Transmitter(url), Transmitter(url)
 
         def order(sender: Transmitter, sequence: int) -> None:
@@ -212,7 +212,7 @@ def test_skin_of_another_session_is_counted_and_changes_nothing() -> None:
     assert wire.strangers == 1
 
 
-def test_a_state_of_another_session_ends_a_link_only_once_its_own_robot_is_silent() -> None:
+def test_a_state_of_another_session_ends_a_driver_only_once_its_own_robot_is_silent() -> None:
     wire = Wire()
     wire.tell()
     wire.read()

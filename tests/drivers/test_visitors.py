@@ -20,14 +20,14 @@ import zenoh
 from websockets.sync.client import connect as open_websocket
 
 import tci
-from drivers.links import free_port
 from drivers.namespaces import HERE
 from drivers.ros_robots import anywhere, roscore
 from drivers.served import needs_qi
+from drivers.wires import free_port
 from tci.drivers.own_sockets import Watch, listening
 from tci.drivers.player.client import Client
 from tci.drivers.player.server import PlayerServer
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.simulated import SimulatedDriver
 from tci.drivers.visitors import MOST, PATIENCE, Visitor, Visitors, surplus
 from tci.drivers.yarp.dialect import V3
 from tci.drivers.yarp.name_server import NameServer
@@ -77,7 +77,7 @@ def _lines(port: int, greeting: bytes, question: bytes, end: bytes) -> Again:
 @contextmanager
 def player() -> Iterator[tuple[int, Ask]]:
     ended = threading.Event()
-    with SimulatedLink(tci.load_robot("nao")) as link, PlayerServer(link, ":0") as server:
+    with SimulatedDriver(tci.load_robot("nao")) as driver, PlayerServer(driver, ":0") as server:
 
         def loop() -> None:
             while not ended.wait(0.01):

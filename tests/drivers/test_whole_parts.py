@@ -7,7 +7,7 @@ import pytest
 
 from gate.gate_checks import Driven, make_robot, position_command
 from tci.drivers.remote.whole_parts import WholeParts
-from tci.errors import LinkError
+from tci.errors import DriverError
 from tci.messages import Mode, PlatformCommand
 
 
@@ -59,5 +59,5 @@ def test_only_positions_are_taken() -> None:
     robot = make_robot(modes=(Mode.VELOCITY,))
     driven = Driven(robot, [0.0] * 6)
     safe = driven.step(PlatformCommand(Mode.VELOCITY, np.array([1]), np.array([0.1]), np.array([np.inf])))
-    with pytest.raises(LinkError, match="joint1 is in velocity mode; this robot takes: position"):
+    with pytest.raises(DriverError, match="joint1 is in velocity mode; this robot takes: position"):
         WholeParts(robot).complete(safe, driven.angles)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import pytest
 
 import tci
-from drivers.links import free_port
+from drivers.wires import free_port
 from tci.drivers.registry import open_server
-from tci.drivers.simulated import SimulatedLink
-from tci.drivers.zenoh.driver import ZenohLink, ZenohServer
+from tci.drivers.simulated import SimulatedDriver
+from tci.drivers.zenoh.driver import ZenohDriver, ZenohServer
 from tci.drivers.zenoh.session import close_session, open_session, parse_address
-from tci.errors import LinkError
+from tci.errors import DriverError
 from tci.exports.facts import query, read_facts
 
 
@@ -29,7 +29,7 @@ def test_addresses(text: str, shown: str) -> None:
 
 @pytest.mark.parametrize("text", ["10.0.0.5:7447", "a b@tcp/h:1", "tci/nao@tcp/h:1", "tcp", "x@tcp/"])
 def test_wrong_addresses_say_what_is_valid(text: str) -> None:
-    with pytest.raises(LinkError, match="valid"):
+    with pytest.raises(DriverError, match="valid"):
         parse_address(text, "nao")
 
 
@@ -37,26 +37,29 @@ def test_36_a_port_that_is_taken_is_told() -> None:
     where = parse_address(f"tcp/127.0.0.1:{free_port()}", "nao")
     session = open_session(where, "listen")
     try:
-        with SimulatedLink(tci.load_robot("nao")) as link, pytest.raises(LinkError, match="in use"):
-            open_server(link, str(where))
+        with SimulatedDriver(tci.load_robot("nao")) as driver, pytest.raises(DriverError, match="in use"):
+            open_server(driver, str(where))
     finally:
         close_session(session)
 
 
 def test_nobody_there_and_a_missing_file_are_told() -> None:
-    with pytest.raises(LinkError, match="connect"):
+    with pytest.raises(DriverError, match="connect"):
         tci.connect(tci.load_robot("nao"), f"zenoh:tcp/127.0.0.1:{free_port()}")
-    with pytest.raises(LinkError, match="json5"):
+    with pytest.raises(DriverError, match="json5"):
         tci.connect(tci.load_robot("nao"), "zenoh:/no/such/file.json5")
 
 
 def test_the_names_of_robots_there_are_told_and_the_run_time_query_answers() -> None:
     robot = tci.load_robot("nao")
     port = free_port()
-    with SimulatedLink(robot) as link, open_server(link, f"zenoh:kitchen@tcp/127.0.0.1:{port}") as server:
+    with (
+        SimulatedDriver(robot) as driver,
+        open_server(driver, f"zenoh:kitchen@tcp/127.0.0.1:{port}") as server,
+    ):
         assert isinstance(server, ZenohServer)
-        with pytest.raises(LinkError, match="robots there: kitchen"):
-            ZenohLink(robot, f"hall@tcp/127.0.0.1:{port}")
+        with pytest.raises(DriverError, match="robots there: kitchen"):
+            ZenohDriver(robot, f"hall@tcp/127.0.0.1:{port}")
         session = open_session(parse_address(f"kitchen@tcp/127.0.0.1:{port}", "nao"), "connect")
         found = [list(session.get(f"tci/{name}/facts", timeout=5.0)) for name in ("kitchen", "*")]
         close_session(session)
@@ -71,13 +74,13 @@ def test_doctor_tells_step_by_step_what_is_there() -> None:
     robot, where = tci.load_robot("nao"), f"tcp/127.0.0.1:{free_port()}"
 
     def told(address: str) -> list[tuple[str, str]]:
-        return [(finding.subject, finding.level.value) for finding in ZenohLink.probe(robot, address)]
+        return [(finding.subject, finding.level.value) for finding in ZenohDriver.probe(robot, address)]
 
     assert told(where) == [("session", "fault")]
-    with SimulatedLink(robot) as link, ZenohServer(link, where):
+    with SimulatedDriver(robot) as driver, ZenohServer(driver, where):
         assert told(where) == [("session", "ok"), ("robot", "ok"), ("description", "ok")]
         assert told(f"other@{where}") == [("session", "ok"), ("robot", "fault")]
-        assert "robots there: nao" in ZenohLink.probe(robot, f"other@{where}")[1].what
+        assert "robots there: nao" in ZenohDriver.probe(robot, f"other@{where}")[1].what
         other = robot.model_copy(update={"digest": "0123456789abcdef" * 4})
-        assert "another one" in ZenohLink.probe(other, where)[2].what
+        assert "another one" in ZenohDriver.probe(other, where)[2].what
     assert told("no endpoint") == [("session", "fault")]

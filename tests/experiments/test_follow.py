@@ -8,7 +8,7 @@ from tci.body.places import find_place
 from tci.capabilities.fields import default_fields
 from tci.capabilities.play_gesture import Phase, PlayGesture
 from tci.capabilities.withdrawal import WithdrawalReflex
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.simulated import SimulatedDriver
 from tci.experiments.follow import follow
 from tci.experiments.proof import arm_axes
 from tci.frames import Array, angle_between
@@ -56,7 +56,7 @@ def test_recorded_on_nao_played_on_icub() -> None:
     nao, icub = load_robot("nao"), load_robot("icub")
     seen: list[Tick] = []
     first = follow(
-        SimulatedLink(nao, world=World(nao, skin=False)), PlayGesture(fit(nao, wave())), observe=seen.append
+        SimulatedDriver(nao, world=World(nao, skin=False)), PlayGesture(fit(nao, wave())), observe=seen.append
     )
     assert first.phase is Phase.DONE
     times = np.array([tick.now for tick in seen])[::5]
@@ -68,7 +68,7 @@ def test_recorded_on_nao_played_on_icub() -> None:
     played = []
     replayed: list[Tick] = []
     following = follow(
-        SimulatedLink(icub, world=World(icub, skin=False)), PlayGesture(fitted), observe=replayed.append
+        SimulatedDriver(icub, world=World(icub, skin=False)), PlayGesture(fitted), observe=replayed.append
     )
     assert following.phase is Phase.DONE
     assert max(following.largest.values()) <= np.deg2rad(1.0)
@@ -95,7 +95,7 @@ def test_recorded_on_nao_played_on_icub() -> None:
 def test_the_reflex_interrupts_and_the_gesture_goes_on() -> None:
     robot = load_robot("icub")
     world = World(robot)
-    link, skin = SimulatedLink(robot, world=world), Skin(robot)
+    driver, skin = SimulatedDriver(robot, world=world), Skin(robot)
     site = default_fields()[2]
     phases: list[tuple[float, bool]] = []
 
@@ -108,14 +108,14 @@ def test_the_reflex_interrupts_and_the_gesture_goes_on() -> None:
             world.finger.retire()
 
     fitted = fit(robot, wave())
-    following = follow(link, PlayGesture(fitted, WithdrawalReflex()), observe=touch)
+    following = follow(driver, PlayGesture(fitted, WithdrawalReflex()), observe=touch)
     print(following)
     assert any(contact for _, contact in phases)
     assert following.interruptions == 1
     assert following.phase is Phase.DONE
     assert fitted.gesture.duration + 0.5 < following.duration < fitted.gesture.duration + 4.0
     assert max(following.largest.values()) <= np.deg2rad(1.0)
-    assert link.gate.counts.stops == 0
+    assert driver.gate.counts.stops == 0
 
 
 class GoesBlind(WithdrawalReflex):
@@ -129,9 +129,9 @@ def test_a_reflex_that_goes_blind_stops_the_robot() -> None:
     icub = load_robot("icub")
     t = np.linspace(0.0, 0.5, 11)
     still = np.deg2rad(np.array([25.0, 25, 0, 60, 0]) + np.zeros((11, 1)))
-    link = SimulatedLink(icub, world=World(icub, skin=False))
-    follow(link, PlayGesture(fit(icub, Gesture(t, {"left_arm": still})), GoesBlind()))
-    assert link.gate.counts.stops == 1
+    driver = SimulatedDriver(icub, world=World(icub, skin=False))
+    follow(driver, PlayGesture(fit(icub, Gesture(t, {"left_arm": still})), GoesBlind()))
+    assert driver.gate.counts.stops == 1
 
 
 def test_a_body_in_the_way_is_told() -> None:
@@ -141,7 +141,7 @@ def test_a_body_in_the_way_is_told() -> None:
     angles = np.deg2rad(np.array([25.0, 25, 0, 60, 0]) + np.outer(t, [-35.0, -25, -10, -30, 25]))
     world = World(icub, skin=False)
     following = follow(
-        SimulatedLink(icub, world=world), PlayGesture(fit(icub, Gesture(t, {"left_arm": angles})))
+        SimulatedDriver(icub, world=world), PlayGesture(fit(icub, Gesture(t, {"left_arm": angles})))
     )
     assert following.phase is Phase.DONE
     assert following.stopped

@@ -15,7 +15,7 @@ from tci.body.places import find_place
 from tci.body.posture import to_platform
 from tci.capabilities.fields import default_fields
 from tci.capabilities.withdrawal import WithdrawalReflex
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.simulated import SimulatedDriver
 from tci.errors import TciError
 from tci.experiments.experiment import Report, run_experiment
 from tci.experiments.measure import cop_error
@@ -113,7 +113,7 @@ def test_random_pokes_anywhere_on_the_skin(name: str) -> None:
     world, body = World(robot, seed=1), Body(robot)
     random = np.random.default_rng(11)
     errors, ratios, covered = [], [], 0
-    link = SimulatedLink(robot, world=world)
+    driver = SimulatedDriver(robot, world=world)
     while len(errors) < 200:
         patch = random.choice([words.name for words in robot.patches if robot.limb_segment(words)])
         surface = body.skin.surfaces[patch]
@@ -127,12 +127,12 @@ def test_random_pokes_anywhere_on_the_skin(name: str) -> None:
         depth = random.uniform(5.0, 9.0) / STIFFNESS
         try:
             world.finger.poke(patch, points[0], normals[0], speed=0.2, depth=depth, gap=0.001)
-        except TciError:  # another link lies over this taxel, so no finger gets there
+        except TciError:  # another driver lies over this taxel, so no finger gets there
             covered += 1
             continue
         world.advance(world.time + 0.24)
         truth = world.contact_truth(patch)
-        contacts = [c for c in body.perceive(link.read(), world.time).contacts if c.patch == patch]
+        contacts = [c for c in body.perceive(driver.read(), world.time).contacts if c.patch == patch]
         assert contacts, (patch, taxel)
         contact = max(contacts, key=lambda contact: contact.force)
         error = contact.p_T - truth.center
@@ -169,8 +169,8 @@ def test_no_response_moves_nothing(name: str, where: str) -> None:
     """A firm poke outside every field, and one in a field's centre below the threshold."""
     robot = load_robot(name)
     world = World(robot)
-    link, body = SimulatedLink(robot, world=world), Body(robot)
-    joints = link.read().joints
+    driver, body = SimulatedDriver(robot, world=world), Body(robot)
+    joints = driver.read().joints
     extensor = next(field for field in FIELDS if field.name == "forearm_extensor")
     u, theta = bare_place(body, joints) if where == "outside" else (extensor.u, extensor.theta)
     depth = 0.008 if where == "outside" else 0.0002
@@ -179,7 +179,7 @@ def test_no_response_moves_nothing(name: str, where: str) -> None:
         place.patch, place.p_L, place.n_L, speed=0.2 if depth > 0.001 else 0.01, depth=depth, gap=0.001
     )
     seen: list[Tick] = []
-    run(link, WithdrawalReflex(), duration=0.5, observe=seen.append)
+    run(driver, WithdrawalReflex(), duration=0.5, observe=seen.append)
     assert world.finger.touching
     if where == "outside":
         assert any(tick.perception.contacts for tick in seen)

@@ -8,11 +8,11 @@ from dataclasses import replace
 import pytest
 
 import tci
-from drivers.links import free_port, lcm_url
 from drivers.patient import patient
 from drivers.ros_robots import anywhere, here_only, roscore
 from drivers.served import needs_qi
-from tci.errors import LinkError
+from drivers.wires import free_port, lcm_url
+from tci.errors import DriverError
 from tci.experiments.experiment import SIDES, trials_of
 from tci.experiments.measure import Trial
 from tci.experiments.poke import Stimulus, poke
@@ -75,7 +75,7 @@ def test_pokes_of_the_demo_are_answered_from_another_process(name: str) -> None:
 
 
 def test_what_keeps_the_other_process_away_is_told() -> None:
-    with pytest.raises(LinkError, match="zenoh"):
+    with pytest.raises(DriverError, match="zenoh"):
         next(trials_of(tci.load_robot("nao"), tci.WithdrawalReflex(), stimulus=Stimulus(), seed=3,
                        via="zenoh:no-endpoint"))  # fmt: skip
 
@@ -87,6 +87,6 @@ def test_a_process_that_ends_in_the_middle_of_a_trial_is_told() -> None:
         def end(tick: Tick) -> None:
             elsewhere._process.kill()
 
-        with pytest.raises(LinkError, match=r"the reflex in another process, zenoh.*: ended"):
+        with pytest.raises(DriverError, match=r"the reflex in another process, zenoh.*: ended"):
             poke(World(robot), "left_arm", reflex.fields[0], Stimulus(), reflex=reflex, seed=3,
                  watch=end, elsewhere=elsewhere)  # fmt: skip

@@ -9,8 +9,8 @@ import numpy as np
 import tci
 from tci.capabilities.withdrawal import WithdrawalMemory
 from tci.clock import ManualClock
-from tci.drivers.driver import Link
-from tci.drivers.faults.fault_injector import FaultPlan, FaultyLink
+from tci.drivers.driver import Driver
+from tci.drivers.faults.fault_injector import FaultInjector, FaultPlan
 from tci.frames import Array, read_only
 from tci.gate.gate import Gate, GateSettings
 from tci.gate.safe_command import SafeCommand
@@ -29,7 +29,7 @@ JUST_FELT = 40.0
 """Counts of a touch that the reflex answers."""
 
 
-class NoisySkin(Link):
+class NoisySkin(Driver):
     """A NAO that is where it was told to be. Its skin has one count of noise; `touch` adds a press."""
 
     def __init__(self, *, noise: float = 1.0, body: bool = True) -> None:
@@ -134,12 +134,12 @@ class Felt:
     """A run on that robot with one fault from `at` [s] on."""
 
     def __init__(
-        self, link: NoisySkin, name: str, *, at: float, duration: float, lasts: float = np.inf
+        self, driver: NoisySkin, name: str, *, at: float, duration: float, lasts: float = np.inf
     ) -> None:
         self.ticks: list[Tick] = []
         self.reflex, self.report = Counted(), LoopReport()
         self.at = at
-        faulty = FaultyLink(link, [FaultPlan(name, at, lasts)])
+        faulty = FaultInjector(driver, [FaultPlan(name, at, lasts)])
         self.memory = run(
             faulty, self.reflex, duration=duration, observe=self.ticks.append, report=self.report
         ).memory

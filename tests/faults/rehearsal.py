@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 import tci
-from tci.drivers.faults.fault_injector import FaultPlan, FaultyLink
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.faults.fault_injector import FaultInjector, FaultPlan
+from tci.drivers.simulated import SimulatedDriver
 from tci.gate.gate import GateState
 from tci.messages import GenericCommand, Mode, Order, Perception, SwitchMode
 from tci.runtime.loop import Tick, run
@@ -48,12 +48,12 @@ class Rehearsal:
     """A run with one fault: its ticks and its report."""
 
     def __init__(
-        self, link: SimulatedLink, name: str, *, lasts: float = math.inf, mode: Mode = Mode.POSITION,
+        self, driver: SimulatedDriver, name: str, *, lasts: float = math.inf, mode: Mode = Mode.POSITION,
         behaviour: tci.Capability[Any] | None = None,
     ) -> None:  # fmt: skip
         self.report = LoopReport()
         self.ticks: list[Tick] = []
-        self.faulty = FaultyLink(link, [FaultPlan(name, AT, lasts)])
+        self.faulty = FaultInjector(driver, [FaultPlan(name, AT, lasts)])
         swayed = Sway(mode) if behaviour is None else behaviour
         run(self.faulty, swayed, duration=0.8, observe=self.ticks.append, report=self.report)
         assert [plan.name for plan in self.faulty.begun] == [name]

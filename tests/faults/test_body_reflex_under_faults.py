@@ -15,8 +15,8 @@ from tci.body.generic_body import Body
 from tci.capabilities.body_fields import BodyField, default_body_fields
 from tci.capabilities.body_withdrawal import BodyMemory, BodyWithdrawal
 from tci.clock import ManualClock
-from tci.drivers.driver import Link
-from tci.drivers.faults.fault_injector import FaultPlan, FaultyLink
+from tci.drivers.driver import Driver
+from tci.drivers.faults.fault_injector import FaultInjector, FaultPlan
 from tci.frames import Array, read_only
 from tci.gate.gate import Gate, GateSettings, GateState
 from tci.gate.safe_command import SafeCommand
@@ -49,13 +49,13 @@ def wearing(kind: str) -> Robot:
     )
 
 
-class NoisyBody(Link):
+class NoisyBody(Driver):
     """An iCub that is where it was told to be. Its skin has one count of noise; `touches` are times [s] of a
     press of half a second on the field's middle."""
 
     def __init__(self, kind: str, touches: tuple[float, ...] = ()) -> None:
         super().__init__(wearing(kind), middleware="sim", clock=ManualClock(), armed=True)
-        # Keeping links apart takes most of the time and plays no part here.
+        # Keeping drivers apart takes most of the time and plays no part here.
         settings, stale = GateSettings(self_collision=None), self.robot.binding("sim").stale_after
         self.gate = Gate(self.robot, period=self.period, stale_after=stale, settings=settings)
         self.lease_name = f"felt:{os.getpid()}:{id(self)}"
@@ -111,9 +111,9 @@ def felt(
     """When the part answered [s after the fault, which is at LEARNT], and all that passed."""
     ticks: list[Tick] = []
     reflex = Counted()
-    link = NoisyBody(kind, tuple(LEARNT + touch for touch in touches))
+    driver = NoisyBody(kind, tuple(LEARNT + touch for touch in touches))
     run(
-        FaultyLink(link, [FaultPlan(fault, LEARNT, lasts)]),
+        FaultInjector(driver, [FaultPlan(fault, LEARNT, lasts)]),
         reflex,
         duration=LEARNT + duration,
         observe=ticks.append,

@@ -14,8 +14,8 @@ from pathlib import Path
 import pytest
 
 import tci
-from tci.drivers.simulated import SimulatedLink
-from tci.errors import LinkError
+from tci.drivers.simulated import SimulatedDriver
+from tci.errors import DriverError
 from tci.gate.gate import GateState
 from tci.recording.recording import Recording
 from tci.runtime.heartbeat import Listener
@@ -53,7 +53,7 @@ def test_26_another_process_that_commands_is_named_and_when_it_is_killed_the_rob
         assert holder.stdout is not None
         assert holder.stdout.readline() == "has it\n"
         with (
-            pytest.raises(LinkError, match=f"commanded by process {holder.pid} already"),
+            pytest.raises(DriverError, match=f"commanded by process {holder.pid} already"),
             lease("the robot of this test"),
         ):
             pass
@@ -66,7 +66,7 @@ def test_26_another_process_that_commands_is_named_and_when_it_is_killed_the_rob
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
 def test_28_a_process_that_is_needed_dies_and_the_robot_holds(how: signal.Signals) -> None:
     world = World(tci.load_robot("nao"), skin=False)
-    link = SimulatedLink(world.robot, world=world, paced=True)
+    driver = SimulatedDriver(world.robot, world=world, paced=True)
     states: list[tuple[float, GateState, str]] = []
     with Listener(["brain"]) as listener:
         peer = subprocess.Popen([sys.executable, "-c", PEER, str(listener.port)])
@@ -81,7 +81,7 @@ def test_28_a_process_that_is_needed_dies_and_the_robot_holds(how: signal.Signal
                     peer.send_signal(how)
                     killed.append(time.monotonic())
 
-            run(link, tci.WithdrawalReflex(), duration=1.0, guard=listener.fault, observe=observe)
+            run(driver, tci.WithdrawalReflex(), duration=1.0, guard=listener.fault, observe=observe)
         finally:
             peer.kill()
             peer.wait()

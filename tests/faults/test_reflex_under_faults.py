@@ -10,7 +10,7 @@ import pytest
 import tci
 from capabilities.touches import one_field, see, touch
 from faults.felt import OTHER, PATCH, Felt, NoisySkin
-from tci.drivers.faults.fault_injector import FaultPlan, FaultyLink
+from tci.drivers.faults.fault_injector import FaultInjector, FaultPlan
 from tci.gate.gate import GateState
 from tci.skin.skin import Skin
 
@@ -23,9 +23,9 @@ def held(felt: Felt) -> set[GateState]:
 
 
 def test_01_a_taxel_that_sticks_high_is_answered_once_at_most() -> None:
-    link = NoisySkin()
-    link.touch(LEARNT + 80.0, LEARNT + 81.0, OTHER.name)
-    felt = Felt(link, "taxel-stuck-high", at=LEARNT, duration=LEARNT + 84.0)
+    driver = NoisySkin()
+    driver.touch(LEARNT + 80.0, LEARNT + 81.0, OTHER.name)
+    felt = Felt(driver, "taxel-stuck-high", at=LEARNT, duration=LEARNT + 84.0)
     assert len(felt.answers(PATCH.part)) <= 1
     assert felt.answers(OTHER.part) == [pytest.approx(80.0, abs=0.1)]
     assert felt.ticks[-1].perception.covered is not None, "it is masked"
@@ -33,16 +33,16 @@ def test_01_a_taxel_that_sticks_high_is_answered_once_at_most() -> None:
 
 
 def test_01_a_taxel_that_sticks_high_is_no_touch_and_hides_none_of_its_arm() -> None:
-    link = NoisySkin()
-    link.touch(LEARNT + 3.0, LEARNT + 4.0)
-    felt = Felt(link, "taxel-stuck-high", at=LEARNT, duration=LEARNT + 6.0)
+    driver = NoisySkin()
+    driver.touch(LEARNT + 3.0, LEARNT + 4.0)
+    felt = Felt(driver, "taxel-stuck-high", at=LEARNT, duration=LEARNT + 6.0)
     assert felt.answers(PATCH.part) == [pytest.approx(3.0, abs=0.1)]
 
 
 def test_02_beside_a_taxel_that_sticks_low_a_touch_is_still_answered() -> None:
-    link = NoisySkin()
-    link.touch(LEARNT + 80.0, LEARNT + 81.0)
-    felt = Felt(link, "taxel-stuck-low", at=LEARNT, duration=LEARNT + 84.0)
+    driver = NoisySkin()
+    driver.touch(LEARNT + 80.0, LEARNT + 81.0)
+    felt = Felt(driver, "taxel-stuck-low", at=LEARNT, duration=LEARNT + 84.0)
     assert felt.answers(PATCH.part) == [pytest.approx(80.0, abs=0.1)]
     covered = felt.ticks[-1].perception.covered
     assert covered is not None
@@ -58,10 +58,10 @@ def test_03_a_dead_patch_stops_the_robot_since_its_fields_are_blind() -> None:
 
 
 def test_04_values_that_are_no_number_are_dropped_and_counted() -> None:
-    link = NoisySkin(noise=0.0)
-    link.touch(1.0, 9.0)
-    faulty, skin = FaultyLink(link, [FaultPlan("nan-taxel", 2.0, 1.0)]), Skin(link.robot)
-    for now in link.ticks(duration=4.0):
+    driver = NoisySkin(noise=0.0)
+    driver.touch(1.0, 9.0)
+    faulty, skin = FaultInjector(driver, [FaultPlan("nan-taxel", 2.0, 1.0)]), Skin(driver.robot)
+    for now in driver.ticks(duration=4.0):
         reading = faulty.read()
         (frame,) = (frame for frame in reading.skin if frame.patch == PATCH.name)
         bad = ~np.isfinite(frame.values[skin.surfaces[PATCH.name].channels])
@@ -77,9 +77,9 @@ def test_04_values_that_are_no_number_are_dropped_and_counted() -> None:
 
 @pytest.mark.parametrize("count", [12, 60])
 def test_05_saturated_taxels_are_one_touch_with_a_bounded_answer(count: int) -> None:
-    link = NoisySkin()
-    link.touch(LEARNT + 1.0, LEARNT + 2.0, count=count, counts=1e9)
-    felt = Felt(link, "saturated-taxel", at=LEARNT, duration=LEARNT + 1.5)
+    driver = NoisySkin()
+    driver.touch(LEARNT + 1.0, LEARNT + 2.0, count=count, counts=1e9)
+    felt = Felt(driver, "saturated-taxel", at=LEARNT, duration=LEARNT + 1.5)
     assert felt.answers(PATCH.part) == [pytest.approx(1.0, abs=0.1)]
     assert felt.answers(OTHER.part) == []
     assert held(felt) == {GateState.RUN}
@@ -100,9 +100,9 @@ def test_05_saturated_taxels_are_one_touch_with_a_bounded_answer(count: int) -> 
 
 
 def test_07_a_step_of_the_baseline_is_answered_once_and_is_rest_after_a_while() -> None:
-    link = NoisySkin()
-    link.touch(LEARNT + 50.0, LEARNT + 51.0)
-    felt = Felt(link, "baseline-step", at=LEARNT, duration=LEARNT + 54.0)
+    driver = NoisySkin()
+    driver.touch(LEARNT + 50.0, LEARNT + 51.0)
+    felt = Felt(driver, "baseline-step", at=LEARNT, duration=LEARNT + 54.0)
     before, after = [a for a in felt.answers(PATCH.part) if a < 49.0], felt.answers(PATCH.part)
     assert len(before) <= 1
     assert after[-1] == pytest.approx(50.0, abs=0.1), "and a touch is felt again"
@@ -122,9 +122,9 @@ def test_10_skin_that_falls_silent_while_the_joints_go_on_makes_the_robot_hold()
 
 @pytest.mark.parametrize("name", ["out-of-order", "duplicates", "clock-jump", "nan-taxel"])
 def test_04_11_12_13_a_touch_is_answered_once(name: str) -> None:
-    link, before = NoisySkin(), time.time
-    link.touch(LEARNT + 1.0, LEARNT + 2.0, count=40)
-    felt = Felt(link, name, at=LEARNT, duration=LEARNT + 5.0)
+    driver, before = NoisySkin(), time.time
+    driver.touch(LEARNT + 1.0, LEARNT + 2.0, count=40)
+    felt = Felt(driver, name, at=LEARNT, duration=LEARNT + 5.0)
     assert felt.answers(PATCH.part) == [pytest.approx(1.0, abs=0.1)]
     assert felt.answers(OTHER.part) == []
     assert held(felt) == {GateState.RUN}
@@ -132,15 +132,15 @@ def test_04_11_12_13_a_touch_is_answered_once(name: str) -> None:
 
 
 def test_27_a_touch_during_a_withdrawal_is_the_same_one_and_the_limits_hold() -> None:
-    link = NoisySkin()
-    link.touch(LEARNT + 1.0, LEARNT + 1.3, count=12)
-    link.touch(LEARNT + 1.1, LEARNT + 1.5, count=40)
-    link.touch(LEARNT + 4.0, LEARNT + 4.5, count=12)
-    felt = Felt(link, "duplicates", at=LEARNT, duration=LEARNT + 6.0)
+    driver = NoisySkin()
+    driver.touch(LEARNT + 1.0, LEARNT + 1.3, count=12)
+    driver.touch(LEARNT + 1.1, LEARNT + 1.5, count=40)
+    driver.touch(LEARNT + 4.0, LEARNT + 4.5, count=12)
+    felt = Felt(driver, "duplicates", at=LEARNT, duration=LEARNT + 6.0)
     assert felt.answers(PATCH.part) == [pytest.approx(1.0, abs=0.1), pytest.approx(4.0, abs=0.1)]
     moved = [tick.sent for tick in felt.ticks if tick.sent.servos.size]
     for sent in moved:
-        limits = np.array([link.robot.servos[servo].limits.velocity for servo in sent.servos], dtype=float)
+        limits = np.array([driver.robot.servos[servo].limits.velocity for servo in sent.servos], dtype=float)
         assert (np.abs(sent.velocity) <= limits).all()
 
 
@@ -167,9 +167,9 @@ def test_09_taxels_that_have_no_weight_move_nothing() -> None:
 
 @pytest.mark.parametrize("count", [1, 30])
 def test_17_thirty_contacts_at_once_are_one_withdrawal_of_each_arm(count: int) -> None:
-    link = NoisySkin()
-    link.scatter(LEARNT + 1.0, LEARNT + 2.0, count)
-    felt = Felt(link, "duplicates", at=LEARNT, duration=LEARNT + 4.0)
+    driver = NoisySkin()
+    driver.scatter(LEARNT + 1.0, LEARNT + 2.0, count)
+    felt = Felt(driver, "duplicates", at=LEARNT, duration=LEARNT + 4.0)
     most = max(len(tick.perception.contacts) for tick in felt.ticks if tick.now > LEARNT)
     assert most >= count
     assert all(len(felt.answers(part)) <= 1 for part in ("left_arm", "right_arm"))

@@ -16,7 +16,7 @@ from tci.capabilities.soft_reaction import SoftReaction
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.drivers.faults.injectors import INJECTORS
 from tci.drivers.faults.injectors.injector import Injector
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.simulated import SimulatedDriver
 from tci.frames import read_only
 from tci.gate.gate import GateState
 from tci.messages import Mode, Reading, SkinFrame
@@ -40,10 +40,10 @@ def mode(request: pytest.FixtureRequest) -> Mode:
 
 
 @pytest.fixture
-def link(world: World) -> SimulatedLink:
+def driver(world: World) -> SimulatedDriver:
     world.reset()
     world.set_power(np.arange(len(world.robot.servos)), on=True)
-    return SimulatedLink(world.robot, world=world)
+    return SimulatedDriver(world.robot, world=world)
 
 
 def pushes_after(done: Rehearsal, time: float) -> float:
@@ -54,10 +54,10 @@ def pushes_after(done: Rehearsal, time: float) -> float:
 
 
 def stops(
-    link: SimulatedLink, name: str, mode: Mode, *, between: tuple[float, float], believed: bool = False
+    driver: SimulatedDriver, name: str, mode: Mode, *, between: tuple[float, float], believed: bool = False
 ) -> Rehearsal:
     """Torques end, or only brake where angles and velocities can be `believed`."""
-    done = Rehearsal(link, name, mode=mode)
+    done = Rehearsal(driver, name, mode=mode)
     low, high = between
     after = done.stopped_after()
     assert low <= after < high
@@ -74,8 +74,8 @@ def stops(
     return done
 
 
-def test_04_nan_angle(link: SimulatedLink, mode: Mode) -> None:
-    done = Rehearsal(link, "nan-angle", lasts=0.1, mode=mode)
+def test_04_nan_angle(driver: SimulatedDriver, mode: Mode) -> None:
+    done = Rehearsal(driver, "nan-angle", lasts=0.1, mode=mode)
     assert done.states == {GateState.RUN, GateState.HOLD}
     assert done.ticks[-1].sent.state is GateState.RUN
     blind = [tick for tick in done.ticks if AT + END - 1e-9 <= tick.now < AT + 0.1 - 1e-9]
@@ -83,20 +83,20 @@ def test_04_nan_angle(link: SimulatedLink, mode: Mode) -> None:
     assert not any(tick.sent.torque.any() for tick in blind)
 
 
-def test_10_dropped_frames(link: SimulatedLink, mode: Mode) -> None:
-    done = Rehearsal(link, "dropped-frames", lasts=0.2, mode=mode)
+def test_10_dropped_frames(driver: SimulatedDriver, mode: Mode) -> None:
+    done = Rehearsal(driver, "dropped-frames", lasts=0.2, mode=mode)
     assert done.states == {GateState.RUN, GateState.HOLD}
     blind = [tick for tick in done.ticks if AT + END - 1e-9 <= tick.now < AT + 0.2 - 1e-9]
     assert blind
     assert not any(tick.sent.torque.any() for tick in blind)
 
 
-def test_14_frozen_source(link: SimulatedLink, mode: Mode) -> None:
-    stops(link, "frozen-source", mode, between=(0.1, 0.15))
+def test_14_frozen_source(driver: SimulatedDriver, mode: Mode) -> None:
+    stops(driver, "frozen-source", mode, between=(0.1, 0.15))
 
 
-def test_15_wrong_taxel_count(link: SimulatedLink, mode: Mode) -> None:
-    done = Rehearsal(link, "wrong-taxel-count", mode=mode)
+def test_15_wrong_taxel_count(driver: SimulatedDriver, mode: Mode) -> None:
+    done = Rehearsal(driver, "wrong-taxel-count", mode=mode)
     assert 0.09 < done.stopped_after() < 0.15
     assert done.report.rejected == sum(tick.now >= AT - 1e-9 for tick in done.ticks)
 
@@ -108,7 +108,7 @@ class AnotherRobot(Injector):
     says = "joints and skin are another robot's"
 
     def begin(self) -> None:
-        self.nao = SimulatedLink(load_robot("nao"))
+        self.nao = SimulatedDriver(load_robot("nao"))
 
     def read(self, reading: Reading) -> Reading:
         theirs = self.nao.read()
@@ -120,10 +120,10 @@ class AnotherRobot(Injector):
 
 
 def test_16_readings_of_another_robot(
-    link: SimulatedLink, mode: Mode, monkeypatch: pytest.MonkeyPatch
+    driver: SimulatedDriver, mode: Mode, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(INJECTORS, "another-robot", AnotherRobot)
-    done = Rehearsal(link, "another-robot", mode=mode)
+    done = Rehearsal(driver, "another-robot", mode=mode)
     assert 0.09 < done.stopped_after() < 0.15
     assert done.report.rejected == sum(tick.now >= AT - 1e-9 for tick in done.ticks)
     assert pushes_after(done, AT + END) == 0.0
@@ -136,9 +136,9 @@ class Scattered(Injector):
     says = "thirty places are touched at once"
 
     def begin(self) -> None:
-        skin, left = Skin(self.link.robot), 30
+        skin, left = Skin(self.driver.robot), 30
         self.pressed: dict[str, NDArray[np.intp]] = {}
-        for patch in self.link.robot.patches:
+        for patch in self.driver.robot.patches:
             surface = skin.surfaces[patch.name]
             count = len(surface.channels)
             near = np.eye(count, dtype=bool)
@@ -154,43 +154,45 @@ class Scattered(Injector):
             self.pressed[patch.name] = surface.channels[chosen]
 
     def frame(self, frame: SkinFrame) -> SkinFrame:
-        sensor = self.link.robot.patch(frame.patch).sensor
+        sensor = self.driver.robot.patch(frame.patch).sensor
         values = frame.values.astype(float)
         values[self.pressed[frame.patch]] += 100.0 * np.sign(sensor.pascal_per_count)
         return replace(frame, values=read_only(np.clip(values, sensor.lowest, sensor.highest)))
 
 
-def test_17_thirty_contacts_at_once(link: SimulatedLink, mode: Mode, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_17_thirty_contacts_at_once(
+    driver: SimulatedDriver, mode: Mode, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """What reflex and soft reaction do then is bounded, and each arm has one answer."""
     monkeypatch.setitem(INJECTORS, "scattered", Scattered)
     behaviour = SoftReaction(mode=mode) if mode is Mode.TORQUE else WithdrawalReflex(mode=mode)
-    done = Rehearsal(link, "scattered", mode=mode, behaviour=behaviour)
+    done = Rehearsal(driver, "scattered", mode=mode, behaviour=behaviour)
     assert max(len(tick.perception.contacts) for tick in done.ticks) >= 30
     assert done.states == {GateState.RUN}
     assert all(len(tick.commands) <= 2 for tick in done.ticks[1:])
-    torques = [servo.limits.torque or 0.0 for servo in link.robot.servos]
+    torques = [servo.limits.torque or 0.0 for servo in driver.robot.servos]
     for tick in done.ticks:
         assert np.isfinite(tick.sent.torque).all()
         assert (np.abs(tick.sent.torque) <= np.take(torques, tick.sent.servos)).all()
 
 
-def test_19_wrong_direction(link: SimulatedLink, mode: Mode) -> None:
-    stops(link, "wrong-direction", mode, between=(0.02, 0.3))
+def test_19_wrong_direction(driver: SimulatedDriver, mode: Mode) -> None:
+    stops(driver, "wrong-direction", mode, between=(0.02, 0.3))
 
 
-def test_20_stale_encoder(link: SimulatedLink, mode: Mode) -> None:
-    stops(link, "stale-encoder", mode, between=(0.05, 0.4))
+def test_20_stale_encoder(driver: SimulatedDriver, mode: Mode) -> None:
+    stops(driver, "stale-encoder", mode, between=(0.05, 0.4))
 
 
-def test_21_a_joint_that_is_blocked_is_none_that_fails(link: SimulatedLink, mode: Mode) -> None:
+def test_21_a_joint_that_is_blocked_is_none_that_fails(driver: SimulatedDriver, mode: Mode) -> None:
     """It may be held: whoever asks for a torque or an equilibrium gets no more than that."""
-    done = Rehearsal(link, "stall", mode=mode)
+    done = Rehearsal(driver, "stall", mode=mode)
     assert done.states == {GateState.RUN}
     assert pushes_after(done, AT) <= 3.0
 
 
-def test_22_servo_off(link: SimulatedLink, mode: Mode) -> None:
-    done = stops(link, "servo-off", mode, between=(0.0, 0.01), believed=True)
+def test_22_servo_off(driver: SimulatedDriver, mode: Mode) -> None:
+    done = stops(driver, "servo-off", mode, between=(0.0, 0.01), believed=True)
     for tick in done.ticks:
         on = tick.reading.joints.powered
         assert on is not None
@@ -198,13 +200,13 @@ def test_22_servo_off(link: SimulatedLink, mode: Mode) -> None:
     assert not on[tick.sent.servos].all()
 
 
-def test_23_mode_mismatch(link: SimulatedLink, mode: Mode) -> None:
-    done = stops(link, "mode-mismatch", mode, between=(0.45, 0.55), believed=True)
+def test_23_mode_mismatch(driver: SimulatedDriver, mode: Mode) -> None:
+    done = stops(driver, "mode-mismatch", mode, between=(0.45, 0.55), believed=True)
     last = done.ticks[-1]  # 0.1 s later; its data is sound, so what moves is braked until then
     assert AT + done.stopped_after() + 2 * END - 0.005 < last.now
     assert np.abs(last.reading.joints.velocity).max() < 0.002, "it rests"
     assert pushes_after(done, last.now) < 0.01, "and is left alone"
 
 
-def test_25_encoder_step(link: SimulatedLink, mode: Mode) -> None:
-    stops(link, "encoder-step", mode, between=(0.0, 0.01))
+def test_25_encoder_step(driver: SimulatedDriver, mode: Mode) -> None:
+    stops(driver, "encoder-step", mode, between=(0.0, 0.01))

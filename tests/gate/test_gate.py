@@ -18,7 +18,7 @@ from gate.gate_checks import (
     position_command,
     reading,
 )
-from tci.errors import CommandError, LinkError, TciError
+from tci.errors import CommandError, DriverError, TciError
 from tci.gate.acceptance import SLOWEST
 from tci.gate.gate import Gate, GateSettings, GateState, SafeCommand
 from tci.messages import Mode, PlatformCommand
@@ -287,15 +287,15 @@ def test_unusable_joint_data_means_hold(bad: object) -> None:
 def test_only_the_gate_makes_what_its_link_writes_and_only_once() -> None:
     gate, other = (Gate(make_robot(), period=PERIOD, stale_after=0.05) for _ in range(2))
     safe = gate.step([position_command([2], [0.5])], reading(ZERO), 0.0)
-    with pytest.raises(LinkError):
+    with pytest.raises(DriverError):
         other.check_out(safe)
-    with pytest.raises(LinkError):
+    with pytest.raises(DriverError):
         gate.check_out(dataclasses.replace(safe, position=np.array([9.0])))
     gate.check_out(safe)
-    with pytest.raises(LinkError):
+    with pytest.raises(DriverError):
         gate.check_out(safe)
     fields = {field.name: getattr(safe, field.name) for field in dataclasses.fields(safe)}
-    with pytest.raises(LinkError, match="only a gate"):
+    with pytest.raises(DriverError, match="only a gate"):
         SafeCommand(**{**fields, "seal": object()})
     with pytest.raises(ValueError, match="read-only"):
         safe.position[0] = 9.0
@@ -305,7 +305,7 @@ def test_a_command_that_was_overtaken_is_not_written() -> None:
     gate = Gate(make_robot(), period=PERIOD, stale_after=0.05)
     old = gate.step([], reading(ZERO), 0.0)
     gate.step([], reading(ZERO), 0.0)
-    with pytest.raises(LinkError):
+    with pytest.raises(DriverError):
         gate.check_out(old)
 
 

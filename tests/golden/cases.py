@@ -18,10 +18,10 @@ import tci
 from faults.rehearsal import Sway
 from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.cli.run import poke_forearm
-from tci.drivers.driver import Link
-from tci.drivers.faults.fault_injector import FaultPlan, FaultyLink
+from tci.drivers.driver import Driver
+from tci.drivers.faults.fault_injector import FaultInjector, FaultPlan
 from tci.drivers.faults.injectors import INJECTORS
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.simulated import SimulatedDriver
 from tci.messages import Mode
 from tci.recording.compact import compact
 from tci.recording.recorder import Recorder
@@ -36,8 +36,8 @@ NOT_RECORDED = ("sigterm", "thread-fails", "link-lost", "wrong-type")
 that are no numbers."""
 
 
-def poke_head(link: SimulatedLink) -> None:
-    link.world.finger.poke("head_skin", 10, speed=0.2, depth=0.008, gap=0.02)
+def poke_head(driver: SimulatedDriver) -> None:
+    driver.world.finger.poke("head_skin", 10, speed=0.2, depth=0.008, gap=0.02)
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Case:
     robot: str
     """Its description, below `robots/`."""
     capability: Callable[[], tci.Capability[Any]] = tci.WithdrawalReflex
-    poke: Callable[[SimulatedLink], None] | None = poke_forearm
+    poke: Callable[[SimulatedDriver], None] | None = poke_forearm
     duration: float = 0.7
     """Length [s]."""
     keep_alive: float | None = None
@@ -82,14 +82,14 @@ def record(name: str) -> None:
     case, path = CASES[name], FOLDER / f"{name}.mcap"
     path.unlink(missing_ok=True)
     ticks: list[Tick] = []
-    with SimulatedLink(
+    with SimulatedDriver(
         load_robot(str(FOLDER / "robots" / case.robot)), keep_alive=case.keep_alive
     ) as simulated:
-        link: Link = simulated
+        driver: Driver = simulated
         if case.fault or case.flicker:
             plans = [FaultPlan(case.fault, AT)] if case.fault else []
-            link = FaultyLink(simulated, plans, flicker=case.flicker)
-        with Recorder(path, link.robot, period=link.period, keep_alive=link.keep_alive) as recorder:
+            driver = FaultInjector(simulated, plans, flicker=case.flicker)
+        with Recorder(path, driver.robot, period=driver.period, keep_alive=driver.keep_alive) as recorder:
             if case.poke is not None:
                 case.poke(simulated)
 
@@ -97,7 +97,7 @@ def record(name: str) -> None:
                 ticks.append(tick)
                 recorder.tick(tick.now, tick.reading, tick.commands, tick.sent)
 
-            run(link, case.capability(), duration=case.duration, observe=see)
+            run(driver, case.capability(), duration=case.duration, observe=see)
             recorder.close(compacted=False)
     compact(path, path, robot=None)  # without clouds of points
     np.savez_compressed(FOLDER / f"{name}.npz", **perceived(ticks))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from golden.cases import CASES, FOLDER, perceived
-from tci.drivers.replay import ReplayLink
+from tci.drivers.replay import ReplayDriver
 from tci.recording.recording import Recording
 from tci.recording.schemas import DECISION, decision_bytes
 from tci.robot.catalogue import load_robot
@@ -27,8 +27,8 @@ def test_a_recording_replays_to_the_same_numbers(name: str) -> None:
     case, path = CASES[name], FOLDER / f"{name}.mcap"
     recorded = [tick.decision for tick in Recording(path).ticks() if tick.decision is not None]
     ticks: list[Tick] = []
-    with ReplayLink(load_robot(str(FOLDER / "robots" / case.robot)), str(path)) as link:
-        run(link, case.capability(), duration=case.duration, observe=ticks.append)
+    with ReplayDriver(load_robot(str(FOLDER / "robots" / case.robot)), str(path)) as driver:
+        run(driver, case.capability(), duration=case.duration, observe=ticks.append)
     assert len(ticks) == len(recorded) > 100
     for tick, then in zip(ticks, recorded, strict=True):
         same_decision(decode(DECISION, decision_bytes(tick.sent)), decode(DECISION, then), tick.now)

@@ -12,7 +12,7 @@ from PIL import Image
 import tci as package
 from cli.test_cli import tci
 from tci.capabilities.fields import default_fields
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError, RecordingError, UnknownNameError
 from tci.pictures.film import Film
 from tci.pictures.plot import _outline, collect, draw
@@ -82,7 +82,7 @@ def test_bad_formats_and_recordings_without_a_robot_are_told(recorded: Path, tmp
 
 def test_a_film_shows_the_run(tmp_path: Path) -> None:
     path = tmp_path / "run.gif"
-    with SimulatedLink(package.load_robot("nao")) as link:
+    with SimulatedDriver(package.load_robot("nao")) as link:
         film = Film(link.world, path, fields=default_fields(), part="left_arm")
         with pytest.raises(CommandError, match="no period"):
             film.save()
@@ -107,7 +107,7 @@ def test_a_film_shows_the_run(tmp_path: Path) -> None:
         first = np.asarray(shown.convert("RGB"), dtype=int)
     assert first.std() > 20.0
     assert np.abs(first - last).max() > 50
-    with SimulatedLink(package.load_robot("nao")) as link:
+    with SimulatedDriver(package.load_robot("nao")) as link:
         with pytest.raises(CommandError, match="exists"):
             Film(link.world, path, fields=(), part="left_arm")
         with pytest.raises(UnknownNameError, match="valid: gif, webp, png"):

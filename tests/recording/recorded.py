@@ -8,7 +8,7 @@ import numpy as np
 
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.cli.run import poke_forearm
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.simulated import SimulatedDriver
 from tci.messages import JointReading, Mode, Reading, SkinFrame
 from tci.recording.recorder import Recorder
 from tci.robot.catalogue import load_robot
@@ -27,16 +27,16 @@ def record_poke(
     """The reflex of a poked robot; what the loop saw. With a `keep_alive` [s] its skin sends changes only."""
     ticks: list[Tick] = []
     with (
-        SimulatedLink(load_robot(robot), keep_alive=keep_alive, rate=rate) as link,
-        Recorder(path, link.robot, period=link.period, keep_alive=keep_alive) as recorder,
+        SimulatedDriver(load_robot(robot), keep_alive=keep_alive, rate=rate) as driver,
+        Recorder(path, driver.robot, period=driver.period, keep_alive=keep_alive) as recorder,
     ):
-        poke_forearm(link)
+        poke_forearm(driver)
 
         def see(tick: Tick) -> None:
             ticks.append(tick)
             recorder.tick(tick.now, tick.reading, tick.commands, tick.sent)
 
-        run(link, WithdrawalReflex(), duration=duration, observe=see)
+        run(driver, WithdrawalReflex(), duration=duration, observe=see)
     return ticks
 
 

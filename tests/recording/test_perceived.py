@@ -9,7 +9,7 @@ import pytest
 
 import tci
 from tci.body.places import find_place
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.simulated import SimulatedDriver
 from tci.errors import RecordingError
 from tci.recording.perceived import perceive, recorded_robot
 from tci.recording.recorder import Recorder
@@ -28,16 +28,19 @@ class Poked:
         self.ticks: list[Tick] = []
         reflex = tci.WithdrawalReflex()
         site = reflex.fields[0]
-        with SimulatedLink(self.robot) as link, Recorder(path, self.robot, period=link.period) as recorder:
-            joints = link.read().joints
+        with (
+            SimulatedDriver(self.robot) as driver,
+            Recorder(path, self.robot, period=driver.period) as recorder,
+        ):
+            joints = driver.read().joints
             place = find_place(Skin(self.robot), "left_arm", site.segment, site.u, site.theta, joints)
-            link.world.finger.poke(place.patch, place.p_L, place.n_L, gap=0.02)
+            driver.world.finger.poke(place.patch, place.p_L, place.n_L, gap=0.02)
 
             def see(tick: Tick) -> None:
                 self.ticks.append(tick)
                 recorder.tick(tick.now, tick.reading, tick.commands, tick.sent)
 
-            tci.run(link, reflex, duration=0.6, observe=see)
+            tci.run(driver, reflex, duration=0.6, observe=see)
 
 
 @pytest.fixture(scope="module")

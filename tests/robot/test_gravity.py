@@ -17,7 +17,7 @@ from tci.robot.model_file import load_spec
 
 
 def weights(robot: Robot) -> list[tuple[str, float, np.ndarray]]:
-    """Link, mass [kg] and centre of mass [m] of each body that the model gives a mass."""
+    """Driver, mass [kg] and centre of mass [m] of each body that the model gives a mass."""
     assert robot.model is not None
     bodies = load_spec(robot.model).bodies
     return [(body.name, body.mass, body.ipos.copy()) for body in bodies if body.explicitinertial]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 import tci
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.simulated import SimulatedDriver
 from tci.simulation.world import World
 
 
@@ -15,6 +15,6 @@ def world() -> World:
 
 
 @pytest.fixture
-def link(world: World) -> SimulatedLink:
+def driver(world: World) -> SimulatedDriver:
     world.reset()
-    return SimulatedLink(world.robot, world=world)
+    return SimulatedDriver(world.robot, world=world)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tci.errors import LinkError, TciError
+from tci.errors import DriverError, TciError
 from tci.runtime.heartbeat import TIMEOUT, Listener, Sender, decode, encode
 
 
@@ -29,7 +29,7 @@ def test_28_silence_is_told_after_the_timeout_and_clears() -> None:
 
 
 def test_36_a_port_that_is_taken_is_a_clear_error() -> None:
-    with Listener([]) as first, pytest.raises(LinkError, match=f"{first.port}.*valid"):
+    with Listener([]) as first, pytest.raises(DriverError, match=f"{first.port}.*valid"):
         Listener([], port=first.port)
 
 

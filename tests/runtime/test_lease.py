@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 import tci
-from tci.drivers.simulated import SimulatedLink
-from tci.errors import LinkError
+from tci.drivers.simulated import SimulatedDriver
+from tci.errors import DriverError
 from tci.runtime.lease import _let_go, commanding, lease
 
 NAME = "the robot of these tests"
@@ -34,7 +34,7 @@ def file_in(folder: Path) -> Path:
 
 
 def refused(words: str) -> None:
-    with pytest.raises(LinkError, match=words), lease(NAME):
+    with pytest.raises(DriverError, match=words), lease(NAME):
         pytest.fail("the lease was given")
 
 
@@ -86,27 +86,27 @@ def test_26_a_forked_child_does_not_keep_the_lease_of_its_killed_parent(
 
 
 def test_26_a_forked_child_does_not_command_beside_its_parent(folder: Path) -> None:
-    link = SimulatedLink(tci.load_robot("nao"))
+    driver = SimulatedDriver(tci.load_robot("nao"))
 
     def write() -> None:
-        link.write(link.gate.step((), link.read().joints, link.clock.now()))
+        driver.write(driver.gate.step((), driver.read().joints, driver.clock.now()))
 
     read_end, write_end = os.pipe()
-    with commanding(link):
+    with commanding(driver):
         child = os.fork()
         if child == 0:
             try:
                 write()
-            except LinkError as error:
+            except DriverError as error:
                 os.write(write_end, str(error).encode())
             finally:
                 os._exit(0)
         os.waitpid(child, 0)
         os.close(write_end)
         with os.fdopen(read_end) as said:
-            assert f"process {os.getpid()}, which this one was forked from; valid: a link" in said.read()
+            assert f"process {os.getpid()}, which this one was forked from; valid: a driver" in said.read()
         write()
-        with pytest.raises(LinkError, match=f"commanded by process {os.getpid()}"), commanding(link):
+        with pytest.raises(DriverError, match=f"commanded by process {os.getpid()}"), commanding(driver):
             pytest.fail("the child's end gave the lease away")
 
 
@@ -143,18 +143,18 @@ def test_26_a_lease_whose_file_is_taken_away_stays_with_its_holder(folder: Path,
 def test_26_who_is_quicker_than_the_holder_of_a_removed_file_commands_alone(
     folder: Path, whole_folder: bool
 ) -> None:
-    link = SimulatedLink(tci.load_robot("nao"))
-    with commanding(link):
-        safe = link.write(link.gate.step((), link.read().joints, link.clock.now()))
+    driver = SimulatedDriver(tci.load_robot("nao"))
+    with commanding(driver):
+        safe = driver.write(driver.gate.step((), driver.read().joints, driver.clock.now()))
         if whole_folder:
             folder.rename(folder.with_name("elsewhere"))
         else:
             file_in(folder).unlink()
-        with lease(link.lease_name) as second:
+        with lease(driver.lease_name) as second:
             for _ in range(2):
-                safe = link.gate.step((), link.read().joints, link.clock.now())
-                with pytest.raises(LinkError, match=f"commanded by process {os.getpid()} already"):
-                    link.write(safe)
+                safe = driver.gate.step((), driver.read().joints, driver.clock.now())
+                with pytest.raises(DriverError, match=f"commanded by process {os.getpid()} already"):
+                    driver.write(safe)
             second.check()
 
 

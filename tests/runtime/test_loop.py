@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 import tci
-from tci.drivers.driver import Link
-from tci.drivers.simulated import SimulatedLink
-from tci.errors import CommandError, LinkError
+from tci.drivers.driver import Driver
+from tci.drivers.simulated import SimulatedDriver
+from tci.errors import CommandError, DriverError
 from tci.gate.gate import GateState, SafeCommand
 from tci.messages import GenericCommand, Mode, Order, Perception, Reading, SwitchMode
 from tci.robot.joint_map import initial_position
@@ -57,26 +57,32 @@ def fail() -> None:
     raise ZeroDivisionError("on purpose")
 
 
-def speed(link: SimulatedLink) -> float:
-    return float(np.abs(link.read().joints.velocity).max())
+def speed(driver: SimulatedDriver) -> float:
+    return float(np.abs(driver.read().joints.velocity).max())
 
 
-def test_45_an_exception_of_the_capability_stops_the_robot_and_is_raised(link: SimulatedLink) -> None:
+def test_45_an_exception_of_the_capability_stops_the_robot_and_is_raised(driver: SimulatedDriver) -> None:
     report = LoopReport()
     fast: list[float] = []
     with pytest.raises(ZeroDivisionError):
-        run(link, Swing(40, fail), duration=1.0, report=report, observe=lambda tick: fast.append(speed(link)))
+        run(
+            driver,
+            Swing(40, fail),
+            duration=1.0,
+            report=report,
+            observe=lambda tick: fast.append(speed(driver)),
+        )
     assert fast[-1] > 0.3
-    assert link.gate.state is GateState.STOP
+    assert driver.gate.state is GateState.STOP
     assert report.ended == "ZeroDivisionError: on purpose"
-    link.world.advance(link.world.time + 0.05)
-    assert speed(link) < 0.02
+    driver.world.advance(driver.world.time + 0.05)
+    assert speed(driver) < 0.02
 
 
 def test_45_while_it_comes_to_rest_the_robot_is_told_why_and_no_longer_than_that(
-    link: SimulatedLink, monkeypatch: pytest.MonkeyPatch
+    driver: SimulatedDriver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    write, after = link.write, []
+    write, after = driver.write, []
     failed: list[bool] = []
 
     def watched(safe: SafeCommand) -> SafeCommand:
@@ -84,54 +90,54 @@ def test_45_while_it_comes_to_rest_the_robot_is_told_why_and_no_longer_than_that
             after.append(safe)
         return write(safe)
 
-    monkeypatch.setattr(link, "write", watched)
+    monkeypatch.setattr(driver, "write", watched)
     with pytest.raises(ZeroDivisionError):
-        run(link, Swing(40, lambda: (failed.append(True), fail())), duration=1.0)
+        run(driver, Swing(40, lambda: (failed.append(True), fail())), duration=1.0)
     assert {safe.reason for safe in after} == {"ZeroDivisionError: on purpose"}
-    assert len(after) < 0.5 * REST / link.period
+    assert len(after) < 0.5 * REST / driver.period
     assert not after[-1].velocity.any()
 
 
 def test_45_a_robot_that_nobody_moves_is_not_brought_to_rest(world: World) -> None:
     world.reset()
-    with SimulatedLink(world.robot, world=world, arm=False) as link:
+    with SimulatedDriver(world.robot, world=world, arm=False) as driver:
         with pytest.raises(ZeroDivisionError) as raised:
-            run(link, Swing(5, fail), duration=1.0, write=False)
+            run(driver, Swing(5, fail), duration=1.0, write=False)
         assert not hasattr(raised.value, "__notes__")
-        assert link.gate.counts.steps == 5
+        assert driver.gate.counts.steps == 5
 
 
-def test_45_a_link_that_fails_to_read_in_any_way_is_still_brought_to_rest(
-    link: SimulatedLink, monkeypatch: pytest.MonkeyPatch
+def test_45_a_driver_that_fails_to_read_in_any_way_is_still_brought_to_rest(
+    driver: SimulatedDriver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fast: list[float] = []
 
     def observe(tick: Tick) -> None:
-        fast.append(speed(link))
+        fast.append(speed(driver))
         if len(fast) == 40:
-            monkeypatch.setattr(link, "_receive", fail)
+            monkeypatch.setattr(driver, "_receive", fail)
 
     with pytest.raises(ZeroDivisionError) as raised:
-        run(link, Swing(), duration=1.0, observe=observe)
+        run(driver, Swing(), duration=1.0, observe=observe)
     assert fast[-1] > 0.3
     assert not hasattr(raised.value, "__notes__")
     monkeypatch.undo()
-    link.world.advance(link.world.time + 0.05)
-    assert speed(link) < 0.02
+    driver.world.advance(driver.world.time + 0.05)
+    assert speed(driver) < 0.02
 
 
-def test_45_an_exception_of_an_observer_stops_the_robot(link: SimulatedLink) -> None:
+def test_45_an_exception_of_an_observer_stops_the_robot(driver: SimulatedDriver) -> None:
     def observe(tick: Tick) -> None:
         if tick.now > 0.05:
             fail()
 
     with pytest.raises(ZeroDivisionError):
-        run(link, Swing(), duration=1.0, observe=observe)
-    assert link.gate.state is GateState.STOP
+        run(driver, Swing(), duration=1.0, observe=observe)
+    assert driver.gate.state is GateState.STOP
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
-def test_45_an_exception_of_a_thread_stops_the_robot_and_is_raised(link: SimulatedLink) -> None:
+def test_45_an_exception_of_a_thread_stops_the_robot_and_is_raised(driver: SimulatedDriver) -> None:
     def spawn() -> None:
         thread = threading.Thread(target=fail, name="helper")
         thread.start()
@@ -139,8 +145,8 @@ def test_45_an_exception_of_a_thread_stops_the_robot_and_is_raised(link: Simulat
 
     report = LoopReport()
     with pytest.raises(ZeroDivisionError):
-        run(link, Swing(40, spawn), duration=1.0, report=report)
-    assert link.gate.state is GateState.STOP
+        run(driver, Swing(40, spawn), duration=1.0, report=report)
+    assert driver.gate.state is GateState.STOP
     assert "thread helper" in report.ended
     assert report.ticks == 41
 
@@ -149,22 +155,22 @@ def test_45_an_exception_of_a_thread_stops_the_robot_and_is_raised(link: Simulat
     ("number", "error"), [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, SystemExit)]
 )
 def test_42_a_signal_brings_the_robot_to_rest(
-    link: SimulatedLink, number: int, error: type[BaseException]
+    driver: SimulatedDriver, number: int, error: type[BaseException]
 ) -> None:
     before = signal.getsignal(number)
     with pytest.raises(error):
-        run(link, Swing(40, lambda: os.kill(os.getpid(), number)), duration=1.0)
-    assert link.world.time < 0.1 + 0.5
-    link.world.advance(link.world.time + 0.05)
-    assert speed(link) < 0.02
+        run(driver, Swing(40, lambda: os.kill(os.getpid(), number)), duration=1.0)
+    assert driver.world.time < 0.1 + 0.5
+    driver.world.advance(driver.world.time + 0.05)
+    assert speed(driver) < 0.02
     assert signal.getsignal(number) is before
 
 
 def test_42_more_signals_do_not_interrupt_the_stop(
-    link: SimulatedLink, monkeypatch: pytest.MonkeyPatch
+    driver: SimulatedDriver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whoever presses Ctrl-C twice, or a wrapper that forwards it: what was written last was full speed."""
-    read, write, sent = link.read, link.write, []
+    read, write, sent = driver.read, driver.write, []
 
     def interrupt() -> None:
         os.kill(os.getpid(), signal.SIGINT)
@@ -178,10 +184,10 @@ def test_42_more_signals_do_not_interrupt_the_stop(
         sent.append(safe)
         return write(safe)
 
-    monkeypatch.setattr(link, "read", impatient)
-    monkeypatch.setattr(link, "write", watched)
+    monkeypatch.setattr(driver, "read", impatient)
+    monkeypatch.setattr(driver, "write", watched)
     with pytest.raises(KeyboardInterrupt):
-        run(link, Swing(40, interrupt), duration=1.0)
+        run(driver, Swing(40, interrupt), duration=1.0)
     assert np.abs(sent[41].velocity).max() > 0.3
     assert len(sent) > 50
     assert not sent[-1].velocity.any()
@@ -202,21 +208,21 @@ class Spin(Swing):
 @pytest.mark.parametrize("capability", [Swing(), Spin()], ids=["position", "velocity"])
 @pytest.mark.parametrize("until", [None, lambda memory: memory == 50], ids=["duration", "until"])
 def test_a_run_that_is_over_leaves_no_joint_in_motion(
-    link: SimulatedLink,
+    driver: SimulatedDriver,
     monkeypatch: pytest.MonkeyPatch,
     capability: Swing,
     until: Callable[[int], bool] | None,
 ) -> None:
     """Nobody would end it: a velocity that YARP was sent goes on for ever."""
-    write, sent = link.write, []
+    write, sent = driver.write, []
 
     def watched(safe: SafeCommand) -> SafeCommand:
         sent.append(safe)
         return write(safe)
 
-    monkeypatch.setattr(link, "write", watched)
+    monkeypatch.setattr(driver, "write", watched)
     report = LoopReport()
-    run(link, capability, duration=0.1, until=until, report=report)
+    run(driver, capability, duration=0.1, until=until, report=report)
     assert (report.ticks, report.ended, report.cut_short) == (50, "done", True)
     assert np.abs(sent[49].velocity).max() > 0.2
     assert not sent[-1].velocity.any()
@@ -224,78 +230,78 @@ def test_a_run_that_is_over_leaves_no_joint_in_motion(
         (GateState.HOLD, "the run has ended"),
         (GateState.RUN, ""),
     ]
-    assert len(sent) < 50 + 0.5 * REST / link.period
-    assert link.gate.state is GateState.RUN, "whoever goes on is not refused"
+    assert len(sent) < 50 + 0.5 * REST / driver.period
+    assert driver.gate.state is GateState.RUN, "whoever goes on is not refused"
     count = len(sent)
     report = LoopReport()
-    run(link, Still(), duration=0.1, report=report)
+    run(driver, Still(), duration=0.1, report=report)
     assert not report.cut_short
     assert sent[count].state is GateState.RUN
     assert len(sent) == count + 50, "what rests is not brought to rest"
 
 
 def test_what_holds_a_robot_elsewhere_is_over_when_a_run_has_ended(
-    link: SimulatedLink, monkeypatch: pytest.MonkeyPatch
+    driver: SimulatedDriver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The process that owns it hears of the end later."""
-    read, reads = link.read, 0
+    read, reads = driver.read, 0
 
     def held() -> Reading:
         nonlocal reads
         reads += 1
         if 50 < reads <= 150:
-            link.gate.hold("the robot's process: holds")
+            driver.gate.hold("the robot's process: holds")
         return read()
 
-    monkeypatch.setattr(link, "read", held)
-    run(link, Spin(), duration=0.1)
+    monkeypatch.setattr(driver, "read", held)
+    run(driver, Spin(), duration=0.1)
     assert reads == 151
-    assert link.gate.state is GateState.RUN
+    assert driver.gate.state is GateState.RUN
 
 
 def test_a_robot_that_does_not_come_to_rest_is_not_waited_for(
-    link: SimulatedLink, monkeypatch: pytest.MonkeyPatch
+    driver: SimulatedDriver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Neither until it rests nor until what holds it is over: `REST` each, here none at all."""
     monkeypatch.setattr("tci.runtime.loop.REST", 0.0)
     report = LoopReport()
-    run(link, Spin(), duration=0.1, report=report)
+    run(driver, Spin(), duration=0.1, report=report)
     assert (report.ended, report.cut_short) == ("done", True)
-    assert link.gate.counts.steps == 50
+    assert driver.gate.counts.steps == 50
 
 
 @pytest.mark.parametrize("answer", [None, [(), 1], ((), 1, 2)], ids=["nothing", "a list", "three"])
-def test_a_step_that_gives_no_pair_is_told_what_to_give(link: SimulatedLink, answer: object) -> None:
+def test_a_step_that_gives_no_pair_is_told_what_to_give(driver: SimulatedDriver, answer: object) -> None:
     class Odd(Swing):
         def step(self, memory: int, perception: Perception) -> tuple[tuple[Order, ...], int]:
             return answer  # type: ignore[return-value]
 
     with pytest.raises(CommandError, match=f"Odd: step gave {type(answer).__name__}; valid: its commands"):
-        run(link, Odd(), duration=0.1)
-    assert link.gate.state is GateState.STOP
+        run(driver, Odd(), duration=0.1)
+    assert driver.gate.state is GateState.STOP
 
 
 def test_a_run_that_writes_nothing_does_not_begin_when_it_fails(
-    link: SimulatedLink, monkeypatch: pytest.MonkeyPatch
+    driver: SimulatedDriver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its references moved, and the robot did not: it would jump."""
     sent: list[SafeCommand] = []
-    monkeypatch.setattr(link, "write", sent.append)
+    monkeypatch.setattr(driver, "write", sent.append)
     with pytest.raises(ZeroDivisionError):
-        run(link, Swing(40, fail), duration=1.0, write=False)
-    run(link, Swing(), duration=0.1, write=False)
+        run(driver, Swing(40, fail), duration=1.0, write=False)
+    run(driver, Swing(), duration=0.1, write=False)
     assert not sent
 
 
-def test_26_a_second_commander_is_refused_and_the_first_goes_on(link: SimulatedLink) -> None:
-    other = SimulatedLink(link.robot, world=link.world)
+def test_26_a_second_commander_is_refused_and_the_first_goes_on(driver: SimulatedDriver) -> None:
+    other = SimulatedDriver(driver.robot, world=driver.world)
 
     def intrude() -> None:
-        with pytest.raises(LinkError, match=f"commanded by process {os.getpid()}"):
+        with pytest.raises(DriverError, match=f"commanded by process {os.getpid()}"):
             run(other, Swing(), duration=0.1)
 
-    assert run(link, Swing(40, intrude), duration=0.2).memory == 100
-    assert link.gate.state is GateState.RUN
+    assert run(driver, Swing(40, intrude), duration=0.2).memory == 100
+    assert driver.gate.state is GateState.RUN
 
 
 def test_26_a_lease_is_free_again_after_its_holder() -> None:
@@ -304,16 +310,16 @@ def test_26_a_lease_is_free_again_after_its_holder() -> None:
             pass
 
 
-def test_a_run_of_no_time_misses_nothing(link: SimulatedLink) -> None:
+def test_a_run_of_no_time_misses_nothing(driver: SimulatedDriver) -> None:
     report = LoopReport()
-    run(link, Swing(), duration=0.0, report=report)
+    run(driver, Swing(), duration=0.0, report=report)
     assert (report.ticks, report.missed, report.ended) == (0, 0, "done")
 
 
-def test_what_was_read_is_told_before_anything_is_made_of_it(link: SimulatedLink) -> None:
+def test_what_was_read_is_told_before_anything_is_made_of_it(driver: SimulatedDriver) -> None:
     said: list[tuple[str, object]] = []
     run(
-        link, Swing(2, lambda: said.append(("step", None))), duration=0.01,
+        driver, Swing(2, lambda: said.append(("step", None))), duration=0.01,
         sensed=lambda reading: said.append(("sensed", reading)),
         observe=lambda tick: said.append(("tick", tick.reading)),
     )  # fmt: skip
@@ -327,27 +333,29 @@ def test_what_was_read_is_told_before_anything_is_made_of_it(link: SimulatedLink
 
 @pytest.mark.parametrize(("after", "missed"), [(148, 1), (146, 3), (149, 0)])
 def test_41_periods_that_are_missed_at_the_end_are_counted(
-    link: SimulatedLink, after: int, missed: int
+    driver: SimulatedDriver, after: int, missed: int
 ) -> None:
     report = LoopReport()
 
     def oversleep() -> None:
-        link.world.advance(link.world.time + 8.5 * link.period)
+        driver.world.advance(driver.world.time + 8.5 * driver.period)
 
-    run(link, Swing(after, oversleep), duration=0.3, report=report)
+    run(driver, Swing(after, oversleep), duration=0.3, report=report)
     assert report.ticks + report.missed == 150
     assert (report.missed, report.overruns) == (missed, missed > 0)
 
 
 @pytest.mark.parametrize("missed", [2, 3])
-def test_41_periods_that_are_missed_are_counted_and_many_mean_hold(link: SimulatedLink, missed: int) -> None:
+def test_41_periods_that_are_missed_are_counted_and_many_mean_hold(
+    driver: SimulatedDriver, missed: int
+) -> None:
     report = LoopReport()
     seen: list[Tick] = []
 
     def oversleep() -> None:
-        link.world.advance(link.world.time + (missed + 1.5) * link.period)
+        driver.world.advance(driver.world.time + (missed + 1.5) * driver.period)
 
-    run(link, Swing(40, oversleep), duration=0.3, report=report, observe=seen.append)
+    run(driver, Swing(40, oversleep), duration=0.3, report=report, observe=seen.append)
     assert (report.overruns, report.missed) == (1, missed)
     assert report.ticks == 150 - missed == report.work.counts.sum()
     held = [tick.sent for tick in seen if tick.sent.state is GateState.HOLD]
@@ -356,11 +364,11 @@ def test_41_periods_that_are_missed_are_counted_and_many_mean_hold(link: Simulat
     assert seen[-1].sent.state is GateState.RUN
 
 
-def test_28_a_guard_makes_the_robot_hold_as_long_as_it_says(link: SimulatedLink) -> None:
+def test_28_a_guard_makes_the_robot_hold_as_long_as_it_says(driver: SimulatedDriver) -> None:
     reasons = iter([""] * 50 + ["no heartbeat of viewer"] * 20 + [""] * 80)
     states: list[GateState] = []
     run(
-        link,
+        driver,
         Swing(),
         duration=0.3,
         guard=lambda: next(reasons),
@@ -369,9 +377,9 @@ def test_28_a_guard_makes_the_robot_hold_as_long_as_it_says(link: SimulatedLink)
     assert states == [GateState.RUN] * 50 + [GateState.HOLD] * 20 + [GateState.RUN] * 80
 
 
-def test_40_the_garbage_collector_is_as_before_after_a_run(link: SimulatedLink) -> None:
+def test_40_the_garbage_collector_is_as_before_after_a_run(driver: SimulatedDriver) -> None:
     frozen: list[int] = []
-    run(link, Swing(3, lambda: frozen.append(gc.get_freeze_count())), duration=0.05)
+    run(driver, Swing(3, lambda: frozen.append(gc.get_freeze_count())), duration=0.05)
     assert frozen[0] > 1000
     assert gc.get_freeze_count() == 0
     gc.freeze()
@@ -383,11 +391,11 @@ def test_40_the_garbage_collector_is_as_before_after_a_run(link: SimulatedLink) 
         gc.unfreeze()
 
 
-def test_40_what_was_there_before_a_run_costs_no_collection_in_it(link: SimulatedLink) -> None:
+def test_40_what_was_there_before_a_run_costs_no_collection_in_it(driver: SimulatedDriver) -> None:
     ballast: list[list[object]] = [[] for _ in range(200_000)]
     looked_at: list[int] = []
-    run(link, Swing(3, lambda: looked_at.append(len(gc.get_objects()))), duration=0.05)
-    run(link, Swing(900, lambda: looked_at.append(len(gc.get_objects()))), duration=2.0)
+    run(driver, Swing(3, lambda: looked_at.append(len(gc.get_objects()))), duration=0.05)
+    run(driver, Swing(900, lambda: looked_at.append(len(gc.get_objects()))), duration=2.0)
     assert len(ballast) < len(gc.get_objects())
     assert max(looked_at) < 20_000  # nor does it grow
 
@@ -438,36 +446,36 @@ def test_45_loops_side_by_side_all_see_a_failing_thread() -> None:
     assert threading.excepthook is before
 
 
-def test_the_run_ends_when_the_memory_is_as_wanted(link: SimulatedLink) -> None:
+def test_the_run_ends_when_the_memory_is_as_wanted(driver: SimulatedDriver) -> None:
     report = LoopReport()
-    assert run(link, Swing(), duration=1.0, until=lambda memory: memory == 7, report=report).memory == 7
+    assert run(driver, Swing(), duration=1.0, until=lambda memory: memory == 7, report=report).memory == 7
     assert (report.ticks, report.ended) == (7, "done")
 
 
-def test_a_fault_that_the_capability_sees_stops_the_robot(link: SimulatedLink) -> None:
+def test_a_fault_that_the_capability_sees_stops_the_robot(driver: SimulatedDriver) -> None:
     class Blind(Swing):
         def fault(self, perception: Perception) -> str:
             return "I see nothing" if perception.stamp > 0.1 else ""
 
-    run(link, Blind(), duration=0.5)
-    assert link.gate.state is GateState.STOP
-    assert link.world.time > 0.4, "it goes on, at rest"
-    assert speed(link) < 0.02
+    run(driver, Blind(), duration=0.5)
+    assert driver.gate.state is GateState.STOP
+    assert driver.world.time > 0.4, "it goes on, at rest"
+    assert speed(driver) < 0.02
 
 
-def test_a_capability_that_cannot_begin_is_an_error_and_nothing_moves(link: SimulatedLink) -> None:
+def test_a_capability_that_cannot_begin_is_an_error_and_nothing_moves(driver: SimulatedDriver) -> None:
     class Eager(Swing):
         def begin(self, perception: Perception) -> tuple[GenericCommand, ...]:
             return (GenericCommand("head", Mode.TORQUE, np.zeros(3)),)
 
-    before = link.read().joints.position
+    before = driver.read().joints.position
     with pytest.raises(CommandError, match="Eager can't begin"):
-        run(link, Eager(), duration=0.5)
-    np.testing.assert_allclose(link.read().joints.position, before, atol=1e-3)
+        run(driver, Eager(), duration=0.5)
+    np.testing.assert_allclose(driver.read().joints.position, before, atol=1e-3)
 
 
 def test_an_order_that_does_not_fit_is_told_with_the_refusals_and_the_others_pass(
-    link: SimulatedLink,
+    driver: SimulatedDriver,
 ) -> None:
     class Wrong(Swing):
         def step(self, memory: int, perception: Perception) -> tuple[tuple[GenericCommand, ...], int]:
@@ -475,41 +483,41 @@ def test_an_order_that_does_not_fit_is_told_with_the_refusals_and_the_others_pas
             return (GenericCommand("head", Mode.POSITION, np.zeros(7)), *good), memory
 
     ticks: list[Tick] = []
-    run(link, Wrong(), duration=0.05, observe=ticks.append)
+    run(driver, Wrong(), duration=0.05, observe=ticks.append)
     assert "7" in ticks[0].sent.refusals[0]
     assert len(ticks[0].sent.refusals) == 1
-    assert speed(link) > 0.05
+    assert speed(driver) > 0.05
 
 
 def test_45_a_robot_that_cannot_be_written_to_is_named_beside_the_first_error(
-    link: SimulatedLink, monkeypatch: pytest.MonkeyPatch
+    driver: SimulatedDriver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def gone(safe: object) -> None:
         raise OSError("the wire is cut")
 
     def cut() -> None:
-        monkeypatch.setattr(link, "_send", gone)
+        monkeypatch.setattr(driver, "_send", gone)
         fail()
 
     with pytest.raises(ZeroDivisionError) as raised:
-        run(link, Swing(40, cut), duration=1.0)
+        run(driver, Swing(40, cut), duration=1.0)
     assert raised.value.__notes__ == ["and the robot could not be brought to rest: the wire is cut"]
-    assert link.gate.state is GateState.STOP
+    assert driver.gate.state is GateState.STOP
 
 
-def test_45_a_link_that_is_only_read_is_not_written_to_at_the_end(world: World) -> None:
+def test_45_a_driver_that_is_only_read_is_not_written_to_at_the_end(world: World) -> None:
     world.reset()
-    with SimulatedLink(world.robot, world=world, arm=False) as link:
+    with SimulatedDriver(world.robot, world=world, arm=False) as driver:
         with pytest.raises(ZeroDivisionError):
-            run(link, Swing(5, fail), duration=1.0, write=False)
+            run(driver, Swing(5, fail), duration=1.0, write=False)
         assert world.time < 0.05
 
 
 def test_15_skin_that_does_not_fit_is_not_seen_and_stops_the_robot_only_if_that_lasts(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    link, report, wrong = SimulatedLink(tci.load_robot("nao")), LoopReport(), [False]
-    read, steps, states = link.read, [], []
+    driver, report, wrong = SimulatedDriver(tci.load_robot("nao")), LoopReport(), [False]
+    read, steps, states = driver.read, [], []
 
     def cut() -> Reading:
         reading = read()
@@ -519,35 +527,35 @@ def test_15_skin_that_does_not_fit_is_not_seen_and_stops_the_robot_only_if_that_
 
     class Watch(Swing):
         def step(self, memory: int, perception: Perception) -> tuple[tuple[GenericCommand, ...], int]:
-            steps.append(link.world.time)
+            steps.append(driver.world.time)
             return super().step(memory, perception)
 
     def observe(tick: Tick) -> None:
         states.append(tick.sent.state)
         wrong[0] = begin + 0.1 <= tick.now < begin + 0.1 + spoilt
 
-    monkeypatch.setattr(link, "read", cut)
-    begin, spoilt = link.world.time, 0.5 * PERSISTS
-    run(link, Watch(), duration=0.3, observe=observe, report=report)
-    assert 0.6 * spoilt / link.period < report.rejected <= spoilt / link.period + 1
+    monkeypatch.setattr(driver, "read", cut)
+    begin, spoilt = driver.world.time, 0.5 * PERSISTS
+    run(driver, Watch(), duration=0.3, observe=observe, report=report)
+    assert 0.6 * spoilt / driver.period < report.rejected <= spoilt / driver.period + 1
     assert len(steps) == report.ticks - report.rejected, "the capability sees none of it"
     assert set(states) == {GateState.RUN}
     states.clear()
-    begin, spoilt = link.world.time, 1.0
-    run(link, Watch(), duration=0.4, observe=observe, report=LoopReport())
-    assert 0.1 + PERSISTS < states.index(GateState.STOP) * link.period < 0.1 + PERSISTS + 0.03
-    assert "expected (240,)" in link.gate.step((), read().joints, link.world.time).reason
+    begin, spoilt = driver.world.time, 1.0
+    run(driver, Watch(), duration=0.4, observe=observe, report=LoopReport())
+    assert 0.1 + PERSISTS < states.index(GateState.STOP) * driver.period < 0.1 + PERSISTS + 0.03
+    assert "expected (240,)" in driver.gate.step((), read().joints, driver.world.time).reason
 
 
 def test_10_skin_that_stands_still_makes_the_robot_hold(monkeypatch: pytest.MonkeyPatch) -> None:
-    with SimulatedLink(
+    with SimulatedDriver(
         tci.load_robot("nao"), world=World(tci.load_robot("nao"), skin=["left_forearm"])
-    ) as link:
-        receive = link._receive
+    ) as driver:
+        receive = driver._receive
         skin = receive().skin
-        monkeypatch.setattr(link, "_receive", lambda: replace(receive(), skin=skin))
+        monkeypatch.setattr(driver, "_receive", lambda: replace(receive(), skin=skin))
         states: list[tuple[float, GateState]] = []
-        run(link, Swing(), duration=0.4, observe=lambda tick: states.append((tick.now, tick.sent.state)))
+        run(driver, Swing(), duration=0.4, observe=lambda tick: states.append((tick.now, tick.sent.state)))
     assert len(states) > 100
     assert {state for now, state in states if now < LEAST_SILENCE} == {GateState.RUN}
     assert {state for now, state in states if now > LEAST_SILENCE + 0.01} == {GateState.HOLD}
@@ -563,9 +571,9 @@ def test_41_every_period_counts_once_wherever_in_it_the_loop_wakes() -> None:
 
         def sleep_until(self, stamp: float) -> None:
             almost = random.random() < 0.1
-            super().sleep_until(stamp + link.period * (0.999 if almost else 2.0 * random.random() ** 4))
+            super().sleep_until(stamp + driver.period * (0.999 if almost else 2.0 * random.random() ** 4))
 
-    class Standing(Link):
+    class Standing(Driver):
         """A robot that stays where it is."""
 
         count = 0
@@ -582,45 +590,45 @@ def test_41_every_period_counts_once_wherever_in_it_the_loop_wakes() -> None:
             return
 
     random, report = np.random.default_rng(1), LoopReport()
-    link = Standing(tci.load_robot("nao"), middleware="sim", clock=Shaky(70_000.0), armed=True)
-    run(link, Swing(), duration=2000 * link.period, report=report)
+    driver = Standing(tci.load_robot("nao"), middleware="sim", clock=Shaky(70_000.0), armed=True)
+    run(driver, Swing(), duration=2000 * driver.period, report=report)
     assert report.missed > 100
     assert report.ticks + report.missed == 2000
 
 
 def test_a_first_period_that_begins_late_is_none_that_was_missed(
-    link: SimulatedLink, monkeypatch: pytest.MonkeyPatch
+    driver: SimulatedDriver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    ticks, report = link.ticks, LoopReport()
+    ticks, report = driver.ticks, LoopReport()
 
     def late(*, duration: float | None = None, start: float | None = None) -> Iterator[float]:
         del start
-        link.world.advance(0.1)
+        driver.world.advance(0.1)
         yield from ticks(duration=duration)
 
-    monkeypatch.setattr(link, "ticks", late)
-    run(link, Swing(), duration=0.1, report=report)
+    monkeypatch.setattr(driver, "ticks", late)
+    run(driver, Swing(), duration=0.1, report=report)
     assert (report.ticks, report.missed, report.overruns) == (50, 0, 0)
-    assert report.lateness.largest < link.period / 2
+    assert report.lateness.largest < driver.period / 2
 
 
 def test_45_a_robot_that_cannot_come_to_rest_is_waited_for_and_not_longer(
-    link: SimulatedLink, monkeypatch: pytest.MonkeyPatch
+    driver: SimulatedDriver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    step = link.gate.step
+    step = driver.gate.step
 
     def restless(*args: Any, **options: Any) -> Any:
         return replace(step(*args, **options), velocity=np.ones(3))
 
     def go_on() -> None:
-        monkeypatch.setattr(link.gate, "step", restless)
-        monkeypatch.setattr(link, "write", lambda safe: safe)
+        monkeypatch.setattr(driver.gate, "step", restless)
+        monkeypatch.setattr(driver, "write", lambda safe: safe)
         fail()
 
-    begun = link.world.time
+    begun = driver.world.time
     with pytest.raises(ZeroDivisionError):
-        run(link, Swing(5, go_on), duration=1.0)
-    assert REST <= link.world.time - begun < REST + 0.1
+        run(driver, Swing(5, go_on), duration=1.0)
+    assert REST <= driver.world.time - begun < REST + 0.1
 
 
 def test_the_report_as_json_has_every_figure_under_its_name() -> None:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import tci
-from tci.drivers.simulated import SimulatedLink
-from tci.errors import LinkError
+from tci.drivers.simulated import SimulatedDriver
+from tci.errors import DriverError
 from tci.frames import read_only
 from tci.gate.gate import GateState, SafeCommand
 from tci.messages import Mode, Perception, PlatformCommand, PlatformOrder, PlatformSwitch, Reading
@@ -36,17 +36,17 @@ class Push(tci.Capability[None]):
 
 
 class Sent(list[tuple[float, float]]):
-    """Times [s] and torques [N m] that were written to the elbow, noted on the way to a link."""
+    """Times [s] and torques [N m] that were written to the elbow, noted on the way to a driver."""
 
-    def __init__(self, link: SimulatedLink, monkeypatch: pytest.MonkeyPatch) -> None:
-        write = link.write
+    def __init__(self, driver: SimulatedDriver, monkeypatch: pytest.MonkeyPatch) -> None:
+        write = driver.write
 
         def noted(safe: SafeCommand) -> SafeCommand:
             place = safe.servos.tolist().index(ELBOW)
             self.append((safe.stamp, float(safe.torque[place])))
             return write(safe)
 
-        monkeypatch.setattr(link, "write", noted)
+        monkeypatch.setattr(driver, "write", noted)
 
     def since(self, time: float) -> np.ndarray:
         """Torques that were written from `time` [s] on."""
@@ -59,40 +59,40 @@ def world() -> World:
 
 
 @pytest.fixture
-def link(world: World) -> SimulatedLink:
+def driver(world: World) -> SimulatedDriver:
     world.reset()
-    return SimulatedLink(world.robot, world=world)
+    return SimulatedDriver(world.robot, world=world)
 
 
 def test_28_reading_that_fails_where_writing_works_ends_with_no_torque(
-    link: SimulatedLink, monkeypatch: pytest.MonkeyPatch
+    driver: SimulatedDriver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    sent, lost = Sent(link, monkeypatch), []
+    sent, lost = Sent(driver, monkeypatch), []
 
     def cut() -> Reading:
-        lost.append(link.clock.now())
-        raise LinkError("reading fails, on purpose")
+        lost.append(driver.clock.now())
+        raise DriverError("reading fails, on purpose")
 
     def observe(tick: Tick) -> None:
         braked = bool(sent) and sent[-1][1] < -0.2
         if braked:  # by the gate, against what was asked
-            monkeypatch.setattr(link, "_receive", cut)
+            monkeypatch.setattr(driver, "_receive", cut)
 
-    with pytest.raises(LinkError, match="on purpose"):
-        run(link, Push(), duration=5.0, observe=observe)
-    begun = lost[0] - link.period
+    with pytest.raises(DriverError, match="on purpose"):
+        run(driver, Push(), duration=5.0, observe=observe)
+    begun = lost[0] - driver.period
     assert sent.since(begun)[0] < -0.2
     assert not sent.since(begun + END).any()
     assert sent[-1][1] == 0.0
 
 
 def test_joint_data_that_keeps_a_torque_up_does_not_outlive_the_run(
-    link: SimulatedLink, monkeypatch: pytest.MonkeyPatch
+    driver: SimulatedDriver, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A joint that swings on is braked, and let go before the loop ends."""
-    sent, receive = Sent(link, monkeypatch), link._receive
+    sent, receive = Sent(driver, monkeypatch), driver._receive
 
-    home = read_only(link.world.joints().position.copy())
+    home = read_only(driver.world.joints().position.copy())
 
     def restless() -> Reading:
         joints = receive().joints
@@ -100,9 +100,9 @@ def test_joint_data_that_keeps_a_torque_up_does_not_outlive_the_run(
         velocity = read_only(np.full(len(ROBOT.servos), speed))
         return Reading(replace(joints, position=read_only(home + angle), velocity=velocity), ())
 
-    monkeypatch.setattr(link, "_receive", restless)
-    run(link, Push(), duration=0.2)
+    monkeypatch.setattr(driver, "_receive", restless)
+    run(driver, Push(), duration=0.2)
     assert np.abs(sent.since(0.2)).max() > 10.0, "it is braked"
-    assert len(sent.since(0.2)) <= REST / link.period
+    assert len(sent.since(0.2)) <= REST / driver.period
     assert sent[-1][1] == 0.0
-    assert link.gate.state is not GateState.STOP
+    assert driver.gate.state is not GateState.STOP

@@ -14,7 +14,7 @@ import tci
 from tci.body.generic_body import Body
 from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.capabilities.contact_stop import ContactStop
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError, TciError, UnknownNameError
 from tci.simulation.world import World
 from tci.testing import TouchedRobot
@@ -42,9 +42,9 @@ class Settings(Ask):
         super().__init__(answer)
 
 
-def refusals(link: SimulatedLink, answer: Any) -> str:
+def refusals(driver: SimulatedDriver, answer: Any) -> str:
     """Returns the words of a result whose every command was refused."""
-    result = tci.run(link, Ask(answer), duration=0.01)
+    result = tci.run(driver, Ask(answer), duration=0.01)
     assert not result
     return str(result)
 
@@ -53,22 +53,24 @@ def head(*values: float, mode: Any = tci.Mode.POSITION) -> tci.GenericCommand:
     return tci.GenericCommand("head", mode, np.array(values))
 
 
-def test_1_a_number_that_is_none(link: SimulatedLink) -> None:
-    assert "position of head: pitch = nan; valid: finite numbers" in refusals(link, (head(np.nan, 0.0, 0.0),))
+def test_1_a_number_that_is_none(driver: SimulatedDriver) -> None:
+    assert "position of head: pitch = nan; valid: finite numbers" in refusals(
+        driver, (head(np.nan, 0.0, 0.0),)
+    )
 
 
-def test_2_the_wrong_number_of_values(link: SimulatedLink) -> None:
-    assert "position of head: values of shape (2,); valid: (3,)" in refusals(link, (head(0.1, 0.0),))
+def test_2_the_wrong_number_of_values(driver: SimulatedDriver) -> None:
+    assert "position of head: values of shape (2,); valid: (3,)" in refusals(driver, (head(0.1, 0.0),))
 
 
-def test_3_a_mode_that_the_servo_is_not_in(link: SimulatedLink) -> None:
-    words = refusals(link, (head(0.1, 0.0, 0.0, mode=tci.Mode.TORQUE),))
+def test_3_a_mode_that_the_servo_is_not_in(driver: SimulatedDriver) -> None:
+    words = refusals(driver, (head(0.1, 0.0, 0.0, mode=tci.Mode.TORQUE),))
     assert "is in position mode, the command is a torque; valid: switch the mode first" in words
 
 
-def test_4_a_robot_that_is_stopped(link: SimulatedLink) -> None:
-    link.gate.stop("on purpose")
-    words = refusals(link, (head(0.1, 0.0, 0.0),))
+def test_4_a_robot_that_is_stopped(driver: SimulatedDriver) -> None:
+    driver.gate.stop("on purpose")
+    words = refusals(driver, (head(0.1, 0.0, 0.0),))
     assert "stop: on purpose" in words
     assert words.endswith("STOP at the end: on purpose")
 
@@ -77,72 +79,74 @@ def test_4_a_robot_that_is_stopped(link: SimulatedLink) -> None:
     ("part", "degrees"),
     [("head", (30.0, 0.0, 0.0)), ("left_arm", (25.0, 25.0, 0.0, 60.0, 0.0)), ("left_arm", (0, 0, 0, -90, 0))],
 )
-def test_5_degrees_in_place_of_radians(link: SimulatedLink, part: str, degrees: tuple[float, ...]) -> None:
-    words = refusals(link, (tci.GenericCommand(part, tci.Mode.POSITION, np.array(degrees, dtype=float)),))
+def test_5_degrees_in_place_of_radians(
+    driver: SimulatedDriver, part: str, degrees: tuple[float, ...]
+) -> None:
+    words = refusals(driver, (tci.GenericCommand(part, tci.Mode.POSITION, np.array(degrees, dtype=float)),))
     assert "is more than a full turn; degrees? valid: radians, as from np.deg2rad" in words
 
 
-def test_5_degrees_in_the_robots_own_joints(link: SimulatedLink) -> None:
-    own = link.native("Head")
+def test_5_degrees_in_the_robots_own_joints(driver: SimulatedDriver) -> None:
+    own = driver.native("Head")
     for degrees in (
         {"HeadPitch": 20.0},
         {"HeadYaw": 5.0, "HeadPitch": 4.0},
         {"HeadYaw": -9.0, "HeadPitch": 0.1},
     ):
-        words = refusals(link, (own.command(degrees),))
+        words = refusals(driver, (own.command(degrees),))
         assert "degrees? valid: radians" in words
         assert "limits -2.09 .. 2.09 rad" in words or "limits -0.67 .. 0.51 rad" in words
 
 
-def test_5_what_is_a_little_too_far_is_clamped_as_ever(link: SimulatedLink) -> None:
-    own = link.native("Head")
+def test_5_what_is_a_little_too_far_is_clamped_as_ever(driver: SimulatedDriver) -> None:
+    own = driver.native("Head")
     for far in ({"HeadPitch": 5.0}, {"HeadYaw": 5.0, "HeadPitch": 0.1}, {"HeadYaw": 3.0, "HeadPitch": 1.4}):
-        result = tci.run(link, Ask((own.command(far),)), duration=0.01)
+        result = tci.run(driver, Ask((own.command(far),)), duration=0.01)
         assert result
         assert not result.refusals
         assert result.clamps
-    assert tci.run(link, Ask((own.command({"HeadYaw": 40.0}, mode="stiffness"),)), duration=0.01)
+    assert tci.run(driver, Ask((own.command({"HeadYaw": 40.0}, mode="stiffness"),)), duration=0.01)
 
 
 def test_6_a_robot_or_a_name_in_place_of_a_connection(world: World) -> None:
     for given, words in (
         (world.robot, "a Robot"),
         ("nao", "the word 'nao'"),
-        (SimulatedLink, "the class Sim"),
+        (SimulatedDriver, "the class Sim"),
     ):
-        with pytest.raises(TciError, match=f"run: {words}.* valid: link, from `with tci.connect"):
+        with pytest.raises(TciError, match=f"run: {words}.* valid: driver, from `with tci.connect"):
             tci.run(given, Ask(), duration=0.01)
 
 
 def test_6_a_name_in_place_of_a_robot() -> None:
-    with tci.connect("nao", "sim", skin=False) as link:
-        assert link.robot.name == "nao"
+    with tci.connect("nao", "sim", skin=False) as driver:
+        assert driver.robot.name == "nao"
     with pytest.raises(
         TciError, match=r"connect: the class Robot in place of a robot; valid: tci\.load_robot"
     ):
         tci.connect(tci.Robot)
-    with pytest.raises(TciError, match=r"connect: a SimulatedLink as the name of a link; valid: .*sim"):
-        tci.connect("nao", link)
+    with pytest.raises(TciError, match=r"connect: a SimulatedDriver as the name of a driver; valid: .*sim"):
+        tci.connect("nao", driver)
 
 
-def test_7_a_class_in_place_of_an_instance(link: SimulatedLink) -> None:
-    assert tci.run(link, Ask, duration=0.01).memory == 5
+def test_7_a_class_in_place_of_an_instance(driver: SimulatedDriver) -> None:
+    assert tci.run(driver, Ask, duration=0.01).memory == 5
     with pytest.raises(
         TciError, match=r"the class Settings needs settings: .*'answer'; valid: Settings\(\.\.\.\)"
     ):
-        tci.run(link, Settings, duration=0.01)
+        tci.run(driver, Settings, duration=0.01)
     with pytest.raises(TciError, match="the class Capability lacks init and step; valid: a subclass"):
-        tci.run(link, tci.Capability, duration=0.01)
+        tci.run(driver, tci.Capability, duration=0.01)
     for given, words in (("withdrawal", "the word 'withdrawal'"), (World, "the class World"), (None, "None")):
         with pytest.raises(TciError, match=f"run: {words} in place of a capability; valid: tci.Withdr"):
-            tci.run(link, given, duration=0.01)
+            tci.run(driver, given, duration=0.01)
 
 
 @pytest.mark.parametrize("mode", ["position", "Position"])
-def test_8_a_mode_by_its_name(link: SimulatedLink, mode: str) -> None:
-    assert tci.run(link, Ask((head(0.1, 0.0, 0.0, mode=mode),)), duration=0.01)
+def test_8_a_mode_by_its_name(driver: SimulatedDriver, mode: str) -> None:
+    assert tci.run(driver, Ask((head(0.1, 0.0, 0.0, mode=mode),)), duration=0.01)
     assert tci.SwitchMode("head", mode).mode is tci.Mode.POSITION
-    assert link.native("Head").command({"HeadYaw": 0.1}, mode=mode).mode is tci.Mode.POSITION
+    assert driver.native("Head").command({"HeadYaw": 0.1}, mode=mode).mode is tci.Mode.POSITION
     assert tci.WithdrawalReflex(mode=mode).mode is tci.Mode.POSITION
 
 
@@ -155,15 +159,15 @@ def test_8_a_mode_that_there_is_not() -> None:
         head(0.1, 0.0, 0.0, mode=3)
 
 
-def test_8_a_list_in_place_of_an_array(link: SimulatedLink) -> None:
+def test_8_a_list_in_place_of_an_array(driver: SimulatedDriver) -> None:
     command = tci.GenericCommand("head", "position", [0.1, 0.0, 0.0])
     assert command.values.tolist() == [0.1, 0.0, 0.0]
-    assert tci.run(link, Ask((command,)), duration=0.01)
+    assert tci.run(driver, Ask((command,)), duration=0.01)
     with pytest.raises(CommandError, match=r"position of head: could not convert .*'far'; valid: numbers"):
         tci.GenericCommand("head", "position", ["far", 0.0, 0.0])
 
 
-def test_9_one_command_in_place_of_a_tuple(link: SimulatedLink) -> None:
+def test_9_one_command_in_place_of_a_tuple(driver: SimulatedDriver) -> None:
     class Begins(Ask):
         def begin(self, perception: tci.Perception) -> Any:
             return tci.SwitchMode("head", tci.Mode.POSITION)
@@ -171,23 +175,23 @@ def test_9_one_command_in_place_of_a_tuple(link: SimulatedLink) -> None:
     command = head(0.1, 0.0, 0.0)
     for answer in (command, [command], (one for one in [command])):
         ticks: list[tci.Tick] = []
-        assert tci.run(link, Begins(answer), duration=0.004, observe=ticks.append).accepted == 1
+        assert tci.run(driver, Begins(answer), duration=0.004, observe=ticks.append).accepted == 1
         assert ticks[1].commands == (command,)
-    joints = link.read().joints
-    (own,) = Body(link.robot).to_platform(command, joints)
-    assert link.gate.step(own, joints, link.clock.now()).orders == (own,)
+    joints = driver.read().joints
+    (own,) = Body(driver.robot).to_platform(command, joints)
+    assert driver.gate.step(own, joints, driver.clock.now()).orders == (own,)
 
 
 @pytest.mark.parametrize(
     ("answer", "words"), [(None, "None"), (("head",), "the word 'head'"), (3.0, "a float")]
 )
-def test_9_what_is_no_command(link: SimulatedLink, answer: Any, words: str) -> None:
+def test_9_what_is_no_command(driver: SimulatedDriver, answer: Any, words: str) -> None:
     with pytest.raises(CommandError, match=f"Ask: step gave {words} as a command; valid: a tuple of comm"):
-        tci.run(link, Ask(answer), duration=0.01)
-    link.gate.reset()
+        tci.run(driver, Ask(answer), duration=0.01)
+    driver.gate.reset()
 
 
-def test_9_two_commands_and_no_memory(link: SimulatedLink) -> None:
+def test_9_two_commands_and_no_memory(driver: SimulatedDriver) -> None:
     class Forgets(Ask):
         def step(self, memory: int, perception: tci.Perception) -> Any:
             return head(0.1, 0.0, 0.0), head(0.2, 0.0, 0.0)
@@ -195,20 +199,20 @@ def test_9_two_commands_and_no_memory(link: SimulatedLink) -> None:
     with pytest.raises(
         CommandError, match="Forgets: step gave two commands; valid: its commands, and the mem"
     ):
-        tci.run(link, Forgets(), duration=0.01)
+        tci.run(driver, Forgets(), duration=0.01)
 
 
-def test_9_a_generic_command_for_the_gate(link: SimulatedLink) -> None:
-    sent = link.gate.step([head(0.1, 0.0, 0.0)], link.read().joints, link.clock.now())
+def test_9_a_generic_command_for_the_gate(driver: SimulatedDriver) -> None:
+    sent = driver.gate.step([head(0.1, 0.0, 0.0)], driver.read().joints, driver.clock.now())
     assert sent.refusals == ("a GenericCommand is in no robot's joints; valid: what tci.to_platform gives",)
 
 
 @pytest.mark.parametrize("duration", [-1.0, float("nan"), float("inf")])
-def test_10_a_duration_that_is_none(link: SimulatedLink, duration: float) -> None:
+def test_10_a_duration_that_is_none(driver: SimulatedDriver, duration: float) -> None:
     with pytest.raises(
         TciError, match=f"duration {duration} s; valid: 0 or more and finite, or None for ever"
     ):
-        tci.run(link, Ask(), duration=duration)
+        tci.run(driver, Ask(), duration=duration)
 
 
 def test_11_names_that_are_nearly_right() -> None:

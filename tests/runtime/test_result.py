@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import tci
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.simulated import SimulatedDriver
 from tci.gate.gate import GateState
 from tci.runtime.loop_report import LoopReport
 from tci.runtime.reasons import MOST, OTHERS, Notice, Reasons
@@ -38,12 +38,12 @@ def warnings(log: pytest.LogCaptureFixture) -> list[str]:
 
 
 def test_a_run_tells_in_one_line_what_was_touched_and_what_moved() -> None:
-    with tci.connect(tci.load_robot("nao"), "sim") as link:
-        assert isinstance(link, SimulatedLink)
-        link.world.finger.poke("left_forearm", 150)
-        result = tci.run(link, tci.WithdrawalReflex(), duration=0.4)
+    with tci.connect(tci.load_robot("nao"), "sim") as driver:
+        assert isinstance(driver, SimulatedDriver)
+        driver.world.finger.poke("left_forearm", 150)
+        result = tci.run(driver, tci.WithdrawalReflex(), duration=0.4)
         assert result
-        assert result.touched["left_forearm"] == pytest.approx(link.world.finger.peak_force, rel=0.5)
+        assert result.touched["left_forearm"] == pytest.approx(driver.world.finger.peak_force, rel=0.5)
     assert [*result.touched] == ["left_forearm"]
     assert "left_arm" in result.memory
     ways = [*result.moved.values()]
@@ -60,22 +60,23 @@ def test_a_run_tells_in_one_line_what_was_touched_and_what_moved() -> None:
 
 
 def test_nothing_that_happened_is_said_too() -> None:
-    with tci.connect(tci.load_robot("nao"), "sim") as link:
+    with tci.connect(tci.load_robot("nao"), "sim") as driver:
         assert (
-            str(tci.run(link, tci.WithdrawalReflex(), duration=0.01)) == "nao: touched nowhere; nothing moved"
+            str(tci.run(driver, tci.WithdrawalReflex(), duration=0.01))
+            == "nao: touched nowhere; nothing moved"
         )
 
 
 def test_refusals_are_counted_by_kind_and_the_first_is_logged(
-    link: SimulatedLink, caplog: pytest.LogCaptureFixture
+    driver: SimulatedDriver, caplog: pytest.LogCaptureFixture
 ) -> None:
-    begin = link.clock.now()
+    begin = driver.clock.now()
     odd = head(np.nan, 0.0, 0.0), head(0.0, 0.0), head(0.1, 0.0, 0.0, mode=tci.Mode.VELOCITY)
-    result = tci.run(link, Ask(lambda count: odd[count % 3]), duration=0.06)
+    result = tci.run(driver, Ask(lambda count: odd[count % 3]), duration=0.06)
     assert [notice.count for notice in result.refusals] == [10, 10, 10]
     for index, words in enumerate(("pitch = nan", "values of shape (2,)", "HeadPitch is in position mode")):
         assert words in result.refusals[index].words
-        assert result.refusals[index].time == pytest.approx(begin + index * link.period)
+        assert result.refusals[index].time == pytest.approx(begin + index * driver.period)
         assert words in warnings(caplog)[index]
         assert words in str(result)
     assert len(warnings(caplog)) == 3
@@ -85,16 +86,16 @@ def test_refusals_are_counted_by_kind_and_the_first_is_logged(
     assert result.state is GateState.RUN
 
 
-def test_what_is_refused_among_what_is_not_leaves_the_result_true(link: SimulatedLink) -> None:
-    result = tci.run(link, Ask(lambda count: head(np.nan if count else 0.1, 0.0, 0.0)), duration=0.02)
+def test_what_is_refused_among_what_is_not_leaves_the_result_true(driver: SimulatedDriver) -> None:
+    result = tci.run(driver, Ask(lambda count: head(np.nan if count else 0.1, 0.0, 0.0)), duration=0.02)
     assert result
     assert (result.accepted, result.refusals[0].count) == (1, 9)
 
 
 def test_clamps_are_counted_and_the_first_is_logged(
-    link: SimulatedLink, caplog: pytest.LogCaptureFixture
+    driver: SimulatedDriver, caplog: pytest.LogCaptureFixture
 ) -> None:
-    result = tci.run(link, Ask(lambda count: head(1.5 + 0.01 * (count % 7), 0.0, 0.0)), duration=0.1)
+    result = tci.run(driver, Ask(lambda count: head(1.5 + 0.01 * (count % 7), 0.0, 0.0)), duration=0.1)
     (clamp,) = result.clamps
     assert clamp.count == 50
     assert "HeadPitch: 85.94 degrees asked, clamped to" in clamp.words
@@ -105,10 +106,10 @@ def test_clamps_are_counted_and_the_first_is_logged(
 
 
 def test_a_run_that_ends_stopped_is_false_and_says_why(
-    link: SimulatedLink, caplog: pytest.LogCaptureFixture
+    driver: SimulatedDriver, caplog: pytest.LogCaptureFixture
 ) -> None:
-    link.gate.stop("somebody pressed the button")
-    result = tci.run(link, Ask(lambda count: head(0.1, 0.0, 0.0)), duration=0.1)
+    driver.gate.stop("somebody pressed the button")
+    result = tci.run(driver, Ask(lambda count: head(0.1, 0.0, 0.0)), duration=0.1)
     assert not result
     assert (result.state, result.reason) == (GateState.STOP, "somebody pressed the button")
     assert result.ended == "done"
@@ -120,27 +121,27 @@ def test_a_run_that_ends_stopped_is_false_and_says_why(
 
 
 def test_a_stop_after_the_last_period_is_said_too(
-    link: SimulatedLink, caplog: pytest.LogCaptureFixture
+    driver: SimulatedDriver, caplog: pytest.LogCaptureFixture
 ) -> None:
     """The robot is brought to rest at the end, and what goes wrong then is no less wrong."""
     periods = iter(range(50))
 
     def until(memory: int) -> bool:
         if next(periods) == 49:
-            link.gate.stop("too late")
+            driver.gate.stop("too late")
             return True
         return False
 
-    result = tci.run(link, Ask(lambda count: head(0.4, 0.0, 0.0)), duration=1.0, until=until)
+    result = tci.run(driver, Ask(lambda count: head(0.4, 0.0, 0.0)), duration=1.0, until=until)
     assert (result.state, result.reason) == (GateState.STOP, "too late")
     assert not result
     assert "too late" in warnings(caplog)[-1]
 
 
-def test_a_hold_is_counted_by_its_periods(link: SimulatedLink, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_hold_is_counted_by_its_periods(driver: SimulatedDriver, caplog: pytest.LogCaptureFixture) -> None:
     reasons = iter(["no heartbeat of viewer"] * 20 + [""] * 30)
     quiet = Ask(lambda count: head(0.1, 0.0, 0.0))
-    result = tci.run(link, quiet, duration=0.1, guard=lambda: next(reasons))
+    result = tci.run(driver, quiet, duration=0.1, guard=lambda: next(reasons))
     (hold,) = result.holds
     assert (hold.words, hold.count) == ("no heartbeat of viewer", 20)
     assert result.refusals[0].count == 20
@@ -148,8 +149,8 @@ def test_a_hold_is_counted_by_its_periods(link: SimulatedLink, caplog: pytest.Lo
     assert result
 
 
-def test_a_result_in_plain_values_is_json(link: SimulatedLink) -> None:
-    plain = tci.run(link, Ask(lambda count: head(np.nan, 0.0, 0.0)), duration=0.02).to_json()
+def test_a_result_in_plain_values_is_json(driver: SimulatedDriver) -> None:
+    plain = tci.run(driver, Ask(lambda count: head(np.nan, 0.0, 0.0)), duration=0.02).to_json()
     assert json.loads(json.dumps(plain)) == plain
     assert (plain["robot"], plain["ok"], plain["accepted"]) == ("nao", False, 0)
     assert plain["refusals"][0]["count"] == plain["loop"]["ticks"] == 10

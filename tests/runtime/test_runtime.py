@@ -1,4 +1,4 @@
-"""The loop, the clock and the registry of links."""
+"""The loop, the clock and the registry of drivers."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import tci
 from drivers.served import needs_qi
 from tci.clock import Every, ManualClock, ticks
 from tci.drivers.registry import open_server, server_names
-from tci.drivers.simulated import SimulatedLink
-from tci.errors import LinkError, UnknownNameError
+from tci.drivers.simulated import SimulatedDriver
+from tci.errors import DriverError, UnknownNameError
 from tci.messages import GenericCommand, Mode, Perception
 from tci.runtime.loop import Tick
 from tci.simulation.world import World
@@ -32,9 +32,9 @@ class Nod(tci.Capability[int]):
 
 
 def test_the_loop_runs_a_capability_of_ones_own() -> None:
-    with tci.connect(tci.load_robot("nao"), "sim") as link:
+    with tci.connect(tci.load_robot("nao"), "sim") as driver:
         seen: list[Tick] = []
-        assert tci.run(link, Nod(), duration=0.5, observe=seen.append).memory == 250
+        assert tci.run(driver, Nod(), duration=0.5, observe=seen.append).memory == 250
         start, end = seen[0].perception.posture["head"], seen[-1].perception.posture["head"]
         assert end[0] - start[0] == pytest.approx(0.2, abs=0.002)
         assert set(seen[-1].sent.servos) == {1, 0}  # NAO's HeadPitch and HeadYaw; it has no roll
@@ -74,36 +74,40 @@ def test_what_is_due_once_in_a_period_is_not_caught_up() -> None:
 
 def test_connect_lists_what_there_is() -> None:
     robot = tci.load_robot("nao")
-    assert "sim" in tci.link_names()
+    assert "sim" in tci.driver_names()
     with pytest.raises(UnknownNameError, match="sim"):
         tci.connect(robot, "telepathy://nao")
-    with pytest.raises(LinkError, match="no address"):
+    with pytest.raises(DriverError, match="no address"):
         tci.connect(robot, "sim:10.0.0.5")
     with pytest.raises(
-        UnknownNameError, match="no option of the link 'sim' named 'armed'; did you mean 'arm'\\?; valid: arm"
+        UnknownNameError,
+        match="no option of the driver 'sim' named 'armed'; did you mean 'arm'\\?; valid: arm",
     ):
         tci.connect(robot, "sim", armed=True)
-    with tci.connect(robot, "sim", skin=False) as link:
-        assert not link.read().skin
-    with pytest.raises(LinkError, match="seed beside a world; valid: give them to the World"):
-        SimulatedLink(robot, world=World(robot), seed=3)
-    with pytest.raises(UnknownNameError, match="no option of the link 'replay' named 'rate'; valid: arm"):
+    with tci.connect(robot, "sim", skin=False) as driver:
+        assert not driver.read().skin
+    with pytest.raises(DriverError, match="seed beside a world; valid: give them to the World"):
+        SimulatedDriver(robot, world=World(robot), seed=3)
+    with pytest.raises(UnknownNameError, match="no option of the driver 'replay' named 'rate'; valid: arm"):
         tci.connect(robot, "replay:touch.mcap", rate=100.0)
     unbound = robot.model_copy(update={"bindings": ()})
     with pytest.raises(UnknownNameError, match="binding"):
         tci.connect(unbound, "sim")
 
 
-@pytest.mark.parametrize("name", tci.link_names())
-def test_every_link_and_server_refuses_an_option_that_it_lacks(name: str) -> None:
+@pytest.mark.parametrize("name", tci.driver_names())
+def test_every_driver_and_server_refuses_an_option_that_it_lacks(name: str) -> None:
     if name == "naoqi":
         needs_qi()
     robot = tci.load_robot("nao")
     with pytest.raises(
         UnknownNameError,
-        match=f"no option of the link '{name}' named 'amr'; did you mean 'arm'\\?; valid: .*arm",
+        match=f"no option of the driver '{name}' named 'amr'; did you mean 'arm'\\?; valid: .*arm",
     ):
         tci.connect(robot, name, amr=True)
     if name in server_names():
-        with tci.connect(robot, "sim") as link, pytest.raises(UnknownNameError, match="option of the server"):
-            open_server(link, name, amr=True)
+        with (
+            tci.connect(robot, "sim") as driver,
+            pytest.raises(UnknownNameError, match="option of the server"),
+        ):
+            open_server(driver, name, amr=True)

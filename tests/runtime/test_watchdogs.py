@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import tci
-from tci.errors import LinkError
+from tci.errors import DriverError
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.runtime.lease import lease
 from tci.runtime.watchdogs import (
@@ -58,7 +58,7 @@ def test_a_patch_that_falls_silent_is_named_and_those_that_never_spoke_are_not()
     ("stale_after", "keep_alive", "longest"),
     [(0.05, None, LEAST_SILENCE), (0.6, None, 0.6), (0.05, 0.5, 1.5), (0.05, 0.01, LEAST_SILENCE)],
 )
-def test_silence_is_as_long_as_link_and_senders_allow(
+def test_silence_is_as_long_as_driver_and_senders_allow(
     stale_after: float, keep_alive: float | None, longest: float
 ) -> None:
     silence = Silence(NAO, stale_after=stale_after, keep_alive=keep_alive)
@@ -75,7 +75,7 @@ def test_a_patch_that_the_robot_lacks_is_nobodys_silence() -> None:
 
 
 @pytest.mark.parametrize(("stale_after", "longest"), [(0.05, STOOD), (0.5, 0.5)])
-def test_a_standstill_is_longer_than_a_busy_machine_and_than_what_the_link_allows(
+def test_a_standstill_is_longer_than_a_busy_machine_and_than_what_the_driver_allows(
     stale_after: float, longest: float
 ) -> None:
     clock = tci.ManualClock(3.0)
@@ -160,7 +160,7 @@ def test_26_a_folder_that_others_may_write_to_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refused(words: str) -> None:
-        with pytest.raises(LinkError, match=f"{words}; valid: .*TCI_LEASES"), lease("mine"):
+        with pytest.raises(DriverError, match=f"{words}; valid: .*TCI_LEASES"), lease("mine"):
             pytest.fail("the lease was given")
 
     folder, link, file = tmp_path / "leases", tmp_path / "link", tmp_path / "file"

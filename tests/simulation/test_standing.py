@@ -7,7 +7,7 @@ import pytest
 
 from tci.body.generic_body import Body
 from tci.capabilities.body_withdrawal import BodyWithdrawal
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError
 from tci.frames import Array
 from tci.messages import Spot
@@ -56,7 +56,7 @@ def poke_the_shin(world: World, reflex: BodyWithdrawal, part: str) -> tuple[set[
         if refusal := memory.refused.get(part):
             why = refusal.reason
 
-    run(SimulatedLink(robot, world=world), reflex, duration=1.0, observe=see)
+    run(SimulatedDriver(robot, world=world), reflex, duration=1.0, observe=see)
     assert world.finger.first_contact is not None
     return moved, why
 
@@ -64,7 +64,7 @@ def poke_the_shin(world: World, reflex: BodyWithdrawal, part: str) -> tuple[set[
 @NAMES
 def test_the_soles_feel_the_weight_where_the_physics_has_it(name: str) -> None:
     world = standing(name)
-    link = SimulatedLink(world.robot, world=world)
+    link = SimulatedDriver(world.robot, world=world)
     reading = link.read()
     contacts = Body(world.robot).perceive(reading, world.time).contacts
     total, moment = 0.0, np.zeros(3)
@@ -99,7 +99,7 @@ def test_a_poked_sole_knows_where(name: str) -> None:
         world.reset()
         world.finger.poke("left_sole", point, surface.normals[corners].mean(axis=0))
         world.advance(0.3)
-        (contact,) = Body(robot).perceive(SimulatedLink(robot, world=world).read(), world.time).contacts
+        (contact,) = Body(robot).perceive(SimulatedDriver(robot, world=world).read(), world.time).contacts
         truth = world.contact_truth("left_sole")
         off: Array = contact.p_T - truth.center
         off -= (off @ truth.normal) * truth.normal
@@ -145,7 +145,7 @@ def test_a_leg_without_weight_answers_while_the_other_one_carries(name: str) -> 
 def test_where_the_centre_of_mass_would_be_is_told() -> None:
     """NAO with little weight on the left foot, but not over the right one: it would fall."""
     world = standing("nao-whole", lean=np.deg2rad(11.0))
-    reading = SimulatedLink(world.robot, world=world).read()
+    reading = SimulatedDriver(world.robot, world=world).read()
     perception = Body(world.robot).perceive(reading, world.time)
     assert perception.support is not None
     posture = generic_posture(world.robot, reading.joints)["left_leg"]

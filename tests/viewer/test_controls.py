@@ -19,8 +19,8 @@ PATIENCE = 40.0
 
 
 def test_a_slider_is_heard_before_the_viewer_moves_it_back(tmp_path: Path) -> None:
-    link = tci.connect(tci.load_robot("nao"), "sim", step=0.002)
-    viewer = Viewer([Session(link, tci.WithdrawalReflex(), about={})], port=0, folder=tmp_path)
+    driver = tci.connect(tci.load_robot("nao"), "sim", step=0.002)
+    viewer = Viewer([Session(driver, tci.WithdrawalReflex(), about={})], port=0, folder=tmp_path)
     server, session, controls = viewer.server, viewer.sessions["nao"], viewer.controls["nao"]
     session.start()
     end = time.monotonic() + PATIENCE

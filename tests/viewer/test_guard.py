@@ -14,7 +14,7 @@ import zstandard
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from tci.errors import LinkError
+from tci.errors import DriverError
 from tci.viewer.guard import Guard, open_server
 
 PROTOCOL = f"viser-v{viser.__version__}"
@@ -162,7 +162,7 @@ def told(window: str | bytes) -> str:
 
 
 def test_36_a_port_that_is_taken_is_named(local: Opened) -> None:
-    with pytest.raises(LinkError, match=rf"port {local.port} of 127.0.0.1: .*in use; valid: a free port"):
+    with pytest.raises(DriverError, match=rf"port {local.port} of 127.0.0.1: .*in use; valid: a free port"):
         open_server("127.0.0.1", local.port, label="test")
 
 

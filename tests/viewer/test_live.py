@@ -69,8 +69,8 @@ def test_one_that_died_is_not_shown_as_if_it_lived() -> None:
 
 
 def test_an_armed_one_follows_the_sliders(via: str) -> None:
-    link = tci.connect(tci.load_robot("nao"), via, arm=True)
-    session = Session(link, tci.WithdrawalReflex(), about={})
+    driver = tci.connect(tci.load_robot("nao"), via, arm=True)
+    session = Session(driver, tci.WithdrawalReflex(), about={})
     session.start()
     wait_for(lambda: session.view is not None and session.view.state is not None)
     assert session.view is not None

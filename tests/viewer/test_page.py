@@ -30,9 +30,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def viewer(folder: Path) -> Iterator[Viewer]:
     reflex = tci.WithdrawalReflex()
-    links = [tci.connect(tci.load_robot(name), "sim", step=0.002) for name in ROBOTS]
+    drivers = [tci.connect(tci.load_robot(name), "sim", step=0.002) for name in ROBOTS]
     sessions = [
-        Session(link, reflex, about={"middleware": "sim", "capability": "withdrawal"}) for link in links
+        Session(driver, reflex, about={"middleware": "sim", "capability": "withdrawal"}) for driver in drivers
     ]
     with running(Viewer(sessions, port=0, folder=folder)) as viewer:
         yield viewer
@@ -151,7 +151,7 @@ def test_a_fault_is_told_with_its_reason_and_reset(viewer: Viewer, page: Page) -
     other = viewer.sessions["icub"].view
     assert other is not None
     assert other.state is GateState.RUN
-    wait_for(lambda: not session.link.active, "the fault ends")
+    wait_for(lambda: not session.driver.active, "the fault ends")
     page.get_by_text("Reset", exact=True).first.click()
     wait_for(lambda: session.view is not None and session.view.state is GateState.RUN, "it runs again")
 

@@ -44,6 +44,6 @@ def test_the_answers_of_the_gate_are_told_with_their_time() -> None:
 def test_a_refusal_and_the_end_of_the_loop_are_answers() -> None:
     rehearsal = Rehearsal(FaultPlan("stall", 0.0, 0.5))
     rehearsal.see(0.0, sent(GateState.RUN, refusals=("not a number",)), active=True)
-    rehearsal.end("LinkError: gone")
+    rehearsal.end("DriverError: gone")
     assert rehearsal.over
-    assert "after 0 ms refused: not a number; the loop ended: LinkError: gone" in rehearsal.words
+    assert "after 0 ms refused: not a number; the loop ended: DriverError: gone" in rehearsal.words

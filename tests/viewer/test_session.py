@@ -11,7 +11,7 @@ import pytest
 
 import tci
 from tci.body.places import find_place
-from tci.drivers.replay import ReplayLink
+from tci.drivers.replay import ReplayDriver
 from tci.errors import CommandError
 from tci.gate.gate import GateState
 from tci.skin.skin import Skin
@@ -30,8 +30,8 @@ def wait_for(what: Callable[[], object]) -> None:
 
 @pytest.fixture
 def session() -> Iterator[Session]:
-    link = tci.connect(tci.load_robot("nao"), "sim", step=0.002)
-    session = Session(link, tci.WithdrawalReflex(), about={"middleware": "sim", "capability": "withdrawal"})
+    driver = tci.connect(tci.load_robot("nao"), "sim", step=0.002)
+    session = Session(driver, tci.WithdrawalReflex(), about={"middleware": "sim", "capability": "withdrawal"})
     session.start()
     wait_for(lambda: session.view)
     yield session
@@ -76,7 +76,7 @@ def test_orders_of_a_person_pass_the_gate(session: Session) -> None:
     upper = session.robot.servos[session.robot.part("left_arm").servos[1].servo].limits.upper
     wait_for(lambda: session.view.posture["left_arm"][1] > np.deg2rad(60.0))
     assert upper is not None
-    assert session.link.gate.counts.clamps
+    assert session.driver.gate.counts.clamps
     session.home()
     wait_for(lambda: abs(session.view.posture["left_arm"][1] - np.deg2rad(25.0)) < 0.02)
 
@@ -98,7 +98,7 @@ def test_a_pause_stops_time_and_pokes_still_arrive(session: Session) -> None:
 
 def test_a_fault_ends_the_loop_and_a_reset_begins_it_again(session: Session) -> None:
     session.inject("link-lost", lasts=0.2)
-    wait_for(lambda: "LinkError" in session.ended)
+    wait_for(lambda: "DriverError" in session.ended)
     world = session.world
     assert world is not None
     over = world.time + 0.3
@@ -113,7 +113,7 @@ def test_a_fault_ends_the_loop_and_a_reset_begins_it_again(session: Session) -> 
 
 def test_what_is_ordered_while_the_loop_has_ended_is_forgotten(session: Session) -> None:
     session.inject("link-lost", lasts=0.2)
-    wait_for(lambda: "LinkError" in session.ended)
+    wait_for(lambda: "DriverError" in session.ended)
     view, world = session.view, session.world
     assert view is not None
     assert world is not None
@@ -137,14 +137,14 @@ def test_what_was_recorded_is_replayed_bit_for_bit(session: Session, tmp_path: P
     assert recorder is not None
     assert not recorder.failed
     assert recorder.ticks > 10
-    with ReplayLink(session.robot, str(tmp_path / "poke.mcap")) as link:
-        assert link.recording.about["recorded_by"] == "tci view"
-        assert sum(1 for _ in link.ticks()) == recorder.ticks
+    with ReplayDriver(session.robot, str(tmp_path / "poke.mcap")) as driver:
+        assert driver.recording.about["recorded_by"] == "tci view"
+        assert sum(1 for _ in driver.ticks()) == recorder.ticks
 
 
 def test_a_robot_that_is_not_armed_is_only_shown() -> None:
-    link = tci.connect(tci.load_robot("nao"), "sim", arm=False)
-    session = Session(link, tci.WithdrawalReflex(), about={})
+    driver = tci.connect(tci.load_robot("nao"), "sim", arm=False)
+    session = Session(driver, tci.WithdrawalReflex(), about={})
     session.start()
     wait_for(lambda: session.view)
     assert session.view is not None
@@ -153,8 +153,8 @@ def test_a_robot_that_is_not_armed_is_only_shown() -> None:
 
 
 def test_one_that_is_only_shown_begins_again(tmp_path: Path) -> None:
-    link = tci.connect(tci.load_robot("nao"), "sim", arm=False)
-    viewer = Viewer([Session(link, tci.WithdrawalReflex(), about={})], port=0, folder=tmp_path)
+    driver = tci.connect(tci.load_robot("nao"), "sim", arm=False)
+    viewer = Viewer([Session(driver, tci.WithdrawalReflex(), about={})], port=0, folder=tmp_path)
     (session,) = viewer.sessions.values()
     assert viewer.controls["nao"].buttons.options == ("Reset",)
     assert not viewer.controls["nao"].buttons.disabled
@@ -172,10 +172,10 @@ def test_one_that_is_only_shown_begins_again(tmp_path: Path) -> None:
 
 
 def test_a_finger_needs_a_simulation() -> None:
-    link = tci.connect(tci.load_robot("nao"), "sim")
-    session = Session(link, tci.WithdrawalReflex(), about={})
+    driver = tci.connect(tci.load_robot("nao"), "sim")
+    session = Session(driver, tci.WithdrawalReflex(), about={})
     session.world = None
-    place = find_place(Skin(session.robot), "left_arm", "forearm", 0.5, 0.0, link.read().joints)
+    place = find_place(Skin(session.robot), "left_arm", "forearm", 0.5, 0.0, driver.read().joints)
     with pytest.raises(CommandError, match="not simulated"):
         session.poke(place, force=1.0, speed=0.1)
     session.close()

@@ -46,7 +46,7 @@ CASES = {
     "real_time_factor": "touch:real_time_factor",
     "worlds": "touch:worlds",
     "loop": "loop:loop",
-    "links": "links:links",
+    "drivers": "wires:wires",
     "networks": "networks:networks",
     "start": "start:start",
     "viewer": "looked_at:viewer",

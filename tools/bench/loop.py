@@ -13,7 +13,7 @@ from pipeline import Pipeline
 
 import tci
 from tci.clock import MonotonicClock
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.robot.joint_map import initial_position
 from tci.runtime.loop_report import LoopReport
@@ -33,7 +33,7 @@ print(json.dumps([late.quantile(q) for q in (0.5, 0.99, 0.999)]))
 """
 
 
-class Echo(Link):
+class Echo(Driver):
     """A robot that is where it was told to be, with frames that change 50 times a second."""
 
     def __init__(self, parts: Pipeline) -> None:

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 import zenoh
-from links import RAW, child, line
 from measured import ROUNDS, Measured, each, row
 
 import tci
+from drivers import RAW, child, line
 from tci.drivers.lcm import encoding as remote_lcm
 from tci.drivers.lcm.driver import _Bus
 from tci.drivers.remote import encoding as remote_cdr

@@ -13,8 +13,8 @@ ROUNDS = 7
 TICK = """
 import tci
 robot = tci.load_robot("nao")
-with tci.connect(robot, "sim") as link:
-    tci.run(link, tci.WithdrawalReflex(), duration=0.002)
+with tci.connect(robot, "sim") as driver:
+    tci.run(driver, tci.WithdrawalReflex(), duration=0.002)
 """
 
 

@@ -165,9 +165,9 @@ def real_time_factor() -> list[Measured]:
         pairs = []
         for _ in range(5):
             world = pressed(robot) if step == STEP else World(robot, step=step)
-            with tci.connect(robot, "sim", world=world) as link:
+            with tci.connect(robot, "sim", world=world) as driver:
                 start = time.thread_time()
-                tci.run(link, tci.WithdrawalReflex(), duration=SPAN)
+                tci.run(driver, tci.WithdrawalReflex(), duration=SPAN)
                 pairs.append((SPAN / (time.thread_time() - start), 1.0))
         name = f"NAO, both arms' skins, reflex and gate each {1e3 * step:.0f} ms: real-time factor"
         rows.append(row(name, "real time", pairs, unit="x", least_ratio=least))

@@ -27,13 +27,13 @@ from rich.progress import track
 from round_trip import round_trip
 
 import tci
-from drivers.links import PEERS, Peer, free_port, lcm_url
 from drivers.ros_robots import here_only, roscore
+from drivers.wires import PEERS, Peer, free_port, lcm_url
 from tci.drivers.yarp.name_server import NameServer
 from tci.gate.safe_command import GateState
 
 TABLE = ROOT / "docs" / "tables" / "middleware.md"
-CONTRACT = "tests/drivers/test_link.py"
+CONTRACT = "tests/drivers/test_driver.py"
 HEAD = (
     "middleware", "contract suite", "genuine peer", "tests with it",
     "768 doubles there and back [ms]", "raw TCP [ms]", "peer killed: hold after [ms]", "when it is back",
@@ -119,13 +119,13 @@ def held_after(peer: Peer) -> float:
     """Time [ms] from a SIGKILL of the robot's process to the first command that holds."""
     peer.start()
     try:
-        with tci.connect(tci.load_robot("nao"), peer.link_via, arm=True) as link:
-            for _ in link.ticks(duration=1.0):
-                link.write(link.gate.step([], link.read().joints, link.clock.now()))
+        with tci.connect(tci.load_robot("nao"), peer.driver_via, arm=True) as driver:
+            for _ in driver.ticks(duration=1.0):
+                driver.write(driver.gate.step([], driver.read().joints, driver.clock.now()))
             peer.kill()
             died = time.monotonic()
-            for _ in link.ticks(duration=20.0):
-                sent = link.write(link.gate.step([], link.read().joints, link.clock.now()))
+            for _ in driver.ticks(duration=20.0):
+                sent = driver.write(driver.gate.step([], driver.read().joints, driver.clock.now()))
                 if sent.state is not GateState.RUN:
                     return (time.monotonic() - died) * 1e3
     finally:

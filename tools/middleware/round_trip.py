@@ -65,7 +65,7 @@ def over_rosbridge(where: str, there: bool) -> Ways:
 
 
 def over_player(where: str, there: bool) -> Ways:
-    """Opaque messages over one connection, as a link and a server have it."""
+    """Opaque messages over one connection, as a driver and a server have it."""
     address = ("127.0.0.1", int(where))
     sock = socket.create_server(address).accept()[0] if there else _dial(address)
     sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)

@@ -94,14 +94,14 @@ def _one(name: str, seed: int, body: bool, cycles: int) -> Result:
         "passed": counts.passed,
         "faults": attack.judge.faults,
         "peak": attack.judge.peak,
-        # Deepest overlap [m] of two links that MuJoCo's own collision detection found.
+        # Deepest overlap [m] of two drivers that MuJoCo's own collision detection found.
         "overlap": overlap,
         "near": attack.gate.counts.near_misses,
     }
 
 
 class Eyes:
-    """MuJoCo's collision detection on a robot's links."""
+    """MuJoCo's collision detection on a robot's drivers."""
 
     def __init__(self, robot: Robot) -> None:
         self._model = exclude_overlaps(solid_spec(robot), robot, initial_position(robot))

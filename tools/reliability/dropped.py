@@ -24,7 +24,7 @@ import pytest
 sys.path[:0] = [str(Path(__file__).parent), str(Path(__file__).parents[2] / "tests")]
 
 import tci
-from tci.errors import LinkError, TciError
+from tci.errors import DriverError, TciError
 from tci.runtime.real_time import real_time
 
 SERVO, SPEED, STILL = "LElbowRoll", 0.3, 1e-6
@@ -43,11 +43,11 @@ LONGEST = 30.0
 
 
 def dropped(full: bool) -> Any:
-    """SIGSTOP and SIGKILL (one in four), of what commands over each link; until its reference rests."""
+    """SIGSTOP and SIGKILL (one in four), of what commands over each driver; until its reference rests."""
     from pool import gather
     from row import Row
 
-    from drivers.links import PEERS
+    from drivers.wires import PEERS
 
     names = [name for name, peer in PEERS.items() if peer.other_process]  # type: ignore[attr-defined]
     jobs = [(name, seed, 100 if full else 2) for seed in range(10 if full else 1) for name in names]
@@ -61,19 +61,19 @@ def dropped(full: bool) -> Any:
     if away := [name for name in names if not tried[name]]:
         words += f"; did not run: {', '.join(sorted(away))}"
     return Row(
-        f"commander silent while moving: SIGSTOP, SIGKILL; each of {len(names)} links",
+        f"commander silent while moving: SIGSTOP, SIGKILL; each of {len(names)} drivers",
         min(tried.values()), 1000, "times", words, "at rest within 100 ms + braking time",
         not failed and not away and slowest <= 0.1,
     )  # fmt: skip
 
 
 def _drop(name: str, seed: int, count: int) -> dict[str, Any]:
-    from drivers import links
+    from drivers import drivers
 
     with ExitStack() as stack:
         with suppress(TciError):  # where it is permitted, other programs are not what is measured
             stack.enter_context(real_time())
-        return _silences(links.PEERS[name](), name, seed, count)
+        return _silences(drivers.PEERS[name](), name, seed, count)
 
 
 def _silences(peer: Any, name: str, seed: int, count: int) -> dict[str, Any]:
@@ -87,11 +87,11 @@ def _silences(peer: Any, name: str, seed: int, count: int) -> dict[str, Any]:
         except pytest.skip.Exception:  # its middleware is not installed
             return {"name": name, "times": [], "failed": 0, "paused": 0}
         robot = _Said(peer.process)
-        with _Movers(peer.link_via) as movers:
+        with _Movers(peer.driver_via) as movers:
             mover = movers.start()
             while len(times) + failed < count:
                 if not robot.moves():
-                    raise LinkError(f"{name}: it never moves")
+                    raise DriverError(f"{name}: it never moves")
                 time.sleep(chance.uniform(0.0, 0.02))  # anywhere between two messages
                 kind = signal.SIGKILL if (len(times) + failed) % 4 == 1 else signal.SIGSTOP
                 begin = time.monotonic()
@@ -182,7 +182,7 @@ class _Movers:
 def serve(via: str) -> None:
     """A simulated NAO: says when what its gate hands out `goes`, `moves` (for some time) and `rests`."""
     from tci.drivers.registry import open_server
-    from tci.drivers.simulated import SimulatedLink
+    from tci.drivers.simulated import SimulatedDriver
     from tci.runtime.loop import Tick
     from tci.runtime.serve import serve
 
@@ -206,7 +206,7 @@ def serve(via: str) -> None:
             pause = 0.0
         state, before = new, now
 
-    with SimulatedLink(robot, paced=True, rate=RATE) as link, open_server(link, via) as server:
+    with SimulatedDriver(robot, paced=True, rate=RATE) as driver, open_server(driver, via) as server:
         serve(server, observe=tell)
 
 
@@ -225,25 +225,27 @@ def movers(via: str) -> None:
 
 def warm_up(via: str) -> None:
     """What is compiled and imported here, no fork does again. Nothing is opened."""
-    from tci.drivers.registry import load_link
+    from tci.drivers.registry import load_driver
 
-    load_link(via.partition(":")[0])
-    with tci.connect(tci.load_robot("nao"), "sim") as link:
-        arm = link.native("LArm")
-        for now in link.ticks(duration=0.01):
-            link.write(link.gate.step([arm.command({SERVO: ENDS[0]}, speed=SPEED)], link.read().joints, now))
+    load_driver(via.partition(":")[0])
+    with tci.connect(tci.load_robot("nao"), "sim") as driver:
+        arm = driver.native("LArm")
+        for now in driver.ticks(duration=0.01):
+            driver.write(
+                driver.gate.step([arm.command({SERVO: ENDS[0]}, speed=SPEED)], driver.read().joints, now)
+            )
 
 
 def swing(via: str) -> None:
     """Move one joint to and fro, for ever."""
-    with tci.connect(tci.load_robot("nao"), via, arm=True) as link:
-        arm = link.native("LArm")
+    with tci.connect(tci.load_robot("nao"), via, arm=True) as driver:
+        arm = driver.native("LArm")
         goal = 0
-        for now in link.ticks():
-            joints = link.read().joints
+        for now in driver.ticks():
+            joints = driver.read().joints
             if abs(arm.positions(joints)[SERVO] - ENDS[goal]) < 0.02:
                 goal = 1 - goal
-            link.write(link.gate.step([arm.command({SERVO: ENDS[goal]}, speed=SPEED)], joints, now))
+            driver.write(driver.gate.step([arm.command({SERVO: ENDS[goal]}, speed=SPEED)], joints, now))
 
 
 if __name__ == "__main__":

@@ -31,11 +31,11 @@ HEAD = (
     "|---|---|---|---|---|---|\n"
 )
 ALONE = """
-ip link set lo up
-ip link add eth0 type veth peer name far
+ip driver set lo up
+ip driver add eth0 type veth peer name far
 ip address add 10.99.0.2/24 dev eth0
-ip link set eth0 up
-ip link set far up
+ip driver set eth0 up
+ip driver set far up
 ip route add default dev eth0
 exec "$@"
 """

@@ -17,8 +17,8 @@ from rich.progress import track
 from row import Row
 
 import tci
-from drivers.links import free_port
-from tci.drivers.yarp.driver import YarpLink
+from drivers.wires import free_port
+from tci.drivers.yarp.driver import YarpDriver
 from tci.gate.gate import GateState
 
 NAMES = """
@@ -31,15 +31,15 @@ threading.Event().wait()
 ROBOT = """
 import signal, sys
 import tci
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.simulated import SimulatedDriver
 from tci.drivers.yarp.server import YarpServer
 from tci.runtime.serve import serve
 
 PART, AWAY = "LArm", 100
 asked, told = [], []
 signal.signal(signal.SIGUSR1, lambda *_: asked.append(AWAY))
-link = SimulatedLink(tci.load_robot("nao"), paced=True)
-server = YarpServer(link, sys.argv[1])
+driver = SimulatedDriver(tci.load_robot("nao"), paced=True)
+server = YarpServer(driver, sys.argv[1])
 
 def see(tick):
     if not told:
@@ -86,12 +86,12 @@ class Trial:
             assert process.stdout is not None
             assert process.stdout.readline() == "ready\n"
         robot = tci.load_robot("nao")
-        self.link = YarpLink(robot, self.where, arm=True)
-        self._arm = self.link.native("LArm")
+        self.driver = YarpDriver(robot, self.where, arm=True)
+        self._arm = self.driver.native("LArm")
         servo = next(servo for servo in self._arm.servos if servo.name == "LElbowRoll")
         self._servo, self._fastest = servo.index, float(servo.limits.velocity or 0.0)
         self._targets, self._last = [-0.4, -1.2], (0.0, np.nan)
-        self._ticks = self.link.ticks()
+        self._ticks = self.driver.ticks()
         self._before = GateState.RUN
 
     @staticmethod
@@ -101,8 +101,8 @@ class Trial:
 
     def step(self) -> GateState:
         """One period."""
-        link, now = self.link, next(self._ticks)
-        joints = link.read().joints
+        driver, now = self.driver, next(self._ticks)
+        joints = driver.read().joints
         angle = float(joints.position[self._servo])
         passed = joints.stamp - self._last[0]
         if passed > 0.0:  # no number compares with the first angle of another robot
@@ -111,7 +111,7 @@ class Trial:
         if abs(angle - self._targets[0]) < 0.05:
             self._targets.reverse()
         order = self._arm.command({"LElbowRoll": self._targets[0]}, speed=0.5)
-        sent = link.write(link.gate.step([order], joints, now))
+        sent = driver.write(driver.gate.step([order], joints, now))
         if sent.state is GateState.RUN:
             self.seen.oldest = max(self.seen.oldest, now - joints.stamp)
         self._before = sent.state
@@ -158,7 +158,7 @@ class Trial:
             self.step()
 
     def close(self) -> None:
-        self.link.close()
+        self.driver.close()
         for process in (self._robot, self._names):
             process.kill()
             process.communicate()

@@ -22,7 +22,7 @@ def non_finite(full: bool) -> Row:
         sum(result["tried"] for result in done),
         1e6,
         "values",
-        f"{reached} reached a link",
+        f"{reached} reached a driver",
         "0",
         reached == 0,
     )

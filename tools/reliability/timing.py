@@ -21,7 +21,7 @@ from row import Row
 import tci
 from tci.capabilities.fields import default_fields
 from tci.clock import MonotonicClock
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.errors import TciError
 from tci.frames import frozen
 from tci.messages import Reading, SkinFrame
@@ -50,7 +50,7 @@ TIMES = ("own", "late", "bare_own", "bare_late")
 """What is counted in histograms."""
 
 
-class Touched(Link):
+class Touched(Driver):
     """A robot that is where it was told to be, and is touched again and again, now here, now there."""
 
     def __init__(self) -> None:
@@ -65,7 +65,7 @@ class Touched(Link):
         self.angles, self.count, self.busy = np.array(initial_position(robot)), 0, 0.0
         self._start, self._number = self.clock.now(), -1
         self._frames: tuple[SkinFrame, ...] = ()
-        # Bytes, as the links of a robot with 8-bit sensors give them; each frame is an array of its own.
+        # Bytes, as the drivers of a robot with 8-bit sensors give them; each frame is an array of its own.
         self._rest = {p.name: np.full(p.channels, p.sensor.rest, np.uint8) for p in robot.patches}
         patches = [patch for patch in robot.patches if patch.segment in SEGMENTS]
         self._touches = [self._touch(patch, number) for number, patch in enumerate(patches)]
@@ -147,7 +147,7 @@ def _ratio(work: float, bare: float) -> str:
     return f"{work / bare:.1f}" if bare else "?"
 
 
-def _allocations(link: Touched) -> tuple[float, float]:
+def _allocations(driver: Touched) -> tuple[float, float]:
     """Memory [kB] that a period takes at once beside what it found: median and largest."""
     taken: list[float] = []
     before = 0
@@ -162,7 +162,7 @@ def _allocations(link: Touched) -> tuple[float, float]:
 
     tracemalloc.start()
     try:
-        run(link, tci.WithdrawalReflex(), duration=TRACED, observe=observe)
+        run(driver, tci.WithdrawalReflex(), duration=TRACED, observe=observe)
     finally:
         tracemalloc.stop()
     return float(np.median(taken[1:])), max(taken[1:])
@@ -170,13 +170,13 @@ def _allocations(link: Touched) -> tuple[float, float]:
 
 def _run(piece: int, seconds: float) -> Result:
     del piece
-    link, report, own = Touched(), LoopReport(), Histogram()
+    driver, report, own = Touched(), LoopReport(), Histogram()
     process, moved = psutil.Process(), [0]
     # Not lists: their objects would count as memory.
     served, when, memory, faults, blocks = array("q"), array("d"), array("q"), array("q"), array("q")
 
     def observe(tick: Tick) -> None:
-        own.add(time.thread_time() - link.busy)
+        own.add(time.thread_time() - driver.busy)
         moved[0] += bool((np.abs(tick.sent.velocity) > 1e-6).any())
         if report.ticks % 1000 == 0 and report.ticks >= WARM * 1000:
             usage = resource.getrusage(resource.RUSAGE_THREAD)
@@ -187,7 +187,7 @@ def _run(piece: int, seconds: float) -> Result:
             blocks.append(sys.getallocatedblocks())
 
     processors = os.sched_getaffinity(0)
-    words = (seconds, RATE, len(link.robot.servos), *(patch.channels for patch in link.robot.patches))
+    words = (seconds, RATE, len(driver.robot.servos), *(patch.channels for patch in driver.robot.patches))
     bare = subprocess.Popen([sys.executable, BARE, *map(str, words)], stdout=subprocess.PIPE, text=True)
     with ExitStack() as stack:
         stack.callback(bare.kill)
@@ -197,9 +197,9 @@ def _run(piece: int, seconds: float) -> Result:
             how = "in real time on a processor of its own"
         except TciError as error:
             print(error)
-        run(link, tci.WithdrawalReflex(), duration=seconds, report=report, observe=observe)
+        run(driver, tci.WithdrawalReflex(), duration=seconds, report=report, observe=observe)
         beside = json.loads(bare.communicate()[0])
-    usual, most = _allocations(link)
+    usual, most = _allocations(driver)
     periods = max(served[-1] - served[0], 1)
     unreported = abs(report.ticks + report.missed - round(seconds * 1000))
     return {

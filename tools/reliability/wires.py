@@ -34,7 +34,7 @@ from tci.drivers.yarp.name_server import NameServer
 from tci.drivers.yarp.names import Names as YarpNames
 from tci.drivers.yarp.port import Port
 from tci.drivers.yarp.source import Memory
-from tci.errors import FrameError, LinkError, WireError
+from tci.errors import DriverError, FrameError, WireError
 from tci.recording.schemas import CLOUD, JOINTS, SKIN, joints_values, skin_values
 from tci.robot.kinematics import Kinematics
 from tci.rosmsg.cdr import MessageType, decode, encode
@@ -90,7 +90,7 @@ def lcm() -> Receiver:
 
 def yarp() -> Receiver:
     """Messages of both dialects, as bottles and vectors, and sound ones that ask the impossible of a served
-    board, of a port and of a link: without a check."""
+    board, of a port and of a driver: without a check."""
     messages = [
         (data, dialect) for name, dialect in DIALECTS.items() for one in binary(name) for way, data in one
         if way == ">" and len(data) > 30
@@ -245,7 +245,7 @@ class _Wires(RosNode):
         """One message comes on one of the topics of its type."""
         read = (lambda: decode(kind, data)) if isinstance(data, bytes) else data
         self._hand_on("topic", read, chance.choice(self._hear[kind.name]))
-        with suppress(LinkError):
+        with suppress(DriverError):
             joints = self.robot.reading().joints
             assert joints.position.shape == joints.velocity.shape == (len(NAO.servos),)
 

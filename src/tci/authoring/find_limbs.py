@@ -35,7 +35,7 @@ class Joint:
 
     name: str
     link: str
-    """Link that it moves."""
+    """Driver that it moves."""
     parent: int
     """Index of the joint before it; -1 for none."""
     axis: Array

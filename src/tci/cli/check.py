@@ -98,5 +98,5 @@ def remarks(robot: Robot) -> list[str]:
     if robot.model is None:
         notes.append("no kinematic model: no simulation, no skin in space")
     if not robot.bindings:
-        notes.append("no binding: no link can reach it")
+        notes.append("no binding: no driver can reach it")
     return notes

@@ -12,9 +12,9 @@ def robots(incomplete: str) -> list[str]:
     return _beginning(incomplete, robot_names())
 
 
-def links(incomplete: str) -> list[str]:
-    """Names of links, without an address."""
-    return _entries("tci.links", incomplete)
+def drivers(incomplete: str) -> list[str]:
+    """Names of drivers, without an address."""
+    return _entries("tci.drivers", incomplete)
 
 
 def servers(incomplete: str) -> list[str]:

@@ -57,7 +57,7 @@ def _print_tables(robot: Robot) -> None:
         console.print(_skin_table(patches))
     for binding in robot.bindings:
         console.print(
-            f"link [bold]{binding.middleware}[/]: {binding.rate:g} commands/s, "
+            f"driver [bold]{binding.middleware}[/]: {binding.rate:g} commands/s, "
             f"joint data older than {binding.stale_after * 1000:g} ms means hold"
         )
 

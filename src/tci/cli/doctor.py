@@ -16,8 +16,8 @@ from tci.commissioning.doctor import judge
 from tci.commissioning.machine import examine_machine
 from tci.commissioning.streams import Stream, observe
 from tci.drivers.diagnosis import Finding, Level
-from tci.drivers.registry import JOIN, connect, load_link
-from tci.errors import LinkError, MissingExtraError, TciError, UnknownNameError
+from tci.drivers.registry import JOIN, connect, load_driver
+from tci.errors import DriverError, MissingExtraError, TciError, UnknownNameError
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
 
@@ -26,15 +26,16 @@ MARKS = {Level.OK: "[green]ok[/]", Level.NOTE: "[cyan]note[/]", Level.WARNING: "
 
 
 def doctor(robot: str | None, via: str | None, *, duration: float, as_json: bool) -> None:
-    """Examine this machine, or a robot through a link; exit status 1 when there is a fault.
+    """Examine this machine, or a robot through a driver; exit status 1 when there is a fault.
 
-    Raises UnknownNameError for a robot or link that does not exist, LinkError for a link without a robot.
+    Raises UnknownNameError for a robot or driver that does not exist, DriverError for a driver without a
+    robot.
     """
     if via is None and robot is None:
         _tell("this machine", examine_machine(), (), as_json=as_json)
         return
     if robot is None:
-        raise LinkError(f"which robot is at {via}? valid: tci doctor ROBOT --via {via}")
+        raise DriverError(f"which robot is at {via}? valid: tci doctor ROBOT --via {via}")
     via = via or "sim"
     findings, streams = _examine(load_robot(robot), via, duration, quiet=as_json)
     _tell(f"{robot} via {via}", findings, streams, as_json=as_json)
@@ -43,15 +44,15 @@ def doctor(robot: str | None, via: str | None, *, duration: float, as_json: bool
 def _examine(
     robot: Robot, via: str, duration: float, *, quiet: bool
 ) -> tuple[tuple[Finding, ...], tuple[Stream, ...]]:
-    """What was found on the way to the robot, and then through the link."""
+    """What was found on the way to the robot, and then through the driver."""
     name, _, address = via.split(JOIN)[0].partition(":")
     try:
-        found = load_link(name).probe(robot, address)
+        found = load_driver(name).probe(robot, address)
         if any(finding.level is Level.FAULT for finding in found):
             return found, ()
-        link = connect(robot, via, arm=False)
+        driver = connect(robot, via, arm=False)
     except UnknownNameError as error:
-        if error.kind == "link":
+        if error.kind == "driver":
             raise
         advice = f"add <binding middleware={name!r} .../> to the description of {robot.name}"
         return (Finding(Level.FAULT, "description", str(error), advice),), ()
@@ -60,11 +61,11 @@ def _examine(
     except TciError as error:
         return (*found, Finding(Level.FAULT, "connection", str(error))), ()
     columns = (TextColumn("reading {task.description}"), BarColumn())
-    with link, Progress(*columns, console=console, disable=quiet, transient=True) as progress:
+    with driver, Progress(*columns, console=console, disable=quiet, transient=True) as progress:
         task = progress.add_task(f"{robot.name} for {duration:g} s", total=1.0)
         try:
-            seen = observe(link, duration, progress=lambda share: progress.update(task, completed=share))
-            return (*found, *judge(link, seen)), seen.streams
+            seen = observe(driver, duration, progress=lambda share: progress.update(task, completed=share))
+            return (*found, *judge(driver, seen)), seen.streams
         except TciError as error:
             return (*found, Finding(Level.FAULT, "connection", f"lost while reading: {error}")), ()
 

@@ -52,9 +52,9 @@ def record(
         return gesture
 
     try:
-        with connect(words, via, arm=False) as link, suppress(KeyboardInterrupt):
-            for now in link.ticks(duration=duration):
-                joints = link.read().joints
+        with connect(words, via, arm=False) as driver, suppress(KeyboardInterrupt):
+            for now in driver.ticks(duration=duration):
+                joints = driver.read().joints
                 if times and now - times[0] > LONGEST:
                     break
                 due = not times or now - times[-1] >= SAMPLE - 1e-9
@@ -134,9 +134,9 @@ def play(
     fitted = fit(words, gesture, exact=not plain)
     if not as_json:
         _announce(words, gesture, fitted)
-    link = connect(words, via, arm=arm or via.partition(":")[0] in HARMLESS)
-    with link:
-        following = follow(link, PlayGesture(fitted, WithdrawalReflex() if reflex else None))
+    driver = connect(words, via, arm=arm or via.partition(":")[0] in HARMLESS)
+    with driver:
+        following = follow(driver, PlayGesture(fitted, WithdrawalReflex() if reflex else None))
     done = following.phase is Phase.DONE
     if as_json:
         print_json({"done": done, **following.to_json(), "slower": fitted.slower,

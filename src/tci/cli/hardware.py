@@ -14,7 +14,7 @@ from tci.commissioning.expected_motion import ExpectedMotion
 from tci.commissioning.first_minutes import first_minutes, wanted
 from tci.drivers.diagnosis import Finding, Level
 from tci.drivers.registry import connect
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError, TciError
 from tci.robot.catalogue import load_robot
 
@@ -51,8 +51,8 @@ class Terminal:
 class Simulation:
     """The operator of a simulated robot: a finger presses; what its encoders say is what the physics does."""
 
-    def __init__(self, link: SimulatedLink) -> None:
-        self._link = link
+    def __init__(self, driver: SimulatedDriver) -> None:
+        self._driver = driver
 
     def may(self, what: str) -> bool:
         return True
@@ -65,25 +65,26 @@ class Simulation:
 
     def press(self, patch: str, taxel: int, where: str) -> bool:
         try:
-            self._link.world.finger.poke(patch, taxel, depth=0.004)
+            self._driver.world.finger.poke(patch, taxel, depth=0.004)
         except TciError:
             return False  # no room for the finger
         return True
 
     def release(self) -> None:
-        self._link.world.finger.retire()
+        self._driver.world.finger.retire()
 
 
 def check_hardware(name: str, *, via: str, parts: list[str], taxels: int, as_json: bool) -> None:
     """Look, ask, move, touch; exit status 1 when something is wrong.
 
-    Raises LinkError when the robot can't be reached or armed, UnknownNameError, CommandError without answers.
+    Raises DriverError when the robot can't be reached or armed, UnknownNameError, CommandError without
+    answers.
     """
     robot = load_robot(name)
     servos, patches = wanted(robot, parts)
-    with connect(robot, via, arm=True) as link:
+    with connect(robot, via, arm=True) as driver:
         shown = Console(stderr=True) if as_json else console
-        operator = Simulation(link) if isinstance(link, SimulatedLink) else Terminal(shown)
+        operator = Simulation(driver) if isinstance(driver, SimulatedDriver) else Terminal(shown)
         if not as_json:
             console.print(
                 "Stand beside the robot, its own stop in reach. Nothing moves further than 2 degrees; "
@@ -91,7 +92,7 @@ def check_hardware(name: str, *, via: str, parts: list[str], taxels: int, as_jso
                 style="bold",
             )
         found, largest = first_minutes(
-            link,
+            driver,
             operator,
             servos=servos,
             patches=patches if taxels else (),

@@ -38,7 +38,9 @@ RecordedRobot = Annotated[
         autocompletion=completion.robots,
     ),
 ]
-Via = Annotated[str, typer.Option(help="Link to it, NAME or NAME:ADDRESS.", autocompletion=completion.links)]
+Via = Annotated[
+    str, typer.Option(help="Driver that reaches it, NAME or NAME:ADDRESS.", autocompletion=completion.drivers)
+]
 Arm = Annotated[bool, typer.Option("--arm", help="Let it move; a simulated robot always may.")]
 Duration = Annotated[
     float | None, typer.Option(help="How long \\[s]; else until interrupted.", callback=_above_zero)

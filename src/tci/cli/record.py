@@ -8,22 +8,22 @@ from pathlib import Path
 
 from tci.capabilities.capability import Capability
 from tci.cli.console import console, print_json
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.drivers.registry import JOIN, connect
 from tci.recording.recorder import Recorder
 from tci.robot.catalogue import load_robot
 
 
-def recorder_for(path: Path, link: Link, via: str, about: Mapping[str, str]) -> Recorder:
-    """A recording of a link. Raises RecordingError."""
+def recorder_for(path: Path, driver: Driver, via: str, about: Mapping[str, str]) -> Recorder:
+    """A recording of a driver. Raises RecordingError."""
     middleware = via.split(JOIN)[0].partition(":")[0]
     return Recorder(
         path,
-        link.robot,
+        driver.robot,
         middleware=middleware,
-        period=link.period,
-        keep_alive=link.keep_alive,
-        about={**link.about, **about},
+        period=driver.period,
+        keep_alive=driver.keep_alive,
+        about={**driver.about, **about},
     )
 
 
@@ -34,13 +34,16 @@ def about_capability(name: str, capability: Capability[object]) -> dict[str, str
 
 def record(path: Path, robot: str, *, via: str, duration: float | None, as_json: bool) -> None:
     """Read, write, and say what was written; exit with status 1 when the disk failed."""
-    with connect(load_robot(robot), via, arm=False) as link, recorder_for(path, link, via, {}) as recorder:
+    with (
+        connect(load_robot(robot), via, arm=False) as driver,
+        recorder_for(path, driver, via, {}) as recorder,
+    ):
         if not as_json:
-            words = f"recording {link.robot.name} to {path}; end with Ctrl-C"
+            words = f"recording {driver.robot.name} to {path}; end with Ctrl-C"
             console.print(words, highlight=False, markup=False)
         with suppress(KeyboardInterrupt):
-            for now in link.ticks(duration=duration):
-                recorder.tick(now, link.read())
+            for now in driver.ticks(duration=duration):
+                recorder.tick(now, driver.read())
                 if recorder.failed:
                     break
     told(recorder, as_json=as_json)

@@ -88,7 +88,8 @@ def check(
     via: Annotated[
         str,
         typer.Option(
-            help="With --hardware: link to it, NAME or NAME:ADDRESS.", autocompletion=completion.links
+            help="With --hardware: driver that reaches it, NAME or NAME:ADDRESS.",
+            autocompletion=completion.drivers,
         ),
     ] = "sim",
     only: Annotated[
@@ -133,7 +134,7 @@ def doctor(
     ] = None,
     via: Annotated[
         str | None,
-        typer.Option(help="Link to it, NAME or NAME:ADDRESS.", autocompletion=completion.links),
+        typer.Option(help="Driver that reaches it, NAME or NAME:ADDRESS.", autocompletion=completion.drivers),
     ] = None,
     duration: Annotated[float, typer.Option(help="How long to read the robot \\[s].", min=0.1)] = 2.0,
     as_json: AsJson = False,

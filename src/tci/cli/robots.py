@@ -20,7 +20,7 @@ def robots(*, as_json: bool) -> None:
         print_json({"robots": rows})
         return
     table = Table(
-        "robot", "what", "generic parts", "servos", "skin", "links", title="Robots", box=box.SIMPLE_HEAD
+        "robot", "what", "generic parts", "servos", "skin", "drivers", title="Robots", box=box.SIMPLE_HEAD
     )
     for row in rows:
         if "missing" in row:
@@ -32,7 +32,7 @@ def robots(*, as_json: bool) -> None:
                 ", ".join(row["parts"]),
                 str(row["servos"]),
                 f"{len(row['skin'])} patches, {sum(row['skin'].values())} channels",
-                ", ".join(row["links"]),
+                ", ".join(row["drivers"]),
             )
     console.print(table)
     console.print("Look at one with [bold]tci describe NAME[/]; add your own: docs/robot-description.md")
@@ -49,5 +49,5 @@ def _row(name: str) -> dict[str, Any]:
         "parts": [part.name for part in robot.parts],
         "servos": len(robot.servos),
         "skin": {patch.name: patch.channels for patch in robot.patches},
-        "links": [binding.middleware for binding in robot.bindings],
+        "drivers": [binding.middleware for binding in robot.bindings],
     }

@@ -22,12 +22,12 @@ from tci.capabilities.fields import default_fields
 from tci.cli.console import console, print_json, told_here
 from tci.cli.record import about_capability, recorder_for, summary
 from tci.cli.teller import COLOURS, Teller
-from tci.drivers.driver import Link
-from tci.drivers.faults.fault_injector import FaultyLink, parse_fault
+from tci.drivers.driver import Driver
+from tci.drivers.faults.fault_injector import FaultInjector, parse_fault
 from tci.drivers.faults.injectors import INJECTORS, THREAD
 from tci.drivers.registry import connect
-from tci.drivers.replay import ReplayLink
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.replay import ReplayDriver
+from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError, UnknownNameError
 from tci.gate.gate import GateState
 from tci.recording.recorder import Recorder
@@ -110,36 +110,36 @@ def run_capability(
 
     A `rehearsal` is as long as its faults need, and the simulated skin flickers as a real one does.
 
-    Raises UnknownNameError, LinkError, CommandError for a fault's times or a poke that can't be, and what the
-    capability raises.
+    Raises UnknownNameError, DriverError, CommandError for a fault's times or a poke that can't be, and what
+    the capability raises.
     """
     capability = load_capability(name)
     plans = [parse_fault(fault) for fault in faults]
     if rehearsal:
         duration = max(REHEARSAL, *(plan.at + INJECTORS[plan.name].shows_after + 1.0 for plan in plans))
-    link = connect(load_robot(robot), via, arm=arm or via.partition(":")[0] in HARMLESS)
+    driver = connect(load_robot(robot), via, arm=arm or via.partition(":")[0] in HARMLESS)
     report = LoopReport()
     result: RunResult[Any] | None = None
     error: BaseException | None = None
-    inner = link
+    inner = driver
     recorder = None
-    with link, told_here(), contextlib.ExitStack() as closing:
+    with driver, told_here(), contextlib.ExitStack() as closing:
         if record is not None:
             about = about_capability(name, capability)
-            recorder = closing.enter_context(recorder_for(record, link, via, about))
+            recorder = closing.enter_context(recorder_for(record, driver, via, about))
         if poke:
-            poke_forearm(link)
+            poke_forearm(driver)
         filmed = _film(inner, film) if film is not None else None
         if plans:
             closing.enter_context(quiet_rehearsals())
-            link = FaultyLink(link, plans, flicker=FLICKER if rehearsal else 0.0)
+            driver = FaultInjector(driver, plans, flicker=FLICKER if rehearsal else 0.0)
         shown: contextlib.AbstractContextManager[Live | None] = (
             contextlib.nullcontext()
             if as_json
             else Live(console=console, refresh_per_second=10, transient=True)
         )
         with shown as live:
-            teller = Teller(link, report, live)
+            teller = Teller(driver, report, live)
 
             def see(tick: Tick) -> None:
                 if recorder is not None:
@@ -152,35 +152,35 @@ def run_capability(
 
             def listen(memory: Any) -> bool:
                 for note in capability.notes(memory):
-                    if heard.add(note, link.clock.now()):
-                        teller.tell(link.clock.now(), "NOTE", note, "yellow")
+                    if heard.add(note, driver.clock.now()):
+                        teller.tell(driver.clock.now(), "NOTE", note, "yellow")
                 return False
 
             try:
-                result = run(link, capability, duration=duration, observe=see, until=listen, report=report)
+                result = run(driver, capability, duration=duration, observe=see, until=listen, report=report)
             except (Exception, KeyboardInterrupt, SystemExit) as failure:
                 if not report.ended:  # it never began
                     raise
                 error = failure
-                now = link.clock.now()
+                now = driver.clock.now()
                 teller.tell_faults(now)
-                rest = "; the robot was brought to rest" if link.armed else ""
+                rest = "; the robot was brought to rest" if driver.armed else ""
                 words = f"{report.ended}{_place(failure, capability)}{rest}"
                 teller.worst = GateState.STOP
                 teller.tell(now, "STOP", words, COLOURS[GateState.STOP])
             if result is not None and result.refused_all:
                 words = "every command was refused: the capability moved nothing"
-                teller.tell(link.clock.now(), "refused", words, "bold red")
+                teller.tell(driver.clock.now(), "refused", words, "bold red")
             if report.cut_short:
                 words = "the run has ended: motions that were not over were cut short by a hold"
-                teller.tell(link.clock.now(), "at rest", words, "dim")
+                teller.tell(driver.clock.now(), "at rest", words, "dim")
             if heard.counts[OTHERS]:
-                teller.tell(link.clock.now(), "NOTE", "further notes were left out", "yellow")
+                teller.tell(driver.clock.now(), "NOTE", "further notes were left out", "yellow")
     if filmed is not None:
         filmed.save()
-    counts = link.gate.counts
+    counts = driver.gate.counts
     told: dict[str, Any] = {
-        "state": link.gate.state.value,
+        "state": driver.gate.state.value,
         "worst": teller.worst.value,
         "events": teller.events,
         "refusals": [notice.to_json() for notice in teller.refused.notices()],
@@ -194,7 +194,7 @@ def run_capability(
         told |= {"touched_N": dict(result.touched), "moved_rad": dict(result.moved)}
     if recorder is not None:
         told["recording"] = summary(recorder)
-    if isinstance(inner, ReplayLink):
+    if isinstance(inner, ReplayDriver):
         told["replay"] = {
             "compared": inner.compared, "different": len(inner.different), "other_versions": inner.changed,
         }  # fmt: skip
@@ -209,7 +209,7 @@ def run_capability(
             f"work p50 {report.work.quantile(0.5) * 1e3:.2f}, "
             f"p99.9 {report.work.quantile(0.999) * 1e3:.2f} ms; "
             f"gate: {counts.holds} holds, {counts.stops} stops, {counts.refusals} refusals; "
-            f"at the end [{COLOURS[link.gate.state]}]{link.gate.state.name}[/]",
+            f"at the end [{COLOURS[driver.gate.state]}]{driver.gate.state.name}[/]",
             highlight=False,
         )
         for line in _said(recorder, inner):
@@ -243,37 +243,39 @@ def quiet_rehearsals() -> Iterator[None]:
         threading.excepthook = usual
 
 
-def _said(recorder: Recorder | None, link: Link) -> list[str]:
+def _said(recorder: Recorder | None, driver: Driver) -> list[str]:
     """What is to be said of a recording made, and of one replayed."""
     lines = []
     if recorder is not None:
         end = f"[red]{escape(recorder.failed)}[/]" if recorder.failed else "closed"
         lines.append(f"recording {escape(str(recorder.path))}: {recorder.ticks} periods, {end}")
-    if isinstance(link, ReplayLink):
-        same = "the same, bit for bit" if not link.different else (
-            f"[yellow]{len(link.different)} differ, the first at {link.different[0]:.3f} s[/]")  # fmt: skip
-        same = same if link.compared else "none was recorded"
-        lines.append(f"replay: {link.compared} decisions compared: {same}")
-        if link.different and link.changed:
-            lines.append(escape(f"recorded with other versions: {'; '.join(link.changed)}"))
+    if isinstance(driver, ReplayDriver):
+        same = "the same, bit for bit" if not driver.different else (
+            f"[yellow]{len(driver.different)} differ, first at {driver.different[0]:.3f} s[/]")  # fmt: skip
+        same = same if driver.compared else "none was recorded"
+        lines.append(f"replay: {driver.compared} decisions compared: {same}")
+        if driver.different and driver.changed:
+            lines.append(escape(f"recorded with other versions: {'; '.join(driver.changed)}"))
     return lines
 
 
-def _film(link: Link, path: Path) -> Film:
+def _film(driver: Driver, path: Path) -> Film:
     """A film of a simulated arm. Raises CommandError for a real robot."""
     from tci.pictures.film import Film
 
-    if not isinstance(link, SimulatedLink):
+    if not isinstance(driver, SimulatedDriver):
         raise CommandError("--film needs a simulated robot; valid: --via sim")
-    return Film(link.world, path, fields=default_fields(), part="left_arm")
+    return Film(driver.world, path, fields=default_fields(), part="left_arm")
 
 
-def poke_forearm(link: Link) -> None:
+def poke_forearm(driver: Driver) -> None:
     """Let the simulated finger poke the left forearm. Raises CommandError for a real robot."""
-    if not isinstance(link, SimulatedLink):
+    if not isinstance(driver, SimulatedDriver):
         raise CommandError("--poke needs a simulated robot; valid: --via sim")
     site = default_fields()[0]
-    joints = link.read().joints
-    place = find_place(Skin(link.robot), "left_arm", site.segment, site.u, site.theta, joints)
+    joints = driver.read().joints
+    place = find_place(Skin(driver.robot), "left_arm", site.segment, site.u, site.theta, joints)
     speed = 0.25
-    link.world.finger.poke(place.patch, place.p_L, place.n_L, speed=speed, depth=0.01, gap=speed * POKE_DELAY)
+    driver.world.finger.poke(
+        place.patch, place.p_L, place.n_L, speed=speed, depth=0.01, gap=speed * POKE_DELAY
+    )

@@ -98,8 +98,8 @@ def view(
     via: Annotated[
         list[str] | None,
         typer.Option(
-            help="Link, NAME or NAME:ADDRESS: one for all robots, or one for each. \\[default: sim]",
-            autocompletion=completion.links,
+            help="Driver, NAME or NAME:ADDRESS: one for all robots, or one for each. \\[default: sim]",
+            autocompletion=completion.drivers,
         ),
     ] = None,
     capability: Annotated[
@@ -212,8 +212,8 @@ def serve(
         str,
         typer.Option(
             "--from",
-            help="Link to the robot itself, NAME or NAME:ADDRESS.",
-            autocompletion=completion.links,
+            help="Driver to the robot itself, NAME or NAME:ADDRESS.",
+            autocompletion=completion.drivers,
         ),
     ] = "sim",
     arm: Arm = False,

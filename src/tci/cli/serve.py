@@ -20,9 +20,9 @@ def serve(robot: str, *, via: str, source: str, arm: bool, duration: float | Non
     arm = arm or source.partition(":")[0] in HARMLESS
     report, served, told = LoopReport(), Served(), Reasons()
     opened = connect(load_robot(robot), source, arm=arm, **options)
-    with opened as link, open_server(link, via) as server, told_here():
+    with opened as driver, open_server(driver, via) as server, told_here():
         if not as_json:
-            words = f"serving {link.robot.name} as {server.where()}; end with Ctrl-C"
+            words = f"serving {driver.robot.name} as {server.where()}; end with Ctrl-C"
             console.print(words, highlight=False, markup=False)
 
         def see(tick: Tick) -> None:
@@ -40,7 +40,7 @@ def serve(robot: str, *, via: str, source: str, arm: bool, duration: float | Non
             pass
         except SystemExit as end:  # by SIGTERM
             status = int(end.code or 0)
-        state = link.gate.state
+        state = driver.gate.state
     if as_json:
         print_json(
             {

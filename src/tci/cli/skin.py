@@ -103,7 +103,7 @@ def calibrate(
     ] = None,
     force_log: Annotated[
         Path | None,
-        typer.Option(help="Instead: a force sensor's stream, CSV with time,force on the link's clock."),
+        typer.Option(help="Instead: a force sensor's stream, CSV with time,force on the driver's clock."),
     ] = None,
     frames: Annotated[int, typer.Option(min=20, help="Frames to take at rest.")] = 200,
     out: Annotated[

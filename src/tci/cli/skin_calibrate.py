@@ -18,10 +18,10 @@ from rich.table import Table
 
 from tci.authoring.calibrate_skin import Load, calibrate, loads_of_stream
 from tci.cli.console import console, print_json
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.drivers.registry import connect
-from tci.drivers.simulated import SimulatedLink
-from tci.errors import CommandError, LinkError, TciError
+from tci.drivers.simulated import SimulatedDriver
+from tci.errors import CommandError, DriverError, TciError
 from tci.frames import Array
 from tci.robot.catalogue import load_robot
 from tci.robot.kinematics import Kinematics
@@ -72,10 +72,10 @@ def calibrate_patch(
     if not os.access(target if target.exists() else target.absolute().parent, os.W_OK):
         raise CommandError(f"{target} can't be written; valid: --out FILE in a folder where you may")
     before = read_calibration(target) if target.is_file() else None
-    with connect(robot, via, arm=False) as link:
-        session = _Session(link, patch, normal_channels(words, surface), quiet=as_json)
-        if isinstance(link, SimulatedLink):
-            link.world.finger.retire()
+    with connect(robot, via, arm=False) as driver:
+        session = _Session(driver, patch, normal_channels(words, surface), quiet=as_json)
+        if isinstance(driver, SimulatedDriver):
+            driver.world.finger.retire()
         loads: Sequence[Load]
         if stream is None:
             session.ask("Nothing may touch the skin now.")
@@ -97,10 +97,10 @@ def calibrate_patch(
 
 
 class _Session:
-    """Frames of one patch from a link, and questions to who stands beside the robot."""
+    """Frames of one patch from a driver, and questions to who stands beside the robot."""
 
-    def __init__(self, link: Link, patch: str, channels: NDArray[np.intp], *, quiet: bool) -> None:
-        self.link = link
+    def __init__(self, driver: Driver, patch: str, channels: NDArray[np.intp], *, quiet: bool) -> None:
+        self.driver = driver
         self.patch = patch
         self._channels = channels
         self._quiet = quiet
@@ -108,7 +108,7 @@ class _Session:
 
     def ask(self, words: str) -> None:
         """Wait for Enter; a simulation and programs need no question."""
-        if self._quiet or isinstance(self.link, SimulatedLink):
+        if self._quiet or isinstance(self.driver, SimulatedDriver):
             return
         if not sys.stdin.isatty():
             raise CommandError("nobody can press Enter here; valid: a terminal, --json, or --force-log")
@@ -127,49 +127,49 @@ class _Session:
                 progress.advance(task)
                 if len(values) == count:
                     return np.array(stamps), np.array(values)
-        raise LinkError(f"{self.patch}: {len(values)} frames {what}; {count} are needed")
+        raise DriverError(f"{self.patch}: {len(values)} frames {what}; {count} are needed")
 
     def take_all(self) -> tuple[Array, Array]:
-        """All that the link has, to the end of a recording."""
+        """All that the driver has, to the end of a recording."""
         found = list(self._frames())
         if not found:
-            raise LinkError(f"{self.patch}: no frame in the recording")
+            raise DriverError(f"{self.patch}: no frame in the recording")
         stamps, values = zip(*found, strict=True)
         return np.array(stamps), np.array(values)
 
     def _frames(self) -> Iterator[tuple[float, Array]]:
         last: float | None = None
-        for now in self.link.ticks():
-            frame = next((one for one in self.link.read().skin if one.patch == self.patch), None)
+        for now in self.driver.ticks():
+            frame = next((one for one in self.driver.read().skin if one.patch == self.patch), None)
             last = now if last is None else last
             if frame is not None and frame.sequence != self._sequence:
                 self._sequence, last = frame.sequence, now
                 yield frame.stamp, frame.values[self._channels].astype(np.float64)
             elif now - last > SILENCE:
-                raise LinkError(f"{self.patch} has sent no frame for {SILENCE:g} s")
+                raise DriverError(f"{self.patch} has sent no frame for {SILENCE:g} s")
 
 
 def _pressed(session: _Session, surface: Surface, weights: Sequence[float]) -> Iterator[Load]:
     """Loads of known force, one after the other: a person's weights, or the simulated finger."""
-    link = session.link
+    driver = session.driver
     generator = np.random.default_rng(0)
     for weight in weights:
-        if not isinstance(link, SimulatedLink):
+        if not isinstance(driver, SimulatedDriver):
             session.ask(
                 f"Put {weight:g} N ({weight / 9.81 * 1e3:.0f} g) on the skin, and take your hand away."
             )
             yield Load(weight, session.take(50, f"under {weight:g} N")[1])
             continue
-        finger = link.world.finger
+        finger = driver.world.finger
         places = 0
         for taxel in generator.permutation(len(surface.positions)):
             try:
                 finger.poke(session.patch, int(taxel), speed=0.1, depth=weight / STIFFNESS)
             except TciError:
                 continue  # no room for the finger there
-            link.world.advance(link.clock.now() + SETTLE)
+            driver.world.advance(driver.clock.now() + SETTLE)
             felt = session.take(10, f"under {weight:g} N")[1]
-            yield Load(link.world.contact_truth(session.patch).force, felt)
+            yield Load(driver.world.contact_truth(session.patch).force, felt)
             finger.retire()
             places += 1
             if places == PLACES:
@@ -177,7 +177,7 @@ def _pressed(session: _Session, surface: Surface, weights: Sequence[float]) -> I
 
 
 def read_force_log(path: Path) -> tuple[Array, Array]:
-    """Stamps (n,) [s] and forces (n,) [N] of a CSV file `time,force`, on the link's clock.
+    """Stamps (n,) [s] and forces (n,) [N] of a CSV file `time,force`, on the driver's clock.
 
     Raises TciError with the line of the fault.
     """

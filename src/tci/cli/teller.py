@@ -11,8 +11,8 @@ from rich.table import Table
 from rich.text import Text
 
 from tci.cli.console import console
-from tci.drivers.driver import Link
-from tci.drivers.faults.fault_injector import FaultPlan, FaultyLink
+from tci.drivers.driver import Driver
+from tci.drivers.faults.fault_injector import FaultInjector, FaultPlan
 from tci.drivers.faults.fault_list import FAULTS
 from tci.drivers.faults.injectors import INJECTORS
 from tci.gate.gate import GateState
@@ -36,13 +36,13 @@ STILL = 1e-6
 class Teller:
     """Prints what changes, and keeps one line about now."""
 
-    def __init__(self, link: Link, report: LoopReport, live: Live | None) -> None:
+    def __init__(self, driver: Driver, report: LoopReport, live: Live | None) -> None:
         self.events: list[dict[str, Any]] = []
         """All that was told: time [s], kind and words."""
         self.worst = GateState.RUN
         """STOP once there was one, else HOLD once there was one."""
         self.refused, self.clamped = Reasons(), Reasons()
-        self._link, self._report, self._live = link, report, live
+        self._driver, self._report, self._live = driver, report, live
         self._state = (GateState.RUN, "")
         self._begun: list[tuple[float, FaultPlan]] = []
         self._over: set[FaultPlan] = set()
@@ -78,9 +78,9 @@ class Teller:
 
     def tell_faults(self, now: float) -> None:
         """Faults that began or ended since the last call."""
-        if not isinstance(self._link, FaultyLink):
+        if not isinstance(self._driver, FaultInjector):
             return
-        for plan in self._link.begun[len(self._begun) :]:
+        for plan in self._driver.begun[len(self._begun) :]:
             self._begun.append((now, plan))
             expected = FAULTS[INJECTORS[plan.name].number].expected
             self.tell(now, "FAULT", f"{plan}: {INJECTORS[plan.name].says}; expected: {expected}", "magenta")
@@ -172,7 +172,7 @@ class Teller:
         state = tick.sent.state
         line = Text(f"{tick.now:8.3f} s  ")
         line.append(f" {state.name} ", style=f"reverse {COLOURS[state]}")
-        counts = self._link.gate.counts
+        counts = self._driver.gate.counts
         line.append(
             f"  contacts {len(tick.perception.contacts)}  clamps {sum(counts.clamps.values())}  "
             f"refusals {counts.refusals}  overruns {self._report.overruns}"

@@ -55,7 +55,7 @@ def view(
     """Open the page, and show the robots until interrupted, also by SIGTERM: that brings them to rest too.
 
     Raises MissingExtraError without the extra, CommandError for vias that do not fit the robots, and what
-    links raise.
+    drivers raise.
     """
     needs_viewer()
     from tci.viewer.app import Viewer
@@ -94,9 +94,9 @@ def _sources(names: Sequence[str], vias: Sequence[str], capability: str, *, arm:
             continue
         name = via.partition(":")[0]
         options = SIMULATED if name == "sim" else {}
-        link = connect(robots[index], via, arm=arm or name in HARMLESS, **options)
+        driver = connect(robots[index], via, arm=arm or name in HARMLESS, **options)
         about = {"middleware": name, **about_capability(capability, behaviour)}
-        found.append(Session(link, behaviour, about=about))
+        found.append(Session(driver, behaviour, about=about))
     return found
 
 

@@ -11,7 +11,7 @@ import typer
 
 from tci.cli.console import console, print_json
 from tci.cli.options import AsJson
-from tci.errors import LinkError
+from tci.errors import DriverError
 from tci.installed import needs
 
 app = typer.Typer(help="Zenoh over networks: keys, passwords, rights, and a router.", no_args_is_help=True)
@@ -72,7 +72,7 @@ def _users(told: Sequence[str] | None) -> dict[str, list[str]]:
     for text in told or ():
         name, equals, robots = text.partition("=")
         if not equals or not robots:
-            raise LinkError(f"{text!r}; valid: NAME=ROBOT or NAME=ROBOT,ROBOT")
+            raise DriverError(f"{text!r}; valid: NAME=ROBOT or NAME=ROBOT,ROBOT")
         users[name] = robots.split(",")
     return users
 

@@ -1,4 +1,4 @@
-"""What is wrong with a link, judged from what was observed, and what to do about it. Nothing moves."""
+"""What is wrong with a driver, judged from what was observed, and what to do about it. Nothing moves."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from tci.commissioning.streams import Observation, Stream
 from tci.drivers.diagnosis import Finding, Level
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.robot.description import Patch, Robot, Sensor
 
 SLOW = 0.8
@@ -19,19 +19,20 @@ TURN = 2.0 * np.pi
 """No humanoid's joint is further [rad] from zero."""
 
 
-def judge(link: Link, seen: Observation) -> tuple[Finding, ...]:
-    """Findings about a link that was observed, its own among them. Raises LinkError like `Link.diagnose`."""
+def judge(driver: Driver, seen: Observation) -> tuple[Finding, ...]:
+    """Findings about a driver that was observed, its own among them. Raises DriverError like
+    `Driver.diagnose`."""
     return (
-        *link.diagnose(),
-        *_joint_stream(link, seen.streams[0], seen.cost),
-        *_joint_values(link.robot, seen),
-        *(found for stream in seen.streams[1:] for found in _skin_stream(link.robot, stream)),
-        *_skin_values(link.robot, seen),
+        *driver.diagnose(),
+        *_joint_stream(driver, seen.streams[0], seen.cost),
+        *_joint_values(driver.robot, seen),
+        *(found for stream in seen.streams[1:] for found in _skin_stream(driver.robot, stream)),
+        *_skin_values(driver.robot, seen),
     )
 
 
-def _joint_stream(link: Link, stream: Stream, cost: Sequence[float] | np.ndarray) -> Iterator[Finding]:
-    stale = link.gate.stale_after
+def _joint_stream(driver: Driver, stream: Stream, cost: Sequence[float] | np.ndarray) -> Iterator[Finding]:
+    stale = driver.gate.stale_after
     figures = {"rate_hz": stream.rate, "age_ms": 1e3 * stream.age, "oldest_ms": 1e3 * stream.oldest}
     said = (
         f"{stream.rate:.0f} readings/s, {1e3 * stream.age:.1f} ms old when read, "
@@ -61,13 +62,13 @@ def _joint_stream(link: Link, stream: Stream, cost: Sequence[float] | np.ndarray
     if stream.older:
         yield Finding(Level.WARNING, "joints", f"{stream.older} readings came after newer ones")
     late = float(np.quantile(cost, 0.99)) if len(cost) else 0.0
-    if late > link.period:
+    if late > driver.period:
         yield Finding(
             Level.WARNING,
             "joints",
-            f"reading takes {1e3 * late:.1f} ms (p99), a period has {1e3 * link.period:.1f} ms",
+            f"reading takes {1e3 * late:.1f} ms (p99), a period has {1e3 * driver.period:.1f} ms",
             "the loop will miss periods: lower the binding's rate in the description",
-            {"read_p99_ms": 1e3 * late, "period_ms": 1e3 * link.period},
+            {"read_p99_ms": 1e3 * late, "period_ms": 1e3 * driver.period},
         )
 
 

@@ -27,7 +27,7 @@ class ExpectedMotion:
     """A small motion of one servo, seen from the torso."""
 
     link: str
-    """Link to look at."""
+    """Driver to look at."""
     displacement: Array
     """Of the link's origin (3,) [m]."""
     rotation: Array

@@ -12,7 +12,7 @@ from tci.commissioning.hardware_skin import SkinCheck
 from tci.commissioning.operator import Operator
 from tci.commissioning.streams import observe
 from tci.drivers.diagnosis import Finding, Level
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.errors import UnknownNameError
 from tci.messages import Mode, PlatformCommand
 from tci.robot.description import Patch, Robot, Servo
@@ -28,7 +28,7 @@ POWER = 2.0
 
 
 def first_minutes(
-    link: Link,
+    driver: Driver,
     operator: Operator,
     *,
     servos: Sequence[Servo],
@@ -40,7 +40,7 @@ def first_minutes(
 
     `tell` is told each finding at once. Nothing is moved of a robot part about which a look finds anything
     wrong, and nothing at all after a general fault. Returns all findings, and the largest motion [rad] that
-    was measured. Raises LinkError when somebody else commands the robot or it goes away, and what the
+    was measured. Raises DriverError when somebody else commands the robot or it goes away, and what the
     operator raises.
     """
     found: list[Finding] = []
@@ -50,27 +50,27 @@ def first_minutes(
             found.append(finding)
             tell(finding)
 
-    check = ServoCheck(link, operator)
-    with commanding(link):
-        note(finding for finding in judge(link, observe(link, LOOK)) if finding.level is not Level.OK)
-        names = {servo.name for servo in link.robot.servos}
+    check = ServoCheck(driver, operator)
+    with commanding(driver):
+        note(finding for finding in judge(driver, observe(driver, LOOK)) if finding.level is not Level.OK)
+        names = {servo.name for servo in driver.robot.servos}
         if any(finding.level is Level.FAULT and finding.subject not in names for finding in found):
             note(iter([Finding(Level.NOTE, "motion", "nothing was moved", "mend the faults above first")]))
             return tuple(found), 0.0
         bad = {finding.subject for finding in found if finding.level in (Level.WARNING, Level.FAULT)}
         # A unit or an order that is wrong is so for a whole part.
-        parts = {servo.robot_part for servo in link.robot.servos if servo.name in bad}
-        wrong = {servo.name for servo in link.robot.servos if servo.robot_part in parts}
-        note(_postures(link, operator, servos))
+        parts = {servo.robot_part for servo in driver.robot.servos if servo.name in bad}
+        wrong = {servo.name for servo in driver.robot.servos if servo.robot_part in parts}
+        note(_postures(driver, operator, servos))
         unsure = {finding.subject for finding in found if finding.level is Level.FAULT}
-        for part in link.robot.parts:
+        for part in driver.robot.parts:
             if part.name in unsure:
-                wrong |= set(_servos_of(link.robot, part.name))
-        note(_stiffen(link, operator, [servo for servo in servos if servo.name not in wrong]))
+                wrong |= set(_servos_of(driver.robot, part.name))
+        note(_stiffen(driver, operator, [servo for servo in servos if servo.name not in wrong]))
         for servo in servos:
             note(iter([_left_out(servo) if servo.name in wrong else check.check(servo)]))
         if patches:
-            touch = SkinCheck(link, operator)
+            touch = SkinCheck(driver, operator)
             for patch in patches:
                 note(touch.check(patch, taxels))
     return tuple(found), check.largest
@@ -108,12 +108,12 @@ def _left_out(servo: Servo) -> Finding:
     return Finding(Level.FAULT, servo.name, "not moved: see above", "correct that first, then check it again")
 
 
-def _postures(link: Link, operator: Operator, servos: Sequence[Servo]) -> Iterator[Finding]:
+def _postures(driver: Driver, operator: Operator, servos: Sequence[Servo]) -> Iterator[Finding]:
     """Ask whether the robot stands as its encoders say: zero, sign and unit of all joints at once."""
     names = {servo.name for servo in servos}
-    posture = generic_posture(link.robot, link.read().joints)
-    for part in link.robot.parts:
-        if not names & set(_servos_of(link.robot, part.name)):
+    posture = generic_posture(driver.robot, driver.read().joints)
+    for part in driver.robot.parts:
+        if not names & set(_servos_of(driver.robot, part.name)):
             continue
         angles = ", ".join(
             f"{servo.name} {np.rad2deg(angle):.0f}"
@@ -134,9 +134,9 @@ def _postures(link: Link, operator: Operator, servos: Sequence[Servo]) -> Iterat
             )  # fmt: skip
 
 
-def _stiffen(link: Link, operator: Operator, servos: Sequence[Servo]) -> Iterator[Finding]:
+def _stiffen(driver: Driver, operator: Operator, servos: Sequence[Servo]) -> Iterator[Finding]:
     """Switch servos on that are off, if the operator lets it."""
-    powered = link.read().joints.powered
+    powered = driver.read().joints.powered
     off = [] if powered is None else [servo for servo in servos if not powered[servo.index]]
     if not off:
         return
@@ -149,9 +149,9 @@ def _stiffen(link: Link, operator: Operator, servos: Sequence[Servo]) -> Iterato
         Mode.STIFFNESS, np.array([s.index for s in off]), np.full(count, STIFFNESS), np.full(count, np.inf)
     )
     pending = [share]
-    for now in link.ticks(duration=POWER):
-        joints = link.read().joints
-        link.write(link.gate.step(pending, joints, now))
+    for now in driver.ticks(duration=POWER):
+        joints = driver.read().joints
+        driver.write(driver.gate.step(pending, joints, now))
         pending = []
         if joints.powered is not None and all(joints.powered[servo.index] for servo in off):
             yield Finding(Level.OK, "power", f"switched on: {names}")

@@ -2,7 +2,7 @@
 
 Encoders show what a robot believes. A joint whose sign, zero, unit or place is wrong in command and encoder
 alike can only be seen, so the operator is asked what moved. Everything passes the gate; the robot's own stop
-(`Link.halt`) ends a motion at the first sign that it is another one than was told.
+(`Driver.halt`) ends a motion at the first sign that it is another one than was told.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tci.commissioning.expected_motion import expected_motion
 from tci.commissioning.operator import Operator
 from tci.drivers.diagnosis import Finding, Level
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.frames import Array
 from tci.gate.gate import GateState
 from tci.messages import Mode, PlatformCommand
@@ -43,9 +43,9 @@ UNIT = 180.0 / np.pi
 class ServoCheck:
     """Moves one servo after the other and judges what it did."""
 
-    def __init__(self, link: Link, operator: Operator) -> None:
-        self.link, self.operator = link, operator
-        self._kinematics = Kinematics(link.robot) if link.robot.model is not None else None
+    def __init__(self, driver: Driver, operator: Operator) -> None:
+        self.driver, self.operator = driver, operator
+        self._kinematics = Kinematics(driver.robot) if driver.robot.model is not None else None
         self._small: set[str] = set()
         self.largest = 0.0
         """Largest motion [rad] of any servo that was measured so far."""
@@ -71,19 +71,19 @@ class ServoCheck:
             return Finding(Level.NOTE, servo.name, "not moved: its limits leave no room")
         expected = None
         if self._kinematics is not None:
-            expected = expected_motion(self.link.robot, self._kinematics, start, servo, way * STEPS[-1])
+            expected = expected_motion(self.driver.robot, self._kinematics, start, servo, way * STEPS[-1])
         what = f"{servo.name} by {np.rad2deg(way * STEPS[-1]):+.1f} degrees"
         if expected is not None:
             what += f"; {expected.words}"
         if not self.operator.may(f"move {what}"):
             return Finding(Level.NOTE, servo.name, "not moved: the operator said no")
         moved, reason = self._out(servo, start, way, noise)
-        if not reason and self.link.gate.state is not GateState.STOP:
+        if not reason and self.driver.gate.state is not GateState.STOP:
             self._move(servo, here, way, start, noise)
             seen = self.operator.saw(f"It went there and back. Did you see that: {what}?", expected)
         else:
             seen = None
-        return _verdict(self.link.robot, servo, way * moved, reason, noise, seen)
+        return _verdict(self.driver.robot, servo, way * moved, reason, noise, seen)
 
     def _out(self, servo: Servo, start: Array, way: float, noise: float) -> tuple[Array, str]:
         """Steps outward: how far every servo (n,) went at the end, and why they ended early."""
@@ -96,7 +96,7 @@ class ServoCheck:
                 return moved, reason
             own = moved[servo.index] * way
             if own > 3.0 * step + noise + np.deg2rad(0.2):
-                self.link.halt()
+                self.driver.halt()
                 return moved, f"it went {own / step:.0f} times as far as it was told"
             if index == 0 and servo.robot_part not in self._small:
                 # Where encoder and command share a wrong unit, only eyes can tell.
@@ -112,7 +112,7 @@ class ServoCheck:
 
         Returns what all servos moved (n,) from there, and why it ended early.
         """
-        link = self.link
+        driver = self.driver
         command = PlatformCommand(
             Mode.POSITION, np.array([servo.index]), np.array([target]), np.array([SPEED])
         )
@@ -122,11 +122,11 @@ class ServoCheck:
         held = 0
         others = np.arange(len(start)) != servo.index
         tail: list[Array] = []
-        for now in link.ticks(duration=ARRIVE):
-            reading = link.read()
-            safe = link.write(link.gate.step(pending, reading.joints, now))
+        for now in driver.ticks(duration=ARRIVE):
+            reading = driver.read()
+            safe = driver.write(driver.gate.step(pending, reading.joints, now))
             held += safe.state is GateState.HOLD
-            if safe.state is GateState.STOP or held * link.period > HOLDS:
+            if safe.state is GateState.STOP or held * driver.period > HOLDS:
                 return moved, f"the gate: {safe.reason}"
             if safe.refusals and safe.state is GateState.RUN:
                 return moved, f"the gate refused: {safe.refusals[0]}"
@@ -135,7 +135,7 @@ class ServoCheck:
             self.largest = max(self.largest, float(np.abs(moved).max()))
             reason = self._stray(moved, servo, way, others, noise)
             if reason:
-                link.halt()
+                driver.halt()
                 return moved, reason
             place = safe.servos.tolist().index(servo.index) if servo.index in safe.servos else None
             there = place is not None and abs(safe.position[place] - target) < 1e-4
@@ -148,7 +148,7 @@ class ServoCheck:
 
     def _stray(self, moved: Array, servo: Servo, way: float, others: NDArray[np.bool_], noise: float) -> str:
         """Why a motion must end now: another servo, the wrong way, or too far."""
-        robot = self.link.robot
+        robot = self.driver.robot
         away = np.abs(moved) > max(STRAY, 3.0 * noise)
         if (away & others).any():
             index = int(np.argmax(np.where(others, np.abs(moved), 0.0)))
@@ -166,7 +166,7 @@ class ServoCheck:
 
     def _at_rest(self) -> tuple[Array, float]:
         """Mean angles (n,) [rad] for a while, and the noise [rad] of the encoders."""
-        samples = [self.link.read().joints.position for _ in self.link.ticks(duration=SETTLE)]
+        samples = [self.driver.read().joints.position for _ in self.driver.ticks(duration=SETTLE)]
         noise = float(np.std(samples, axis=0).max()) * 3.0
         return np.mean(samples, axis=0), max(noise, float(np.deg2rad(0.01)))
 

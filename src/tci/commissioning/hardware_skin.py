@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from tci.commissioning.operator import Operator
 from tci.drivers.diagnosis import Finding, Level
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.errors import FrameError
 from tci.frames import Array
 from tci.messages import Reading
@@ -31,10 +31,10 @@ _SIDES = ("front (the flexor side)", "outer side", "back (the extensor side)", "
 class SkinCheck:
     """Compares where the skin is pressed with where it says so."""
 
-    def __init__(self, link: Link, operator: Operator) -> None:
+    def __init__(self, driver: Driver, operator: Operator) -> None:
         """Raises what Skin raises."""
-        self.link, self.operator = link, operator
-        self.skin = Skin(link.robot)
+        self.driver, self.operator = driver, operator
+        self.skin = Skin(driver.robot)
 
     def check(self, patch: Patch, count: int | None) -> Iterator[Finding]:
         """Press `count` taxels of a patch, evenly over its numbers; None: all of them."""
@@ -53,15 +53,15 @@ class SkinCheck:
         if not self.operator.press(patch.name, taxel, self._where(patch, taxel)):
             return Finding(Level.NOTE, subject, "not pressed")
         felt: dict[str, Array] = {}
-        for _ in self.link.ticks(duration=PRESS):
-            felt = self._felt(rest, noise, self.link.read())
+        for _ in self.driver.ticks(duration=PRESS):
+            felt = self._felt(rest, noise, self.driver.read())
             if felt:
                 break
         self._settle()
-        felt = self._felt(rest, noise, self.link.read()) or felt
+        felt = self._felt(rest, noise, self.driver.read()) or felt
         self.operator.release()
-        for _ in self.link.ticks(duration=PRESS):
-            if not self._felt(rest, noise, self.link.read()):
+        for _ in self.driver.ticks(duration=PRESS):
+            if not self._felt(rest, noise, self.driver.read()):
                 break
         return self._judge(subject, patch, taxel, felt)
 
@@ -99,7 +99,7 @@ class SkinCheck:
         found = {}
         for name, values in self._values(reading).items():
             if name in rest:
-                sign = np.sign(self.link.robot.patch(name).sensor.pascal_per_count)
+                sign = np.sign(self.driver.robot.patch(name).sensor.pascal_per_count)
                 change = sign * (values - rest[name])
                 change[np.abs(change) < noise[name]] = 0.0
                 if change.any():
@@ -109,11 +109,11 @@ class SkinCheck:
     def _rest(self) -> tuple[dict[str, Array], dict[str, Array]]:
         """Mean value of each taxel, and the change that is a touch."""
         samples: dict[str, list[Array]] = {}
-        for _ in self.link.ticks(duration=REST):
-            for name, values in self._values(self.link.read()).items():
+        for _ in self.driver.ticks(duration=REST):
+            for name, values in self._values(self.driver.read()).items():
                 samples.setdefault(name, []).append(values)
         rest = {name: np.mean(some, axis=0) for name, some in samples.items()}
-        sensors = {name: self.link.robot.patch(name).sensor for name in samples}
+        sensors = {name: self.driver.robot.patch(name).sensor for name in samples}
         noise = {
             name: np.maximum(
                 6.0 * np.std(some, axis=0), LEAST * (sensors[name].highest - sensors[name].lowest)
@@ -124,14 +124,14 @@ class SkinCheck:
 
     def _settle(self) -> None:
         """The first value of a touch is not its place: look again a little later."""
-        for _ in self.link.ticks(duration=0.1):
-            self.link.read()
+        for _ in self.driver.ticks(duration=0.1):
+            self.driver.read()
 
     def _values(self, reading: Reading) -> dict[str, NDArray[np.float64]]:
         """Raw values of each patch's taxels."""
         found = {}
         for frame in reading.skin:
-            patch = self.link.robot.patch(frame.patch)
+            patch = self.driver.robot.patch(frame.patch)
             if frame.values.shape != (patch.channels,) or frame.values.dtype.kind not in "uif":
                 raise FrameError(
                     f"{patch.name}: frame of {frame.values.dtype} {frame.values.shape}; "
@@ -143,10 +143,10 @@ class SkinCheck:
 
     def _where(self, patch: Patch, taxel: int) -> str:
         """Where a taxel is, for people."""
-        if self.link.robot.limb_segment(patch) is None:
-            normal = self.skin.normals(patch.name, self.link.read().joints, frame="torso")[taxel]
+        if self.driver.robot.limb_segment(patch) is None:
+            normal = self.skin.normals(patch.name, self.driver.read().joints, frame="torso")[taxel]
             axis = int(np.argmax(np.abs(normal)))
             return f"{patch.link}, on the side that looks {_WAYS[axis][int(normal[axis] < 0.0)]}"
-        u, theta, _ = self.skin.limb(patch.name, self.link.read().joints)
+        u, theta, _ = self.skin.limb(patch.name, self.driver.read().joints)
         side = _SIDES[round(float(theta[taxel]) / (np.pi / 2.0)) % 4]
         return f"{patch.part}, {patch.segment}: {100 * u[taxel]:.0f} % of the way down, on its {side}"

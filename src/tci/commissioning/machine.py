@@ -1,4 +1,4 @@
-"""What this machine offers: versions, links and robots that are installed, and how well it keeps time."""
+"""What this machine offers: versions, drivers and robots that are installed, and how well it keeps time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 import tci
 from tci.clock import MonotonicClock, ticks
 from tci.drivers.diagnosis import Finding, Level
-from tci.drivers.registry import link_names, load_link
+from tci.drivers.registry import driver_names, load_driver
 from tci.errors import MissingExtraError, TciError
 from tci.installed import clashes
 from tci.robot.catalogue import load_robot, robot_names
@@ -30,7 +30,7 @@ def examine_machine(*, duration: float = 0.4) -> tuple[Finding, ...]:
     return (
         Finding(Level.OK, "machine", f"{system}, {os.cpu_count()} processors"),
         *_shared_folders(),
-        *_links(),
+        *_drivers(),
         *_robots(),
         *_lease(),
         *_timing(duration),
@@ -42,15 +42,15 @@ def _shared_folders() -> Iterator[Finding]:
         yield Finding(Level.WARNING, f"package {clash.module}", clash.said, clash.advice)
 
 
-def _links() -> Iterator[Finding]:
-    for name in link_names():
-        yield _link(name)
+def _drivers() -> Iterator[Finding]:
+    for name in driver_names():
+        yield _driver(name)
 
 
-def _link(name: str) -> Finding:
-    subject = f"link {name}"
+def _driver(name: str) -> Finding:
+    subject = f"driver {name}"
     try:
-        load_link(name).load_library()
+        load_driver(name).load_library()
     except MissingExtraError as error:
         return Finding(Level.NOTE, subject, f"not installed: it needs {error.missing}", error.advice)
     except Exception as error:
@@ -66,8 +66,8 @@ def _robots() -> Iterator[Finding]:
         except TciError as error:
             yield Finding(Level.NOTE, f"robot {name}", str(error))
             continue
-        links = ", ".join(binding.middleware for binding in robot.bindings) or "none"
-        yield Finding(Level.OK, f"robot {name}", f"{robot.title}; links: {links}")
+        drivers = ", ".join(binding.middleware for binding in robot.bindings) or "none"
+        yield Finding(Level.OK, f"robot {name}", f"{robot.title}; drivers: {drivers}")
 
 
 def _lease() -> Iterator[Finding]:

@@ -1,4 +1,4 @@
-"""How well data flows through a link: rates, lost frames, ages, and what reading costs."""
+"""How well data flows through a driver: rates, lost frames, ages, and what reading costs."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.frames import Array
 from tci.messages import Reading
 
@@ -28,7 +28,7 @@ class Stream:
     rate: float
     """Frames per second [Hz] that the robot numbered; 0 when there were fewer than two."""
     lost: int
-    """Numbered frames that nobody saw although the link was read often enough for all of them."""
+    """Numbered frames that nobody saw although the driver was read often enough for all of them."""
     older: int
     """Frames that came after a newer one."""
     age: float
@@ -53,7 +53,7 @@ class Stream:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observation:
-    """A link, read for a while."""
+    """A driver, read for a while."""
 
     streams: tuple[Stream, ...]
     """Joints first, then the patches of the description in their order."""
@@ -66,7 +66,7 @@ class Observation:
 HISTORY = 50
 """Readings that an observation keeps."""
 ENOUGH = 1.5
-"""A source is seen whole when the link is read this many times as often as it sends. Ours."""
+"""A source is seen whole when the driver is read this many times as often as it sends. Ours."""
 
 
 class _Count:
@@ -107,23 +107,25 @@ class _Count:
         )
 
 
-def observe(link: Link, duration: float, *, progress: Callable[[float], None] | None = None) -> Observation:
-    """Read a link once per period for `duration` [s]; `progress` is told the share 0..1 that is done.
+def observe(
+    driver: Driver, duration: float, *, progress: Callable[[float], None] | None = None
+) -> Observation:
+    """Read a driver once per period for `duration` [s]; `progress` is told the share 0..1 that is done.
 
-    Nothing is commanded. Raises LinkError when the robot can't be read.
+    Nothing is commanded. Raises DriverError when the robot can't be read.
     """
-    patches = {patch.name: patch.rate for patch in link.robot.patches}
+    patches = {patch.name: patch.rate for patch in driver.robot.patches}
     joints, skin = _Count(), {name: _Count() for name in patches}
     cost: list[float] = []
     kept: list[Reading] = []
-    every = max(1, int(duration / link.period) // HISTORY)
+    every = max(1, int(duration / driver.period) // HISTORY)
     begin = before = None
-    for now in link.ticks(duration=duration):
+    for now in driver.ticks(duration=duration):
         begin = now if begin is None else begin
         started = time.perf_counter()
-        reading = link.read()
+        reading = driver.read()
         cost.append(time.perf_counter() - started)
-        before = link.clock.now()
+        before = driver.clock.now()
         joints.add(reading.joints.sequence, reading.joints.stamp, before)
         for frame in reading.skin:
             if frame.patch in skin:

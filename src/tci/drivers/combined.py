@@ -6,29 +6,30 @@ from collections.abc import Iterator, Sequence
 
 from tci.clock import MonotonicClock
 from tci.drivers.diagnosis import Finding
-from tci.drivers.driver import Link
-from tci.errors import LinkError
+from tci.drivers.driver import Driver
+from tci.errors import DriverError
 from tci.gate.gate import SafeCommand
 from tci.messages import Reading, SkinFrame
 
 
-class JoinedLink(Link):
-    """A link to joints and links to skin. Gate, clock and lease are those of the joints' link."""
+class CombinedDriver(Driver):
+    """One driver for the joints and others for the skin. Gate, clock and lease are those of the joints'
+    driver."""
 
-    def __init__(self, joints: Link, skins: Sequence[Link]) -> None:
+    def __init__(self, joints: Driver, skins: Sequence[Driver]) -> None:
         """Take the joints from `joints`, each patch from the first of `skins` that has sent it.
 
-        All links are closed with this one. Raises LinkError when their clocks are not this machine's own.
+        All drivers are closed with this one. Raises DriverError when their clocks are not this machine's own.
         """
         self.joints, self.skins = joints, tuple(skins)
-        for link in (joints, *skins):
-            if not isinstance(link.clock, MonotonicClock):
-                raise LinkError(
-                    f"{type(link).__name__} has a time of its own, so it can't be joined to others"
+        for driver in (joints, *skins):
+            if not isinstance(driver.clock, MonotonicClock):
+                raise DriverError(
+                    f"{type(driver).__name__} has a time of its own, so it can't be joined to others"
                 )
         self.robot, self.clock, self.armed = joints.robot, joints.clock, joints.armed
         self.period, self.gate, self.lease_name = joints.period, joints.gate, joints.lease_name
-        self.keep_alive = max((link.keep_alive for link in skins if link.keep_alive), default=None)
+        self.keep_alive = max((driver.keep_alive for driver in skins if driver.keep_alive), default=None)
         self.about, self.recorded = joints.about, joints.recorded
         self._open = True
 
@@ -36,13 +37,13 @@ class JoinedLink(Link):
         return self.joints.ticks(duration=duration, start=start)
 
     def diagnose(self) -> tuple[Finding, ...]:
-        return tuple(finding for link in (self.joints, *self.skins) for finding in link.diagnose())
+        return tuple(finding for driver in (self.joints, *self.skins) for finding in driver.diagnose())
 
     def _receive(self) -> Reading:
         reading = self.joints.read()
         frames: dict[str, SkinFrame] = {}
-        for link in self.skins:
-            for frame in link.read().skin:
+        for driver in self.skins:
+            for frame in driver.read().skin:
                 frames.setdefault(frame.patch, frame)
         return Reading(reading.joints, tuple(frames.values()))
 
@@ -53,5 +54,5 @@ class JoinedLink(Link):
         self.joints._halt()
 
     def _close(self) -> None:
-        for link in (self.joints, *self.skins):
-            link.close()
+        for driver in (self.joints, *self.skins):
+            driver.close()

@@ -1,4 +1,4 @@
-"""What is found out about a link: facts, and what to do about them. `tci doctor` prints them."""
+"""What is found out about a driver: facts, and what to do about them. `tci doctor` prints them."""
 
 from __future__ import annotations
 

@@ -11,21 +11,21 @@ import numpy as np
 
 from tci.clock import Clock, ticks
 from tci.drivers.diagnosis import Finding
-from tci.errors import CommandError, LinkError, UnknownNameError
+from tci.errors import CommandError, DriverError, UnknownNameError
 from tci.gate.gate import Gate, GateSettings, SafeCommand
 from tci.messages import JointReading, Mode, PlatformCommand, Reading
 from tci.robot.description import Robot, Servo
 
 
-class Link(ABC):
+class Driver(ABC):
     """A connection to one robot: `read` what it senses, `write` what its gate made.
 
     A subclass talks to the robot in `_receive`, `_send` and `_close`; it owns units and order of the
-    robot. Reading is always allowed; writing needs an armed link and a command made by `gate`.
+    robot. Reading is always allowed; writing needs an armed driver and a command made by `gate`.
     """
 
     before_write: Callable[[], None] | None = None
-    """Raises LinkError where this process may no longer command the robot; asked before each command."""
+    """Raises DriverError where this process may no longer command the robot; asked before each command."""
 
     def __init__(
         self,
@@ -55,7 +55,8 @@ class Link(ABC):
         """Longest time [s] without a frame of a patch, where the skin's senders send changes only; None: they
         send every frame."""
         self.about: Mapping[str, str] = {}
-        """What a recording says of this link, so that its run can be done again: seed and step of physics."""
+        """What a recording says of this driver, so that its run can be done again: seed and step of
+        physics."""
         self.recorded = False
         """Whether this replays a recording: nothing moves by what is written, and what is read is gone."""
         self._open = True
@@ -82,17 +83,17 @@ class Link(ABC):
 
     @classmethod
     def probe(cls, robot: Robot, address: str) -> tuple[Finding, ...]:
-        """What can be reached at `address` without a link, step by step: for users whose connection fails.
+        """What can be reached at `address` without a driver, step by step: for users whose connection fails.
 
         It moves nothing and raises nothing; each step that fails is a finding with its advice.
         """
         return ()
 
     def diagnose(self) -> tuple[Finding, ...]:
-        """What only this link knows: the dialect spoken, frames lost, the clock's offset, and where what the
-        robot says (names, limits, modes) differs from the description. It moves nothing.
+        """What only this driver knows: the dialect spoken, frames lost, the clock's offset, and where what
+        the robot says (names, limits, modes) differs from the description. It moves nothing.
 
-        Raises LinkError when the robot can't be asked.
+        Raises DriverError when the robot can't be asked.
         """
         return ()
 
@@ -101,20 +102,20 @@ class Link(ABC):
         return ticks(self.clock, self.period, duration=duration, start=start)
 
     def read(self) -> Reading:
-        """The latest joints and skin frames. Raises LinkError when the link is closed."""
+        """The latest joints and skin frames. Raises DriverError when the driver is closed."""
         self._check_open()
         return self._receive()
 
     def write(self, safe: SafeCommand) -> SafeCommand:
-        """Send a command of this link's gate, and return what was sent.
+        """Send a command of this driver's gate, and return what was sent.
 
-        Raises LinkError when the link is closed or not armed, when another gate, or nobody's gate, made the
-        command, and when somebody else commands the robot.
+        Raises DriverError when the driver is closed or not armed, when another gate, or nobody's gate, made
+        the command, and when somebody else commands the robot.
         """
         self._check_open()
         if not self.armed:
-            raise LinkError(
-                f"the link to {self.robot.name} is read-only; connect with arm=True (--arm) to move it"
+            raise DriverError(
+                f"the connection to {self.robot.name} is read-only; connect with arm=True (--arm) to move it"
             )
         if self.before_write is not None:
             self.before_write()
@@ -125,12 +126,14 @@ class Link(ABC):
     def halt(self) -> None:
         """The robot's own stop, whatever its commands were taken for: all joints stay where they are now.
 
-        Then nothing is under command, until something is commanded again. Raises LinkError when the link is
-        closed or not armed.
+        Then nothing is under command, until something is commanded again. Raises DriverError when the driver
+        is closed or not armed.
         """
         self._check_open()
         if not self.armed:
-            raise LinkError(f"the link to {self.robot.name} is read-only; connect with arm=True to stop it")
+            raise DriverError(
+                f"the connection to {self.robot.name} is read-only; connect with arm=True to stop it"
+            )
         self._halt()
         self.gate.drop()
 
@@ -153,7 +156,7 @@ class Link(ABC):
 
     def _check_open(self) -> None:
         if not self._open:
-            raise LinkError(f"the link to {self.robot.name} is closed")
+            raise DriverError(f"the connection to {self.robot.name} is closed")
 
     def __enter__(self) -> Self:
         return self

@@ -1,4 +1,4 @@
-"""Links and servers by name, found through the entry-point groups `tci.links` and `tci.servers`."""
+"""Drivers and servers by name, found through the entry-point groups `tci.drivers` and `tci.servers`."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from importlib.metadata import entry_points
 from typing import Any
 
 from tci.capabilities.orders import named
-from tci.drivers.combined import JoinedLink
-from tci.drivers.driver import Link
+from tci.drivers.combined import CombinedDriver
+from tci.drivers.driver import Driver
 from tci.drivers.server import Server
-from tci.errors import LinkError, TciError, UnknownNameError
+from tci.errors import DriverError, TciError, UnknownNameError
 from tci.installed import needs
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
 
-LINKS = "tci.links"
+DRIVERS = "tci.drivers"
 JOIN = " + "
-"""Between links that are joined to one."""
+"""Between drivers that are joined to one."""
 SERVERS = "tci.servers"
 
 
-def link_names() -> tuple[str, ...]:
+def driver_names() -> tuple[str, ...]:
     """Names that `connect` takes, without an address."""
-    return tuple(sorted({point.name for point in entry_points(group=LINKS)}))
+    return tuple(sorted({point.name for point in entry_points(group=DRIVERS)}))
 
 
 def server_names() -> tuple[str, ...]:
@@ -33,17 +33,17 @@ def server_names() -> tuple[str, ...]:
     return tuple(sorted({point.name for point in entry_points(group=SERVERS)}))
 
 
-def load_link(name: str) -> type[Link]:
-    """The class of a link by its entry point.
+def load_driver(name: str) -> type[Driver]:
+    """The class of a driver by its entry point.
 
-    Raises UnknownNameError for a link that is not installed, MissingExtraError when its library is not.
+    Raises UnknownNameError for a driver that is not installed, MissingExtraError when its library is not.
     """
-    link: type[Link] = _load(LINKS, "link", name)
-    return link
+    driver: type[Driver] = _load(DRIVERS, "driver", name)
+    return driver
 
 
 def load_server(name: str) -> Callable[..., Server]:
-    """What makes a server, by its entry point. Raises as `load_link` does."""
+    """What makes a server, by its entry point. Raises as `load_driver` does."""
     factory: Callable[..., Server] = _load(SERVERS, "server", name)
     return factory
 
@@ -64,62 +64,63 @@ def as_robot(given: object) -> Robot:
 
 def connect(
     robot: Robot | str | os.PathLike[str], via: str = "sim", *, arm: bool | None = None, **options: Any
-) -> Link:
-    """Open a link to `robot`, or to the one of that name or path: "sim", or "NAME:ADDRESS" for those that
+) -> Driver:
+    """Open a driver of `robot`, or of the one of that name or path: "sim", or "NAME:ADDRESS" for those that
     need an address.
 
-    With "LINK + LINK" the joints come over the first link, the skin over the others. A simulated robot is
-    armed from the start, a real one only by `arm=True`. `options` go to the link, or to that of the joints.
-    Raises UnknownNameError for a link that is not installed or an option that it does not have,
-    MissingExtraError when its library is not installed, LinkError when the robot can't be reached, and what
+    With "DRIVER + DRIVER" the joints come over the first driver, the skin over the others. A simulated robot
+    is armed from the start, a real one only by `arm=True`. `options` go to the driver, or to
+    that of the joints.
+    Raises UnknownNameError for a driver that is not installed or an option that it does not have,
+    MissingExtraError when its library is not installed, DriverError when the robot can't be reached, and what
     `load_robot` raises.
     """
     robot = as_robot(robot)
     if not isinstance(via, str):
         raise TciError(
-            f"connect: a {type(via).__name__} as the name of a link; valid: {', '.join(link_names())}"
+            f"connect: a {type(via).__name__} as the name of a driver; valid: {', '.join(driver_names())}"
         )
     first, *others = via.split(JOIN)
     if arm is not None:
         options["arm"] = arm
     if not others:
         return _open(robot, first, **options)
-    opened: list[Link] = []
+    opened: list[Driver] = []
     try:
         opened.append(_open_half(robot, first, without="skin", **options))
         for other in others:
             opened.append(_open_half(robot, other, without="joints"))
-        return JoinedLink(opened[0], opened[1:])
+        return CombinedDriver(opened[0], opened[1:])
     except BaseException:
-        for link in opened:
-            link.close()
+        for driver in opened:
+            driver.close()
         raise
 
 
-def _open_half(robot: Robot, via: str, *, without: str, **options: Any) -> Link:
-    """A link for the joints or the skin alone."""
-    if without not in inspect.signature(load_link(via.partition(":")[0])).parameters:
-        raise LinkError(f"{via} can't leave out its {without}; valid in a joined link: naoqi, yarp")
+def _open_half(robot: Robot, via: str, *, without: str, **options: Any) -> Driver:
+    """A driver for the joints or the skin alone."""
+    if without not in inspect.signature(load_driver(via.partition(":")[0])).parameters:
+        raise DriverError(f"{via} can't leave out its {without}; valid in a joined driver: naoqi, yarp")
     return _open(robot, via, **{without: False}, **options)
 
 
-def _open(robot: Robot, via: str, **options: Any) -> Link:
+def _open(robot: Robot, via: str, **options: Any) -> Driver:
     name, _, address = via.partition(":")
-    factory: Any = load_link(name)
-    _check(options, factory, f"option of the link {name!r}")
-    link: Link = factory(robot, address, **options)
-    return link
+    factory: Any = load_driver(name)
+    _check(options, factory, f"option of the driver {name!r}")
+    driver: Driver = factory(robot, address, **options)
+    return driver
 
 
-def open_server(link: Link, via: str, **options: Any) -> Server:
-    """Show the robot of `link` to others through "NAME" or "NAME:ADDRESS"; see `tci.runtime.serve`.
+def open_server(driver: Driver, via: str, **options: Any) -> Server:
+    """Show the robot of `driver` to others through "NAME" or "NAME:ADDRESS"; see `tci.runtime.serve`.
 
     Raises as `connect` does.
     """
     name, _, address = via.partition(":")
     factory = load_server(name)
     _check(options, factory, f"option of the server {name!r}")
-    return factory(link, address, **options)
+    return factory(driver, address, **options)
 
 
 def _check(options: Iterable[str], factory: Any, what: str) -> None:

@@ -11,8 +11,8 @@ import json
 import os
 from collections.abc import Iterator
 
-from tci.drivers.driver import Link
-from tci.errors import LinkError
+from tci.drivers.driver import Driver
+from tci.errors import DriverError
 from tci.gate.gate import SafeCommand
 from tci.messages import Reading
 from tci.recording.recorder import versions
@@ -46,23 +46,23 @@ class ReplayClock:
         """Return at once: the recording says what time it is."""
 
 
-class ReplayLink(Link):
-    """A link to a recording."""
+class ReplayDriver(Driver):
+    """A driver of a recording."""
 
     def __init__(self, robot: Robot, address: str = "", *, arm: bool = True) -> None:
         """Open the file `address`, recorded from this robot by this description.
 
-        Raises LinkError for no file or another robot, RecordingError for a file that is no recording.
+        Raises DriverError for no file or another robot, RecordingError for a file that is no recording.
         """
         if not address:
-            raise LinkError("a replay needs a recording; valid: replay:FILE")
+            raise DriverError("a replay needs a recording; valid: replay:FILE")
         try:
             self.recording = Recording(address)
         except OSError as error:
-            raise LinkError(f"the recording {address!r} can't be read: {error.strerror}") from error
+            raise DriverError(f"the recording {address!r} can't be read: {error.strerror}") from error
         about = self.recording.about
         if (about.get("robot"), about.get("description_sha256")) != (robot.name, robot.digest):
-            raise LinkError(
+            raise DriverError(
                 f"{address} was recorded from {about.get('robot', '')[:40]!r}, description "
                 f"{about.get('description_sha256', '')[:12]}; "
                 f"this is {robot.name!r}, description {robot.digest[:12]}; valid: the one of then"
@@ -105,7 +105,7 @@ class ReplayLink(Link):
         if self._tick is None:
             self._tick = next(self._ticks, None)
             if self._tick is None:
-                raise LinkError(f"{self.recording.path} has no whole period")
+                raise DriverError(f"{self.recording.path} has no whole period")
             self._clock.time = self._tick.now
         return self._tick.reading
 

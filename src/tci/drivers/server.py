@@ -1,6 +1,6 @@
-"""What every way to show a robot to others has in common; the counterpart of a link.
+"""What every way to show a robot to others has in common; the counterpart of a driver.
 
-A server stands beside the process's own link to the robot, real or simulated. It publishes what the robot
+A server stands beside the process's own driver of the robot, real or simulated. It publishes what the robot
 senses and hands on what others order; `runtime/serve.py` puts the gate between the two.
 """
 
@@ -11,17 +11,17 @@ from collections.abc import Sequence
 from types import TracebackType
 from typing import Self
 
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.gate.safe_command import SafeCommand
 from tci.messages import Order, Perception, Reading
 
 
 class Server(ABC):
-    """Shows the robot of `link` to others. All methods are called from the loop and never wait."""
+    """Shows the robot of `driver` to others. All methods are called from the loop and never wait."""
 
-    def __init__(self, link: Link, address: str = "") -> None:
-        """A subclass opens its ports here, and raises LinkError when it can't."""
-        self.link = link
+    def __init__(self, driver: Driver, address: str = "") -> None:
+        """A subclass opens its ports here, and raises DriverError when it can't."""
+        self.driver = driver
         self.address = address
 
     @abstractmethod

@@ -1,4 +1,4 @@
-"""`sim`: the robot that is not there, behind the same link as a real one."""
+"""`sim`: the robot that is not there, behind the same driver as a real one."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from tci.clock import MonotonicClock
-from tci.drivers.driver import Link
-from tci.errors import LinkError, UnknownNameError
+from tci.drivers.driver import Driver
+from tci.errors import DriverError, UnknownNameError
 from tci.gate.gate import SafeCommand
 from tci.messages import Mode, Reading, SkinFrame
 from tci.robot.description import Robot
@@ -52,8 +52,8 @@ class PacedWorldClock(WorldClock):
         self._pace.sleep_until(self.now() + self._ahead)
 
 
-class SimulatedLink(Link):
-    """A link to a simulated robot. It is armed from the start, since nothing can be hurt."""
+class SimulatedDriver(Driver):
+    """A driver of a simulated robot. It is armed from the start, since nothing can be hurt."""
 
     def __init__(
         self,
@@ -67,25 +67,25 @@ class SimulatedLink(Link):
         rate: float | None = None,
         **options: Any,
     ) -> None:
-        """A link to `world`, or to a new one; `options` go to it: `step`, `seed`, `posture`, ...
+        """A driver of `world`, or of a new one; `options` go to it: `step`, `seed`, `posture`, ...
 
         `rate` [Hz] of the commands is the description's if not given.
 
         `paced` worlds run no faster than real time. With a `keep_alive` [s] the skin is event-driven: patches
         send when they change, and at least that often.
 
-        Raises LinkError for an address, which a simulation does not have, for a rate that is none and for
+        Raises DriverError for an address, which a simulation does not have, for a rate that is none and for
         options beside a `world`, UnknownNameError for an option that there is not.
         """
         if address:
-            raise LinkError(f"the simulation has no address; got {address!r}, valid: sim")
+            raise DriverError(f"the simulation has no address; got {address!r}, valid: sim")
         if rate is not None and not 1.0 <= rate <= FASTEST:
-            raise LinkError(f"rate {rate}; valid: 1 to {FASTEST:g} Hz")
+            raise DriverError(f"rate {rate}; valid: 1 to {FASTEST:g} Hz")
         for name in options:
             if name not in (valid := _options()):
-                raise UnknownNameError("option of the link 'sim'", name, valid)
+                raise UnknownNameError("option of the driver 'sim'", name, valid)
         if world is not None and options:
-            raise LinkError(f"{', '.join(options)} beside a world; valid: give them to the World")
+            raise DriverError(f"{', '.join(options)} beside a world; valid: give them to the World")
         period = None if rate is None else 1.0 / rate
         self.world = world or World(robot, period=period, **options)
         """The simulated world: poke its `finger`, look at its physics."""
@@ -127,6 +127,6 @@ class SimulatedLink(Link):
 
 
 def _options() -> list[str]:
-    """Names of what a simulated link takes, for itself and for its world."""
-    both = *signature(SimulatedLink).parameters.values(), *signature(World).parameters.values()
+    """Names of what a simulated driver takes, for itself and for its world."""
+    both = *signature(SimulatedDriver).parameters.values(), *signature(World).parameters.values()
     return [one.name for one in both if one.kind is one.KEYWORD_ONLY and one.name != "period"]

@@ -11,7 +11,7 @@ import numpy as np
 
 from tci.capabilities.capability import Capability
 from tci.capabilities.play_gesture import GestureMemory, Phase, PlayGesture
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.errors import CommandError
 from tci.frames import Array
 from tci.messages import Order, Perception
@@ -94,7 +94,7 @@ class _Followed(Capability[_Seen]):
         return self.play.fault(perception)
 
 
-def follow(link: Link, play: PlayGesture, *, observe: Callable[[Tick], None] | None = None) -> Following:
+def follow(driver: Driver, play: PlayGesture, *, observe: Callable[[Tick], None] | None = None) -> Following:
     """Play a gesture to its end on a robot; `observe` is called after each period.
 
     Raises what `run` raises, and CommandError when the robot sends nothing.
@@ -109,7 +109,7 @@ def follow(link: Link, play: PlayGesture, *, observe: Callable[[Tick], None] | N
             observe(tick)
 
     result = run(
-        link,
+        driver,
         _Followed(play),
         duration=play.gesture.duration + MOST,
         observe=see,
@@ -117,8 +117,8 @@ def follow(link: Link, play: PlayGesture, *, observe: Callable[[Tick], None] | N
     )
     memory = result.memory
     if memory.first is None:
-        raise CommandError(f"{link.robot.name} sent nothing that fits it; nothing was played")
-    robot = link.robot
+        raise CommandError(f"{driver.robot.name} sent nothing that fits it; nothing was played")
+    robot = driver.robot
     names = {part: [joint.name for joint in robot.part(part).servos] for part in play.gesture.postures}
     count = max(memory.count, 1)
     rms = {part: np.sqrt(squares / count) for part, squares in memory.squares.items()}

@@ -11,7 +11,7 @@ import numpy as np
 from tci.body.places import Place, find_place
 from tci.capabilities.capability import Capability
 from tci.capabilities.fields import ReceptiveField
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.simulated import SimulatedDriver
 from tci.experiments.remote_trial import Elsewhere, Trial, part_of
 from tci.frames import Array
 from tci.gate.gate import SafeCommand
@@ -173,7 +173,7 @@ def poke_place(
         elsewhere.run(world, stimulus.duration, trial)
         return trial.end()
     trial.begin(world.time)
-    link = SimulatedLink(world.robot, world=world)
-    result = run(link, reflex, duration=stimulus.duration, observe=trial.see)
+    driver = SimulatedDriver(world.robot, world=world)
+    result = run(driver, reflex, duration=stimulus.duration, observe=trial.see)
     trial.trace.notes = reflex.notes(result.memory)
     return trial.end()

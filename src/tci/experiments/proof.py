@@ -12,7 +12,7 @@ import numpy as np
 from tci.body.posture import to_platform
 from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.capabilities.withdrawal import WithdrawalReflex
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.simulated import SimulatedDriver
 from tci.errors import TciError
 from tci.experiments.body_trials import body_trials_of
 from tci.experiments.checker import command_violations, physics_violations
@@ -175,13 +175,13 @@ def arm_axes(
 
 def limit_faults(robot: Robot) -> list[str]:
     """Send both arms to random targets outside their limits; what gate and physics did is checked apart."""
-    link = SimulatedLink(robot, world=World(robot, skin=False))
+    driver = SimulatedDriver(robot, world=World(robot, skin=False))
     generator = np.random.default_rng(4)
     sent, positions, velocities = [], [], []
     change = -1
     commands: list[GenericCommand] = []
-    for now in link.ticks(duration=TARGETS * PACE):
-        reading = link.read()
+    for now in driver.ticks(duration=TARGETS * PACE):
+        reading = driver.read()
         if int(now / PACE) > change:
             change = int(now / PACE)
             commands = [
@@ -190,11 +190,11 @@ def limit_faults(robot: Robot) -> list[str]:
             ]
         orders = [to_platform(robot, c, position=reading.joints.position) for c in commands]
         commands = []
-        safe = link.write(link.gate.step(orders, reading.joints, now))
+        safe = driver.write(driver.gate.step(orders, reading.joints, now))
         sent.append(safe)
         positions.append(reading.joints.position)
         velocities.append(reading.joints.velocity)
-    faults = command_violations(robot, sent, positions, link.period)
+    faults = command_violations(robot, sent, positions, driver.period)
     faults += physics_violations(robot, np.array(positions), np.array(velocities))
     faults += dict.fromkeys(refusal for safe in sent for refusal in safe.refusals)
     faults += dict.fromkeys(f"{safe.state.value}: {safe.reason}" for safe in sent if safe.reason)

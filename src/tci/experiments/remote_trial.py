@@ -18,10 +18,10 @@ from typing import Self
 
 from tci.authoring.dense_skin import with_skin_rate
 from tci.capabilities.withdrawal import WithdrawalReflex
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.drivers.registry import connect, open_server
-from tci.drivers.simulated import SimulatedLink
-from tci.errors import LinkError
+from tci.drivers.simulated import SimulatedDriver
+from tci.errors import DriverError
 from tci.messages import CONTROL_MODES, Mode, Order, PlatformCommand
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
@@ -36,7 +36,7 @@ APPEARING = 10.0
 """Time [s] that the served robot has to answer whoever connects. Ours."""
 
 
-class TrialLink(SimulatedLink):
+class TrialDriver(SimulatedDriver):
     """A simulation in real time whose loop ends at a time that is known only later."""
 
     until = float("inf")
@@ -52,10 +52,10 @@ class TrialLink(SimulatedLink):
 def try_server(robot: Robot, via: str) -> None:
     """Opens and closes a server, so that what is missing is told before any trial.
 
-    Raises MissingExtraError without its library, LinkError without what it needs: a master, a name server, a
-    free port.
+    Raises MissingExtraError without its library, DriverError without what it needs: a master, a name server,
+    a free port.
     """
-    with SimulatedLink(robot) as link, open_server(link, via):
+    with SimulatedDriver(robot) as driver, open_server(driver, via):
         pass
 
 
@@ -85,11 +85,11 @@ class Elsewhere:
     def run(self, world: World, duration: float, trial: Trial) -> None:
         """Serve `world` until the reflex there is ready, then for `duration` [s] of the trial.
 
-        Raises LinkError when the other process says that it can't, or ends.
+        Raises DriverError when the other process says that it can't, or ends.
         """
-        link = TrialLink(world.robot, world=world, paced=True)
+        driver = TrialDriver(world.robot, world=world, paced=True)
         asked = time.monotonic()
-        with real_time_where_permitted(), open_server(link, self.via) as server:
+        with real_time_where_permitted(), open_server(driver, self.via) as server:
             self._ask(server.reach())
 
             ready = False
@@ -97,14 +97,14 @@ class Elsewhere:
 
             def see(tick: Tick) -> None:
                 nonlocal ready, frames
-                if link.until < float("inf"):
+                if driver.until < float("inf"):
                     trial.see(tick)
                     return
                 ready = ready or self._ready(asked)
                 # The finger leaves with a new frame of the skin, as it does where the reflex is here.
                 before, frames = frames, tuple(frame.sequence for frame in tick.reading.skin)
                 if ready and (frames != before or not frames):
-                    link.until = tick.now + duration + link.period
+                    driver.until = tick.now + duration + driver.period
                     trial.begin(tick.now)
 
             serve(server, observe=see)
@@ -113,7 +113,7 @@ class Elsewhere:
         while said != "done":
             said = self._said.get(timeout=STARTING)
             if said == "ended":
-                raise LinkError(self._trouble(said))
+                raise DriverError(self._trouble(said))
 
     def _ask(self, line: str) -> None:
         while not self._said.empty():
@@ -125,7 +125,7 @@ class Elsewhere:
         try:
             print(line, file=self._process.stdin, flush=True)
         except BrokenPipeError as error:
-            raise LinkError(self._trouble("ended")) from error
+            raise DriverError(self._trouble("ended")) from error
 
     def _trouble(self, said: str) -> str:
         return f"the reflex in another process, {self.via}: {said}"
@@ -138,7 +138,7 @@ class Elsewhere:
         if said == "ready":
             return True
         if said or time.monotonic() - asked > STARTING:
-            raise LinkError(self._trouble(said or "it does not answer"))
+            raise DriverError(self._trouble(said or "it does not answer"))
         return False
 
     def __enter__(self) -> Self:
@@ -174,13 +174,13 @@ def part_of(robot: Robot, order: Order) -> str | None:
     return ""
 
 
-def _patiently(robot: Robot, via: str) -> Link:
-    """A link to a robot that may just be starting."""
+def _patiently(robot: Robot, via: str) -> Driver:
+    """A driver of a robot that may just be starting."""
     end = time.monotonic() + APPEARING
     while True:
         try:
             return connect(robot, via, arm=True)
-        except LinkError:
+        except DriverError:
             if time.monotonic() > end:
                 raise
             time.sleep(0.2)
@@ -210,8 +210,8 @@ def main() -> None:
                 print("ready", flush=True)
 
         try:
-            with real_time_where_permitted(), _patiently(robot, via) as link:
-                run(link, reflex, until=lambda memory: not told.empty(), observe=tell)
+            with real_time_where_permitted(), _patiently(robot, via) as driver:
+                run(driver, reflex, until=lambda memory: not told.empty(), observe=tell)
         except Exception as error:
             print(f"{type(error).__name__}: {error}".replace("\n", "; "), flush=True)
         told.get()

@@ -44,7 +44,7 @@ class DenavitHartenberg:
     base: Array
     """First frame seen from the torso (4, 4)."""
     tool: Array
-    """Link seen from the last frame (4, 4)."""
+    """Driver seen from the last frame (4, 4)."""
 
     def pose(self, position: Array) -> Array:
         """`T_TL` (4, 4) by the product of the table, at `position` (n_servos,) [rad] of all servos."""

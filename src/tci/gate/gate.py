@@ -15,7 +15,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from tci.errors import CommandError, LinkError, TciError
+from tci.errors import CommandError, DriverError, TciError
 from tci.frames import Array
 from tci.gate.acceptance import check_command, fault_of_reading
 from tci.gate.joint_monitor import Watch
@@ -211,9 +211,9 @@ class Gate:
         return self._issued
 
     def check_out(self, safe: SafeCommand) -> None:
-        """For links: raises LinkError unless `safe` is the latest this gate made, and not yet written."""
+        """For links: raises DriverError unless `safe` is the latest this gate made, and not yet written."""
         if self._issued is None or safe is not self._issued:
-            raise LinkError(
+            raise DriverError(
                 "not the latest command of this link's gate, or written before; "
                 "valid: write(gate.step(...)), once per step"
             )

@@ -9,7 +9,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.errors import LinkError
+from tci.errors import DriverError
 from tci.frames import Array
 from tci.messages import Mode, PlatformOrder
 
@@ -38,7 +38,7 @@ class SafeCommand:
     """What may be written now. Only a gate makes it, for its own link, once."""
 
     seal: object = field(repr=False)
-    """The gate's own; anything else raises LinkError."""
+    """The gate's own; anything else raises DriverError."""
     stamp: float
     """When it was made [s]."""
     state: GateState
@@ -70,4 +70,4 @@ class SafeCommand:
 
     def __post_init__(self) -> None:
         if not isinstance(self.seal, Seal):
-            raise LinkError("only a gate makes a SafeCommand: use link.gate.step(...)")
+            raise DriverError("only a gate makes a SafeCommand: use link.gate.step(...)")

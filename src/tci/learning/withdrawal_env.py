@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tci.body.generic_body import Body
 from tci.body.places import find_place
 from tci.capabilities.fields import default_fields
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.simulated import SimulatedDriver
 from tci.errors import TciError
 from tci.frames import Array
 from tci.installed import needs
@@ -143,7 +143,7 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         super().reset(seed=seed)
         # From a generator of its own, so that noise changes nothing in where and when the finger comes.
         self.world.reset(seed=int(self.np_random.spawn(1)[0].integers(2**32)))
-        self.link = SimulatedLink(self.robot, world=self.world)
+        self.driver = SimulatedDriver(self.robot, world=self.world)
         self.body = Body(self.robot)
         self.time, self._due = 0.0, self.np_random.uniform(0.1, 0.4) * self.duration
         self._poked = False
@@ -168,7 +168,7 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
             self._write(orders)
             orders = []
             harm = max(harm, self._harm())
-            self.time += self.link.period
+            self.time += self.driver.period
             self.world.advance(self.time)
         seen = self._look()
         took = self.time - begin
@@ -185,7 +185,7 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
             return None
         if self._portrait is None:
             self._portrait = Portrait(self.world, (), full_scale=self.pain)
-        moment = keep_moment(self.world, self.link.read())
+        moment = keep_moment(self.world, self.driver.read())
         torso = self._portrait.torso(moment)[:3, 3]
         camera = look_at(torso, azimuth=0.6, elevation=0.2, distance=1.4, width=320, height=240)
         return self._portrait.draw(moment, camera)
@@ -202,23 +202,23 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         speed, depth = self.np_random.uniform(*SPEED), self.np_random.uniform(*DEPTH)
         try:
             place = find_place(
-                self.body.skin, self.part.name, site.segment, u, theta, self.link.read().joints
+                self.body.skin, self.part.name, site.segment, u, theta, self.driver.read().joints
             )
             self.world.finger.poke(place.patch, place.p_L, place.n_L, speed=speed, depth=depth)
         except TciError:  # no skin or no room just there: the field's centre has both
             place = find_place(
-                self.body.skin, self.part.name, site.segment, site.u, site.theta, self.link.read().joints
+                self.body.skin, self.part.name, site.segment, site.u, site.theta, self.driver.read().joints
             )
             self.world.finger.poke(place.patch, place.p_L, place.n_L, speed=speed, depth=depth)
 
     def _look(self) -> Perception:
-        self._reading = self.link.read()
+        self._reading = self.driver.read()
         return self.body.perceive(self._reading, self.world.time)
 
     def _write(self, orders: list[Any]) -> None:
         joints = self._reading.joints
         platform = self.body.to_platform(orders, joints)
-        self.link.write(self.link.gate.step(platform, joints, self.world.time))
+        self.driver.write(self.driver.gate.step(platform, joints, self.world.time))
 
     def _harm(self) -> float:
         felt = self.body.skin.state.patches

@@ -33,7 +33,7 @@ CONTACT = (
 def tables(recording: Recording, robot: Robot | None = None) -> dict[str, Table]:
     """`joints`, `decisions`, `skin_PATCH` of each patch, and with its `robot` what the skin felt: `contacts`.
 
-    Every table has a column `time_s` on the link's clock: when that was measured or decided. Angles are in
+    Every table has a column `time_s` on the driver's clock: when that was measured or decided. Angles are in
     [rad], speeds in [rad/s], torques in [N m]. Of a patch, `raw` (frames, channels) are the values as they
     came; with a `robot`, `pressure_pa` and `force_n` (frames, taxels) are worked out again from them, NaN
     where a frame did not fit. Raises RecordingError.

@@ -21,7 +21,7 @@ class Perceived:
     """One recorded period."""
 
     now: float
-    """Time [s] on the link's clock."""
+    """Time [s] on the driver's clock."""
     reading: Reading
     """What the robot sent."""
     perception: Perception

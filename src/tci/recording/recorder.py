@@ -62,7 +62,7 @@ class Recorder:
     ) -> None:
         """Begin a new file. `about` goes into it: capability, its settings, seed, ...
 
-        `keep_alive` [s] is that of the link.
+        `keep_alive` [s] is that of the driver.
 
         Raises RecordingError where there is a file already, or none can be made.
         """

@@ -36,7 +36,7 @@ class RecordedTick:
     """One period of the loop, as it was."""
 
     now: float
-    """Time [s] on the link's clock."""
+    """Time [s] on the driver's clock."""
     reading: Reading
     """What the robot sent."""
     commands: tuple[dict[str, Any], ...]

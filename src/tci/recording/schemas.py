@@ -42,7 +42,7 @@ SKIN = MessageType(
         ("string", "patch"), ("string", "dtype"), ("uint8[]", "data"),
     ),
     says="One frame of one patch of skin as the robot sent it.\n"
-    "stamp [s], on the link's clock; number: of the patch in this file; dtype: NumPy's name.",
+    "stamp [s], on the driver's clock; number: of the patch in this file; dtype: NumPy's name.",
 )  # fmt: skip
 TICK = MessageType(
     "tci_msgs/msg/Tick",
@@ -72,7 +72,7 @@ DECISION = MessageType(
         ("uint32[]", "damping_servos"), ("float64[]", "damping"),
         ("string[]", "clamped"), ("string[]", "refusals"),
     ),
-    says="What the gate let pass and the link sent: [rad], [rad/s], [N m], shares 0..1.",
+    says="What the gate let pass and the driver sent: [rad], [rad/s], [N m], shares 0..1.",
 )  # fmt: skip
 CLOUD = MessageType(
     "sensor_msgs/msg/PointCloud2",

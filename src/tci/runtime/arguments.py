@@ -8,17 +8,17 @@ from typing import Any
 
 from tci.capabilities.capability import Capability
 from tci.capabilities.orders import named
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.errors import TciError
 
 
-def as_link(given: object) -> Link:
+def as_driver(given: object) -> Driver:
     """Returns a connection to a robot. Raises TciError for a robot, a name or anything else."""
-    if isinstance(given, Link):
+    if isinstance(given, Driver):
         return given
     raise TciError(
         f"run: {named(given)} in place of the connection to a robot; "
-        "valid: link, from `with tci.connect('nao', 'sim') as link:`"
+        "valid: driver, from `with tci.connect('nao', 'sim') as driver:`"
     )
 
 

@@ -1,6 +1,6 @@
 """Who is alive: small datagrams between TCI processes on one machine.
 
-A process that is needed beats; the one that owns the link listens and holds the robot when a beat is
+A process that is needed beats; the one that owns the driver listens and holds the robot when a beat is
 missing for `TIMEOUT`. Pass `Listener.fault` to `run` as its `guard`.
 """
 
@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Self
 
-from tci.errors import LinkError, TciError
+from tci.errors import DriverError, TciError
 
 TIMEOUT = 0.08
 """Silence [s] after which a process counts as dead: with one control period more it is below 100 ms."""
@@ -81,7 +81,7 @@ class Listener:
         timeout: float = TIMEOUT,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Listen on `port` of the loopback, or on a free one. Raises LinkError when it is taken."""
+        """Listen on `port` of the loopback, or on a free one. Raises DriverError when it is taken."""
         if not timeout > 0.0:
             raise TciError(f"heartbeat timeout {timeout} s; valid: above 0")
         self._timeout = timeout
@@ -95,7 +95,7 @@ class Listener:
             self._socket.bind(("127.0.0.1", port))
         except OSError as error:
             self._socket.close()
-            raise LinkError(f"heartbeat port {port}: {error.strerror}; valid: a free one, or 0") from error
+            raise DriverError(f"heartbeat port {port}: {error.strerror}; valid: a free one, or 0") from error
         self.port: int = self._socket.getsockname()[1]
         """Port that senders need."""
 

@@ -19,8 +19,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from tci.drivers.driver import Link
-from tci.errors import LinkError
+from tci.drivers.driver import Driver
+from tci.errors import DriverError
 
 FOLDER = "TCI_LEASES"
 """Environment variable: another folder, such as one that containers share."""
@@ -32,7 +32,7 @@ class Lease:
     """A held lease. A forked child does not inherit it, and who removes its file does not end it."""
 
     def __init__(self, name: str) -> None:
-        """Raises LinkError when somebody holds it already, for a folder that others may write to, and for a
+        """Raises DriverError when somebody holds it already, for a folder that others may write to, and for a
         file that can't be locked."""
         self._name = name
         self._path = _folder() / f"{hashlib.sha256(name.encode()).hexdigest()[:24]}.lease"
@@ -43,12 +43,12 @@ class Lease:
     def check(self) -> None:
         """To call before each write. Where the file was removed or its folder renamed, take the lease anew.
 
-        Raises LinkError when somebody else was faster, in a forked child, and as the constructor.
+        Raises DriverError when somebody else was faster, in a forked child, and as the constructor.
         """
         if os.getpid() != self._owner:
-            raise LinkError(
+            raise DriverError(
                 f"{self._name} is commanded by process {self._owner}, which this one was forked from; "
-                "valid: a link of its own in each process"
+                "valid: a driver of its own in each process"
             )
         if not self._handles or not _is_at(self._path, self._found):
             self.close()
@@ -67,7 +67,7 @@ class Lease:
                 self.close()  # it was removed meanwhile
         except OSError as error:
             self.close()
-            raise LinkError(
+            raise DriverError(
                 f"the lease {self._path}: {error.strerror}; valid: a plain file, or none"
             ) from error
         except BaseException:
@@ -81,13 +81,13 @@ class Lease:
         handle = self._opened(self._path, os.O_RDWR | os.O_CREAT | os.O_NONBLOCK)
         self._found = os.fstat(handle)
         if not stat.S_ISREG(self._found.st_mode):
-            raise LinkError(f"the lease {self._path} is no plain file; valid: a plain file, or none")
+            raise DriverError(f"the lease {self._path} is no plain file; valid: a plain file, or none")
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             said = os.pread(handle, 64, 0)
             holder = said.decode() if _HOLDER.fullmatch(said) else "another process"
-            raise LinkError(
+            raise DriverError(
                 f"{self._name} is commanded by {holder} already; valid: one commander at a time"
             ) from None
         # systemd clears old files out of /tmp, but not out of a folder that somebody has locked.
@@ -131,7 +131,7 @@ os.register_at_fork(after_in_child=_let_go)
 
 @contextmanager
 def lease(name: str) -> Iterator[Lease]:
-    """Hold the lease called `name` inside the block. Raises LinkError as `Lease` does."""
+    """Hold the lease called `name` inside the block. Raises DriverError as `Lease` does."""
     held = Lease(name)
     try:
         yield held
@@ -140,38 +140,38 @@ def lease(name: str) -> Iterator[Lease]:
 
 
 @contextmanager
-def commanding(link: Link) -> Iterator[None]:
-    """Hold the lease on the robot of `link` inside the block; its `write` makes sure of it each time.
+def commanding(driver: Driver) -> Iterator[None]:
+    """Hold the lease on the robot of `driver` inside the block; its `write` makes sure of it each time.
 
-    Raises LinkError as `Lease` does.
+    Raises DriverError as `Lease` does.
     """
-    with lease(link.lease_name) as held:
-        link.before_write = held.check
+    with lease(driver.lease_name) as held:
+        driver.before_write = held.check
         try:
             yield
         finally:
-            link.before_write = None
+            driver.before_write = None
 
 
 def _folder() -> Path:
     folder = Path(os.environ.get(FOLDER) or f"/tmp/tci-{os.getuid()}")
     if not folder.is_absolute():
-        raise LinkError(
+        raise DriverError(
             f"{FOLDER} is {str(folder)!r}; valid: an absolute path, wherever a program is started"
         )
     return folder
 
 
 def _make(folder: Path) -> None:
-    """Make a folder that is not there. Raises LinkError for one that is not the user's own."""
+    """Make a folder that is not there. Raises DriverError for one that is not the user's own."""
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         found = folder.lstat()
     except OSError as error:
-        raise LinkError(f"leases lie in {folder}: {error.strerror}; {VALID}") from error
+        raise DriverError(f"leases lie in {folder}: {error.strerror}; {VALID}") from error
     if not stat.S_ISDIR(found.st_mode):
-        raise LinkError(f"leases lie in {folder}, which is no folder; {VALID}")
+        raise DriverError(f"leases lie in {folder}, which is no folder; {VALID}")
     if found.st_uid != os.getuid():
-        raise LinkError(f"leases lie in {folder}, which belongs to somebody else; {VALID}")
+        raise DriverError(f"leases lie in {folder}, which belongs to somebody else; {VALID}")
     if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-        raise LinkError(f"leases lie in {folder}, which others may write to; {VALID}")
+        raise DriverError(f"leases lie in {folder}, which others may write to; {VALID}")

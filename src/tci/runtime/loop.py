@@ -1,4 +1,4 @@
-"""The loop: read, perceive, decide, gate, write; once per period of the link.
+"""The loop: read, perceive, decide, gate, write; once per period of the driver.
 
 It skips periods that it missed and counts them; after three the robot holds. However it ends, the robot is
 brought to rest; what goes wrong, in the capability, an observer or a thread, is raised then.
@@ -19,11 +19,11 @@ from tci.body.generic_body import Body
 from tci.capabilities.capability import Capability
 from tci.capabilities.orders import begin_of, step_of
 from tci.clock import ROUNDING
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.errors import CommandError, FrameError
 from tci.gate.gate import GateState, SafeCommand
 from tci.messages import JointReading, Order, Perception, PlatformOrder, Reading, SkinState
-from tci.runtime.arguments import as_capability, as_link, check_duration
+from tci.runtime.arguments import as_capability, as_driver, check_duration
 from tci.runtime.lease import commanding
 from tci.runtime.loop_report import LoopReport
 from tci.runtime.result import Account, RunResult
@@ -49,7 +49,7 @@ class Tick:
     """All that passed through the loop in one period."""
 
     now: float
-    """Time [s] on the link's clock."""
+    """Time [s] on the driver's clock."""
     reading: Reading
     """What the robot sent."""
     perception: Perception
@@ -57,13 +57,13 @@ class Tick:
     commands: tuple[Order, ...]
     """What the capability wanted."""
     sent: SafeCommand
-    """What the gate let pass and the link sent."""
+    """What the gate let pass and the driver sent."""
     skin: SkinState
     """What the skin felt, of which the contacts were made."""
 
 
 def run(
-    link: Link,
+    driver: Driver,
     capability: Capability[Memory],
     *,
     duration: float | None = None,
@@ -83,7 +83,7 @@ def run(
     `observe` is called after each tick, `sensed` before anything is made of its reading; the loop waits for
     both. `guard` is asked in each period for a
     reason to hold, empty for none (`heartbeat.Listener.fault`). `report` is filled on the way. Without
-    `write` nothing is sent, and the link need not be armed.
+    `write` nothing is sent, and the driver need not be armed.
     The run ends early when `until` says so of the capability's memory.
 
     However it ends, the robot is brought to rest, for at most `REST`; motions that were not over are cut
@@ -91,18 +91,18 @@ def run(
     CommandError, before anything moves, when the robot refuses what the capability begins with;
     TciError for a duration or arguments that are none, also before anything moves;
     CommandError, once the robot is at rest, for a step that gives no pair of commands and memory;
-    LinkError when somebody else commands the robot; and what link, capability, observer and threads
+    DriverError when somebody else commands the robot; and what driver, capability, observer and threads
     raise, after the gate has stopped and the robot is at rest.
     """
     check_duration(duration)
-    link, capability = as_link(link), as_capability(capability)
-    loop = _Loop(link, capability, observe, guard, report if report is not None else LoopReport(), write)
+    driver, capability = as_driver(driver), as_capability(capability)
+    loop = _Loop(driver, capability, observe, guard, report if report is not None else LoopReport(), write)
     loop.sensed = sensed
-    with commanding(link), interruptions() as interruption, frozen_garbage():
+    with commanding(driver), interruptions() as interruption, frozen_garbage():
         try:
-            start = link.clock.now()
+            start = driver.clock.now()
             loop.begin(start)
-            for now in link.ticks(duration=duration, start=start):
+            for now in driver.ticks(duration=duration, start=start):
                 loop.tick(now)
                 interruption.raise_it()
                 if until is not None and until(loop.memory):
@@ -126,27 +126,29 @@ class _Loop(Generic[Memory]):
 
     def __init__(
         self,
-        link: Link,
+        driver: Driver,
         capability: Capability[Memory],
         observe: Callable[[Tick], None] | None,
         guard: Callable[[], str] | None,
         report: LoopReport,
         write: bool,
     ) -> None:
-        self.link = link
+        self.driver = driver
         self.capability = capability
         self.observe = observe
         self.guard = guard
         self.sensed: Callable[[Reading], None] | None = None
         self.report = report
         self.write = write
-        self.body = Body(link.robot, keep_alive=link.keep_alive)
+        self.body = Body(driver.robot, keep_alive=driver.keep_alive)
         self.memory = capability.init()
-        self.account = Account(link)
+        self.account = Account(driver)
         self._begun = False
         self._before: float | None = None
         self._start = 0.0
-        self._silence = Silence(link.robot, stale_after=link.gate.stale_after, keep_alive=link.keep_alive)
+        self._silence = Silence(
+            driver.robot, stale_after=driver.gate.stale_after, keep_alive=driver.keep_alive
+        )
         self._misfit: float | None = None
         self._perception: Perception | None = None
         self._joints: JointReading | None = None
@@ -157,12 +159,12 @@ class _Loop(Generic[Memory]):
         self._start = now
 
     def tick(self, now: float) -> None:
-        """One period, at `now` [s] on the link's clock."""
+        """One period, at `now` [s] on the driver's clock."""
         begin = time.perf_counter()
-        gate = self.link.gate
+        gate = self.driver.gate
         if reason := self._timing(now) or (self.guard() if self.guard else ""):
             gate.hold(reason)
-        reading = self.link.read()
+        reading = self.driver.read()
         if self.sensed is not None:
             self.sensed(reading)
         self._joints = reading.joints
@@ -182,7 +184,7 @@ class _Loop(Generic[Memory]):
         orders, refused = self._in_own_joints(commands, reading.joints)
         sent = self._sent = gate.step(orders, reading.joints, now, refused=refused)
         if self.write:
-            self.link.write(sent)
+            self.driver.write(sent)
         self.account.see(seen, reading.joints.position, sent, opening=opening)
         if opening and sent.refusals:
             name = type(self.capability).__name__
@@ -197,7 +199,7 @@ class _Loop(Generic[Memory]):
         """Count what was missed of `duration` [s] after the last period that was served."""
         if duration is None or self._before is None:
             return
-        missed = math.ceil(duration / self.link.period - ROUNDING) - self._period_of(self._before) - 1
+        missed = math.ceil(duration / self.driver.period - ROUNDING) - self._period_of(self._before) - 1
         if missed > 0:
             self.report.overruns += 1
             self.report.missed += missed
@@ -217,7 +219,7 @@ class _Loop(Generic[Memory]):
 
     def _timing(self, now: float) -> str:
         """Count the periods before this one that were missed; why to hold, if there were too many."""
-        period = self.link.period
+        period = self.driver.period
         if self._before is None:
             self._before = now
             self._start += self._period_of(now) * period  # nothing was missed before the first
@@ -232,7 +234,7 @@ class _Loop(Generic[Memory]):
 
     def _period_of(self, now: float) -> int:
         """Which period, counted from 0, a time [s] is in."""
-        return int((now - self._start) / self.link.period + ROUNDING)
+        return int((now - self._start) / self.driver.period + ROUNDING)
 
     def _perceive(self, reading: Reading, now: float) -> Perception | None:
         """What the capability sees; None for a reading that does not fit. The robot stops if that lasts."""
@@ -242,7 +244,7 @@ class _Loop(Generic[Memory]):
             self.report.rejected += 1
             self._misfit = now if self._misfit is None else self._misfit
             if now - self._misfit > PERSISTS:
-                self.link.gate.stop(str(error))
+                self.driver.gate.stop(str(error))
             return None
         self._misfit = None
         return self._perception
@@ -251,8 +253,8 @@ class _Loop(Generic[Memory]):
         """Bring to rest what still moves, which nobody would renew or end, and let the hold clear again."""
         if self._sent is None or not _moves(self._sent):
             return
-        gate = self.link.gate
-        self.report.cut_short = self.write and not self.link.recorded
+        gate = self.driver.gate
+        self.report.cut_short = self.write and not self.driver.recorded
         self._rest(lambda: gate.hold("the run has ended"))
         for sent in self._writes():
             if sent.state is not GateState.HOLD:
@@ -260,7 +262,7 @@ class _Loop(Generic[Memory]):
 
     def stop(self, reason: str, cause: BaseException) -> None:
         """Stop the gate and bring the robot to rest. What fails is noted on `cause`."""
-        self.link.gate.stop(reason)
+        self.driver.gate.stop(reason)
         try:
             self._rest()
         except Exception as error:
@@ -274,17 +276,17 @@ class _Loop(Generic[Memory]):
 
     def _writes(self, halt: Callable[[], None] | None = None) -> Iterator[SafeCommand]:
         """Write once per period what the gate makes of no commands, for `REST` at most."""
-        link = self.link
-        if not self.write or not link.armed or link.recorded or self._joints is None:
+        driver = self.driver
+        if not self.write or not driver.armed or driver.recorded or self._joints is None:
             return
-        begin = link.clock.now()
-        for now in link.ticks(duration=REST):
+        begin = driver.clock.now()
+        for now in driver.ticks(duration=REST):
             with suppress(Exception):  # references need no reading to stop; torques end without one
                 if now - begin < REST - LET_GO:
-                    self._joints = link.read().joints
+                    self._joints = driver.read().joints
             if halt is not None:
                 halt()
-            yield link.write(link.gate.step((), self._joints, now))
+            yield driver.write(driver.gate.step((), self._joints, now))
 
 
 def _moves(sent: SafeCommand) -> bool:

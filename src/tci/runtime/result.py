@@ -9,7 +9,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.frames import Array
 from tci.gate.gate import GateState, SafeCommand
 from tci.messages import Perception
@@ -111,8 +111,8 @@ class RunResult(Generic[Memory]):
 class Account:
     """Gathers the result of a run, period by period, and logs the first notice of each kind."""
 
-    def __init__(self, link: Link) -> None:
-        self._link = link
+    def __init__(self, driver: Driver) -> None:
+        self._driver = driver
         self._contacts: object = ()
         self._touched: dict[str, float] = {}
         self._low: Array | None = None
@@ -144,13 +144,13 @@ class Account:
 
     def result(self, memory: Memory, report: LoopReport) -> RunResult[Memory]:
         """The result of the run that is over."""
-        gate = self._link.gate
+        gate = self._driver.gate
         if gate.state is GateState.STOP:
-            self._stop(gate.reason, self._link.clock.now())
+            self._stop(gate.reason, self._driver.clock.now())
         return RunResult(
             memory=memory,
             report=report,
-            robot=self._link.robot.name,
+            robot=self._driver.robot.name,
             state=gate.state,
             reason=gate.reason,
             touched=dict(self._touched),
@@ -175,14 +175,14 @@ class Account:
             return {}
         ways = self._high - self._low
         order = np.argsort(-ways, kind="stable")
-        servos = self._link.robot.servos
+        servos = self._driver.robot.servos
         return {servos[i].name: float(ways[i]) for i in order.tolist() if ways[i] >= MOVED}
 
     def _note(self, reasons: Reasons, kind: str, words: str, now: float) -> None:
         if reasons.add(words, now):
-            _log.warning("%s at %.3f s, %s: %s", self._link.robot.name, now, kind, words)
+            _log.warning("%s at %.3f s, %s: %s", self._driver.robot.name, now, kind, words)
 
     def _stop(self, reason: str, now: float) -> None:
         if reason != self._stopped:
             self._stopped = reason
-            _log.error("%s at %.3f s, stopped until it is reset: %s", self._link.robot.name, now, reason)
+            _log.error("%s at %.3f s, stopped until it is reset: %s", self._driver.robot.name, now, reason)

@@ -39,7 +39,8 @@ def serve(
     served: Served | None = None,
     clock: Clock | None = None,
 ) -> Served:
-    """Show the robot of `server.link` for `duration` [s], or until interrupted; read-only unless it is armed.
+    """Show the robot of `server.driver` for `duration` [s], or until interrupted; read-only unless it is
+    armed.
 
     An order that does not fit the robot is refused and changes nothing. `clock` is the one of those who
     order: the machine's, unless told otherwise. Raises what `run` raises.
@@ -53,8 +54,8 @@ def serve(
 
     with attentive():
         run(
-            server.link, orders, duration=duration, observe=see, sensed=server.show, guard=orders.hold,
-            report=report, write=server.link.armed,
+            server.driver, orders, duration=duration, observe=see, sensed=server.show, guard=orders.hold,
+            report=report, write=server.driver.armed,
         )  # fmt: skip
     return orders.served
 
@@ -79,13 +80,13 @@ class _Orders(Capability[None]):
             if self._tick is None:
                 self._refuse(order, "the robot has not been read yet", perception.stamp)
                 continue
-            if not self.server.link.armed:
+            if not self.server.driver.armed:
                 words = "this robot is shown read-only; valid: tci serve --arm"
                 self._refuse(order, words, perception.stamp)
                 continue
             try:
                 position = self._tick.reading.joints.position
-                passed.append(order_to_platform(self.server.link.robot, order, position))
+                passed.append(order_to_platform(self.server.driver.robot, order, position))
             except TciError as error:
                 self._refuse(order, str(error), perception.stamp)
         return tuple(passed), None
@@ -98,7 +99,7 @@ class _Orders(Capability[None]):
     def see(self, tick: Tick) -> None:
         """Publish a period."""
         if self._standstill is None:  # the first period compiles and reads files
-            self._standstill = Standstill(self.clock, stale_after=self.server.link.gate.stale_after)
+            self._standstill = Standstill(self.clock, stale_after=self.server.driver.gate.stale_after)
         self._tick = tick
         for reason in tick.sent.refusals:
             self.served.refusals.add(reason, tick.now)

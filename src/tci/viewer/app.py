@@ -53,7 +53,7 @@ class Viewer:
         port: int = 8080,
         folder: Path = Path("recordings"),
     ) -> None:
-        """Open the page; recordings go into `folder`. Raises LinkError for a port that is taken."""
+        """Open the page; recordings go into `folder`. Raises DriverError for a port that is taken."""
         self.sources: Mapping[str, Source] = _by_key(sources)
         self.sessions = {key: source for key, source in self.sources.items() if isinstance(source, Session)}
         """Those that are not recorded, by key."""

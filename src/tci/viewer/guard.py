@@ -29,7 +29,7 @@ from websockets.datastructures import Headers, MultipleValuesError
 from websockets.http11 import Request, Response
 
 from tci.drivers.visitors import PATIENCE, Visitors
-from tci.errors import LinkError, TciError
+from tci.errors import DriverError, TciError
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
 ALIVE = "/alive"
@@ -184,7 +184,7 @@ def _query_token(request: Request) -> str:
 def open_server(host: str, port: int, *, label: str) -> tuple[viser.ViserServer, Guard, str]:
     """A viser server behind a guard, the guard, and the address to open.
 
-    Off the loopback a token is made. Raises LinkError for a port that is taken or a host that is not
+    Off the loopback a token is made. Raises DriverError for a port that is taken or a host that is not
     this machine's.
     """
     # Strangers' broken requests are refused by the library; users need no traceback of each.
@@ -194,7 +194,7 @@ def open_server(host: str, port: int, *, label: str) -> tuple[viser.ViserServer,
     try:
         listener = socket.create_server((host, port), family=family)
     except OSError as error:
-        raise LinkError(
+        raise DriverError(
             f"port {port} of {host}: {os.strerror(error.errno or 0)}; valid: a free port, or 0"
         ) from error
     bound = listener.getsockname()[1]

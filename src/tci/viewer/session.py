@@ -15,9 +15,9 @@ import numpy as np
 from tci.body.generic_body import Body
 from tci.body.places import Place
 from tci.capabilities.capability import Capability
-from tci.drivers.driver import Link
-from tci.drivers.faults.fault_injector import FaultPlan, FaultyLink
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.driver import Driver
+from tci.drivers.faults.fault_injector import FaultInjector, FaultPlan
+from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError, TciError
 from tci.gate.acceptance import fault_of_reading
 from tci.gate.gate import GateState
@@ -52,12 +52,12 @@ class _Closed(Exception):
 class Session:
     """A robot, live or simulated. Methods may be called from any thread."""
 
-    def __init__(self, link: Link, capability: Capability[Any], *, about: dict[str, str]) -> None:
+    def __init__(self, driver: Driver, capability: Capability[Any], *, about: dict[str, str]) -> None:
         """`about` goes into recordings. `start` begins; `close` ends."""
-        self.robot = link.robot
-        self.link = FaultyLink(link, [])
-        self.world = link.world if isinstance(link, SimulatedLink) else None
-        self.armed = link.armed
+        self.robot = driver.robot
+        self.driver = FaultInjector(driver, [])
+        self.world = driver.world if isinstance(driver, SimulatedDriver) else None
+        self.armed = driver.armed
         self.view: View | None = None
         """The latest view."""
         self.history = History()
@@ -99,13 +99,13 @@ class Session:
         self._thread.start()
 
     def close(self) -> None:
-        """Bring the robot to rest, end the loop, close recording and link."""
+        """Bring the robot to rest, end the loop, close recording and driver."""
         self._closing.set()
         self._again.set()
         if self._thread.ident is not None:
             self._thread.join(timeout=5.0)
         self.stop_recording()
-        self.link.close()
+        self.driver.close()
 
     def post(self, action: Callable[[], None]) -> None:
         """Do something between two periods, in the loop's thread. What it raises becomes an event."""
@@ -146,7 +146,7 @@ class Session:
         self.rehearsal = rehearsal = Rehearsal(plan)
 
         def begin() -> None:
-            self.link.inject(plan)
+            self.driver.inject(plan)
             self.say(f"fault for {rehearsal.plan.lasts:g} s: {plan}")
 
         self.post(begin)
@@ -154,22 +154,22 @@ class Session:
     def reset(self) -> None:
         """For an operator: leave STOP, or begin again after the loop ended."""
         if self.ended:
-            self.link.gate.reset()
+            self.driver.gate.reset()
             self._again.set()
         else:
-            self.post(self.link.gate.reset)
+            self.post(self.driver.gate.reset)
         self.say("reset by the operator")
 
     def record(self, path: Path) -> None:
         """Record from now on. Raises RecordingError."""
-        about = {"recorded_by": "tci view", **self.link.about, **self._about}
+        about = {"recorded_by": "tci view", **self.driver.about, **self._about}
         middleware = self._about.get("middleware", "sim")
         self.recorder = Recorder(
             path,
             self.robot,
             middleware=middleware,
-            period=self.link.period,
-            keep_alive=self.link.keep_alive,
+            period=self.driver.period,
+            keep_alive=self.driver.keep_alive,
             about=about,
         )
         self.say(f"recording to {path}")
@@ -193,7 +193,7 @@ class Session:
             self._real_time.forget()
             try:
                 if self.armed:
-                    run(self.link, self._steered, observe=self._see, report=self.report)
+                    run(self.driver, self._steered, observe=self._see, report=self.report)
                 else:
                     self._watch()
             except _Closed:
@@ -210,15 +210,15 @@ class Session:
 
     def _watch(self) -> None:
         """A robot that nobody commands from here."""
-        body = Body(self.robot, keep_alive=self.link.keep_alive)
-        for now in self.link.ticks():
-            reading = self.link.read()
+        body = Body(self.robot, keep_alive=self.driver.keep_alive)
+        for now in self.driver.ticks():
+            reading = self.driver.read()
             perception = body.perceive(reading, now)
             with self._recording:
                 if self.recorder is not None:
                     self.recorder.tick(now, reading)
             felt = {name: patch.pressure for name, patch in body.skin.state.patches.items()}
-            old = fault_of_reading(self.robot, reading.joints, now, self.link.gate.stale_after)
+            old = fault_of_reading(self.robot, reading.joints, now, self.driver.gate.stale_after)
             self._publish(
                 View(now, reading.joints, perception.posture, felt, perception.contacts, None, old, 0.0)
             )
@@ -261,7 +261,7 @@ class Session:
         rehearsal = self.rehearsal
         if rehearsal is None or rehearsal.over:
             return
-        active = any(plan.name == rehearsal.plan.name for plan in self.link.active)
+        active = any(plan.name == rehearsal.plan.name for plan in self.driver.active)
         rehearsal.see(tick.now, tick.sent, active=active)
         if rehearsal.over:
             self.say(rehearsal.words)

@@ -23,7 +23,7 @@ class View:
     """One robot at one instant."""
 
     time: float
-    """Time [s] on the link's clock."""
+    """Time [s] on the driver's clock."""
     joints: JointReading
     """Where the servos are."""
     posture: Mapping[str, Array]

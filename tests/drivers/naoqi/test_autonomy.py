@@ -8,29 +8,29 @@ import pytest
 
 from drivers.naoqi.living_nao import LivingNao, cut
 from drivers.naoqi.still_nao import StillNao
-from drivers.naoqi.test_naoqi_link import ROBOT, wait_for
-from tci.drivers.driver import Link
+from drivers.naoqi.test_naoqi_driver import ROBOT, wait_for
+from tci.drivers.driver import Driver
 from tci.drivers.registry import connect
-from tci.errors import LinkError
+from tci.errors import DriverError
 from tci.gate.gate import GateState, SafeCommand
 
 
-def is_back(link: Any, generation: int = 1) -> None:
-    wait_for(lambda: link._poller.generation == generation and link.read() is not None, link)
+def is_back(driver: Any, generation: int = 1) -> None:
+    wait_for(lambda: driver._poller.generation == generation and driver.read() is not None, driver)
 
 
-def step(link: Link) -> SafeCommand:
-    command = link.native("LArm").command({"LElbowRoll": -0.2}, speed=0.3)
-    return link.write(link.gate.step([command], link.read().joints, link.clock.now()))
+def step(driver: Driver) -> SafeCommand:
+    command = driver.native("LArm").command({"LElbowRoll": -0.2}, speed=0.3)
+    return driver.write(driver.gate.step([command], driver.read().joints, driver.clock.now()))
 
 
-def watch(link: Link) -> SafeCommand:
+def watch(driver: Driver) -> SafeCommand:
     """A step without a command: this NAO stands still, which the gate would see."""
-    return link.write(link.gate.step([], link.read().joints, link.clock.now()))
+    return driver.write(driver.gate.step([], driver.read().joints, driver.clock.now()))
 
 
-def moves(link: Link) -> bool:
-    return step(link).state is GateState.RUN
+def moves(driver: Driver) -> bool:
+    return step(driver).state is GateState.RUN
 
 
 def test_a_robot_that_moves_by_itself_is_not_armed_unless_that_is_switched_off_and_on_again() -> None:
@@ -38,10 +38,10 @@ def test_a_robot_that_moves_by_itself_is_not_armed_unless_that_is_switched_off_a
         life, motion = nao.services["ALAutonomousLife"], nao.services["ALMotion"]
         life.setState("solitary")
         motion.setBreathEnabled("LArm", True)
-        with connect(ROBOT, nao.via) as link:
-            found = {finding.what for finding in link.diagnose() if finding.subject == "autonomy"}
+        with connect(ROBOT, nao.via) as driver:
+            found = {finding.what for finding in driver.diagnose() if finding.subject == "autonomy"}
             assert any("autonomous life (solitary)" in what for what in found)
-        with pytest.raises(LinkError, match=r"autonomous life \(solitary\), Breath of LArm.*life=off"):
+        with pytest.raises(DriverError, match=r"autonomous life \(solitary\), Breath of LArm.*life=off"):
             connect(ROBOT, nao.via, arm=True)
         assert life.getState() == "solitary"
         with connect(ROBOT, f"{nao.via}?life=off", arm=True):
@@ -52,65 +52,65 @@ def test_a_robot_that_moves_by_itself_is_not_armed_unless_that_is_switched_off_a
 
 
 def test_a_robot_that_restarts_with_life_on_stops_the_gate_until_it_is_connected_anew() -> None:
-    with LivingNao("disabled") as nao, connect(ROBOT, nao.via, arm=True) as link:
-        wait_for(lambda: moves(link))
+    with LivingNao("disabled") as nao, connect(ROBOT, nao.via, arm=True) as driver:
+        wait_for(lambda: moves(driver))
         nao.kill()
         with LivingNao("solitary", nao.port) as again:
-            is_back(link)
-            sent = step(link)
+            is_back(driver)
+            sent = step(driver)
             assert (sent.state, sent.servos.size) == (GateState.STOP, 0)
             assert "autonomous life (solitary); valid: end that and connect again" in sent.reason
-            link.gate.reset()
-            assert step(link).state is GateState.STOP  # nothing has changed
+            driver.gate.reset()
+            assert step(driver).state is GateState.STOP  # nothing has changed
             assert again.life() == "solitary"
 
 
 def test_a_robot_that_restarts_with_life_on_is_quietened_again_and_restored_at_the_end() -> None:
-    with LivingNao("solitary") as nao, connect(ROBOT, f"{nao.via}?life=off", arm=True) as link:
+    with LivingNao("solitary") as nao, connect(ROBOT, f"{nao.via}?life=off", arm=True) as driver:
         assert nao.life() == "disabled"
         nao.kill()
         with LivingNao("interactive", nao.port) as again:
-            is_back(link)
+            is_back(driver)
             assert again.life() == "disabled"
-            wait_for(lambda: moves(link))
-            link.close()
-            assert again.life() == "solitary"  # as before the link, whatever it was in between
+            wait_for(lambda: moves(driver))
+            driver.close()
+            assert again.life() == "solitary"  # as before the driver, whatever it was in between
 
 
 def test_a_robot_that_restarts_is_not_back_before_its_life_can_be_asked(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    with LivingNao("disabled") as nao, connect(ROBOT, nao.via, arm=True) as link:
+    with LivingNao("disabled") as nao, connect(ROBOT, nao.via, arm=True) as driver:
         monkeypatch.setattr("tci.drivers.naoqi.session.TIMEOUT", 1.0)
         nao.kill()
         with LivingNao("solitary", nao.port, late=True) as again:
-            wait_for(lambda: "no service ALAutonomousLife" in link._poller.trouble, link)
-            assert step(link).state is GateState.HOLD
+            wait_for(lambda: "no service ALAutonomousLife" in driver._poller.trouble, driver)
+            assert step(driver).state is GateState.HOLD
             again.go_on()
-            is_back(link)
-            assert step(link).state is GateState.STOP
+            is_back(driver)
+            assert step(driver).state is GateState.STOP
 
 
 @pytest.mark.parametrize("waits", [True, False], ids=["after it", "in it"])
 def test_a_gap_in_the_network_does_not_leave_life_off(waits: bool) -> None:
-    with LivingNao("solitary") as nao, connect(ROBOT, f"{nao.via}?life=off", arm=True) as link:
+    with LivingNao("solitary") as nao, connect(ROBOT, f"{nao.via}?life=off", arm=True) as driver:
         cut(nao.port)
         if waits:
-            is_back(link)
+            is_back(driver)
             assert nao.life() == "disabled"
         else:
-            poller: Any = link._poller  # type: ignore[attr-defined]
+            poller: Any = driver._poller  # type: ignore[attr-defined]
             wait_for(lambda: poller.generation == 1 or not poller.services.session.isConnected())
-        link.close()
+        driver.close()
         assert nao.life() == "solitary"
 
 
 def test_what_stays_off_is_told_with_what_to_do() -> None:
-    with LivingNao("solitary") as nao, connect(ROBOT, f"{nao.via}?life=off", arm=True) as link:
+    with LivingNao("solitary") as nao, connect(ROBOT, f"{nao.via}?life=off", arm=True) as driver:
         nao.kill()
-        wait_for(lambda: bool(link._poller.trouble), link)
+        wait_for(lambda: bool(driver._poller.trouble), driver)
         with pytest.warns(RuntimeWarning, match=r"autonomous life \(solitary\).*by hand") as told:
-            link.close()
+            driver.close()
         assert [one.category for one in told].count(RuntimeWarning) == 1
 
 
@@ -124,38 +124,38 @@ def test_what_can_not_be_switched_off_after_a_gap_stops_the_gate() -> None:
     with StillNao(without=("ALAutonomousLife",)) as nao:
         life = Stubborn()
         nao.session.registerService("ALAutonomousLife", life)
-        with connect(ROBOT, f"{nao.via}?life=off", arm=True) as link:
+        with connect(ROBOT, f"{nao.via}?life=off", arm=True) as driver:
             life._state = "interactive"
             cut(nao.port)
-            is_back(link)
-            sent = step(link)
+            is_back(driver)
+            sent = step(driver)
             assert sent.state is GateState.STOP
             assert "autonomous life (interactive) can't be switched off" in sent.reason
             assert "not now" in sent.reason
 
 
 def test_life_that_somebody_switches_on_meanwhile_stops_the_gate() -> None:
-    with StillNao() as nao, connect(ROBOT, nao.via, arm=True) as link:
-        lookout: Any = link._lookout  # type: ignore[attr-defined]
-        wait_for(lambda: watch(link).state is GateState.RUN and lookout._was_off)
+    with StillNao() as nao, connect(ROBOT, nao.via, arm=True) as driver:
+        lookout: Any = driver._lookout  # type: ignore[attr-defined]
+        wait_for(lambda: watch(driver).state is GateState.RUN and lookout._was_off)
         nao.services["ALAutonomousLife"].setState("interactive")
-        wait_for(lambda: watch(link).state is GateState.STOP)
-        sent = watch(link)
+        wait_for(lambda: watch(driver).state is GateState.STOP)
+        sent = watch(driver)
         assert "autonomous life has been switched on (interactive); valid: end that" in sent.reason
 
 
-def test_life_that_comes_after_the_link_and_is_on_stops_the_gate(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_life_that_comes_after_the_driver_and_is_on_stops_the_gate(monkeypatch: pytest.MonkeyPatch) -> None:
     """While a robot boots its services come one by one."""
     from tci.drivers.naoqi.services import ALAutonomousLife
 
     monkeypatch.setattr("tci.drivers.naoqi.autonomy.EVERY", 0.01)
-    with StillNao(without=("ALAutonomousLife",)) as nao, connect(ROBOT, nao.via, arm=True) as link:
-        wait_for(lambda: watch(link).state is GateState.RUN)
+    with StillNao(without=("ALAutonomousLife",)) as nao, connect(ROBOT, nao.via, arm=True) as driver:
+        wait_for(lambda: watch(driver).state is GateState.RUN)
         life = ALAutonomousLife()
         life._state = "solitary"
         nao.session.registerService("ALAutonomousLife", life)
-        wait_for(lambda: watch(link).state is GateState.STOP)
-        assert "autonomous life has been switched on (solitary)" in watch(link).reason
+        wait_for(lambda: watch(driver).state is GateState.STOP)
+        assert "autonomous life has been switched on (solitary)" in watch(driver).reason
 
 
 def test_life_that_is_still_ending_stops_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -176,20 +176,20 @@ def test_life_that_is_still_ending_stops_nothing(monkeypatch: pytest.MonkeyPatch
         life = Slow()
         life._state = "solitary"
         nao.session.registerService("ALAutonomousLife", life)
-        with connect(ROBOT, f"{nao.via}?life=off", arm=True) as link:
-            wait_for(lambda: watch(link).state is GateState.RUN and len(asked) > 5)
-            assert link.gate.counts.stops == 0
+        with connect(ROBOT, f"{nao.via}?life=off", arm=True) as driver:
+            wait_for(lambda: watch(driver).state is GateState.RUN and len(asked) > 5)
+            assert driver.gate.counts.stops == 0
             life._state = "disabled"
-            wait_for(lambda: watch(link).state is GateState.RUN and asked[-3:] == ["disabled"] * 3)
+            wait_for(lambda: watch(driver).state is GateState.RUN and asked[-3:] == ["disabled"] * 3)
             life._state = "solitary"
-            wait_for(lambda: watch(link).state is GateState.STOP)
+            wait_for(lambda: watch(driver).state is GateState.STOP)
 
 
-def test_a_link_that_only_reads_leaves_a_robot_that_comes_back_alone() -> None:
-    with StillNao() as nao, connect(ROBOT, f"{nao.via}?life=off") as link:
+def test_a_driver_that_only_reads_leaves_a_robot_that_comes_back_alone() -> None:
+    with StillNao() as nao, connect(ROBOT, f"{nao.via}?life=off") as driver:
         nao.services["ALAutonomousLife"].setState("solitary")
         cut(nao.port)
-        is_back(link)
-        joints = link.read().joints
-        assert link.gate.step([], joints, joints.stamp).state is GateState.RUN
+        is_back(driver)
+        joints = driver.read().joints
+        assert driver.gate.step([], joints, joints.stamp).state is GateState.RUN
         assert nao.services["ALAutonomousLife"].getState() == "solitary"

@@ -11,8 +11,8 @@ import pytest
 from drivers.naoqi.still_nao import Doorman, StillNao
 from drivers.served import needs_qi
 from tci.drivers.diagnosis import Level
-from tci.drivers.registry import connect, load_link
-from tci.errors import LinkError
+from tci.drivers.registry import connect, load_driver
+from tci.errors import DriverError
 from tci.robot.catalogue import load_robot
 
 needs_qi()
@@ -40,12 +40,12 @@ def test_addresses(text: str, url: str) -> None:
              "//10.0.0.5?pepper=1", "//10.0.0.5#x"],
 )  # fmt: skip
 def test_other_addresses_are_refused_with_those_that_are_valid(text: str) -> None:
-    with pytest.raises(LinkError, match="valid"):
+    with pytest.raises(DriverError, match="valid"):
         parse_address(text)
 
 
 def test_a_password_on_the_command_line_is_refused_and_not_repeated() -> None:
-    with pytest.raises(LinkError, match=PASSWORD) as caught:
+    with pytest.raises(DriverError, match=PASSWORD) as caught:
         parse_address("//nao:secret@10.0.0.5")
     assert "secret" not in str(caught.value)
 
@@ -53,11 +53,11 @@ def test_a_password_on_the_command_line_is_refused_and_not_repeated() -> None:
 def test_nobody_there_a_service_that_is_missing_and_a_port_that_is_none_of_naoqis() -> None:
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    with pytest.raises(LinkError, match="is the robot on"):
+    with pytest.raises(DriverError, match="is the robot on"):
         open_session(Address("127.0.0.1", port))
-    with StillNao(without=("ALMotion",)) as nao, pytest.raises(LinkError, match="no service ALMotion"):
+    with StillNao(without=("ALMotion",)) as nao, pytest.raises(DriverError, match="no service ALMotion"):
         connect(load_robot("nao"), nao.via)
-    with socket.create_server(("127.0.0.1", 0)) as silent, pytest.raises(LinkError, match=r"NAOqi 2\.9"):
+    with socket.create_server(("127.0.0.1", 0)) as silent, pytest.raises(DriverError, match=r"NAOqi 2\.9"):
         open_session(Address("127.0.0.1", silent.getsockname()[1]), timeout=0.3)
 
 
@@ -73,8 +73,8 @@ def test_the_credentials_of_29_open_the_door_over_tls(
     doorman: Doorman, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv(PASSWORD, "open sesame")
-    with connect(load_robot("nao"), f"naoqi://nao@127.0.0.1:{doorman.port}") as link:
-        assert link.read().joints.position.shape == (14,)
+    with connect(load_robot("nao"), f"naoqi://nao@127.0.0.1:{doorman.port}") as driver:
+        assert driver.read().joints.position.shape == (14,)
     assert doorman.refused == 0
 
 
@@ -83,26 +83,26 @@ def test_wrong_credentials_and_none_are_told_without_the_password(
 ) -> None:
     via = f"naoqi://nao@127.0.0.1:{doorman.port}"
     monkeypatch.setenv(PASSWORD, "open barley")
-    with pytest.raises(LinkError, match="are user and") as caught:
+    with pytest.raises(DriverError, match="are user and") as caught:
         connect(load_robot("nao"), via)
     assert "barley" not in str(caught.value)
     assert doorman.refused == 1
     monkeypatch.delenv(PASSWORD)
-    with pytest.raises(LinkError, match="is missing; valid: set"):
+    with pytest.raises(DriverError, match="is missing; valid: set"):
         connect(load_robot("nao"), via)
 
 
 def test_probe_names_the_step_that_fails() -> None:
     robot = load_robot("nao")
     with StillNao() as nao:
-        assert [step.level for step in load_link("naoqi").probe(robot, f"//127.0.0.1:{nao.port}")] == [
+        assert [step.level for step in load_driver("naoqi").probe(robot, f"//127.0.0.1:{nao.port}")] == [
             Level.OK, Level.OK,
         ]  # fmt: skip
         port = nao.port
-    (gone,) = load_link("naoqi").probe(robot, f"//127.0.0.1:{port}")
+    (gone,) = load_driver("naoqi").probe(robot, f"//127.0.0.1:{port}")
     assert (gone.subject, gone.level) == ("network", Level.FAULT)
     with socket.create_server(("127.0.0.1", 0)) as other:
-        steps = load_link("naoqi").probe(robot, f"//127.0.0.1:{other.getsockname()[1]}")
+        steps = load_driver("naoqi").probe(robot, f"//127.0.0.1:{other.getsockname()[1]}")
         assert [(step.subject, step.level) for step in steps] == [
             ("network", Level.OK), ("NAOqi", Level.FAULT),
         ]  # fmt: skip

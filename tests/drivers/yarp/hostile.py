@@ -95,7 +95,7 @@ def sent(items: Sequence[Any], dialect: Dialect, chance: random.Random) -> list[
 
 
 def strange_messages(port: Port) -> Callable[[random.Random], None]:
-    """Takes one strange message by all that a served board, a link and `port` do with what comes in."""
+    """Takes one strange message by all that a served board, a driver and `port` do with what comes in."""
     boards = {dialect: _board() for dialect in DIALECTS.values()}
     calls = {V3: [from_text(call) for call in V3_CALLS], V4: [_call(name) for name in CALLS]}
     streams = {V3: [from_text(text) for text in STREAMS], V4: [_of_v4(from_text(text)) for text in STREAMS]}

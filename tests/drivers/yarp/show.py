@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 
 from drivers.patient import patient
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.simulated import SimulatedDriver
 from tci.drivers.yarp.dialect import Dialect
 from tci.drivers.yarp.incoming import Delivery
 from tci.drivers.yarp.names import Names
@@ -32,8 +32,8 @@ class Show:
 
     def __init__(self, dialect: Dialect, robot: str = "nao", *, where: str = "127.0.0.1:0") -> None:
         self.dialect = dialect
-        self.link = SimulatedLink(patient(robot), paced=True)
-        self.server = YarpServer(self.link, f"{where},dialect={dialect.name}")
+        self.driver = SimulatedDriver(patient(robot), paced=True)
+        self.server = YarpServer(self.driver, f"{where},dialect={dialect.name}")
         self.network = self.server.network
         self.names = Names(self.network.address)
         self.served = Served()

@@ -16,9 +16,9 @@ from tci.drivers.diagnosis import Level
 from tci.drivers.yarp.address import parse
 from tci.drivers.yarp.bindings.module import reader, to_bottle
 from tci.drivers.yarp.bindings.network import Bindings
-from tci.drivers.yarp.driver import YarpLink
+from tci.drivers.yarp.driver import YarpDriver
 from tci.drivers.yarp.values import Float32, Int8, Int16, Int64, Vocab
-from tci.errors import LinkError, MissingExtraError, WireError
+from tci.errors import DriverError, MissingExtraError, WireError
 
 
 @pytest.fixture
@@ -31,7 +31,7 @@ def test_without_bindings_the_error_says_how_to_get_them_and_what_works_without(
     for address in ("bindings", "127.0.0.1:9,bindings", "bindings,dialect=3"):
         with pytest.raises(MissingExtraError, match=r"(?s)conda-forge.*CREATE_PYTHON.*PyPI.*by itself"):
             tci.connect(tci.load_robot("nao"), f"yarp:{address}")
-    (finding,) = YarpLink.probe(tci.load_robot("nao"), "bindings")
+    (finding,) = YarpDriver.probe(tci.load_robot("nao"), "bindings")
     assert finding.level is Level.FAULT
     assert "conda" in finding.what
 
@@ -52,7 +52,7 @@ def test_the_choice_is_a_word_of_the_address() -> None:
     assert parse("bindings,carrier=shmem").carrier == "shmem"
     assert not parse("10.0.0.2").bindings
     for wrong in ("carrier=shmem", "bindings,carrier=text", "bindings=1", "robot=icub,binding"):
-        with pytest.raises(LinkError, match="then bindings, dialect="):
+        with pytest.raises(DriverError, match="then bindings, dialect="):
             parse(wrong)
 
 

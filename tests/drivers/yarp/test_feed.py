@@ -1,4 +1,4 @@
-"""What a link keeps of a port, and when it waits for more."""
+"""What a driver keeps of a port, and when it waits for more."""
 
 from __future__ import annotations
 

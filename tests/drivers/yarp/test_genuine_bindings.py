@@ -1,7 +1,7 @@
 """The ports and calls of YARP's own bindings against ours, in the dialect that they have.
 
 Neither Debian nor PyPI has the bindings, so this runs where somebody has them. There the contract of every
-link, `drivers/test_link.py`, runs over them too.
+driver, `drivers/test_driver.py`, runs over them too.
 """
 
 from __future__ import annotations
@@ -14,15 +14,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from drivers.links import bindings_configured
 from drivers.patient import patient
+from drivers.wires import bindings_configured
 from drivers.yarp.show import Show, until
 from peers import needs_yarp_bindings
 from tci.drivers.yarp.address import parse
 from tci.drivers.yarp.bindings.network import Bindings
 from tci.drivers.yarp.board import find_board
 from tci.drivers.yarp.dialect import DIALECTS, Dialect
-from tci.drivers.yarp.driver import YarpLink
+from tci.drivers.yarp.driver import YarpDriver
 from tci.drivers.yarp.incoming import Delivery
 from tci.drivers.yarp.message import Stamp
 from tci.drivers.yarp.name_server import NameServer
@@ -30,7 +30,7 @@ from tci.drivers.yarp.names import PATIENCE, parse_address
 from tci.drivers.yarp.network import Network
 from tci.drivers.yarp.values import Vocab
 from tci.drivers.yarp.wire import Wire
-from tci.errors import LinkError, UnknownNameError
+from tci.errors import DriverError, UnknownNameError
 from tci.gate.gate import GateState
 
 SPOKEN = DIALECTS[needs_yarp_bindings()]
@@ -93,7 +93,7 @@ def test_calls_are_answered(ends: tuple[Network, Network], dialect: Dialect) -> 
     finally:
         caller.close()
         port.close()
-    with pytest.raises(LinkError):
+    with pytest.raises(DriverError):
         caller.call(1)
 
 
@@ -108,7 +108,7 @@ def test_a_call_that_nobody_answers_is_an_error_and_the_next_one_is_made_anew(di
     port = Wire().port("/slow", dialect, answer)
     caller = network.caller(network.query("/slow"), "/asks", dialect)
     try:
-        with pytest.raises(LinkError, match="/slow does not answer"):
+        with pytest.raises(DriverError, match="/slow does not answer"):
             caller.call(1, patience=0.2)
         assert caller.call(2) == [0]
     finally:
@@ -143,7 +143,7 @@ def test_a_writer_tells_that_its_reader_is_gone(dialect: Dialect) -> None:
     def lost() -> bool:
         try:
             return not writer.offer([1], dialect) and writer.is_over()
-        except LinkError:
+        except DriverError:
             return True
 
     assert until(lost)
@@ -165,9 +165,9 @@ def test_a_connection_that_rests_stays_open(dialect: Dialect) -> None:
 
 def test_their_name_server_and_their_dialect_are_the_only_ones(dialect: Dialect) -> None:
     other = next(name for name in DIALECTS if name != dialect.name)
-    with pytest.raises(LinkError, match="speak no other"):
+    with pytest.raises(DriverError, match="speak no other"):
         parse(f"bindings,dialect={other}").network()
-    with pytest.raises(LinkError, match=r"valid: yarp conf 127\.0\.0\.1 9 before"):
+    with pytest.raises(DriverError, match=r"valid: yarp conf 127\.0\.0\.1 9 before"):
         parse("127.0.0.1:9,bindings").network()
     assert Bindings().address == Wire().address
 
@@ -178,21 +178,23 @@ def test_a_robot_that_they_serve_is_found_and_moved_by_ours(dialect: Dialect) ->
         board = find_board(Wire(), "/nao/LArm", "/asks")
         assert (board.dialect, board.axes(), board.name(3)) == (dialect, 6, "LElbowRoll")
         board.close()
-        with YarpLink(patient("nao")) as link:
-            assert set(link.boards) == {"Head", "LArm", "RArm"}
-            assert {frame.patch for frame in link.read().skin} == {patch.name for patch in link.robot.patches}
-        with YarpLink(patient("nao"), show.server.reach().removeprefix("yarp:"), arm=True) as link:
-            assert link.network.title == show.network.title
-            arm = link.native("LArm")
+        with YarpDriver(patient("nao")) as driver:
+            assert set(driver.boards) == {"Head", "LArm", "RArm"}
+            assert {frame.patch for frame in driver.read().skin} == {
+                patch.name for patch in driver.robot.patches
+            }
+        with YarpDriver(patient("nao"), show.server.reach().removeprefix("yarp:"), arm=True) as driver:
+            assert driver.network.title == show.network.title
+            arm = driver.native("LArm")
 
             def arrived() -> bool:
                 orders = [arm.command({"LElbowRoll": -1.2})]
-                for now in link.ticks(duration=0.5):
-                    link.write(link.gate.step(orders, link.read().joints, now))
+                for now in driver.ticks(duration=0.5):
+                    driver.write(driver.gate.step(orders, driver.read().joints, now))
                     orders = []
-                if link.gate.state is GateState.STOP:
-                    link.gate.reset()
-                return abs(arm.positions(link.read().joints)["LElbowRoll"] + 1.2) < 0.01
+                if driver.gate.state is GateState.STOP:
+                    driver.gate.reset()
+                return abs(arm.positions(driver.read().joints)["LElbowRoll"] + 1.2) < 0.01
 
             assert until(arrived)
     finally:

@@ -12,7 +12,7 @@ import pytest
 import tci
 from drivers.yarp.hostile import strange_messages
 from drivers.yarp.show import until
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.simulated import SimulatedDriver
 from tci.drivers.yarp import message, outgoing
 from tci.drivers.yarp.bottle import encode_bottle
 from tci.drivers.yarp.carrier import TCP, TEXT
@@ -26,7 +26,7 @@ from tci.drivers.yarp.served_board import ServedBoard
 from tci.drivers.yarp.server import YarpServer
 from tci.drivers.yarp.text import from_text
 from tci.drivers.yarp.values import Vocab
-from tci.errors import CommandError, LinkError
+from tci.errors import CommandError, DriverError
 
 INFINITE, NO_NUMBER = float("inf"), float("nan")
 
@@ -52,8 +52,8 @@ def shown(
 ) -> Iterator[YarpServer]:
     """An unarmed robot on YARP, without its loop."""
     monkeypatch.setenv("YARP_CONFIG_HOME", str(tmp_path))
-    link = SimulatedLink(tci.load_robot("nao"), arm=False)
-    with YarpServer(link, f"127.0.0.1:0,dialect={request.param}") as server:
+    driver = SimulatedDriver(tci.load_robot("nao"), arm=False)
+    with YarpServer(driver, f"127.0.0.1:0,dialect={request.param}") as server:
         yield server
 
 
@@ -112,7 +112,7 @@ def test_orders_with_a_name_that_is_none_are_answered(names: Names, target: byte
 def test_a_host_that_is_none_can_not_be_reached(names: Names) -> None:
     names.ask("register", "/odd", "tcp", "a..b", "4000")
     port = Port("/r", names, V3)
-    with pytest.raises(LinkError, match="can't be reached"):
+    with pytest.raises(DriverError, match="can't be reached"):
         port.connect("/odd")
     port.close()
 

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 import tci
-from drivers.links import free_port
+from drivers.wires import free_port
 from drivers.yarp.show import Show, until
 from tci.authoring.dense_skin import with_skin_rate
 from tci.body.places import find_place
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.simulated import SimulatedDriver
 from tci.drivers.yarp import names, served_board, server
 from tci.drivers.yarp.board import COMPLIANT, DIRECT, POSITION, VELOCITY, Stream, find_board
 from tci.drivers.yarp.dialect import DIALECTS, V3, V4
@@ -30,7 +30,7 @@ from tci.drivers.yarp.server import YarpServer
 from tci.drivers.yarp.skin_events import decode_events
 from tci.drivers.yarp.state import decode_state
 from tci.drivers.yarp.values import Vocab
-from tci.errors import CommandError, LinkError
+from tci.errors import CommandError, DriverError
 from tci.messages import Mode, PlatformCommand, PlatformSwitch
 from tci.runtime.serve import serve
 
@@ -52,7 +52,7 @@ def insist(act: Callable[[], object]) -> None:
         try:
             act()
             return
-        except LinkError:
+        except DriverError:
             time.sleep(0.25)
     act()
 
@@ -68,7 +68,7 @@ def speed(show: Show) -> float:
 
 
 def test_every_part_is_a_board_with_its_joints_names_and_limits(show: Show) -> None:
-    robot = show.link.robot
+    robot = show.driver.robot
     for part in ("LArm", "RArm", "Head"):
         board = find_board(show.network, f"/nao/{part}", "/test/calls")
         assert board.dialect is show.dialect
@@ -79,7 +79,7 @@ def test_every_part_is_a_board_with_its_joints_names_and_limits(show: Show) -> N
             if servo.limits.lower is not None:
                 found = board.limits(number)
                 assert found.lower == pytest.approx(np.rad2deg(servo.limits.lower))
-        with pytest.raises(LinkError, match="refuses"):
+        with pytest.raises(DriverError, match="refuses"):
             board.limits(99)
         board.close()
 
@@ -154,9 +154,9 @@ def test_a_commander_of_velocities_that_falls_silent_leaves_the_arm_at_rest(show
 
 def test_a_mode_that_the_gate_refuses_is_refused_on_the_wire(show: Show) -> None:
     board = find_board(show.network, "/nao/LArm", "/test/refused")
-    with pytest.raises(LinkError, match="refuses"):
+    with pytest.raises(DriverError, match="refuses"):
         board.set_modes([ELBOW], Vocab("idl"))
-    with pytest.raises(LinkError, match="refuses"):
+    with pytest.raises(DriverError, match="refuses"):
         board.set_interaction(ELBOW, Vocab("soft"))
     board.close()
 
@@ -196,12 +196,12 @@ def test_set_points_that_overtake_their_change_of_mode_wait_for_it(
 
 def test_compliance_and_impedance(show: Show) -> None:
     board = find_board(show.network, "/nao/LArm", "/test/impedance")
-    if Mode.IMPEDANCE in show.link.robot.servos_of("LArm")[ELBOW].modes:
+    if Mode.IMPEDANCE in show.driver.robot.servos_of("LArm")[ELBOW].modes:
         insist(lambda: board.set_interaction(ELBOW, COMPLIANT))
         assert until(lambda: show.server.boards["LArm"].state.interactions[ELBOW] == COMPLIANT)
         insist(lambda: board.set_interaction(ELBOW, Vocab("stif")))
     else:
-        with pytest.raises(LinkError, match="refuses"):
+        with pytest.raises(DriverError, match="refuses"):
             board.set_interaction(ELBOW, COMPLIANT)
     insist(lambda: board.set_impedance(ELBOW, 0.5, 0.02))
     assert board.impedance(ELBOW) == (0.5, 0.02)
@@ -234,19 +234,19 @@ def test_states_keep_apart_from_skin_and_go_out_beside_one_that_never_rests(
     rate: float, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("YARP_CONFIG_HOME", str(tmp_path))
-    link = SimulatedLink(with_skin_rate(tci.load_robot("nao"), rate))
-    clock = SimpleNamespace(monotonic=link.clock.now, time=link.clock.now)
+    driver = SimulatedDriver(with_skin_rate(tci.load_robot("nao"), rate))
+    clock = SimpleNamespace(monotonic=driver.clock.now, time=driver.clock.now)
     monkeypatch.setattr(server, "time", clock)
     felt: list[float] = []
     states: list[float] = []
 
     def write(name: str, *rest: object) -> None:
         if name == "/nao/LArm/state:o":
-            states.append(link.clock.now())
+            states.append(driver.clock.now())
 
-    with YarpServer(link, "127.0.0.1:0,dialect=3") as shown:
+    with YarpServer(driver, "127.0.0.1:0,dialect=3") as shown:
         shown._write = write  # type: ignore[method-assign]
-        shown._publish_skin = lambda frame, offset: felt.append(link.clock.now())  # type: ignore[method-assign]
+        shown._publish_skin = lambda frame, offset: felt.append(driver.clock.now())  # type: ignore[method-assign]
         serve(shown, duration=0.5)
     assert len(states) >= 49
     if rate == 100.0:
@@ -258,8 +258,10 @@ def test_contacts_are_published_as_skin_events(show: Show) -> None:
     skin: queue.Queue[Delivery] = queue.Queue()
     events = show.listen("/skinManager/skin_events:o", came.put)
     compensated = show.listen("/nao/skin/left_forearm_comp", skin.put)
-    world = show.link.world
-    place = find_place(tci.Skin(show.link.robot), "left_arm", "forearm", 0.5, 0.0, show.link.world.joints())
+    world = show.driver.world
+    place = find_place(
+        tci.Skin(show.driver.robot), "left_arm", "forearm", 0.5, 0.0, show.driver.world.joints()
+    )
     world.finger.poke(place.patch, place.p_L, place.n_L, speed=0.25, depth=0.01, gap=0.05)
     found = []
     end = time.monotonic() + 40
@@ -273,16 +275,16 @@ def test_contacts_are_published_as_skin_events(show: Show) -> None:
     compensated.close()
 
 
-def test_55_a_link_that_is_not_armed_is_read_only(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_55_a_driver_that_is_not_armed_is_read_only(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("YARP_CONFIG_HOME", str(tmp_path))
-    link = SimulatedLink(tci.load_robot("nao"), arm=False)
-    with YarpServer(link, "127.0.0.1:0") as server:
+    driver = SimulatedDriver(tci.load_robot("nao"), arm=False)
+    with YarpServer(driver, "127.0.0.1:0") as server:
         np.testing.assert_allclose(  # known before its loop begins
             np.deg2rad(server.boards["LArm"].state.position),
-            link.read().joints.position[[servo.index for servo in link.robot.servos_of("LArm")]],
+            driver.read().joints.position[[servo.index for servo in driver.robot.servos_of("LArm")]],
         )
         board = find_board(server.network, "/nao/LArm", "/test/unarmed")
-        with pytest.raises(LinkError, match="refuses"):
+        with pytest.raises(DriverError, match="refuses"):
             board.set_modes([ELBOW], DIRECT)
         assert server.orders() == []
         assert board.axes() == 6
@@ -297,7 +299,7 @@ def test_a_stranger_who_answers_for_the_name_server_is_not_told_of_any_port(
     monkeypatch.setattr(server, "DEFAULT", here)
     with NameServer() as stranger:
         monkeypatch.setattr(names, "detect", lambda space: stranger.address)
-        with YarpServer(SimulatedLink(tci.load_robot("nao"))) as shown:
+        with YarpServer(SimulatedDriver(tci.load_robot("nao"))) as shown:
             assert shown.network.address == here
             assert len(Names(stranger.address).list()) == 1  # itself
 
@@ -307,7 +309,7 @@ def test_29_a_name_server_that_restarts_hears_of_every_port_again(
 ) -> None:
     monkeypatch.setenv("YARP_CONFIG_HOME", str(tmp_path))
     first = NameServer()
-    with YarpServer(SimulatedLink(tci.load_robot("nao")), "{}:{}".format(*first.address)) as server:
+    with YarpServer(SimulatedDriver(tci.load_robot("nao")), "{}:{}".format(*first.address)) as server:
         ports = {contact.name for contact in server.network.list()}
         first.close()
         with NameServer(*first.address) as second:
@@ -315,7 +317,7 @@ def test_29_a_name_server_that_restarts_hears_of_every_port_again(
 
 
 def test_an_address_that_is_none_names_what_is_valid() -> None:
-    link = SimulatedLink(tci.load_robot("nao"))
+    driver = SimulatedDriver(tci.load_robot("nao"))
     for address in ("host:99999999", "127.0.0.1,dialect=5", "127.0.0.1,colour=red", "127.0.0.1,nonsense"):
-        with pytest.raises(LinkError, match="valid: "):
-            YarpServer(link, address)
+        with pytest.raises(DriverError, match="valid: "):
+            YarpServer(driver, address)

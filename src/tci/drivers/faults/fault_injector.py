@@ -1,6 +1,6 @@
-"""Faults on purpose: a link around any other that spoils what passes through it, from a given time on.
+"""Faults on purpose: a driver around any other that spoils what passes through it, from a given time on.
 
-The inner link, its gate and its robot are as they are; only readings and writes are changed. So users
+The inner driver, its gate and its robot are as they are; only readings and writes are changed. So users
 rehearse with their own behaviours what the tests rehearse with ours (docs/reliability.md).
 """
 
@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.drivers.faults.fault_list import FAULTS
 from tci.drivers.faults.injectors import INJECTORS, Injector
 from tci.errors import CommandError, UnknownNameError
@@ -59,10 +59,10 @@ def parse_fault(text: str) -> FaultPlan:
     return plan
 
 
-class FaultyLink(Link):
-    """Another link, with faults. It shares that link's gate, clock and lease."""
+class FaultInjector(Driver):
+    """Another driver, with faults. It shares that driver's gate, clock and lease."""
 
-    def __init__(self, inner: Link, plans: Sequence[FaultPlan], *, flicker: float = 0.0) -> None:
+    def __init__(self, inner: Driver, plans: Sequence[FaultPlan], *, flicker: float = 0.0) -> None:
         """Each raw value of the skin flickers by `flicker` counts (standard deviation), as real ones do and
         simulated ones do not: where nothing flickers, nobody can tell a dead taxel from one at rest."""
         self.inner = inner

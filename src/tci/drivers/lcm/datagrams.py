@@ -16,7 +16,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
-from tci.errors import LinkError
+from tci.errors import DriverError
 
 URL = "udpm://239.255.76.67:7667?ttl=0"
 """LCM's own default: this machine only."""
@@ -55,10 +55,10 @@ class Group:
 
 
 def parse_url(url: str) -> Group:
-    """The group of an LCM URL. Raises LinkError."""
+    """The group of an LCM URL. Raises DriverError."""
     found = re.fullmatch(r"udpm://(\d+\.\d+\.\d+\.\d+):(\d{1,5})(?:\?ttl=(\d{1,3}))?", url)
     if found is None or not 224 <= int(found[1].split(".")[0]) <= 239 or not 0 < int(found[2]) < 65536:
-        raise LinkError(f"lcm: {url!r}; {VALID}")
+        raise DriverError(f"lcm: {url!r}; {VALID}")
     return Group(found[1], int(found[2]), min(int(found[3] or 0), 255))
 
 
@@ -160,7 +160,7 @@ class Transmitter:
     """Messages that this process sends to a group."""
 
     def __init__(self, url: str) -> None:
-        """Raises LinkError for a bad URL."""
+        """Raises DriverError for a bad URL."""
         self._group = parse_url(url)
         self._number = 0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -197,7 +197,7 @@ class Receiver:
     """Messages that others send to a group."""
 
     def __init__(self, url: str) -> None:
-        """Raises LinkError for a bad URL, and where no multicast gets through."""
+        """Raises DriverError for a bad URL, and where no multicast gets through."""
         group = parse_url(url)
         self.datagrams = Datagrams()
         """What came, what was lost."""
@@ -215,7 +215,7 @@ class Receiver:
             self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
         except OSError as error:
             self._socket.close()
-            raise LinkError(f"lcm: {url}: {error.strerror}; {VALID}") from error
+            raise DriverError(f"lcm: {url}: {error.strerror}; {VALID}") from error
 
     def poll(self) -> Iterator[tuple[str, bytes, Address]]:
         """Channel, bytes and sender of what came, oldest first; a bounded number."""

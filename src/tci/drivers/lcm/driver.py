@@ -18,7 +18,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 
 from tci.drivers.diagnosis import Finding, Level
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.drivers.lcm.datagrams import URL, Address, Receiver, Transmitter, parse_url
 from tci.drivers.lcm.encoding import (
     facts_bytes,
@@ -30,10 +30,10 @@ from tci.drivers.lcm.encoding import (
     to_state,
 )
 from tci.drivers.remote.address import RemoteAddress, parse_remote
-from tci.drivers.remote.driver import RemoteLink
+from tci.drivers.remote.driver import RemoteDriver
 from tci.drivers.remote.protocol import Orders, SessionFrame, State
 from tci.drivers.remote.server import RemoteServer
-from tci.errors import FrameError, LinkError
+from tci.errors import DriverError, FrameError
 from tci.messages import Reading, SkinFrame
 from tci.robot.description import Robot
 
@@ -47,7 +47,7 @@ class _Bus:
     """One process in a multicast group."""
 
     def __init__(self, address: RemoteAddress) -> None:
-        """Raises LinkError."""
+        """Raises DriverError."""
         self.receiver = Receiver(address.where)
         self.transmitter = Transmitter(address.where)
         self._where, self._prefix = address, f"tci/{address.robot}"
@@ -55,13 +55,13 @@ class _Bus:
 
     def put(self, name: str, data: bytes) -> None:
         """Send a message to the channel of that name. When the network is gone for a while it is lost, as on
-        the way. Raises LinkError where nothing could ever be sent."""
+        the way. Raises DriverError where nothing could ever be sent."""
         try:
             self.transmitter.send(f"{self._prefix}/{name}", data)
             self._works = True
         except OSError as error:
             if not self._works:
-                raise LinkError(f"{self._where}: nothing can be sent: {error.strerror}") from error
+                raise DriverError(f"{self._where}: nothing can be sent: {error.strerror}") from error
 
     def poll(self) -> Iterable[tuple[str, bytes, Address]]:
         """Name of the channel, bytes and sender of the latest that came, oldest first; a bounded number."""
@@ -78,11 +78,11 @@ class _Bus:
         self.transmitter.close()
 
 
-class LcmLink(RemoteLink):
+class LcmDriver(RemoteDriver):
     """A robot that another process shows through LCM."""
 
     def __init__(self, robot: Robot, address: str = "", *, arm: bool = False) -> None:
-        """Raises LinkError when nobody answers at `address` for a robot of this description."""
+        """Raises DriverError when nobody answers at `address` for a robot of this description."""
         where = _parse(address, robot)
         super().__init__(robot, middleware="lcm", place=str(where), arm=arm)
         self._bus = _Bus(where)
@@ -110,8 +110,8 @@ class LcmLink(RemoteLink):
         return self.clock.now() - (self._state.now + self._shift) > self.gate.stale_after
 
     def _poll(self) -> Iterator[State | SessionFrame]:
-        """Of the session that the link is in only what comes from where its first state came from: anybody in
-        the group may read its number."""
+        """Of the session that the driver is in only what comes from where its first state came from: anybody
+        in the group may read its number."""
         readers: dict[str, Callable[[Robot, bytes], State | SessionFrame]] = {
             "state": to_state, "skin": to_skin
         }  # fmt: skip
@@ -161,15 +161,15 @@ class LcmLink(RemoteLink):
 class LcmServer(RemoteServer):
     """Shows a robot through LCM."""
 
-    def __init__(self, link: Link, address: str = "") -> None:
-        """Raises LinkError when `address` can't be used."""
-        super().__init__(link, address, middleware="lcm")
-        self._where = _parse(address, link.robot)
+    def __init__(self, driver: Driver, address: str = "") -> None:
+        """Raises DriverError when `address` can't be used."""
+        super().__init__(driver, address, middleware="lcm")
+        self._where = _parse(address, driver.robot)
         self._bus = _Bus(self._where)
         self._homes: dict[int, Address] = {}
         self.rejected = 0
         """Messages that were no orders for this robot, or in the name of a commander that is elsewhere."""
-        self._facts, self._due = facts_bytes(link.robot), -float("inf")
+        self._facts, self._due = facts_bytes(driver.robot), -float("inf")
         self._open = True
 
     def where(self) -> str:
@@ -186,7 +186,7 @@ class LcmServer(RemoteServer):
             if name != "orders":
                 continue
             try:
-                orders = to_orders(self.link.robot, data)
+                orders = to_orders(self.driver.robot, data)
             except FrameError:
                 self.rejected += 1
                 continue
@@ -196,13 +196,13 @@ class LcmServer(RemoteServer):
                 self.rejected += 1
 
     def _show(self, state: State) -> None:
-        self._bus.put("state", state_bytes(self.link.robot, state))
+        self._bus.put("state", state_bytes(self.driver.robot, state))
         if state.sent >= self._due:
             self._due = state.sent + FACTS
             self._bus.put("facts", self._facts)
 
     def _show_skin(self, frame: SkinFrame) -> None:
-        self._bus.put("skin", frame_bytes(self.link.robot, SessionFrame(self.number, frame)))
+        self._bus.put("skin", frame_bytes(self.driver.robot, SessionFrame(self.number, frame)))
 
     def close(self) -> None:
         if self._open:

@@ -1,6 +1,6 @@
 """What a NAO does by itself: motions that fight with a behaviour, and reflexes of its own.
 
-Nothing here is switched in silence. A link that may move refuses to while something else moves the same
+Nothing here is switched in silence. A driver that may move refuses to while something else moves the same
 joints; on request it switches that off and, at its end, on again. The robot's own reflexes stay as they are.
 """
 
@@ -12,7 +12,7 @@ from functools import partial
 from typing import Any
 
 from tci.drivers.naoqi.session import answer, service
-from tci.errors import LinkError
+from tci.errors import DriverError
 
 PATIENCE = 5.0
 """Longest time [s] for a switch; the end of autonomous life takes a while. Ours."""
@@ -52,7 +52,7 @@ class Mover:
         return self.service, self.method, self.off
 
     def turn(self, session: Any, arguments: tuple[Any, ...]) -> None:
-        """Switch it `off` or `on`. Raises LinkError."""
+        """Switch it `off` or `on`. Raises DriverError."""
         method = getattr(service(session, self.service), self.method)
         answer(method(*arguments, _async=True), f"{self.service}.{self.method}", timeout=PATIENCE)
 
@@ -86,14 +86,14 @@ def reflexes(motion: Any) -> list[str]:
 
 
 def switch_off(session: Any, found: list[Mover]) -> None:
-    """Switch movers off; if one fails, those before are on again. Raises LinkError."""
+    """Switch movers off; if one fails, those before are on again. Raises DriverError."""
     done: list[Mover] = []
     for mover in found:
         try:
             mover.turn(session, mover.off)
-        except LinkError as error:
+        except DriverError as error:
             left = "".join(f"; {one} stays off" for one in switch_on(session, done))
-            raise LinkError(f"{mover.name} can't be switched off: {error}{left}") from error
+            raise DriverError(f"{mover.name} can't be switched off: {error}{left}") from error
         done.append(mover)
 
 
@@ -103,7 +103,7 @@ def switch_on(session: Any, found: list[Mover]) -> list[str]:
     for mover in reversed(found):
         try:
             mover.turn(session, mover.on)
-        except LinkError as error:
+        except DriverError as error:
             left.append(f"{mover.name} ({error})")
     return left
 
@@ -138,7 +138,7 @@ class Lookout:
 def _service(session: Any, name: str) -> Any:
     try:
         return answer(session.service(name, _async=True), name, timeout=PATIENCE)
-    except LinkError:
+    except DriverError:
         return None
 
 
@@ -146,5 +146,5 @@ def _ask(one: Any, question: str, *arguments: Any) -> Any:
     """An answer; None from a robot that does not know the question."""
     try:
         return answer(getattr(one, question)(*arguments, _async=True), question, timeout=PATIENCE)
-    except (AttributeError, LinkError):
+    except (AttributeError, DriverError):
         return None

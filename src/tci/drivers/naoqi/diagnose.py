@@ -13,7 +13,7 @@ from tci.drivers.naoqi import autonomy, words
 from tci.drivers.naoqi.poller import Poller
 from tci.drivers.naoqi.session import answer, first_line
 from tci.drivers.naoqi.stream import Stream
-from tci.errors import LinkError
+from tci.errors import DriverError
 from tci.robot.description import Robot
 
 CLOSE = np.deg2rad(0.6)
@@ -23,9 +23,9 @@ OFFSET = 1.0
 
 
 def examine(robot: Robot, poller: Poller, stream: Stream | None) -> tuple[Finding, ...]:
-    """Findings about the robot behind `poller`. Raises LinkError while it is away."""
+    """Findings about the robot behind `poller`. Raises DriverError while it is away."""
     if poller.trouble:
-        raise LinkError(poller.trouble)
+        raise DriverError(poller.trouble)
     found = [*_version(poller), *_trips(poller), *_clock(poller), *_skin(poller)]
     if stream is not None:
         found += [*_refused(stream), *_joints(poller), *_limits(robot, stream), *_motion(robot, poller)]
@@ -36,7 +36,7 @@ def _version(poller: Poller) -> Iterator[Finding]:
     try:
         system = poller.services.session.service("ALSystem")
         version = answer(system.systemVersion(_async=True), "ALSystem.systemVersion", timeout=1.0)
-    except (LinkError, RuntimeError, AttributeError) as error:
+    except (DriverError, RuntimeError, AttributeError) as error:
         yield Finding(Level.NOTE, "NAOqi", f"its version is not known: {first_line(error)}")
         return
     yield Finding(Level.OK, "NAOqi", f"version {version}", figures={"version": str(version)})
@@ -70,7 +70,7 @@ def _clock(poller: Poller) -> Iterator[Finding]:
         stamp = answer(poller.services.memory.getTimestamp(key, _async=True), "getTimestamp", timeout=1.0)
         now = 0.5 * (before + time.time())
         offset = float(stamp[1]) + 1e-6 * float(stamp[2]) - now
-    except (LinkError, RuntimeError, AttributeError, TypeError, ValueError, IndexError):
+    except (DriverError, RuntimeError, AttributeError, TypeError, ValueError, IndexError):
         yield Finding(Level.NOTE, "clock", "the robot does not tell its time")
         return
     said, figures = f"the robot's clock is {offset:+.2f} s from this machine's", {"offset_s": offset}
@@ -127,7 +127,7 @@ def _motion(robot: Robot, poller: Poller) -> Iterator[Finding]:
     for mover in found:
         yield Finding(
             Level.WARNING, "autonomy", f"{mover.name} moves the joints by itself",
-            "an armed link refuses that: end it, or connect with ?life=off behind the address",
+            "an armed driver refuses that: end it, or connect with ?life=off behind the address",
         )  # fmt: skip
     if not found:
         yield Finding(Level.OK, "autonomy", "nothing moves the joints by itself")

@@ -11,14 +11,14 @@ import numpy as np
 
 from tci.clock import MonotonicClock
 from tci.drivers.diagnosis import Finding, Level
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.drivers.naoqi import autonomy, words
 from tci.drivers.naoqi.diagnose import examine
 from tci.drivers.naoqi.poller import Poller
 from tci.drivers.naoqi.session import Services, answer, parse_address, service
 from tci.drivers.naoqi.stream import AHEAD, Stream
 from tci.drivers.remote.hosts import numeric
-from tci.errors import LinkError
+from tci.errors import DriverError
 from tci.frames import read_only
 from tci.gate.gate import SafeCommand
 from tci.messages import Reading
@@ -32,8 +32,8 @@ LAST = 10.0
 """Longest time [s] that closing waits for a new connection's switching off, before it switches on. Ours."""
 
 
-class NaoqiLink(Link):
-    """A link to a NAO. It is armed only on request, and never while the robot moves by itself."""
+class NaoqiDriver(Driver):
+    """Driver of a NAO. It is armed only on request, and never while the robot moves by itself."""
 
     def __init__(
         self, robot: Robot, address: str = "", *, arm: bool = False, joints: bool = True, skin: bool = True
@@ -42,11 +42,11 @@ class NaoqiLink(Link):
 
         Without `joints` or `skin` only the other one is read; without joints nothing can be moved.
 
-        An armed link refuses a robot that moves by itself (autonomous life, breathing, ...); with `?life=off`
-        behind the address it switches that off until it is closed. Each new connection is looked at like
-        the first: what moves it then is switched off too, or stops the gate.
+        An armed driver refuses a robot that moves by itself (autonomous life, breathing, ...); with
+        `?life=off` behind the address it switches that off until it is closed. Each new connection is looked
+        at like the first: what moves it then is switched off too, or stops the gate.
 
-        Raises LinkError when the robot can't be reached, is another one, or moves by itself.
+        Raises DriverError when the robot can't be reached, is another one, or moves by itself.
         """
         self.where = parse_address(address)
         clock = MonotonicClock()
@@ -64,7 +64,7 @@ class NaoqiLink(Link):
             self._stream = self._open_stream() if joints else None
             if arm:
                 if not joints:
-                    raise LinkError("a link without joints can't be armed")
+                    raise DriverError("a driver without joints can't be armed")
                 self._quieten(self._poller.services)
         except BaseException:
             self._poller.close()
@@ -83,7 +83,7 @@ class NaoqiLink(Link):
             return (Finding(Level.FAULT, "network", f"{where.host}, port {where.port}: {error}", advice),)
         try:
             Services(where, motion=True).close()
-        except LinkError as error:
+        except DriverError as error:
             return (*steps, Finding(Level.FAULT, "NAOqi", str(error), "see docs/nao.md"))
         return (*steps, Finding(Level.OK, "NAOqi", f"a session at {where.url} with ALMotion and ALMemory"))
 
@@ -123,9 +123,9 @@ class NaoqiLink(Link):
             assert self._stream is not None  # it is armed
             measured = self._poller.latest.reading.joints.position
             self._stream.send(motion, safe, self.gate.ahead(AHEAD), measured)
-        except (LinkError, RuntimeError) as error:
+        except (DriverError, RuntimeError) as error:
             if self._poller.services.session.isConnected():
-                raise LinkError(f"{self.robot.name} does not take a command: {error}") from error
+                raise DriverError(f"{self.robot.name} does not take a command: {error}") from error
 
     def _halt(self) -> None:
         motion = self._poller.services.motion
@@ -140,14 +140,14 @@ class NaoqiLink(Link):
         self._poller.close()
 
     def _open_stream(self) -> Stream:
-        """What the robot says of its joints. Raises LinkError when it lacks one of the description's."""
+        """What the robot says of its joints. Raises DriverError when it lacks one of the description's."""
         motion, names = self._poller.services.motion, self._poller.names
         limits = answer(motion.getLimits("Body", _async=True), "ALMotion.getLimits", timeout=3.0)
         known = answer(motion.getBodyNames("Body", _async=True), "ALMotion.getBodyNames", timeout=3.0)
         table = dict(zip(known, limits, strict=False))
         missing = [name for name in names if name not in table]
         if missing:
-            raise LinkError(
+            raise DriverError(
                 f"this robot has no {', '.join(missing)} (an H21?); valid: a description without them. "
                 f"It has {', '.join(known)}"
             )
@@ -163,7 +163,7 @@ class NaoqiLink(Link):
         try:
             self._quieten(services)
             self._restless = ""
-        except LinkError as error:
+        except DriverError as error:
             if not services.session.isConnected():
                 raise
             self._restless = f"after a new connection {error}"
@@ -175,15 +175,15 @@ class NaoqiLink(Link):
             self._restless = f"{words}; valid: end that and connect again"
 
     def _quieten(self, services: Services) -> None:
-        """Raises LinkError for a robot that moves by itself, unless that can and shall be switched off."""
+        """Raises DriverError for a robot that moves by itself, unless that can and shall be switched off."""
         chains = list(dict.fromkeys(servo.robot_part for servo in self.robot.servos))
         self._may_move = self._may_move or autonomy.present(services.session)
         found = autonomy.movers(services.session, services.motion, chains)
         if found and self.where.life == "refuse":
             names = ", ".join(mover.name for mover in found)
-            raise LinkError(
+            raise DriverError(
                 f"the robot moves by itself: {names}; valid: end that and connect again, or connect with "
-                "?life=off behind the address, which switches it off until the link is closed"
+                "?life=off behind the address, which switches it off until the driver is closed"
             )
         autonomy.switch_off(services.session, found)
         for mover in found:
@@ -199,7 +199,7 @@ class NaoqiLink(Link):
             if found and not services.session.isConnected():
                 services = self._poller.services = Services(self.where, motion=True)
             left = autonomy.switch_on(services.session, found)
-        except LinkError as error:
+        except DriverError as error:
             left = [f"{', '.join(mover.name for mover in found)} ({error})"]
         if left:
             warnings.warn(

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tci.clock import Clock
 from tci.drivers.naoqi import words
 from tci.drivers.naoqi.session import Address, Services, answer
-from tci.errors import FrameError, LinkError
+from tci.errors import DriverError, FrameError
 from tci.frames import Array, read_only
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.robot.description import Robot
@@ -54,8 +54,8 @@ class Poller:
         greet: Callable[[Services], None], glance: Callable[[], None],
     ) -> None:  # fmt: skip
         """Connect, and ask once. `greet` is called in the thread with each later connection, before the robot
-        counts as back; when it raises LinkError, another one is made. `glance` is called there after each
-        answer, for what nobody waits for. Raises LinkError."""
+        counts as back; when it raises DriverError, another one is made. `glance` is called there after each
+        answer, for what nobody waits for. Raises DriverError."""
         self.robot, self.address, self.clock = robot, address, clock
         self._greet, self._glance = greet, glance
         binding = robot.binding(words.MIDDLEWARE)
@@ -138,7 +138,7 @@ class Poller:
                 self._fresh.set()
                 self._glance()
                 self._look_again()
-            except LinkError as error:
+            except DriverError as error:
                 self.counts["failures"] += 1
                 missed = True
                 late = self.clock.now() - answered < GONE
@@ -180,7 +180,7 @@ class Poller:
         """A value; None where there is none, `words.REFUSED` from a NAOqi that takes no such question."""
         try:
             return self._values(self.services.memory.getListData([key], _async=True), [key], 1.0)[0]
-        except LinkError:
+        except DriverError:
             if not self.services.session.isConnected():
                 raise
             return words.REFUSED
@@ -189,11 +189,11 @@ class Poller:
     def _values(future: Any, keys: list[str], timeout: float) -> list[Any]:
         values = answer(future, "ALMemory.getListData", timeout=timeout)
         if not isinstance(values, list | tuple) or len(values) != len(keys):
-            raise LinkError(f"ALMemory answers {str(values)[:60]!r} for {len(keys)} keys")
+            raise DriverError(f"ALMemory answers {str(values)[:60]!r} for {len(keys)} keys")
         return list(values)
 
     def _ask(self, joints: JointReading | None = None) -> Sensed:
-        """One question, for skin alone where `joints` were asked for just now. Raises LinkError."""
+        """One question, for skin alone where `joints` were asked for just now. Raises DriverError."""
         begin = self.clock.now()
         motion, memory = self.services.motion, self.services.memory
         asked = {patch: keys for patch, keys in self._asks.items() if begin >= self._due.get(patch, -np.inf)}
@@ -251,7 +251,7 @@ class Poller:
         except (TypeError, ValueError):
             numbers = np.zeros(0)
         if numbers.shape != (count,):
-            raise LinkError(f"ALMotion sends {str(values)[:60]!r} as {what} of {count} joints")
+            raise DriverError(f"ALMotion sends {str(values)[:60]!r} as {what} of {count} joints")
         return numbers
 
     def _frame(self, patch: str, stamp: float, found: list[Any]) -> SkinFrame | None:

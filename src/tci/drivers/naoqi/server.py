@@ -12,13 +12,13 @@ from contextlib import suppress
 
 import qi
 
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.drivers.naoqi import services
 from tci.drivers.naoqi.board import Board
 from tci.drivers.naoqi.session import PORT, first_line
 from tci.drivers.own_sockets import Watch
 from tci.drivers.server import Server
-from tci.errors import LinkError
+from tci.errors import DriverError
 from tci.gate.safe_command import SafeCommand
 from tci.messages import Order, Perception, Reading
 
@@ -26,25 +26,25 @@ LOCAL = "127.0.0.1"
 
 
 class NaoqiServer(Server):
-    """Shows the robot of a link as NAOqi would."""
+    """Shows the robot of a driver as NAOqi would."""
 
-    def __init__(self, link: Link, address: str = "") -> None:
-        """Listen at `address`, HOST:PORT. Raises LinkError when that can't be."""
-        super().__init__(link, address)
+    def __init__(self, driver: Driver, address: str = "") -> None:
+        """Listen at `address`, HOST:PORT. Raises DriverError when that can't be."""
+        super().__init__(driver, address)
         host, _, port = address.removeprefix("//").rpartition(":")
         if not host and port and not port.isdigit():
             host, port = port, ""
         if port and not port.isdigit():
-            raise LinkError(f"address {address!r}; valid: naoqi:HOST:PORT")
+            raise DriverError(f"address {address!r}; valid: naoqi:HOST:PORT")
         url = f"tcp://{host or LOCAL}:{port or PORT}"
-        self._board = Board(link.robot, link.read())
+        self._board = Board(driver.robot, driver.read())
         self._ready = False
         self._session = qi.Session()
         try:
             self._session.listenStandalone(url)
         except RuntimeError as error:
             reason = "the port is taken" if "in use" in str(error) else first_line(error)
-            raise LinkError(f"can't listen at {url}: {reason}; valid: --via naoqi:HOST:PORT") from None
+            raise DriverError(f"can't listen at {url}: {reason}; valid: --via naoqi:HOST:PORT") from None
         self._watch = Watch(int(self._session.endpoints()[0].rpartition(":")[2]))
 
     def where(self) -> str:

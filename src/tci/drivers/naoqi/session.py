@@ -11,7 +11,7 @@ from urllib.parse import parse_qsl, urlsplit
 
 import qi
 
-from tci.errors import LinkError
+from tci.errors import DriverError
 
 PORT = 9559
 """Of NAOqi until 2.8, and of our own server."""
@@ -36,7 +36,8 @@ class Address:
     user: str = ""
     """Who logs in; empty for NAOqi until 2.8, which asks nobody."""
     life: str = "refuse"
-    """What an armed link does when autonomous life or the like moves joints: `refuse`, or switch it `off`."""
+    """What an armed driver does when autonomous life or the like moves joints: `refuse`, or switch it
+    `off`."""
 
     @property
     def url(self) -> str:
@@ -48,20 +49,20 @@ class Address:
 def parse_address(text: str) -> Address:
     """An address as it follows `naoqi:`, such as `//10.0.0.5`, `10.0.0.5:9559` or `//nao@10.0.0.5`.
 
-    Raises LinkError.
+    Raises DriverError.
     """
     parts = urlsplit(text if text.startswith("//") else f"//{text}")
     try:
         host, port, user = parts.hostname or "", parts.port, parts.username or ""
     except ValueError as error:
-        raise LinkError(f"address {text!r}: {error}; {VALID}") from error
+        raise DriverError(f"address {text!r}: {error}; {VALID}") from error
     if parts.password is not None:
-        raise LinkError(f"a password is seen by everybody on a command line; put it into ${PASSWORD}")
+        raise DriverError(f"a password is seen by everybody on a command line; put it into ${PASSWORD}")
     if not host or parts.path not in ("", "/") or parts.fragment:
-        raise LinkError(f"address {text!r}; {VALID}")
+        raise DriverError(f"address {text!r}; {VALID}")
     options = dict(parse_qsl(parts.query, keep_blank_values=True))
     if options.pop("life", "refuse") not in ("refuse", "off") or options:
-        raise LinkError(f"address {text!r}: ?{parts.query}; valid: ?life=refuse, ?life=off")
+        raise DriverError(f"address {text!r}: ?{parts.query}; valid: ?life=refuse, ?life=off")
     life = "off" if "life=off" in parts.query else "refuse"
     return Address(host, port if port is not None else SECURE_PORT if user else PORT, user, life)
 
@@ -80,17 +81,17 @@ class _Login:
 
 
 def open_session(address: Address, *, timeout: float = TIMEOUT) -> Any:
-    """A connected `qi.Session`. Raises LinkError when there is none within `timeout` [s]."""
+    """A connected `qi.Session`. Raises DriverError when there is none within `timeout` [s]."""
     session = qi.Session()
     if address.user:
         password = os.environ.get(PASSWORD)
         if password is None:
-            raise LinkError(f"the password of {address.user!r} is missing; valid: set ${PASSWORD}")
+            raise DriverError(f"the password of {address.user!r} is missing; valid: set ${PASSWORD}")
         session.setClientAuthenticatorFactory(_Login(address.user, password))
     try:
         session.connect(address.url, _async=True).value(int(1e3 * timeout))
     except RuntimeError as error:
-        raise LinkError(
+        raise DriverError(
             f"no NAOqi at {address.url}: {first_line(error)}; {_advice(address, error)}"
         ) from None
     return session
@@ -99,7 +100,7 @@ def open_session(address: Address, *, timeout: float = TIMEOUT) -> Any:
 def service(session: Any, name: str) -> Any:
     """A service by name; a robot that has just been switched on may need a moment.
 
-    Raises LinkError when it does not have it within TIMEOUT.
+    Raises DriverError when it does not have it within TIMEOUT.
     """
     until = time.monotonic() + TIMEOUT
     while True:
@@ -112,7 +113,7 @@ def service(session: Any, name: str) -> Any:
             if time.monotonic() < until and session.isConnected():
                 time.sleep(0.05)
                 continue
-            raise LinkError(
+            raise DriverError(
                 f"NAOqi has no service {name} ({first_line(error)}); is the robot still starting?"
             ) from None
 
@@ -121,12 +122,12 @@ class Services:
     """The services of one session."""
 
     def __init__(self, address: Address, *, motion: bool) -> None:
-        """Raises LinkError; without `motion` there need be no ALMotion."""
+        """Raises DriverError; without `motion` there need be no ALMotion."""
         self.session = open_session(address)
         try:
             self.motion: Any = service(self.session, "ALMotion") if motion else None
             self.memory = service(self.session, "ALMemory")
-        except LinkError:
+        except DriverError:
             self.close()
             raise
 
@@ -137,11 +138,11 @@ class Services:
 
 
 def answer(future: Any, what: str, *, timeout: float) -> Any:
-    """What a call returns. Raises LinkError when it fails, or takes longer than `timeout` [s]."""
+    """What a call returns. Raises DriverError when it fails, or takes longer than `timeout` [s]."""
     try:
         return future.value(int(1e3 * timeout))
     except RuntimeError as error:
-        raise LinkError(f"NAOqi, {what}: {first_line(error)}") from None
+        raise DriverError(f"NAOqi, {what}: {first_line(error)}") from None
 
 
 def first_line(error: Exception) -> str:

@@ -22,7 +22,7 @@ from tci.drivers.player.wire import (
     to_access,
     to_devices,
 )
-from tci.errors import FrameError, LinkError
+from tci.errors import DriverError, FrameError
 
 PORT = 6665
 """A server's usual port."""
@@ -35,10 +35,10 @@ ADDRESS = re.compile(r"(?P<host>[A-Za-z0-9_.-]*|\[[0-9a-fA-F:]+\])(:(?P<port>[0-
 
 
 def parse(address: str) -> tuple[str, int]:
-    """Host and port of `[HOST][:PORT]`. Raises LinkError for what is no address."""
+    """Host and port of `[HOST][:PORT]`. Raises DriverError for what is no address."""
     found = ADDRESS.fullmatch(address)
     if found is None or int(found["port"] or PORT) > 65535:
-        raise LinkError(f"{address!r} is no address; valid: player:HOST:PORT, each may be left out")
+        raise DriverError(f"{address!r} is no address; valid: player:HOST:PORT, each may be left out")
     return found["host"].strip("[]") or "127.0.0.1", int(found["port"] or PORT)
 
 
@@ -46,7 +46,7 @@ class Client:
     """A connection to one server."""
 
     def __init__(self, host: str, port: int) -> None:
-        """Raises LinkError when no Player server answers there."""
+        """Raises DriverError when no Player server answers there."""
         self.where, self._robot = f"{host}:{port}", port
         self._stream = Stream()
         self._waiting: list[Message] = []
@@ -55,29 +55,29 @@ class Client:
         try:
             self._socket = socket.create_connection((host, port), timeout=TIMEOUT)
         except OSError as error:
-            raise LinkError(f"no Player server at {self.where}: {error}") from error
+            raise DriverError(f"no Player server at {self.where}: {error}") from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         try:
             greeting = self._exactly(GREETING)
             if not greeting.startswith(b"Player v."):
-                raise LinkError(f"{self.where} is no Player server: it says {greeting!r}")
+                raise DriverError(f"{self.where} is no Player server: it says {greeting!r}")
             self._request(DATAMODE, PUSH.to_bytes(4, "big"))
         except BaseException:
             self.close()
             raise
 
     def devices(self) -> list[tuple[int, int]]:
-        """Interface and index of all devices. Raises LinkError."""
+        """Interface and index of all devices. Raises DriverError."""
         try:
             return to_devices(self._request(DEVLIST, b"").body)
         except FrameError as error:
-            raise LinkError(f"{self.where}: {error}") from error
+            raise DriverError(f"{self.where}: {error}") from error
 
     def open(self, interface: int, index: int) -> None:
-        """Subscribe to a device. Raises LinkError when that is refused."""
+        """Subscribe to a device. Raises DriverError when that is refused."""
         answer = self._request(SUBSCRIBE, access(interface, index, OPEN, self._robot)).body
         if to_access(answer)[2] != OPEN:
-            raise LinkError(f"{self.where} refuses device {interface}:{index}")
+            raise DriverError(f"{self.where} refuses device {interface}:{index}")
 
     def poll(self) -> list[Message]:
         """What had arrived, oldest first; never waits."""
@@ -149,9 +149,9 @@ class Client:
                 ):
                     if message.kind == Kind.ACK:
                         return message
-                    raise LinkError(f"{self.where} refuses request {subtype}")
+                    raise DriverError(f"{self.where} refuses request {subtype}")
                 self._waiting.append(message)
-        raise LinkError(
+        raise DriverError(
             f"{self.where} does not answer request {subtype}{': ' if self.lost else ''}{self.lost}"
         )
 
@@ -171,9 +171,9 @@ class Client:
             try:
                 got = self._socket.recv(size - len(data))
             except OSError as error:
-                raise LinkError(f"{self.where} says nothing: {error}") from error
+                raise DriverError(f"{self.where} says nothing: {error}") from error
             if not got:
-                raise LinkError(f"{self.where} has closed the connection")
+                raise DriverError(f"{self.where} has closed the connection")
             data += got
         return data
 

@@ -26,13 +26,13 @@ from tci.drivers.player.wire import (
     to_blob,
 )
 from tci.drivers.player.wire import to_skin as to_raw
-from tci.drivers.remote.driver import RemoteLink
+from tci.drivers.remote.driver import RemoteDriver
 from tci.drivers.remote.encoding import orders_bytes, to_skin, to_state
 from tci.drivers.remote.hosts import numeric
 from tci.drivers.remote.protocol import Orders, SessionFrame, State
 from tci.drivers.remote.source_clock import SourceClock
 from tci.drivers.remote.whole_parts import WholeParts
-from tci.errors import FrameError, LinkError
+from tci.errors import DriverError, FrameError
 from tci.gate.gate import Gate
 from tci.gate.safe_command import SafeCommand
 from tci.messages import JointReading, Reading, SkinFrame
@@ -41,11 +41,12 @@ from tci.robot.description import Robot
 STATES, FRAMES = 99, 100
 """Indices of the opaque devices between TCI processes; the first patch's frames are at FRAMES."""
 WAIT = 5.0
-"""How long [s] a link waits for joints and skin when it opens. Ours."""
+"""How long [s] a driver waits for joints and skin when it opens. Ours."""
 
 
 def numbers(robot: Robot) -> dict[tuple[int, int], str]:
-    """Part or patch of each device, by interface and index. Raises LinkError for an address that is none."""
+    """Part or patch of each device, by interface and index. Raises DriverError for an address that is
+    none."""
     binding = robot.binding("player")
     parts = tuple(dict.fromkeys(servo.robot_part for servo in robot.servos))
     found: dict[tuple[int, int], str] = {}
@@ -53,16 +54,16 @@ def numbers(robot: Robot) -> dict[tuple[int, int], str]:
         for usual, name in enumerate(names):
             index = binding.address(name, str(usual))
             if not index.isdecimal() or (interface, int(index)) in found:
-                raise LinkError(f"player address of {name} is {index!r}; valid: a number of its own")
+                raise DriverError(f"player address of {name} is {index!r}; valid: a number of its own")
             found[interface, int(index)] = name
     return found
 
 
-class PlayerLink(RemoteLink):
-    """A link to a robot behind a Player server."""
+class PlayerDriver(RemoteDriver):
+    """A driver of a robot behind a Player server."""
 
     def __init__(self, robot: Robot, address: str = "", *, arm: bool = False, wait: float = WAIT) -> None:
-        """Raises LinkError for no server, for devices that it lacks, and when their data does not come."""
+        """Raises DriverError for no server, for devices that it lacks, and when their data does not come."""
         host, port = parse(address)
         super().__init__(robot, middleware="player", place=f"{host}:{port}", arm=arm)
         self._devices = numbers(robot)
@@ -144,19 +145,19 @@ class PlayerLink(RemoteLink):
         for device, name in self._devices.items():
             if device not in offered:
                 what = "actarray" if device[0] == ACTARRAY else "opaque"
-                raise LinkError(f"{self.place} has no {what}:{device[1]} for {name}")
+                raise DriverError(f"{self.place} has no {what}:{device[1]} for {name}")
             self._client.open(*device)
 
     def _wait_for_joints(self, seconds: float) -> None:
         end = time.monotonic() + seconds
         while np.isinf(self._stamps).any() or (len(self._latest) < len(self.robot.patches)):
             if self._client.lost:
-                raise LinkError(f"{self.place}: {self._client.lost}")
+                raise DriverError(f"{self.place}: {self._client.lost}")
             if time.monotonic() > end:
                 if np.isinf(self._stamps).any():
                     missing = {s.robot_part for s in self.robot.servos if np.isinf(self._stamps[s.index])}
                     why = f": {self._why}" if self._why else ""
-                    raise LinkError(f"no joints of {', '.join(sorted(missing))} within {seconds:g} s{why}")
+                    raise DriverError(f"no joints of {', '.join(sorted(missing))} within {seconds:g} s{why}")
                 return
             self._take_native()
             time.sleep(0.002)

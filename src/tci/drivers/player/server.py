@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from tci.clock import Every
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.drivers.player.client import CHUNK, PER_POLL, parse
 from tci.drivers.player.driver import FRAMES, STATES, numbers
 from tci.drivers.player.wire import (
@@ -51,7 +51,7 @@ from tci.drivers.remote.encoding import frame_bytes, state_bytes, to_orders
 from tci.drivers.remote.protocol import Orders, SessionFrame, State
 from tci.drivers.remote.server import RemoteServer
 from tci.drivers.visitors import Visitor, Visitors
-from tci.errors import CommandError, FrameError, LinkError
+from tci.errors import CommandError, DriverError, FrameError
 from tci.exports.facts import query
 from tci.gate.safe_command import SafeCommand
 from tci.messages import Perception, Reading, SkinFrame
@@ -102,29 +102,32 @@ class _Client:
 class PlayerServer(RemoteServer):
     """Shows a robot as a Player server."""
 
-    def __init__(self, link: Link, address: str = "") -> None:
-        """`address` is [HOST][:PORT], this machine by default. Raises LinkError for a port that is taken."""
-        super().__init__(link, address, middleware="player")
+    def __init__(self, driver: Driver, address: str = "") -> None:
+        """`address` is [HOST][:PORT], this machine by default. Raises DriverError for a port that is
+        taken."""
+        super().__init__(driver, address, middleware="player")
         host, self.port = parse(address)
-        self._devices = numbers(link.robot)
-        self._frames = {patch.name: FRAMES + n for n, patch in enumerate(link.robot.patches)}
+        self._devices = numbers(driver.robot)
+        self._frames = {patch.name: FRAMES + n for n, patch in enumerate(driver.robot.patches)}
         own = [STATES, *self._frames.values()]
         self._offered = [*self._devices, *((OPAQUE, index) for index in own)]
-        self._controllers = Controllers(link.robot, self.number, of="a Player client")
-        self._position = initial_position(link.robot)
-        self._states, self._is_due = Every(1.0 / link.robot.binding("player").rate), False
+        self._controllers = Controllers(driver.robot, self.number, of="a Player client")
+        self._position = initial_position(driver.robot)
+        self._states, self._is_due = Every(1.0 / driver.robot.binding("player").rate), False
         self._arrived: deque[bytes] = deque(maxlen=64)
         self.rejected = 0
         """Messages that were of no use."""
         self.last_error = ""
         """Why a client was let go, the last time that this was its own doing."""
-        self._facts = blob(query(link.robot).model_dump_json().encode())
+        self._facts = blob(query(driver.robot).model_dump_json().encode())
         self._clients: list[_Client] = []
         self._visitors = Visitors()
         try:
             self._listener = socket.create_server((host, self.port), backlog=BACKLOG)
         except OSError as error:
-            raise LinkError(f"Player at {host}:{self.port}: {error.strerror}; valid: a free port") from error
+            raise DriverError(
+                f"Player at {host}:{self.port}: {error.strerror}; valid: a free port"
+            ) from error
         self._listener.setblocking(False)
         self._host, self.port = host, self._listener.getsockname()[1]
 
@@ -136,12 +139,12 @@ class PlayerServer(RemoteServer):
 
     def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
         self._position = reading.joints.position
-        self._is_due = self._states.due(self.link.clock.now())
+        self._is_due = self._states.due(self.driver.clock.now())
         if self._is_due:
             stamp = self._epoch(reading.joints.stamp)
             for (interface, index), name in self._devices.items():
                 if interface == ACTARRAY:
-                    servos = [servo.index for servo in self.link.robot.servos_of(name)]
+                    servos = [servo.index for servo in self.driver.robot.servos_of(name)]
                     body = actuators(reading.joints.position[servos], reading.joints.velocity[servos])
                     self._say(ACTARRAY, index, stamp, body)
         super().publish(reading, perception, sent)
@@ -167,20 +170,20 @@ class PlayerServer(RemoteServer):
             with self._dropping(client):
                 self._hear(client)
                 client.flush()
-        yield from self._controllers.messages(self._position, self.link.clock.now())
+        yield from self._controllers.messages(self._position, self.driver.clock.now())
         while self._arrived:
             try:
-                yield to_orders(self.link.robot, self._arrived.popleft())
+                yield to_orders(self.driver.robot, self._arrived.popleft())
             except FrameError:
                 self.rejected += 1
 
     def _show(self, state: State) -> None:
         if self._is_due:
-            self._say(OPAQUE, STATES, time.time(), blob(state_bytes(self.link.robot, state)))
+            self._say(OPAQUE, STATES, time.time(), blob(state_bytes(self.driver.robot, state)))
 
     def _show_skin(self, frame: SkinFrame) -> None:
         stamp = self._epoch(frame.stamp)
-        whole = blob(frame_bytes(self.link.robot, SessionFrame(self.number, frame)))
+        whole = blob(frame_bytes(self.driver.robot, SessionFrame(self.number, frame)))
         self._say(OPAQUE, self._frames[frame.patch], stamp, whole)
         for (interface, index), name in self._devices.items():
             if (interface, name) == (OPAQUE, frame.patch):
@@ -264,9 +267,9 @@ class PlayerServer(RemoteServer):
             return None
         if message.subtype == GEOMETRY:
             limits = []
-            for servo in self.link.robot.servos_of(name):
+            for servo in self.driver.robot.servos_of(name):
                 low, high = servo.limits.lower or 0.0, servo.limits.upper or 0.0
-                home = float(initial_position(self.link.robot)[servo.index])
+                home = float(initial_position(self.driver.robot)[servo.index])
                 limits.append((low, high, home, servo.limits.velocity or 0.0))
             return geometry(limits)
         return b"" if message.subtype == POWER else None
@@ -280,7 +283,7 @@ class PlayerServer(RemoteServer):
             name = self._devices.get((message.interface, message.index))
             if message.interface != ACTARRAY or name is None:
                 raise FrameError("a command for no actarray")
-            servos = self.link.robot.servos_of(name)
+            servos = self.driver.robot.servos_of(name)
             if message.subtype == POSITIONS:
                 order = values_order(name, servos, to_floats(message.body))
             elif message.subtype == POSITION and len(message.body) >= 8:
@@ -296,5 +299,5 @@ class PlayerServer(RemoteServer):
         self._controllers.hear(name, lambda *_: Once(order))
 
     def _epoch(self, stamp: float) -> float:
-        """A time on the link's clock as Player counts: seconds since 1970."""
-        return time.time() + stamp - self.link.clock.now()
+        """A time on the driver's clock as Player counts: seconds since 1970."""
+        return time.time() + stamp - self.driver.clock.now()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
-from tci.errors import LinkError
+from tci.errors import DriverError
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,9 +23,9 @@ class RemoteAddress:
 
 
 def parse_remote(middleware: str, text: str, robot: str, where: str) -> RemoteAddress:
-    """An address; `robot` and `where` count where it says nothing. Raises LinkError for a bad name."""
+    """An address; `robot` and `where` count where it says nothing. Raises DriverError for a bad name."""
     name, at, place = text.rpartition("@")
     name = name if at else robot
     if not re.fullmatch(r"[A-Za-z0-9_-]{1,32}", name):
-        raise LinkError(f"{middleware}: the robot's name {name!r}; valid: 1 to 32 letters, digits, _ and -")
+        raise DriverError(f"{middleware}: the robot's name {name!r}; valid: 1 to 32 letters, digits, _ and -")
     return RemoteAddress(middleware, name, place or where)

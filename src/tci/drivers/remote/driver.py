@@ -15,17 +15,17 @@ from dataclasses import replace
 
 from tci.clock import MonotonicClock
 from tci.drivers.diagnosis import Finding, Level
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.drivers.remote.commanders import LEASE
 from tci.drivers.remote.protocol import MOST_ORDERS, Commander, Orders, SessionFrame, State
-from tci.errors import LinkError
+from tci.errors import DriverError
 from tci.gate.gate import GateSettings
 from tci.gate.safe_command import GateState, SafeCommand
 from tci.messages import PlatformOrder, Reading, SkinFrame
 from tci.robot.description import Robot
 
 TIMEOUT = 3.0
-"""Time [s] that a robot has to answer when a link is opened. Ours."""
+"""Time [s] that a robot has to answer when a driver is opened. Ours."""
 STARTING = 30.0
 """The same while its process is there, which may still compile. Ours."""
 SKIN = 2.0
@@ -35,7 +35,7 @@ WINDOW = 1.0
 after it was held up. Ours."""
 
 
-class RemoteLink(Link):
+class RemoteDriver(Driver):
     """A robot that another TCI process owns and shows. The gate here is the behaviour's own: it refuses
     early, and leaves the robot's body and whether it follows to the gate there. While one of them holds,
     both do.
@@ -50,7 +50,7 @@ class RemoteLink(Link):
         super().__init__(robot, middleware=middleware, clock=MonotonicClock(), armed=arm, settings=settings)
         self.place = place
         self.client = secrets.randbits(62) + 1
-        """Number of this link."""
+        """Number of this driver."""
         self.lease_name = f"{middleware}:{robot.name}:{self.client}"  # the lease is there
         self.name = f"{socket.gethostname()}, process {os.getpid()}"
         self.refusals: deque[str] = deque(maxlen=100)
@@ -85,7 +85,8 @@ class RemoteLink(Link):
         """Why no state may have come, for the error."""
 
     def diagnose(self) -> tuple[Finding, ...]:
-        """What the robot's process says: its gate, who commands. Raises LinkError when the link is closed."""
+        """What the robot's process says: its gate, who commands. Raises DriverError when the driver is
+        closed."""
         self._check_open()
         self._take()
         state = self._state
@@ -110,13 +111,13 @@ class RemoteLink(Link):
         return tuple(found)
 
     def _wait(self) -> None:
-        """Return when a state and all patches have come. Raises LinkError when no state comes in time."""
+        """Return when a state and all patches have come. Raises DriverError when no state comes in time."""
         begin = time.monotonic()
         while self._state is None:
             self._take()
             waited = time.monotonic() - begin
             if self._state is None and waited > TIMEOUT and not (waited < STARTING and self._starting()):
-                raise LinkError(f"{self.robot.name} does not answer at {self.place}: {self._nobody()}")
+                raise DriverError(f"{self.robot.name} does not answer at {self.place}: {self._nobody()}")
             time.sleep(0.002)
         end = time.monotonic() + SKIN
         while len(self._skin) < len(self.robot.patches) and time.monotonic() < end:
@@ -178,7 +179,7 @@ class RemoteLink(Link):
     def _close(self) -> None:
         if self._state is not None and self._sequence:
             self._pending.clear()
-            with suppress(LinkError):  # then the silence tells it
+            with suppress(DriverError):  # then the silence tells it
                 self._say(self._state, "", leaving=True)
 
     def _say(self, state: State, halt: str, *, leaving: bool) -> None:
@@ -236,5 +237,5 @@ class RemoteLink(Link):
             self._refused = commander.refused
             self.refusals.append(commander.reason)
             if "commanded by" in commander.reason:
-                raise LinkError(commander.reason)
+                raise DriverError(commander.reason)
             self._hold(f"refused by the robot's process: {commander.reason}")

@@ -7,7 +7,7 @@ import time
 from abc import abstractmethod
 from collections.abc import Iterable, Sequence
 
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.drivers.remote.commanders import Commanders
 from tci.drivers.remote.protocol import Orders, State
 from tci.drivers.server import Server
@@ -21,13 +21,13 @@ class RemoteServer(Server):
     A subclass carries messages in `_poll`, `_show` and `_show_skin`, and never waits there.
     """
 
-    def __init__(self, link: Link, address: str = "", *, middleware: str) -> None:
+    def __init__(self, driver: Driver, address: str = "", *, middleware: str) -> None:
         """Raises UnknownNameError when the robot has no binding to `middleware`."""
-        super().__init__(link, address)
+        super().__init__(driver, address)
         self.number = secrets.randbits(62) + 1
         """Number of this start."""
-        silence = link.robot.binding(middleware).stale_after
-        self.commanders = Commanders(link.robot, self.number, silence)
+        silence = driver.robot.binding(middleware).stale_after
+        self.commanders = Commanders(driver.robot, self.number, silence)
         """Who commands now."""
         self._sequence = 0
         self._shown: dict[str, int] = {}
@@ -63,7 +63,7 @@ class RemoteServer(Server):
                 session=self.number,
                 sequence=self._sequence,
                 sent=time.monotonic(),
-                now=self.link.clock.now(),
+                now=self.driver.clock.now(),
                 joints=reading.joints,
                 gate=sent.state.value,
                 reason=sent.reason[:200],

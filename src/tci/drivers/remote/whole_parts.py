@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Set as AbstractSet
 
-from tci.errors import LinkError
+from tci.errors import DriverError
 from tci.frames import Array
 from tci.gate.safe_command import GateState, SafeCommand
 from tci.messages import Mode
@@ -29,12 +29,12 @@ class WholeParts:
         """Angles [rad] of all servos of each part that has one under command, in the order of
         `Robot.servos_of`; the robot's servos (n_servos,) are `here` [rad].
 
-        Raises LinkError for a mode but position.
+        Raises DriverError for a mode but position.
         """
         for servo, mode in zip(safe.servos.tolist(), safe.modes, strict=True):
             if mode is not Mode.POSITION:
                 name = self._robot.servos[servo].name
-                raise LinkError(f"{name} is in {mode.value} mode; this robot takes: position")
+                raise DriverError(f"{name} is in {mode.value} mode; this robot takes: position")
         wanted = dict(zip(safe.servos.tolist(), safe.position.tolist(), strict=True))
         was_stopped, self._stopped = self._stopped, safe.state is GateState.STOP
         if not self._commanded <= wanted.keys() or (was_stopped and not self._stopped):

@@ -1,4 +1,4 @@
-"""A link by any ROS: to a robot that another TCI process shows, or to one that speaks ROS itself.
+"""A driver by any ROS: to a robot that another TCI process shows, or to one that speaks ROS itself.
 
 Which of them it is shows when it opens. From a TCI process come states, and it gets orders (`remote`); its
 own gate makes the motion. A robot that speaks ROS itself gets the set-points of the gate here.
@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 
 from tci.drivers.diagnosis import Finding, Level
-from tci.drivers.remote.driver import STARTING, RemoteLink
+from tci.drivers.remote.driver import STARTING, RemoteDriver
 from tci.drivers.remote.encoding import orders_bytes, to_skin, to_state
 from tci.drivers.remote.protocol import Orders, SessionFrame, State
 from tci.drivers.ros.messages import BYTES, NO_LAYOUT
 from tci.drivers.ros.names import Names
 from tci.drivers.ros.native import NativeRobot
 from tci.drivers.ros.node import Hear, Publish, RosNode
-from tci.errors import FrameError, LinkError
+from tci.errors import DriverError, FrameError
 from tci.gate.gate import Gate
 from tci.gate.safe_command import SafeCommand
 from tci.messages import Reading
@@ -28,20 +28,20 @@ from tci.recording.schemas import JOINTS
 from tci.robot.description import Robot
 
 WAIT = 5.0
-"""How long [s] a link waits for the robot's joints when it opens. Ours."""
+"""How long [s] a driver waits for the robot's joints when it opens. Ours."""
 STATE_WAIT = 0.5
 """How long [s] joints are offered and states are not, before the robot counts as one of ROS. Ours."""
 SKIN_WAIT = 2.0
 """How long [s] it then waits for patches that have sent nothing yet. Ours."""
 
 
-class RosLink(RemoteLink):
-    """A link to a robot by a node of any ROS, which is closed with it."""
+class RosDriver(RemoteDriver):
+    """A driver of a robot by a node of any ROS, which is closed with it."""
 
     def __init__(
         self, robot: Robot, node: RosNode, *, middleware: str, namespace: str, arm: bool, wait: float = WAIT
     ) -> None:
-        """Raises LinkError when no joints come within `wait` [s]."""
+        """Raises DriverError when no joints come within `wait` [s]."""
         self._node = node
         try:
             super().__init__(robot, middleware=middleware, place=namespace or "/", arm=arm)
@@ -141,7 +141,7 @@ class RosLink(RemoteLink):
         return ""
 
     def _is_tci(self, wait: float) -> bool:
-        """Whether a TCI process shows the robot. Raises LinkError when nobody does anything."""
+        """Whether a TCI process shows the robot. Raises DriverError when nobody does anything."""
         begin = time.monotonic()
         plain_since = np.inf
         while True:
@@ -158,7 +158,7 @@ class RosLink(RemoteLink):
                 return False
             if now - begin > (max(wait, STARTING) if shown else wait):
                 silent = f"{self._names.state} is offered, but {self._nobody()}"
-                raise LinkError(silent if shown else self._why_not(wait))
+                raise DriverError(silent if shown else self._why_not(wait))
             time.sleep(0.01)
 
     def _be_heard(self, seconds: float) -> None:
@@ -170,7 +170,7 @@ class RosLink(RemoteLink):
             if any(commander.client == self.client for commander in self._state.commanders):
                 return
             if time.monotonic() > end:
-                raise LinkError(f"the process of {self.robot.name} does not hear {self._names.orders}")
+                raise DriverError(f"the process of {self.robot.name} does not hear {self._names.orders}")
             self._say(self._state, "", leaving=False)
             time.sleep(self.period)
 
@@ -180,7 +180,7 @@ class RosLink(RemoteLink):
         while not self._native.complete:
             waited = time.monotonic() - begin
             if self._native.joints.latest is None and waited > seconds:
-                raise LinkError(self._why_not(seconds))
+                raise DriverError(self._why_not(seconds))
             if self._native.joints.latest is not None and waited > SKIN_WAIT:
                 return
             time.sleep(0.005)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tci.errors import LinkError
+from tci.errors import DriverError
 from tci.robot.description import Robot, Servo
 
 
@@ -10,7 +10,7 @@ class Names:
     """What a robot's topics and joints are called: by custom, or by the addresses of its binding."""
 
     def __init__(self, robot: Robot, middleware: str, namespace: str) -> None:
-        """`namespace` is one of `namespace_of`. Raises LinkError when two servos have one name."""
+        """`namespace` is one of `namespace_of`. Raises DriverError when two servos have one name."""
         self._robot = robot
         self._binding = robot.binding(middleware)
         self._namespace = namespace
@@ -19,7 +19,7 @@ class Names:
         for servo in robot.servos:
             if self.indices.setdefault(self.joint(servo), servo.index) != servo.index:
                 name = self.joint(servo)
-                raise LinkError(f"two servos of {robot.name} are called {name!r}; ROS needs one name each")
+                raise DriverError(f"two servos of {robot.name} are called {name!r}; ROS needs one name each")
 
     @property
     def joints(self) -> str:

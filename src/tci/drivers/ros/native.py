@@ -13,7 +13,7 @@ from tci.drivers.ros.arrivals import JointArrivals, SkinArrivals, raw_of_cloud
 from tci.drivers.ros.messages import NO_LAYOUT, TRAJECTORY, VALUES
 from tci.drivers.ros.names import Names
 from tci.drivers.ros.node import Hear, Publish, RosNode
-from tci.errors import LinkError
+from tci.errors import DriverError
 from tci.frames import Array
 from tci.gate.safe_command import SafeCommand
 from tci.messages import Reading
@@ -25,7 +25,7 @@ QUEUE = 16
 
 
 class NativeRobot:
-    """What a link does with a robot's own topics."""
+    """What a driver does with a robot's own topics."""
 
     def __init__(
         self, robot: Robot, node: RosNode, names: Names, *, arm: bool, period: float, now: Callable[[], float]
@@ -56,9 +56,9 @@ class NativeRobot:
         return self.joints.latest is not None and all(heard)
 
     def reading(self) -> Reading:
-        """The latest of everything. Raises LinkError before the first joints."""
+        """The latest of everything. Raises DriverError before the first joints."""
         if self.joints.latest is None:
-            raise LinkError(f"no joints of {self.robot.name} yet")
+            raise DriverError(f"no joints of {self.robot.name} yet")
         frames = (arrivals.latest for arrivals in self.skin.values())
         return Reading(self.joints.latest, tuple(frame for frame in frames if frame is not None))
 
@@ -67,7 +67,7 @@ class NativeRobot:
         self._parts.forget()
 
     def send(self, safe: SafeCommand) -> None:
-        """Command each part that has a servo under command. Raises LinkError for a mode but position."""
+        """Command each part that has a servo under command. Raises DriverError for a mode but position."""
         for part, position in self._parts.complete(safe, self.reading().joints.position).items():
             self._out[part](self._message(part, np.array(position)))
 
@@ -90,5 +90,5 @@ class NativeRobot:
     def _hear_frame(self, patch: str, fields: Mapping[str, Any], arrival: float) -> None:
         frame = to_frame(fields)
         if frame.patch != patch:
-            raise LinkError(f"a frame of {frame.patch[:40]!r} on the topic of {patch}")
+            raise DriverError(f"a frame of {frame.patch[:40]!r} on the topic of {patch}")
         self.skin[patch].hear(fields, frame.values, arrival)

@@ -1,4 +1,4 @@
-"""What a link or a server needs of ROS: topics, and nothing else."""
+"""What a driver or a server needs of ROS: topics, and nothing else."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from tci.errors import LinkError, TciError
+from tci.errors import DriverError, TciError
 from tci.rosmsg.cdr import MessageType
 
 Publish = Callable[[Sequence[Any]], None]
@@ -66,11 +66,11 @@ class RosNode(ABC):
 
 
 def namespace_of(address: str) -> str:
-    """The namespace in a link's address, with a slash before it and none behind; "" for none.
+    """The namespace in a driver's address, with a slash before it and none behind; "" for none.
 
-    Raises LinkError for what is no name.
+    Raises DriverError for what is no name.
     """
     namespace = "/" + address.strip("/") if address.strip("/") else ""
     if not NAMESPACE.fullmatch(namespace):
-        raise LinkError(f"{address!r} is no ROS namespace; valid: letters, digits and _, as in /left/nao")
+        raise DriverError(f"{address!r} is no ROS namespace; valid: letters, digits and _, as in /left/nao")
     return namespace

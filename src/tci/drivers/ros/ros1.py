@@ -22,15 +22,15 @@ from typing import Any
 from urllib.parse import urlsplit
 from xmlrpc.client import ServerProxy, Transport
 
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.drivers.own_sockets import Watch, listening
 from tci.drivers.remote.hosts import numeric
-from tci.drivers.ros.driver import WAIT, RosLink
+from tci.drivers.ros.driver import WAIT, RosDriver
 from tci.drivers.ros.node import Hear, Publish, RosNode, namespace_of
 from tci.drivers.ros.server import RosServer
 from tci.drivers.ros.tree import Trees
 from tci.drivers.visitors import MOST
-from tci.errors import LinkError, MissingExtraError
+from tci.errors import DriverError, MissingExtraError
 from tci.robot.description import Robot
 from tci.rosmsg.cdr import MessageType
 
@@ -65,7 +65,7 @@ def _rospy() -> Any:
     try:
         found, *_ = map(import_module, NEEDED)
     except ModuleNotFoundError as error:
-        raise MissingExtraError("the link 'ros1'", str(error.name), HOW) from error
+        raise MissingExtraError("the driver 'ros1'", str(error.name), HOW) from error
     return found
 
 
@@ -73,7 +73,7 @@ class Ros1Node(RosNode):
     """A share in this process's node: rospy has one per process, which ends with it."""
 
     def __init__(self, name: str) -> None:
-        """Raises LinkError without a master, MissingExtraError without rospy."""
+        """Raises DriverError without a master, MissingExtraError without rospy."""
         super().__init__()
         _stay_here()
         self._rospy = _rospy()
@@ -84,7 +84,7 @@ class Ros1Node(RosNode):
             self._master.getPid()
         except Exception as error:
             uri = self._master.master_uri
-            raise LinkError(
+            raise DriverError(
                 f"no ROS master at {uri} ({error}); start roscore, or set ROS_MASTER_URI"
             ) from error
         finally:
@@ -114,7 +114,7 @@ class Ros1Node(RosNode):
             try:
                 publisher.publish(_trees(kind).grow(kind, values))
             except self._rospy.ROSException as error:
-                raise LinkError(f"{topic} can't be sent: {error}") from error
+                raise DriverError(f"{topic} can't be sent: {error}") from error
 
         return send
 
@@ -186,15 +186,15 @@ class _Brief(Transport):
         return connection
 
 
-class Ros1Link(RosLink):
-    """A link to a robot in ROS 1."""
+class Ros1Driver(RosDriver):
+    """A driver of a robot in ROS 1."""
 
     @classmethod
     def load_library(cls) -> None:
         _rospy()
 
     def __init__(self, robot: Robot, address: str = "", *, arm: bool = False, wait: float = WAIT) -> None:
-        """`address` is the robot's namespace. Raises LinkError when no joints come within `wait` [s]."""
+        """`address` is the robot's namespace. Raises DriverError when no joints come within `wait` [s]."""
         namespace = namespace_of(address)
         node = Ros1Node(f"tci_{robot.name}_behaviour")
         super().__init__(robot, node, middleware="ros1", namespace=namespace, arm=arm, wait=wait)
@@ -203,11 +203,11 @@ class Ros1Link(RosLink):
 class Ros1Server(RosServer):
     """Shows a robot in ROS 1."""
 
-    def __init__(self, link: Link, address: str = "") -> None:
-        """`address` is the namespace to show it in. Raises LinkError without a master."""
+    def __init__(self, driver: Driver, address: str = "") -> None:
+        """`address` is the namespace to show it in. Raises DriverError without a master."""
         namespace = namespace_of(address)
-        node = Ros1Node(f"tci_{link.robot.name}")
-        super().__init__(link, address, node, middleware="ros1", namespace=namespace)
+        node = Ros1Node(f"tci_{driver.robot.name}")
+        super().__init__(driver, address, node, middleware="ros1", namespace=namespace)
 
     def where(self) -> str:
         everybody = "read and commanded by everybody on the network"

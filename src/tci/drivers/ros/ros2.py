@@ -11,12 +11,12 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from importlib.util import find_spec
 
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.drivers.own_sockets import on_loopback
-from tci.drivers.ros.driver import WAIT, RosLink
+from tci.drivers.ros.driver import WAIT, RosDriver
 from tci.drivers.ros.node import RosNode, namespace_of
 from tci.drivers.ros.server import RosServer
-from tci.errors import LinkError
+from tci.errors import DriverError
 from tci.robot.description import Robot
 
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
@@ -36,28 +36,28 @@ else:
 
 
 def discovery_range() -> str:
-    """How far nodes find each other. ROS itself takes SUBNET where nothing is set. Raises LinkError."""
+    """How far nodes find each other. ROS itself takes SUBNET where nothing is set. Raises DriverError."""
     found = os.environ.get(RANGE) or RANGES[0]
     if found not in RANGES:
-        raise LinkError(f"{RANGE} is {found!r}; valid: {', '.join(RANGES)}")
+        raise DriverError(f"{RANGE} is {found!r}; valid: {', '.join(RANGES)}")
     return found
 
 
 def open_node(name: str, namespace: str) -> RosNode:
     """A node of rclpy where that is installed, else of cyclonedds.
 
-    Raises LinkError for settings of the environment that can't be.
+    Raises DriverError for settings of the environment that can't be.
     """
     reach = discovery_range()
     with on_loopback() if reach in HERE else nullcontext():
         return _Node(name, namespace, reach=reach)
 
 
-class Ros2Link(RosLink):
-    """A link to a robot in ROS 2."""
+class Ros2Driver(RosDriver):
+    """A driver of a robot in ROS 2."""
 
     def __init__(self, robot: Robot, address: str = "", *, arm: bool = False, wait: float = WAIT) -> None:
-        """`address` is the robot's namespace. Raises LinkError when no joints come within `wait` [s]."""
+        """`address` is the robot's namespace. Raises DriverError when no joints come within `wait` [s]."""
         namespace = namespace_of(address)
         node = open_node(f"tci_{robot.name}_behaviour", namespace)
         super().__init__(robot, node, middleware="ros2", namespace=namespace, arm=arm, wait=wait)
@@ -70,11 +70,11 @@ class Ros2Link(RosLink):
 class Ros2Server(RosServer):
     """Shows a robot in ROS 2."""
 
-    def __init__(self, link: Link, address: str = "") -> None:
-        """`address` is the namespace to show it in. Raises LinkError when ROS refuses."""
+    def __init__(self, driver: Driver, address: str = "") -> None:
+        """`address` is the namespace to show it in. Raises DriverError when ROS refuses."""
         namespace = namespace_of(address)
-        node = open_node(f"tci_{link.robot.name}", namespace)
-        super().__init__(link, address, node, middleware="ros2", namespace=namespace)
+        node = open_node(f"tci_{driver.robot.name}", namespace)
+        super().__init__(driver, address, node, middleware="ros2", namespace=namespace)
 
     def where(self) -> str:
         everybody = "read and commanded by everybody on the network"

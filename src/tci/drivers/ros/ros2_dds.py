@@ -28,7 +28,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from tci.drivers.remote.hosts import numeric
 from tci.drivers.ros.node import LIFESPAN, Hear, Publish, RosNode
-from tci.errors import LinkError
+from tci.errors import DriverError
 from tci.rosmsg.cdr import HEADER, MessageType, decode, encode, item_of
 
 MOST_PARTICIPANTS = 32
@@ -69,7 +69,7 @@ class DdsNode(RosNode):
     """A node of ROS 2, seen from others."""
 
     def __init__(self, name: str, namespace: str = "", *, reach: str = "LOCALHOST") -> None:
-        """`reach` is the range of discovery. Raises LinkError for settings of the environment that mean
+        """`reach` is the range of discovery. Raises DriverError for settings of the environment that mean
         nothing, or that Cyclone refuses."""
         super().__init__()
         self._id = _domain_id()
@@ -163,14 +163,14 @@ class _Publisher:
 
     def __call__(self, values: Sequence[Any]) -> None:
         if self.writer is None:
-            raise LinkError("this ROS 2 node is closed")
+            raise DriverError("this ROS 2 node is closed")
         sample: Any = self._cls.__new__(self._cls)
         sample.raw = encode(self._kind, values)
         try:
             self.writer.write(sample)
         except DDSException as error:
             if error.code != DDSException.DDS_RETCODE_TIMEOUT:  # a slow reader misses it
-                raise LinkError(f"{self._kind.name} can't be sent: {error}") from error
+                raise DriverError(f"{self._kind.name} can't be sent: {error}") from error
 
 
 def _qos(policies: Sequence[Any], kind: MessageType) -> Qos:
@@ -231,7 +231,7 @@ def _struct(
 def _domain_id() -> int:
     text = os.environ.get("ROS_DOMAIN_ID", "") or "0"
     if not (text.isascii() and text.isdigit() and int(text) <= 232):
-        raise LinkError(f"ROS_DOMAIN_ID is {text!r}; valid: 0 to 232")
+        raise DriverError(f"ROS_DOMAIN_ID is {text!r}; valid: 0 to 232")
     return int(text)
 
 
@@ -244,7 +244,7 @@ def _open_domain(number: int, reach: str) -> None:
     try:
         _domains[number] = Domain(number, f"{own},{_settings(reach)}" if own else _settings(reach)), 1
     except DDSException as error:
-        raise LinkError(f"ROS 2 domain {number} can't be opened: {error}") from error
+        raise DriverError(f"ROS 2 domain {number} can't be opened: {error}") from error
 
 
 def _close_domain(number: int) -> None:
@@ -264,7 +264,7 @@ def _static_peers() -> list[str]:
         except ValueError:
             valid = False
         if not valid:
-            raise LinkError(
+            raise DriverError(
                 f"{peer!r} of ROS_STATIC_PEERS is no address; valid: HOST or HOST:PORT, "
                 "where HOST is an IPv4 address or a name that has one"
             )

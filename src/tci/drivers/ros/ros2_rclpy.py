@@ -16,7 +16,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from tci.drivers.ros.node import LIFESPAN, Hear, Publish, RosNode
-from tci.errors import LinkError
+from tci.errors import DriverError
 from tci.rosmsg.cdr import MessageType, decode, encode
 
 BEFORE_RANGES = ("foxy", "galactic", "humble")
@@ -27,7 +27,7 @@ class RclpyNode(RosNode):
     """A node of rclpy in a context of its own. What arrives is handed on in a thread beside the loop."""
 
     def __init__(self, name: str, namespace: str = "", *, reach: str = "LOCALHOST") -> None:
-        """`reach` is the range of discovery. Raises LinkError for settings of the environment that rclpy
+        """`reach` is the range of discovery. Raises DriverError for settings of the environment that rclpy
         refuses."""
         super().__init__()
         self._context = rclpy.context.Context()
@@ -39,7 +39,7 @@ class RclpyNode(RosNode):
                 start_parameter_services=False,
             )  # fmt: skip
         except Exception as error:  # rclpy has no common error
-            raise LinkError(f"no ROS 2 node: {error}") from error
+            raise DriverError(f"no ROS 2 node: {error}") from error
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self._thread = threading.Thread(target=self._spin, name="rclpy", daemon=True)
@@ -72,7 +72,7 @@ class RclpyNode(RosNode):
     def knows(self, kind: MessageType) -> bool:
         try:
             _type(kind)
-        except LinkError:
+        except DriverError:
             return False
         return True
 
@@ -111,12 +111,12 @@ def _ranging(reach: str) -> Iterator[None]:
 
 
 def _type(kind: MessageType) -> Callable[[], Any]:
-    """The generated class of a message. Raises LinkError where its package is not there."""
+    """The generated class of a message. Raises DriverError where its package is not there."""
     package, _, name = kind.name.split("/")
     try:
         found: Callable[[], Any] = getattr(import_module(f"{package}.msg"), name)
     except (ImportError, AttributeError) as error:
-        raise LinkError(f"this ROS 2 lacks {kind.name}; install the package {package}") from error
+        raise DriverError(f"this ROS 2 lacks {kind.name}; install the package {package}") from error
     return found
 
 

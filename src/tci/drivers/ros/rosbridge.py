@@ -12,12 +12,12 @@ from typing import Any
 
 import roslibpy
 
-from tci.drivers.driver import Link
-from tci.drivers.ros.driver import WAIT, RosLink
+from tci.drivers.driver import Driver
+from tci.drivers.ros.driver import WAIT, RosDriver
 from tci.drivers.ros.node import Hear, Publish, RosNode, namespace_of
 from tci.drivers.ros.server import RosServer
 from tci.drivers.ros.tree import Trees
-from tci.errors import LinkError
+from tci.errors import DriverError
 from tci.robot.description import Robot
 from tci.rosmsg.cdr import MessageType
 
@@ -40,7 +40,7 @@ class RosbridgeNode(RosNode):
     """A client of a rosbridge server. What arrives is handed on in roslibpy's thread."""
 
     def __init__(self, host: str, port: int) -> None:
-        """Raises LinkError when nobody answers at `host` and `port`."""
+        """Raises DriverError when nobody answers at `host` and `port`."""
         super().__init__()
         self._where = f"ws://{host}:{port}"
         self._ros = roslibpy.Ros(host, port, transport="asyncio")
@@ -51,11 +51,11 @@ class RosbridgeNode(RosNode):
             self._ros.run(timeout=TIMEOUT)
         except Exception as error:
             self.close()
-            raise LinkError(f"no rosbridge server at {self._where}: {error}") from error
+            raise DriverError(f"no rosbridge server at {self._where}: {error}") from error
         try:
             # Both kinds of ROS tell the time; its form shows which one this is.
             first = "secs" if "secs" in self._ask("get_time", "GetTime", {})["time"] else "sec"
-        except LinkError:
+        except DriverError:
             self.close()
             raise
         self._trees = Trees(_new, _get, ("secs", "nsecs") if first == "secs" else ("sec", "nanosec"))
@@ -116,20 +116,20 @@ class RosbridgeNode(RosNode):
             gone.wait(TIMEOUT)
 
     def _ask(self, name: str, type_: str, request: Mapping[str, Any]) -> Mapping[str, Any]:
-        """An answer of rosapi. Raises LinkError for none."""
+        """An answer of rosapi. Raises DriverError for none."""
         service = roslibpy.Service(self._ros, f"/rosapi/{name}", f"rosapi/{type_}")
         try:
             answer: Mapping[str, Any] = service.call(roslibpy.ServiceRequest(request), timeout=TIMEOUT)
         except Exception as error:
-            raise LinkError(f"rosapi at {self._where} does not answer: {error}; start it too") from error
+            raise DriverError(f"rosapi at {self._where} does not answer: {error}; start it too") from error
         return answer
 
 
-class RosbridgeLink(RosLink):
-    """A link to a robot behind a rosbridge server."""
+class RosbridgeDriver(RosDriver):
+    """A driver of a robot behind a rosbridge server."""
 
     def __init__(self, robot: Robot, address: str = "", *, arm: bool = False, wait: float = WAIT) -> None:
-        """Raises LinkError when no joints come within `wait` [s]."""
+        """Raises DriverError when no joints come within `wait` [s]."""
         host, port, namespace = parse(address)
         node = RosbridgeNode(host, port)
         super().__init__(robot, node, middleware="rosbridge", namespace=namespace, arm=arm, wait=wait)
@@ -138,18 +138,18 @@ class RosbridgeLink(RosLink):
 class RosbridgeServer(RosServer):
     """Shows a robot in the ROS behind a rosbridge server."""
 
-    def __init__(self, link: Link, address: str = "") -> None:
-        """Raises LinkError when nobody answers at `address`."""
+    def __init__(self, driver: Driver, address: str = "") -> None:
+        """Raises DriverError when nobody answers at `address`."""
         host, port, namespace = parse(address)
         node = RosbridgeNode(host, port)
-        super().__init__(link, address, node, middleware="rosbridge", namespace=namespace)
+        super().__init__(driver, address, node, middleware="rosbridge", namespace=namespace)
 
 
 def parse(address: str) -> tuple[str, int, str]:
-    """Host, port and namespace. Raises LinkError for what is no address."""
+    """Host, port and namespace. Raises DriverError for what is no address."""
     found = ADDRESS.fullmatch(address)
     if found is None or int(found["port"] or PORT) > 65535:
-        raise LinkError(
+        raise DriverError(
             f"{address!r} is no address; valid: rosbridge:HOST:PORT/NAMESPACE, each may be left out"
         )
     return found["host"] or "127.0.0.1", int(found["port"] or PORT), namespace_of(found["namespace"] or "")

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from tci.clock import Every
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.drivers.remote.controllers import Controllers, Once, values_order
 from tci.drivers.remote.encoding import frame_bytes, state_bytes, to_orders
 from tci.drivers.remote.protocol import Orders, SessionFrame, State
@@ -42,13 +42,15 @@ MOST_ORDERS = 64
 class RosServer(RemoteServer):
     """Shows a robot by a node of any ROS, which is closed with it."""
 
-    def __init__(self, link: Link, address: str, node: RosNode, *, middleware: str, namespace: str) -> None:
+    def __init__(
+        self, driver: Driver, address: str, node: RosNode, *, middleware: str, namespace: str
+    ) -> None:
         """Raises UnknownNameError when the robot has no binding to `middleware`."""
         self._node = node
         try:
-            super().__init__(link, address, middleware=middleware)
+            super().__init__(driver, address, middleware=middleware)
             self._middleware = middleware
-            robot = link.robot
+            robot = driver.robot
             names = self._names = Names(robot, middleware, namespace)
             self._position = initial_position(robot)
             period = 1.0 / robot.binding(middleware).rate
@@ -83,7 +85,7 @@ class RosServer(RemoteServer):
 
     def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
         self._position = reading.joints.position
-        self._is_due = self._states.due(self.link.clock.now())
+        self._is_due = self._states.due(self.driver.clock.now())
         if self._is_due:
             self._joints(joints_values(self._joint_names, reading.joints, self._epoch(reading.joints.stamp)))
         super().publish(reading, perception, sent)
@@ -99,16 +101,16 @@ class RosServer(RemoteServer):
 
     def _poll(self) -> Iterator[Orders]:
         self._node.poll()
-        yield from self._controllers.messages(self._position, self.link.clock.now())
+        yield from self._controllers.messages(self._position, self.driver.clock.now())
         while self._arrived:
             try:
-                yield to_orders(self.link.robot, self._arrived.popleft())
+                yield to_orders(self.driver.robot, self._arrived.popleft())
             except FrameError as error:
                 self._refusals((str(error),))
 
     def _show(self, state: State) -> None:
         if self._is_due:
-            self._state((NO_LAYOUT, np.frombuffer(state_bytes(self.link.robot, state), dtype=np.uint8)))
+            self._state((NO_LAYOUT, np.frombuffer(state_bytes(self.driver.robot, state), dtype=np.uint8)))
 
     def _show_skin(self, frame: SkinFrame) -> None:
         topics = self._skin[frame.patch]
@@ -119,16 +121,16 @@ class RosServer(RemoteServer):
         self._arrived.append(bytes(fields["data"]))
 
     def _follow(self, part: str, fields: Mapping[str, Any]) -> None:
-        joints = {self._names.joint(servo): servo.index for servo in self.link.robot.servos_of(part)}
+        joints = {self._names.joint(servo): servo.index for servo in self.driver.robot.servos_of(part)}
         self._controllers.hear(part, partial(Trajectory, part, joints, fields))
 
     def _take(self, part: str, fields: Mapping[str, Any]) -> None:
-        servos = self.link.robot.servos_of(part)
+        servos = self.driver.robot.servos_of(part)
         self._controllers.hear(part, lambda *_: Once(values_order(part, servos, fields["data"])))
 
     def _epoch(self, stamp: float) -> float:
-        """A time on the link's clock as ROS counts: seconds since 1970."""
-        return time.time() + stamp - self.link.clock.now()
+        """A time on the driver's clock as ROS counts: seconds since 1970."""
+        return time.time() + stamp - self.driver.clock.now()
 
 
 class PatchTopics:

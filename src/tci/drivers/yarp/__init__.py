@@ -5,8 +5,8 @@ message, source                 how it is packed: header, index, command, envelo
 incoming, outgoing, auth        one connection, by its carrier: tcp, fast_tcp, udp, text, text_ack
 names, name_server              who is where
 port, rpc                       what a program talks through
-network                         the same as a link asks for it: by `wire`, TCI's own, or YARP's own `bindings`
-board, state                    iCub's control boards: calls, commands and their state
+network                         the same as a driver asks for it: by `wire`, TCI's own, or YARP's own
+`bindings` board, state                    iCub's control boards: calls, commands and their state
 driver                          `yarp`: a robot behind YARP
 server                          `tci serve --via yarp`: a robot shown as YARP control boards and skin ports
 """

@@ -10,7 +10,7 @@ from tci.drivers.yarp.dialect import DIALECTS, Dialect
 from tci.drivers.yarp.names import parse_address
 from tci.drivers.yarp.network import Network
 from tci.drivers.yarp.wire import Wire
-from tci.errors import LinkError
+from tci.errors import DriverError
 from tci.robot.description import Robot
 
 BINDINGS = "bindings"
@@ -25,7 +25,7 @@ class YarpAddress:
     bindings: bool = False
     """Whether YARP's own bindings carry the messages."""
     dialect: Dialect | None = None
-    """`3` or `4`; None: probed by a link, 3 for a server."""
+    """`3` or `4`; None: probed by a driver, 3 for a server."""
     robot: str = ""
     """First word of the port names, instead of the description's name: `icubSim`."""
     carrier: str = FAST_TCP.name
@@ -36,15 +36,15 @@ class YarpAddress:
     """Patches that are left out, joined by +."""
 
     def network(self) -> Network:
-        """What carries the messages. Raises LinkError, MissingExtraError."""
+        """What carries the messages. Raises DriverError, MissingExtraError."""
         network = Bindings(self.server) if self.bindings else Wire(self.server)
         if network.dialect not in (None, self.dialect or network.dialect):
-            raise LinkError(f"{network.title}, speak no other; without `bindings` TCI speaks both")
+            raise DriverError(f"{network.title}, speak no other; without `bindings` TCI speaks both")
         return network
 
 
 def parse(text: str) -> YarpAddress:
-    """Raises LinkError that says what is valid."""
+    """Raises DriverError that says what is valid."""
     server = None
     found: dict[str, object] = {}
     for number, word in enumerate(part.strip() for part in text.split(",") if part.strip()):
@@ -53,7 +53,7 @@ def parse(text: str) -> YarpAddress:
             found[BINDINGS] = True
         elif not equals:
             if number:
-                raise LinkError(f"{word!r} in yarp:{text}; valid: {_valid()}")
+                raise DriverError(f"{word!r} in yarp:{text}; valid: {_valid()}")
             server = parse_address(word)
         elif name == "dialect" and value in DIALECTS:
             found[name] = DIALECTS[value]
@@ -66,10 +66,10 @@ def parse(text: str) -> YarpAddress:
         elif name == "without" and value:
             found[name] = tuple(value.split("+"))
         else:
-            raise LinkError(f"{word!r} in yarp:{text}; valid: {_valid()}")
+            raise DriverError(f"{word!r} in yarp:{text}; valid: {_valid()}")
     carrier = str(found.get("carrier", FAST_TCP.name))
     if carrier in (TEXT.name, TEXT_ACK.name) if BINDINGS in found else carrier not in CARRIERS:
-        raise LinkError(f"carrier={carrier} in yarp:{text}; valid: {_valid()}")
+        raise DriverError(f"carrier={carrier} in yarp:{text}; valid: {_valid()}")
     assert found.keys() <= {field.name for field in fields(YarpAddress)}
     return YarpAddress(server=server, **found)  # type: ignore[arg-type] # each as parsed above
 

@@ -1,4 +1,4 @@
-"""One control board behind a link: its state comes in, set-points go out, to named joints only."""
+"""One control board behind a driver: its state comes in, set-points go out, to named joints only."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from tci.drivers.yarp.incoming import Delivery
 from tci.drivers.yarp.network import Network, Writer
 from tci.drivers.yarp.state import BoardState, decode_state
 from tci.drivers.yarp.values import Vocab
-from tci.errors import LinkError, WireError
+from tci.errors import DriverError, WireError
 from tci.frames import Array
 from tci.gate.safe_command import SafeCommand
 from tci.messages import Mode
@@ -49,8 +49,8 @@ SWITCHING = 0.0005
 ignored those that came before it had changed. Ours."""
 
 
-class BoardLink:
-    """The joints of one robot part. Methods raise LinkError when the board refuses or is not there."""
+class BoardDriver:
+    """The joints of one robot part. Methods raise DriverError when the board refuses or is not there."""
 
     def __init__(
         self,
@@ -105,7 +105,7 @@ class BoardLink:
         if self.feed is not None:
             found = self.feed.latest if at is None else self.feed.at(at)
         if found is None:
-            raise LinkError(f"{self.prefix} has sent no state yet")
+            raise DriverError(f"{self.prefix} has sent no state yet")
         return found.value, found.stamp
 
     @property
@@ -172,7 +172,7 @@ class BoardLink:
         self._stream_all(safe, safe.position, loose, mine)
 
     def halt(self) -> None:
-        """The board's own stop, in position mode: its joints stay where they are. Raises LinkError."""
+        """The board's own stop, in position mode: its joints stay where they are. Raises DriverError."""
         self.board.set_modes(list(self.axis), POSITION)
         self.board.stop()
         self._direct.clear()
@@ -183,7 +183,7 @@ class BoardLink:
         self.board.close()
 
     def reconnect(self) -> None:
-        """Connect again. Raises LinkError, UnknownNameError."""
+        """Connect again. Raises DriverError, UnknownNameError."""
         assert self.feed is not None
         fresh = find_board(self._network, self.prefix, f"{self._own}/rpc:o", self.board.dialect)
         self.board.close()
@@ -194,7 +194,7 @@ class BoardLink:
 
     def mind_commands(self) -> None:
         """Connect again where the board has closed the connection that commands take: one that authenticates
-        does so after 2 s without any. Raises LinkError, UnknownNameError."""
+        does so after 2 s without any. Raises DriverError, UnknownNameError."""
         output = self._output  # the loop lets go of it too
         if output is None or output.is_over():
             self._connect_commands()
@@ -230,13 +230,13 @@ class BoardLink:
         return True
 
     def _settle(self, patience: float = 0.0) -> bool:
-        """Whether all changes of modes are answered. Raises LinkError when the board refused one."""
+        """Whether all changes of modes are answered. Raises DriverError when the board refused one."""
         try:
             answered = self.board.settle(patience)
             if answered:
                 self._switching = {}
             return answered
-        except LinkError:
+        except DriverError:
             self._told |= self._switching
             for servo in self._switching:
                 self._direct.pop(servo, None)
@@ -278,7 +278,7 @@ class BoardLink:
         output = self._output
         try:
             output.offer(self.board.command(stream, joints, values), self.board.dialect)
-        except LinkError:
+        except DriverError:
             output.close()
             if self._output is output:
                 self._output = None  # nothing queues; whoever watches connects again
@@ -297,7 +297,7 @@ class BoardLink:
         return state
 
     def _match(self) -> tuple[int, ...]:
-        """The board's axis of each servo. Raises LinkError when there is none for one."""
+        """The board's axis of each servo. Raises DriverError when there is none for one."""
         known = {name: axis for axis, name in enumerate(self.axes)}
         names = [servo.name for servo in self.servos]
         if len(known) == len(self.axes) and all(name in known for name in names):
@@ -305,7 +305,7 @@ class BoardLink:
         strangers = [servo for servo in self.servos if not 0 <= servo.id < len(self.axes)]
         mixed = [s.name for s in self.servos if known.get(s.name, s.id) != s.id]
         if strangers or mixed:
-            raise LinkError(
+            raise DriverError(
                 f"{self.prefix} has the axes {', '.join(self.axes)}; the description's "
                 f"{', '.join(mixed or [servo.name for servo in strangers])} is not where its id says; "
                 "valid: a description whose servos have the board's names, or its numbers"

@@ -13,7 +13,7 @@ from tci.drivers.yarp import address as addresses
 from tci.drivers.yarp.address import patch_port
 from tci.drivers.yarp.bindings.module import importable
 from tci.drivers.yarp.board import find_board
-from tci.drivers.yarp.board_driver import BoardLink
+from tci.drivers.yarp.board_driver import BoardDriver
 from tci.drivers.yarp.dialect import Dialect
 from tci.drivers.yarp.feed import Feed
 from tci.drivers.yarp.network import Network
@@ -74,7 +74,7 @@ def _no_server(error: TciError) -> Finding:
 
 
 def examine(
-    dialect: Dialect, boards: Mapping[str, BoardLink], skin: Mapping[str, Feed[Any]]
+    dialect: Dialect, boards: Mapping[str, BoardDriver], skin: Mapping[str, Feed[Any]]
 ) -> tuple[Finding, ...]:
     """Dialect, joints and limits that differ from the description, lost and wrong messages, clocks."""
     found = [Finding(Level.OK, "dialect", f"YARP {dialect.name}", figures={"dialect": dialect.name})]
@@ -95,7 +95,7 @@ def examine(
     return tuple(found)
 
 
-def _examine_board(part: str, board: BoardLink) -> list[Finding]:
+def _examine_board(part: str, board: BoardDriver) -> list[Finding]:
     found = []
     for servo, axis, limits in zip(board.servos, board.axis, board.limits(), strict=True):
         if board.axes[axis] != servo.name:

@@ -14,25 +14,25 @@ from numpy.typing import NDArray
 
 from tci.clock import MonotonicClock
 from tci.drivers.diagnosis import Finding
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.drivers.remote.hosts import numeric
 from tci.drivers.yarp import address as addresses
 from tci.drivers.yarp.address import patch_port
-from tci.drivers.yarp.board_driver import AHEAD, BoardLink
+from tci.drivers.yarp.board_driver import AHEAD, BoardDriver
 from tci.drivers.yarp.diagnose import examine, probe
 from tci.drivers.yarp.dialect import Dialect
 from tci.drivers.yarp.feed import Feed
 from tci.drivers.yarp.incoming import Delivery
 from tci.drivers.yarp.network import Network
 from tci.drivers.yarp.skin_events import SkinEvent, decode_events
-from tci.errors import LinkError, UnknownNameError, WireError
+from tci.errors import DriverError, UnknownNameError, WireError
 from tci.frames import read_only
 from tci.gate.gate import SafeCommand
 from tci.messages import JointReading, Mode, Reading, SkinFrame
 from tci.robot.description import Patch, Robot
 
 FIRST = 3.0
-"""How long [s] a port may take for its first message when the link is opened. Ours."""
+"""How long [s] a port may take for its first message when the driver is opened. Ours."""
 AWAY = 0.3
 """How long [s] a port is silent before it is asked again. Ours."""
 LOOK = 0.25
@@ -47,9 +47,9 @@ EVENTS = "/skinManager/skin_events:o"
 _numbers = itertools.count()
 
 
-class YarpLink(Link):
-    """A link to a robot on YARP. It is armed only on request. After a restart of the name server, a board or
-    the robot it goes on by itself; meanwhile the joint data is old, and the gate holds."""
+class YarpDriver(Driver):
+    """A driver of a robot on YARP. It is armed only on request. After a restart of the name server, a board
+    or the robot it goes on by itself; meanwhile the joint data is old, and the gate holds."""
 
     def __init__(
         self, robot: Robot, address: str = "", *, arm: bool = False, joints: bool = True, skin: bool = True
@@ -57,8 +57,8 @@ class YarpLink(Link):
         """Connect to every board and every patch; `address` as in docs/yarp.md.
 
         Without `joints` or `skin` only the other one is read. Skin alone does not tell the dialect, so the
-        address must. Raises LinkError when a port is not there, sends nothing, or sends what the description
-        does not say.
+        address must. Raises DriverError when a port is not there, sends nothing, or sends what the
+        description does not say.
         """
         options = addresses.parse(address)
         clock = MonotonicClock()
@@ -68,7 +68,7 @@ class YarpLink(Link):
         host, port = self.network.address
         self.lease_name = f"yarp:{numeric(host)}:{port}/{self.prefix}"
         own = f"/tci/{os.getpid()}/{next(_numbers)}"
-        self.boards: dict[str, BoardLink] = {}
+        self.boards: dict[str, BoardDriver] = {}
         self.skin: dict[str, Feed[NDArray[np.float64]]] = {}
         self._events: Feed[tuple[SkinEvent, ...]] | None = None
         self._own, self._carrier = own, options.carrier
@@ -77,20 +77,22 @@ class YarpLink(Link):
         self._joints: JointReading | None = None
         self._away: set[str] = set()
         self._reconnected = threading.Event()
-        self._refused: dict[str, tuple[float, LinkError]] = {}
+        self._refused: dict[str, tuple[float, DriverError]] = {}
         self._closed = threading.Event()
         try:
             if joints:
                 self._open_boards(dialect)
             elif dialect is None:
-                raise LinkError(f"skin alone over yarp:{address} needs dialect=3 or dialect=4 in its address")
+                raise DriverError(
+                    f"skin alone over yarp:{address} needs dialect=3 or dialect=4 in its address"
+                )
             for patch in robot.patches if skin else ():
                 if patch.name not in options.without:
                     self._open_skin(patch)
             self._wait_for_all()
         except UnknownNameError as error:
             self._close()
-            raise LinkError(
+            raise DriverError(
                 f"{error}; a patch that the robot lacks can be left out: yarp:...,without=PATCH"
             ) from error
         except BaseException:
@@ -106,7 +108,8 @@ class YarpLink(Link):
         return next(iter(self.boards.values())).board.dialect
 
     def skin_events(self) -> tuple[SkinEvent, ...]:
-        """The contacts that the robot's own skinManager says now. Raises LinkError when it is not running."""
+        """The contacts that the robot's own skinManager says now. Raises DriverError when it is not
+        running."""
         if self._events is None:
             try:
                 self._events = Feed(
@@ -114,7 +117,7 @@ class YarpLink(Link):
                     own=f"{self._own}/skin_events:i", carrier=self._carrier,
                 )  # fmt: skip
             except UnknownNameError as error:
-                raise LinkError(f"no skinManager: {error}") from error
+                raise DriverError(f"no skinManager: {error}") from error
             self._events.wait(AWAY)
         latest = self._events.latest
         return latest.value if latest is not None else ()
@@ -185,7 +188,7 @@ class YarpLink(Link):
                 continue
             try:
                 board.send(safe, ahead)
-            except LinkError as error:
+            except DriverError as error:
                 self._refused.setdefault(part, (now, error))
             else:
                 if not board.switches:
@@ -194,10 +197,10 @@ class YarpLink(Link):
 
     def _bear(self, now: float) -> None:
         """A board that holds, or starts, refuses for a moment: hold too; it is asked again in each period.
-        Raises LinkError when it goes on refusing."""
+        Raises DriverError when it goes on refusing."""
         for since, error in self._refused.values():
             if now - since > REFUSED:
-                raise LinkError(
+                raise DriverError(
                     f"{error}; for {now - since:.1f} s; does the robot's own process hold? `tci doctor` looks"
                 ) from error
             self.gate.hold(str(error))
@@ -215,7 +218,7 @@ class YarpLink(Link):
     def _open_boards(self, dialect: Dialect | None) -> None:
         for part in dict.fromkeys(servo.robot_part for servo in self.robot.servos):
             where = self.robot.binding("yarp").address(part, part)
-            self.boards[part] = BoardLink(
+            self.boards[part] = BoardDriver(
                 f"/{self.prefix}/{where}", self.robot.servos_of(part), self.network,
                 own=f"{self._own}/{part}", carrier=self._carrier, dialect=dialect,
             )  # fmt: skip
@@ -253,7 +256,7 @@ class YarpLink(Link):
         if feed.wait(max(0.0, until - time.monotonic())):
             return
         why = feed.last_error or feed.port.last_error or f"nothing within {FIRST:g} s"
-        raise LinkError(
+        raise DriverError(
             f"{feed.source}: {why}; valid: what the description of {self.robot.name} says, "
             "or a patch left out: yarp:...,without=PATCH"
         )
@@ -265,19 +268,19 @@ class YarpLink(Link):
             now = time.monotonic()
             for board in self.boards.values():
                 if board.feed is not None and board.feed.silent(now) > AWAY:
-                    with contextlib.suppress(LinkError, UnknownNameError):
+                    with contextlib.suppress(DriverError, UnknownNameError):
                         board.reconnect()
                         self._reconnected.set()
                 else:
-                    with contextlib.suppress(LinkError, UnknownNameError):
+                    with contextlib.suppress(DriverError, UnknownNameError):
                         board.mind_commands()
             for feed in self._feeds(boards=False):
                 if feed.silent(now) > AWAY:
-                    with contextlib.suppress(LinkError, UnknownNameError):
+                    with contextlib.suppress(DriverError, UnknownNameError):
                         feed.reconnect()
             if now > due:
                 due = now + REGISTER_AGAIN
-                with contextlib.suppress(LinkError):
+                with contextlib.suppress(DriverError):
                     known = {contact.name for contact in self.network.list()}
                     for feed in self._feeds():
                         if feed.port.name not in known and not self._closed.is_set():

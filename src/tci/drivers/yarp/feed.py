@@ -12,7 +12,7 @@ from tci.drivers.remote.source_clock import SourceClock
 from tci.drivers.yarp.dialect import Dialect
 from tci.drivers.yarp.incoming import Delivery
 from tci.drivers.yarp.network import Network
-from tci.errors import LinkError, UnknownNameError, WireError
+from tci.errors import DriverError, UnknownNameError, WireError
 
 KEPT = 4
 """Messages that are kept, so that those of several ports can be taken from about one time. Ours."""
@@ -49,7 +49,7 @@ class Feed(Generic[Value]):
         own: str,
         carrier: str,
     ) -> None:
-        """Connect. Raises LinkError, UnknownNameError for a port that is not there."""
+        """Connect. Raises DriverError, UnknownNameError for a port that is not there."""
         self.source = source
         self.recent: tuple[Sample[Value], ...] = ()
         """The latest few messages, oldest first."""
@@ -70,7 +70,7 @@ class Feed(Generic[Value]):
         self.port = network.port(own, dialect, self._receive)
         try:
             self.port.listen_to(source, carrier)
-        except (LinkError, UnknownNameError):
+        except (DriverError, UnknownNameError):
             self.port.close()
             raise
 
@@ -102,7 +102,7 @@ class Feed(Generic[Value]):
         return now - self._arrived
 
     def reconnect(self) -> None:
-        """Ask the source again. Raises LinkError, UnknownNameError."""
+        """Ask the source again. Raises DriverError, UnknownNameError."""
         self.port.listen_to(self.source, self._carrier)
 
     def close(self) -> None:

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from functools import partial
 
 from tci.drivers.visitors import MOST, Visitor, Visitors
-from tci.errors import LinkError, TciError
+from tci.errors import DriverError, TciError
 
 
 class Listener:
@@ -18,7 +18,7 @@ class Listener:
     def __init__(
         self, host: str, port: int, serve: Callable[[socket.socket, Visitor], None], *, name: str
     ) -> None:
-        """Raises LinkError when the port is taken."""
+        """Raises DriverError when the port is taken."""
         self._name, self._serve = name, serve
         self._visitors = Visitors()
         self._wrong = 0
@@ -27,7 +27,7 @@ class Listener:
         try:
             self._socket = socket.create_server((host, port), backlog=MOST)
         except OSError as error:
-            raise LinkError(
+            raise DriverError(
                 f"{name} can't listen at {host}:{port}: {error.strerror or error}; valid: a free port"
             ) from error
         bound = self._socket.getsockname()

@@ -12,7 +12,7 @@ from tci.drivers.yarp import auth
 from tci.drivers.yarp.listener import Listener
 from tci.drivers.yarp.names import END, PATIENCE, ROOT, Contact
 from tci.drivers.yarp.source import SocketSource
-from tci.errors import LinkError, WireError
+from tci.errors import DriverError, WireError
 
 FIRST_PORT = 2
 """Ports are given out from the server's own number plus this, as YARP does."""
@@ -26,7 +26,7 @@ class NameServer:
     def __init__(
         self, host: str = "127.0.0.1", port: int = 0, *, key: bytes | None = None, space: str = ROOT
     ) -> None:
-        """Listen at once; port 0 takes a free one. Raises LinkError for a port that is taken."""
+        """Listen at once; port 0 takes a free one. Raises DriverError for a port that is taken."""
         self._lock = threading.Lock()
         self._contacts: dict[str, Contact] = {}
         self._properties: dict[str, dict[str, list[str]]] = {}
@@ -116,7 +116,7 @@ class NameServer:
             port, self._next = self._next, self._next + 1 if self._next < 65000 else 10002
             if port not in taken and _is_free(port):
                 return port
-        raise LinkError("no free port is left")
+        raise DriverError("no free port is left")
 
 
 def _is_free(port: int) -> bool:

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from tci.drivers.yarp import auth
 from tci.drivers.yarp.source import SocketSource
-from tci.errors import LinkError, UnknownNameError, WireError
+from tci.errors import DriverError, UnknownNameError, WireError
 
 END = "*** end of message"
 ROOT = "/root"
@@ -68,17 +68,17 @@ def config_file(space: str) -> Path:
 
 
 def parse_address(text: str, *, port: int = 10000) -> tuple[str, int]:
-    """`HOST:PORT` or `HOST`. Raises LinkError."""
+    """`HOST:PORT` or `HOST`. Raises DriverError."""
     host, _, digits = text.partition(":")
     if digits and not (digits.isascii() and digits.isdigit() and 0 <= int(digits[:6]) < 65536):
-        raise LinkError(
+        raise DriverError(
             f"port {digits!r} in {text!r}; valid: HOST:PORT, port 1 to 65535, 0 to serve at a free one"
         )
     return host, int(digits) if digits else port
 
 
 def read_key() -> bytes | None:
-    """The key of `auth.conf`, group AUTH; None where authentication is off. Raises LinkError for no key."""
+    """The key of `auth.conf`, group AUTH; None where authentication is off. Raises DriverError for no key."""
     path = config_folder() / "auth.conf"
     if not path.is_file():
         return None
@@ -86,25 +86,25 @@ def read_key() -> bytes | None:
     group = re.search(r"^\s*\[AUTH\]\s*$(.*?)(?=^\s*\[|\Z)", text, re.MULTILINE | re.DOTALL)
     found = re.search(r'^\s*key\s+("?)([^"\n]+?)\1\s*$', group[1], re.MULTILINE) if group else None
     if found is None:
-        raise LinkError(f"{path} has no key; valid: a line [AUTH] and below it: key THE_SECRET")
+        raise DriverError(f"{path} has no key; valid: a line [AUTH] and below it: key THE_SECRET")
     return found[2].encode()
 
 
 def find_server(space: str | None = None) -> tuple[str, int]:
     """Host and port of the name server, from the file, else by asking the network.
 
-    Raises LinkError that says what to do when there is neither.
+    Raises DriverError that says what to do when there is neither.
     """
     space = space or namespace()
     path = config_file(space)
     if path.is_file():
         words = path.read_text(encoding="utf-8", errors="replace").split()
         if len(words) < 2 or not words[1].isdigit():
-            raise LinkError(f"{path} says {' '.join(words)[:60]!r}; valid: HOST PORT yarp")
+            raise DriverError(f"{path} says {' '.join(words)[:60]!r}; valid: HOST PORT yarp")
         return words[0], int(words[1])
     found = detect(space)
     if found is None:
-        raise LinkError(
+        raise DriverError(
             f"no YARP name server: {path} is not there and nobody answers for {space}; start one "
             "(yarpserver, or tci serve ROBOT --via yarp), or give its address: --via yarp:HOST:PORT"
         )
@@ -141,11 +141,12 @@ class Names:
         """Key of the authentication; None where it is off."""
 
     def ask(self, *words: str) -> list[str]:
-        """Lines of the answer to a request. Raises LinkError when nobody answers, and for what is no line."""
+        """Lines of the answer to a request. Raises DriverError when nobody answers, and for what is no
+        line."""
         host, port = self.address
         line = f"NAME_SERVER {' '.join(words)}"
         if not line.isprintable():
-            raise LinkError(f"{line[:80]!r} is no question to a name server; valid: one line of text")
+            raise DriverError(f"{line[:80]!r} is no question to a name server; valid: one line of text")
         lines: list[str] = []
         try:
             with socket.create_connection(self.address, timeout=PATIENCE) as sock:
@@ -162,11 +163,11 @@ class Names:
                     if words[0] != "announce":  # which has no end; what came may be half of it, or a nonce
                         raise WireError("it hung up; does it want a key (auth.conf)?") from None
         except (OSError, WireError) as error:
-            raise LinkError(f"the YARP name server at {host}:{port} does not answer: {error}") from error
+            raise DriverError(f"the YARP name server at {host}:{port} does not answer: {error}") from error
         return lines
 
     def query(self, name: str) -> Contact:
-        """Where a port is. Raises UnknownNameError for one that is not registered, LinkError as `ask`."""
+        """Where a port is. Raises UnknownNameError for one that is not registered, DriverError as `ask`."""
         for line in self.ask("query", name):
             if (contact := parse_contact(line)) is not None:
                 return contact
@@ -180,7 +181,9 @@ class Names:
         """Tell that a port is there."""
         lines = self.ask("register", contact.name, contact.carrier, contact.host, str(contact.port))
         if not any(parse_contact(line) for line in lines):
-            raise LinkError(f"the name server at {self.address[0]} did not register {contact.name}: {lines}")
+            raise DriverError(
+                f"the name server at {self.address[0]} did not register {contact.name}: {lines}"
+            )
         for name, value in (properties or {}).items():
             self.ask("set", contact.name, name, value)
         self.ask("announce", contact.name)

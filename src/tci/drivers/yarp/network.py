@@ -1,4 +1,4 @@
-"""What a link asks of YARP: ports by name, and what carries messages between them.
+"""What a driver asks of YARP: ports by name, and what carries messages between them.
 
 Two ways there are, `wire` (TCI's own) and `bindings` (YARP's). All else, boards and skin above all, is said
 once and knows neither.
@@ -32,10 +32,10 @@ class NamedPort(Protocol):
         """Send a Vector (an array) or a Bottle (a list) to all readers. It never waits; nothing queues."""
 
     def listen_to(self, source: str, carrier: str) -> None:
-        """Have a port send to this one. Raises LinkError when it refuses, UnknownNameError."""
+        """Have a port send to this one. Raises DriverError when it refuses, UnknownNameError."""
 
     def register(self) -> None:
-        """Tell the name server, again after it restarted. Raises LinkError."""
+        """Tell the name server, again after it restarted. Raises DriverError."""
 
     def close(self) -> None:
         """Unregister and let go of every connection."""
@@ -45,7 +45,7 @@ class Writer(Protocol):
     """A connection of ours to somebody's port. It never waits."""
 
     def offer(self, value: Array | Sequence[Any], dialect: Dialect, stamp: Stamp | None = None) -> bool:
-        """Send a Vector (an array) or a Bottle (a list), or drop it. Raises LinkError for a lost reader."""
+        """Send a Vector (an array) or a Bottle (a list), or drop it. Raises DriverError for a lost reader."""
 
     def is_over(self) -> bool:
         """Whether the reader is gone."""
@@ -55,7 +55,7 @@ class Writer(Protocol):
 
 
 class Caller(Protocol):
-    """Calls to somebody's port, and their replies. What fails is a LinkError; there is no second try."""
+    """Calls to somebody's port, and their replies. What fails is a DriverError; there is no second try."""
 
     def call(self, *items: Any, patience: float = PATIENCE) -> list[Any]:
         """The reply to a call; empty where the other end says nothing."""
@@ -74,7 +74,7 @@ class Caller(Protocol):
 
 
 class Network(ABC):
-    """Who is where, and how to talk with them. Methods raise LinkError when the name server is silent."""
+    """Who is where, and how to talk with them. Methods raise DriverError when the name server is silent."""
 
     title: str
     """What it is, for people."""
@@ -99,7 +99,7 @@ class Network(ABC):
 
     @abstractmethod
     def writer(self, target: str, sender: str) -> Writer:
-        """Connect to a port by fast_tcp. Raises LinkError, UnknownNameError."""
+        """Connect to a port by fast_tcp. Raises DriverError, UnknownNameError."""
 
     @abstractmethod
     def caller(self, target: Contact, sender: str, dialect: Dialect) -> Caller:

@@ -20,7 +20,7 @@ from tci.drivers.yarp.message import Stamp
 from tci.drivers.yarp.names import Contact, Names
 from tci.drivers.yarp.outgoing import Outgoing
 from tci.drivers.yarp.values import Vocab
-from tci.errors import LinkError, UnknownNameError
+from tci.errors import DriverError, UnknownNameError
 from tci.frames import Array
 
 SPOKEN = "tcp fast_tcp udp text text_ack"
@@ -42,9 +42,10 @@ class Port:
         receive: Callable[[Delivery], Answer] | None = None,
         host: str | None = None,
     ) -> None:
-        """Listen and register. Raises LinkError when the name server doesn't answer or the port is taken."""
+        """Listen and register. Raises DriverError when the name server doesn't answer or the port is
+        taken."""
         if not name.startswith("/") or any(letter.isspace() for letter in name):
-            raise LinkError(f"port name {name!r}; valid: it begins with / and has no spaces")
+            raise DriverError(f"port name {name!r}; valid: it begins with / and has no spaces")
         self.name, self.dialect, self.names = name, dialect, names
         self.wrong = 0
         """Messages that were not understood."""
@@ -62,12 +63,12 @@ class Port:
         """Where it is."""
         try:
             self.register()
-        except LinkError:
+        except DriverError:
             self._listener.close()
             raise
 
     def register(self) -> None:
-        """Tell the name server, again after it restarted. Raises LinkError."""
+        """Tell the name server, again after it restarted. Raises DriverError."""
         properties = {
             "offers": SPOKEN,
             "accepts": SPOKEN,
@@ -96,7 +97,7 @@ class Port:
         for name, output in list(self._outputs.items()):
             try:
                 output.offer(value, self.dialect, stamp)
-            except LinkError as error:
+            except DriverError as error:
                 self.last_error = str(error)
                 with self._lock:
                     if self._outputs.get(name) is output:
@@ -104,9 +105,9 @@ class Port:
                 output.drop()
 
     def connect(self, target: str, carrier: str = FAST_TCP.name) -> None:
-        """Send to a port from now on. Raises LinkError, UnknownNameError."""
+        """Send to a port from now on. Raises DriverError, UnknownNameError."""
         if target not in self._outputs and len(self._outputs) >= MOST:
-            raise LinkError(f"{self.name} sends to {MOST} ports already; valid: at most {MOST}")
+            raise DriverError(f"{self.name} sends to {MOST} ports already; valid: at most {MOST}")
         found = Outgoing(self.names.query(target), self.name, find_carrier(carrier), self.names.key)
         with self._lock:
             old, self._outputs[target] = self._outputs.get(target), found
@@ -114,16 +115,16 @@ class Port:
             old.drop()  # the reader has ended it, as the second of a name
 
     def listen_to(self, source: str, carrier: str = FAST_TCP.name) -> None:
-        """Have a port send to this one. Raises LinkError when it refuses, UnknownNameError."""
+        """Have a port send to this one. Raises DriverError when it refuses, UnknownNameError."""
         contact = self.names.query(source)
         url = f"{find_carrier(carrier).name}:/{self.name}"
         said = outgoing.order(contact, [Vocab("add"), url], self.names.key)
         if source not in self._inputs and not said.startswith("0"):
-            raise LinkError(f"{source} does not connect to {self.name} by {carrier}: {said.strip()[:120]}")
+            raise DriverError(f"{source} does not connect to {self.name} by {carrier}: {said.strip()[:120]}")
 
     def close(self) -> None:
         """Unregister and let go of every connection. A second call does nothing."""
-        with contextlib.suppress(LinkError):
+        with contextlib.suppress(DriverError):
             self.names.unregister(self.name)
         with self._lock:
             self._closed = True
@@ -225,7 +226,7 @@ class Port:
         name = name if name.startswith("/") else f"/{name}"
         try:
             self.connect(name, carrier)
-        except (LinkError, UnknownNameError) as error:
+        except (DriverError, UnknownNameError) as error:
             return [-1, f"Cannot connect from {self.name} to {name}: {error}\r\n"]
         return [0, f"Added connection from {self.name} to {carrier}:/{name}\r\n"]
 
@@ -254,5 +255,5 @@ def own_host(server: tuple[str, int]) -> str:
         try:
             probe.connect(server)
         except OSError as error:
-            raise LinkError(f"the name server's address {server[0]} can't be reached: {error}") from error
+            raise DriverError(f"the name server's address {server[0]} can't be reached: {error}") from error
         return str(probe.getsockname()[0])

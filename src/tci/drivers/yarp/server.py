@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.drivers.server import Server
 from tci.drivers.yarp import address as addresses
 from tci.drivers.yarp.address import YarpAddress, patch_port
@@ -31,7 +31,7 @@ from tci.drivers.yarp.served_board import ServedBoard
 from tci.drivers.yarp.skin_events import encode_events
 from tci.drivers.yarp.state import encode_state
 from tci.drivers.yarp.streams import obey
-from tci.errors import CommandError, LinkError
+from tci.errors import CommandError, DriverError
 from tci.frames import Array
 from tci.gate.safe_command import SafeCommand
 from tci.messages import Order, Perception, Reading, SkinFrame
@@ -48,24 +48,24 @@ REGISTER_AGAIN = 1.0
 
 
 class YarpServer(Server):
-    """A robot on YARP. Commands need a link that is armed."""
+    """A robot on YARP. Commands need a driver that is armed."""
 
-    def __init__(self, link: Link, address: str = "") -> None:
+    def __init__(self, driver: Driver, address: str = "") -> None:
         """Open all ports. Without a name server, one of our own is started.
 
-        Raises LinkError for a port that is taken and for a name server that doesn't answer.
+        Raises DriverError for a port that is taken and for a name server that doesn't answer.
         """
-        super().__init__(link, address)
+        super().__init__(driver, address)
         options = addresses.parse(address)
-        self.prefix = options.robot or link.robot.name
+        self.prefix = options.robot or driver.robot.name
         self._bindings = options.bindings
         self._own, self.network = self._name_server(options)
         self.dialect: Dialect = options.dialect or self.network.dialect or V3
-        parts = dict.fromkeys(servo.robot_part for servo in link.robot.servos)
-        self.boards = {part: ServedBoard(part, link.robot.servos_of(part)) for part in parts}
-        joints = link.read().joints
+        parts = dict.fromkeys(servo.robot_part for servo in driver.robot.servos)
+        self.boards = {part: ServedBoard(part, driver.robot.servos_of(part)) for part in parts}
+        joints = driver.read().joints
         for board in self.boards.values():
-            board.see(joints, link.gate.modes)
+            board.see(joints, driver.gate.modes)
         self.last_error = ""
         """Why the latest command was not obeyed."""
         self.refused = 0
@@ -80,12 +80,12 @@ class YarpServer(Server):
         try:
             for part in self.boards:
                 self.open_board(part)
-            for patch in link.robot.patches:
-                name = patch_port(link.robot, self.prefix, patch.name)
+            for patch in driver.robot.patches:
+                name = patch_port(driver.robot, self.prefix, patch.name)
                 self._open(name)
                 self._open(f"{name}_comp")
             self._events = self._open("/skinManager/skin_events:o")
-        except LinkError:
+        except DriverError:
             self.close()
             raise
         threading.Thread(target=self._keep_registered, name="yarp registration", daemon=True).start()
@@ -111,7 +111,7 @@ class YarpServer(Server):
             board.book.refuse(order, reason)
 
     def show(self, reading: Reading) -> None:
-        offset = time.time() - self.link.clock.now()
+        offset = time.time() - self.driver.clock.now()
         for frame in reading.skin:
             if self._sequences.get(frame.patch) != frame.sequence:
                 self._sequences[frame.patch] = frame.sequence
@@ -122,13 +122,13 @@ class YarpServer(Server):
         self._shown = True
         for board in self.boards.values():
             board.book.judge(sent.orders, sent.refusals)
-        offset = time.time() - self.link.clock.now()
+        offset = time.time() - self.driver.clock.now()
         now = time.monotonic()
         if now < self._due or (now - self._felt < APART and now < self._due + PERIOD / 2):
             return
         self._due = max(self._due + PERIOD, now)
         for part, board in self.boards.items():
-            board.see(reading.joints, self.link.gate.modes)
+            board.see(reading.joints, self.driver.gate.modes)
             if f"/{self.prefix}/{part}/state:o" not in self._ports:
                 continue  # it is away
             stamp = self._stamp(part, reading.joints.stamp + offset)
@@ -159,16 +159,16 @@ class YarpServer(Server):
             where = network.address
             network.list()
             return None, network
-        except LinkError:
+        except DriverError:
             own = NameServer(*where, key=read_key(), space=namespace())
             try:
                 return own, replace(options, server=own.address).network()
-            except LinkError:
+            except DriverError:
                 own.close()
                 raise
 
     def open_board(self, part: str) -> None:
-        """Show one robot part as a control board. Raises LinkError."""
+        """Show one robot part as a control board. Raises DriverError."""
         board = self.boards[part]
         calls = "nws/rpc:i" if self.dialect is V4 else "rpc:i"
         answer = answer_v4 if self.dialect is V4 else answer_v3
@@ -182,7 +182,7 @@ class YarpServer(Server):
             except CommandError as error:
                 self._refuse(str(error))
 
-        board.armed = self.link.armed
+        board.armed = self.driver.armed
         for name, receive in ((calls, call), ("command:i", command), ("state:o", None), ("stateExt:o", None)):
             self._open(f"/{self.prefix}/{part}/{name}", receive)
 
@@ -197,13 +197,13 @@ class YarpServer(Server):
         return port
 
     def _publish_skin(self, frame: SkinFrame, offset: float) -> None:
-        name = patch_port(self.link.robot, self.prefix, frame.patch)
+        name = patch_port(self.driver.robot, self.prefix, frame.patch)
         raw, compensated = self._ports[name], self._ports[f"{name}_comp"]
         stamp = self._stamp(frame.patch, frame.stamp + offset)
         if raw.outputs:
             raw.write(np.asarray(frame.values, dtype=float), stamp)
         if compensated.outputs:
-            sensor = self.link.robot.patch(frame.patch).sensor
+            sensor = self.driver.robot.patch(frame.patch).sensor
             sign = 1.0 if sensor.pascal_per_count > 0 else -1.0
             away = np.clip(sign * (np.asarray(frame.values, dtype=float) - sensor.rest), 0.0, 255.0)
             compensated.write(away)
@@ -222,7 +222,7 @@ class YarpServer(Server):
     def _keep_registered(self) -> None:
         """A name server that restarts forgets its ports; what flows between ports goes on meanwhile."""
         while not self._closed.wait(REGISTER_AGAIN):
-            with contextlib.suppress(LinkError):
+            with contextlib.suppress(DriverError):
                 known = {contact.name for contact in self.network.list()}
                 for port in list(self._ports.values()):
                     if port.name not in known and not self._closed.is_set():

@@ -22,7 +22,7 @@ class Wire(Network):
     def __init__(self, server: tuple[str, int] | None = None) -> None:
         """`server` is host and port of the name server; None for the one of yarp.conf.
 
-        Raises LinkError when nothing says where the name server is.
+        Raises DriverError when nothing says where the name server is.
         """
         self.names = Names(server or find_server(), key=read_key())
         self.address = self.names.address

@@ -17,14 +17,14 @@ from typing import Any
 import zenoh
 
 from tci.drivers.diagnosis import Finding, Level
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.drivers.own_sockets import Watch, listening
-from tci.drivers.remote.driver import RemoteLink
+from tci.drivers.remote.driver import RemoteDriver
 from tci.drivers.remote.encoding import frame_bytes, orders_bytes, state_bytes, to_orders, to_skin, to_state
 from tci.drivers.remote.protocol import Orders, SessionFrame, State
 from tci.drivers.remote.server import RemoteServer
 from tci.drivers.zenoh.session import close_session, open_session, parse_address
-from tci.errors import FrameError, LinkError, TciError
+from tci.errors import DriverError, FrameError, TciError
 from tci.exports.facts import query, read_facts
 from tci.messages import SkinFrame
 from tci.robot.description import Robot
@@ -38,11 +38,11 @@ QOS: dict[str, Any] = {
 }
 
 
-class ZenohLink(RemoteLink):
+class ZenohDriver(RemoteDriver):
     """A robot that another process shows through Zenoh."""
 
     def __init__(self, robot: Robot, address: str = "", *, arm: bool = False) -> None:
-        """Raises LinkError when nobody answers at `address` for a robot of this description."""
+        """Raises DriverError when nobody answers at `address` for a robot of this description."""
         self._address = parse_address(address, robot.name)
         super().__init__(robot, middleware="zenoh", place=str(self._address), arm=arm)
         self.session = open_session(self._address, "connect")
@@ -66,7 +66,7 @@ class ZenohLink(RemoteLink):
         try:
             where = parse_address(address, robot.name)
             session = open_session(where, "connect")
-        except LinkError as error:
+        except DriverError as error:
             advice = "is tci serve, or the router, running there? with TLS: do key and certificate fit?"
             return (Finding(Level.FAULT, "session", str(error), advice),)
         try:
@@ -87,7 +87,7 @@ class ZenohLink(RemoteLink):
         try:
             self._orders.put(orders_bytes(self.robot, orders))
         except zenoh.ZError as error:
-            raise LinkError(f"{self.place}: {error}") from error
+            raise DriverError(f"{self.place}: {error}") from error
 
     def _nobody(self) -> str:
         if self._why:
@@ -106,12 +106,12 @@ class ZenohLink(RemoteLink):
 class ZenohServer(RemoteServer):
     """Shows a robot through Zenoh."""
 
-    def __init__(self, link: Link, address: str = "") -> None:
-        """Raises LinkError when `address` can't be used."""
-        super().__init__(link, address, middleware="zenoh")
-        self._where = parse_address(address, link.robot.name)
+    def __init__(self, driver: Driver, address: str = "") -> None:
+        """Raises DriverError when `address` can't be used."""
+        super().__init__(driver, address, middleware="zenoh")
+        self._where = parse_address(address, driver.robot.name)
         self._key = f"tci/{self._where.robot}"
-        facts = query(link.robot).model_dump_json()
+        facts = query(driver.robot).model_dump_json()
         before = listening()
         self.session = open_session(self._where, "listen")
         """The session."""
@@ -124,7 +124,7 @@ class ZenohServer(RemoteServer):
         self._states = self.session.declare_publisher(f"{self._key}/state", **QOS)
         self._frames = {
             patch.name: self.session.declare_publisher(f"{self._key}/skin/{patch.name}", **QOS)
-            for patch in link.robot.patches
+            for patch in driver.robot.patches
         }
         key = f"{self._key}/facts"  # what is asked for may be tci/*/facts
         self._facts = self.session.declare_queryable(
@@ -138,15 +138,15 @@ class ZenohServer(RemoteServer):
     def _poll(self) -> Iterable[Orders]:
         for data in _received(self._orders):
             try:
-                yield to_orders(self.link.robot, data)
+                yield to_orders(self.driver.robot, data)
             except FrameError:
                 self.rejected += 1
 
     def _show(self, state: State) -> None:
-        self._states.put(state_bytes(self.link.robot, state))
+        self._states.put(state_bytes(self.driver.robot, state))
 
     def _show_skin(self, frame: SkinFrame) -> None:
-        self._frames[frame.patch].put(frame_bytes(self.link.robot, SessionFrame(self.number, frame)))
+        self._frames[frame.patch].put(frame_bytes(self.driver.robot, SessionFrame(self.number, frame)))
 
     def close(self) -> None:
         for watch in self._watches:

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from tci.drivers.zenoh.session import LEASE
-from tci.errors import LinkError
+from tci.errors import DriverError
 
 DAYS = 825
 """How long certificates last. Ours: the longest that browsers accept, too."""
@@ -37,11 +37,11 @@ def write_files(
 
     `endpoint` is where the router is, `tls/HOST:PORT`; `robots` their names on the network; `commanders` and
     `watchers` who may command, or only see, which of them. Returns `router.json5` and one file for each
-    robot and user, which needs, beside it, only `ca.pem` and its own `.pem` files. Raises LinkError.
+    robot and user, which needs, beside it, only `ca.pem` and its own `.pem` files. Raises DriverError.
     """
     found = re.fullmatch(r"tls/\[?([^\s/\]]+)\]?:(\d+)", endpoint)
     if found is None:
-        raise LinkError(f"endpoint {endpoint!r}; valid: tls/HOST:PORT, the router as all others reach it")
+        raise DriverError(f"endpoint {endpoint!r}; valid: tls/HOST:PORT, the router as all others reach it")
     names = [*robots, *commanders, *watchers]
     for name in names:
         if (
@@ -49,20 +49,20 @@ def write_files(
             or name in ("router", "ca")
             or names.count(name) > 1
         ):
-            raise LinkError(
+            raise DriverError(
                 f"name {name!r}; valid: letters, digits, _ and -, each only once, not router or ca"
             )
     for name, wanted in (*commanders.items(), *watchers.items()):
         if unknown := set(wanted) - set(robots):
-            raise LinkError(f"{name} of {', '.join(sorted(unknown))}; valid: {', '.join(robots)}")
+            raise DriverError(f"{name} of {', '.join(sorted(unknown))}; valid: {', '.join(robots)}")
     if shutil.which("openssl") is None:
-        raise LinkError(
+        raise DriverError(
             "openssl makes the certificates, and is not installed; on Debian: apt install openssl"
         )
     try:
         folder.mkdir(mode=0o700, parents=True)
     except FileExistsError:
-        raise LinkError(f"{folder} exists already; valid: a new folder") from None
+        raise DriverError(f"{folder} exists already; valid: a new folder") from None
     _authority(folder)
     passwords = {name: secrets.token_urlsafe(24) for name in ("router", *names)}
     _put(folder / "users.txt", "".join(f"{name}:{word}\n" for name, word in passwords.items()))
@@ -193,7 +193,7 @@ def _certificate(folder: Path, name: str, host: str) -> None:
 def _openssl(*arguments: str) -> None:
     done = subprocess.run(["openssl", *arguments], capture_output=True, text=True, check=False)
     if done.returncode:
-        raise LinkError(f"openssl {arguments[0]}: {done.stderr.strip().splitlines()[-1:]}")
+        raise DriverError(f"openssl {arguments[0]}: {done.stderr.strip().splitlines()[-1:]}")
 
 
 def _write(folder: Path, name: str, config: Mapping[str, Any]) -> Path:

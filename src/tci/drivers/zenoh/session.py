@@ -10,7 +10,7 @@ import zenoh
 
 from tci.drivers.remote.address import RemoteAddress, parse_remote
 from tci.drivers.visitors import PATIENCE
-from tci.errors import LinkError
+from tci.errors import DriverError
 
 ENDPOINT = "tcp/127.0.0.1:7447"
 """Where a robot is served unless the address says otherwise: this machine only."""
@@ -22,10 +22,10 @@ LEASE = 2000
 
 
 def parse_address(text: str, robot: str) -> RemoteAddress:
-    """An address; `robot` is the name where it gives none. Raises LinkError."""
+    """An address; `robot` is the name where it gives none. Raises DriverError."""
     address = parse_remote("zenoh", text, robot, ENDPOINT)
     if not is_file(address) and not re.fullmatch(r"[a-z][a-z0-9_]*/[^\s/]\S*", address.where):
-        raise LinkError(f"zenoh: address {address.where!r}; {VALID}")
+        raise DriverError(f"zenoh: address {address.where!r}; {VALID}")
     return address
 
 
@@ -37,7 +37,7 @@ def is_file(address: RemoteAddress) -> bool:
 def open_session(address: RemoteAddress, does: Literal["listen", "connect"]) -> zenoh.Session:
     """A session of Zenoh. Without a file it talks to nobody but those at the endpoint.
 
-    Raises LinkError for a file or an endpoint that can't be used, a port that is taken, and nobody there.
+    Raises DriverError for a file or an endpoint that can't be used, a port that is taken, and nobody there.
     """
     zenoh.init_log_from_env_or("off")
     try:
@@ -47,7 +47,7 @@ def open_session(address: RemoteAddress, does: Literal["listen", "connect"]) -> 
             config = zenoh.Config.from_json5(json.dumps(_settings(address.where, does)))
         return zenoh.open(config)
     except zenoh.ZError as error:
-        raise LinkError(f"{address}: {_brief(error)}; {VALID}") from error
+        raise DriverError(f"{address}: {_brief(error)}; {VALID}") from error
 
 
 def close_session(session: zenoh.Session) -> None:

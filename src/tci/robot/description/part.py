@@ -64,7 +64,7 @@ class Segment(Words):
     name: str
     """`upper_arm` or `forearm`."""
     link: str
-    """Link of the kinematic model that the origin is given in."""
+    """Driver of the kinematic model that the origin is given in."""
     origin: Vector
     """Proximal end of the segment's axis (3,) [m] in `link`; u is measured from here."""
     length: float

@@ -73,7 +73,7 @@ class Patch(Words):
     segment: str = ""
     """Segment of that part; empty for skin that is on none of its segments (head, hand, torso)."""
     link: str
-    """Link of the kinematic model that carries it."""
+    """Driver of the kinematic model that carries it."""
     rate: float
     """Frames per second [Hz]."""
     channels: int

@@ -25,7 +25,7 @@ class Model(Words):
     package: str | None = None
     """Installed Python package that the file comes from (its extra has the robot's name)."""
     torso_link: str
-    """Link that the torso frame is fixed to."""
+    """Driver that the torso frame is fixed to."""
     torso_rpy: Vector = (0.0, 0.0, 0.0)
     """Orientation [rad] of the torso frame (x forward, y left, z up) in that link."""
     torso_xyz: Vector = (0.0, 0.0, 0.0)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from tci.drivers.faults.injectors.arrivals import (
+    ConnectionLost,
     Dropped,
     Duplicates,
     Frozen,
-    LinkLost,
     OutOfOrder,
     SkinSilent,
 )
@@ -59,6 +59,6 @@ INJECTORS: dict[str, type[Injector]] = {
     "overrun": Overrun,
     "sigterm": Terminated,
     "thread-fails": ThreadFails,
-    "link-lost": LinkLost,
+    "link-lost": ConnectionLost,
 }
 """Every injector by its name."""

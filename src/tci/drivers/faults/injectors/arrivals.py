@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from tci.drivers.faults.injectors.injector import Injector
-from tci.errors import LinkError
+from tci.errors import DriverError
 from tci.messages import JointReading, Reading, SkinFrame
 
 
@@ -67,11 +67,11 @@ class Frozen(Injector):
         return replace(self.first.joints, stamp=joints.stamp)
 
 
-class LinkLost(Injector):
+class ConnectionLost(Injector):
     """The wire is cut."""
 
     number = 28
     says = "reading from the robot fails"
 
     def read(self, reading: Reading) -> Reading:
-        raise LinkError(f"the link to {self.link.robot.name} is lost, on purpose")
+        raise DriverError(f"the connection to {self.driver.robot.name} is lost, on purpose")

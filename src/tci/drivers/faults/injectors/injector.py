@@ -1,11 +1,11 @@
-"""The base class of what can be made to fail. Each works on any link, unless it says otherwise."""
+"""The base class of what can be made to fail. Each works on any driver, unless it says otherwise."""
 
 from __future__ import annotations
 
 from abc import ABC
 from typing import ClassVar
 
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.messages import JointReading, Reading, SkinFrame
 
 
@@ -19,9 +19,9 @@ class Injector(ABC):
     shows_after: ClassVar[float] = 0.0
     """How long [s] it may take until anybody can know."""
 
-    def __init__(self, link: Link, first: Reading) -> None:
+    def __init__(self, driver: Driver, first: Reading) -> None:
         """The fault begins: `first` is the last sound reading."""
-        self.link = link
+        self.driver = driver
         self.first = first
         self.begin()
 

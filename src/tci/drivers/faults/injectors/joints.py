@@ -87,8 +87,8 @@ class ServoOff(Injector):
     says = "all servos report that they are off; simulated ones go limp"
 
     def begin(self) -> None:
-        self._world = getattr(self.link, "world", None)
-        self._all = np.arange(len(self.link.robot.servos))
+        self._world = getattr(self.driver, "world", None)
+        self._all = np.arange(len(self.driver.robot.servos))
         if self._world is not None:
             self._world.set_power(self._all, on=False)
 
@@ -107,5 +107,5 @@ class ModeMismatch(Injector):
     says = "all servos report torque mode; those in torque mode report position"
 
     def joints(self, joints: JointReading) -> JointReading:
-        loose = (mode is Mode.TORQUE for mode in self.link.gate.modes)
+        loose = (mode is Mode.TORQUE for mode in self.driver.gate.modes)
         return replace(joints, modes=tuple(Mode.POSITION if one else Mode.TORQUE for one in loose))

@@ -36,7 +36,7 @@ class Overrun(Injector):
     says = "one period takes as long as five"
 
     def begin(self) -> None:
-        self.link.clock.sleep_until(self.link.clock.now() + 5.0 * self.link.period)
+        self.driver.clock.sleep_until(self.driver.clock.now() + 5.0 * self.driver.period)
 
 
 class Terminated(Injector):

@@ -16,12 +16,12 @@ class _Taxels(Injector):
     """Changes raw values of the first patch."""
 
     def frame(self, frame: SkinFrame) -> SkinFrame:
-        if frame.patch != self.link.robot.patches[0].name:
+        if frame.patch != self.driver.robot.patches[0].name:
             return frame
         if frame.values.dtype.kind not in "uif":
             return frame  # another fault spoilt it already
         values = frame.values.astype(float)
-        sensor = self.link.robot.patches[0].sensor
+        sensor = self.driver.robot.patches[0].sensor
         pressed = sensor.lowest if sensor.pascal_per_count < 0.0 else sensor.highest
         return replace(frame, values=self.change(values, float(pressed), float(sensor.rest)))
 

@@ -3,5 +3,5 @@
 module   the bindings: how they are found, and what they need of Python objects
 port     a port of YARP's: reads, writes
 calls    calls to somebody's port
-network  all of it, as a link asks for it
+network  all of it, as a driver asks for it
 """

@@ -20,7 +20,7 @@ from tci.drivers.yarp.bindings.module import (
 from tci.drivers.yarp.carrier import TCP
 from tci.drivers.yarp.names import PATIENCE
 from tci.drivers.yarp.text import from_text, to_text
-from tci.errors import LinkError
+from tci.errors import DriverError
 
 _lines = itertools.count()
 
@@ -45,7 +45,7 @@ class BindingsCaller:
 
     def hear(self) -> list[Any]:
         if not self._asked:
-            raise LinkError(f"{self._target}: the connection was closed")
+            raise DriverError(f"{self._target}: the connection was closed")
         return self._result(self._asked.popleft(), 0.0)
 
     def close(self) -> None:
@@ -68,12 +68,12 @@ class BindingsCaller:
     def _result(self, found: Future[list[Any]], patience: float) -> list[Any]:
         try:
             return found.result(patience)
-        except LinkError:
+        except DriverError:
             self._let_go()
             raise
         except TimeoutError:
             self._let_go()
-            raise LinkError(f"{self._target} does not answer in time") from None
+            raise DriverError(f"{self._target} does not answer in time") from None
 
 
 class Line:
@@ -87,7 +87,7 @@ class Line:
         self._thread = ThreadPoolExecutor(1, thread_name_prefix=f"yarp {sender}")
 
     def submit(self, items: Sequence[Any]) -> Future[list[Any]]:
-        """Make a call; the future has its reply, or a LinkError."""
+        """Make a call; the future has its reply, or a DriverError."""
         return self._thread.submit(self._exchange, items)
 
     def close(self) -> Future[None]:
@@ -108,7 +108,7 @@ class Line:
             connect(self._yarp, self._sender, self._target, TCP.name)
         reply = self._yarp.Bottle()
         if not self._port.write(to_bottle(self._yarp, items), reply):
-            raise LinkError(f"{self._target} does not answer {to_text(items)[:80]}")
+            raise DriverError(f"{self._target} does not answer {to_text(items)[:80]}")
         return from_text(reply.toString())
 
     def _hang_up(self) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from tci.drivers.yarp.dialect import DIALECTS, Dialect
 from tci.drivers.yarp.names import PATIENCE, read_key
 from tci.drivers.yarp.values import FALSE, TRUE, Float32, Int8, Int16, Int64, Vocab
-from tci.errors import LinkError, MissingExtraError, WireError
+from tci.errors import DriverError, MissingExtraError, WireError
 
 HOW = (
     "conda has it (conda install -c conda-forge yarp-python), or YARP is built with "
@@ -42,10 +42,10 @@ def load() -> Any:
 
 
 def version(yarp: Any) -> tuple[str, Dialect]:
-    """Version of the bindings and what they speak. Raises LinkError for one that is not known."""
+    """Version of the bindings and what they speak. Raises DriverError for one that is not known."""
     dialect = DIALECTS.get(str(yarp.YARP_VERSION_MAJOR))
     if dialect is None:
-        raise LinkError(f"bindings of YARP {yarp.YARP_VERSION}; valid: {' and '.join(DIALECTS)}.x")
+        raise DriverError(f"bindings of YARP {yarp.YARP_VERSION}; valid: {' and '.join(DIALECTS)}.x")
     return str(yarp.YARP_VERSION), dialect
 
 
@@ -53,15 +53,15 @@ def importable() -> str:
     """What can be imported, for people; empty where nothing can."""
     try:
         name, dialect = version(load())
-    except (LinkError, MissingExtraError):
+    except (DriverError, MissingExtraError):
         return ""
     return f"YARP's bindings {name}, dialect {dialect.name}"
 
 
 def open_port(yarp: Any, port: Any, name: str) -> None:
-    """Open a port of YARP's. Raises LinkError when YARP refuses."""
+    """Open a port of YARP's. Raises DriverError when YARP refuses."""
     if not port.open(name):
-        raise LinkError(f"YARP does not open a port {name!r}; valid: a free name that begins with /")
+        raise DriverError(f"YARP does not open a port {name!r}; valid: a free name that begins with /")
     _open[id(port)] = port
 
 
@@ -85,11 +85,11 @@ def closes_at_rest() -> bool:
 
 
 def connect(yarp: Any, source: str, target: str, carrier: str) -> None:
-    """As `yarp connect`. Raises LinkError."""
+    """As `yarp connect`. Raises DriverError."""
     style = yarp.ContactStyle()
     style.quiet, style.timeout, style.carrier = True, PATIENCE, carrier
     if not yarp.NetworkBase.connect(source, target, style):
-        raise LinkError(f"{source} does not connect to {target} by {carrier}")
+        raise DriverError(f"{source} does not connect to {target} by {carrier}")
 
 
 def to_bottle(yarp: Any, items: Sequence[Any], into: Any = None) -> Any:

@@ -1,4 +1,4 @@
-"""YARP's own ports and carriers, as a link asks for them."""
+"""YARP's own ports and carriers, as a driver asks for them."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from tci.drivers.yarp.dialect import Dialect
 from tci.drivers.yarp.incoming import Answer, Delivery
 from tci.drivers.yarp.names import Contact, Names, read_key
 from tci.drivers.yarp.network import Network
-from tci.errors import LinkError
+from tci.errors import DriverError
 
 
 class Bindings(Network):
     """Speaks the dialect that the bindings were built for, by any carrier that they have."""
 
     def __init__(self, server: tuple[str, int] | None = None) -> None:
-        """Raises MissingExtraError without the bindings, LinkError when YARP's configuration has no name
+        """Raises MissingExtraError without the bindings, DriverError when YARP's configuration has no name
         server, or another one than `server`: there is one for the whole process."""
         self._yarp = load()
         self.dialect: Dialect = version(self._yarp)[1]
@@ -27,10 +27,10 @@ class Bindings(Network):
         contact = self._yarp.NetworkBase.getNameServerContact()
         self.address = (contact.getHost(), contact.getPort())
         if not contact.isValid():
-            raise LinkError("YARP's configuration has no name server; valid after: yarp conf HOST PORT")
+            raise DriverError("YARP's configuration has no name server; valid after: yarp conf HOST PORT")
         if server is not None and server != self.address:
             host, port = server
-            raise LinkError(
+            raise DriverError(
                 "YARP's bindings ask the name server of YARP's configuration, {}:{}, ".format(*self.address)
                 + f"not {host}:{port}; valid: yarp conf {host} {port} before, or without bindings"
             )

@@ -26,7 +26,7 @@ from tci.drivers.yarp.incoming import Answer, Delivery
 from tci.drivers.yarp.listener import told
 from tci.drivers.yarp.message import CALL, DATA, Command, Stamp
 from tci.drivers.yarp.source import LONGEST
-from tci.errors import LinkError
+from tci.errors import DriverError
 from tci.frames import Array
 
 KEPT = 16
@@ -41,7 +41,7 @@ class BindingsPort:
     def __init__(
         self, yarp: Any, name: str, dialect: Dialect, receive: Callable[[Delivery], Answer] | None = None
     ) -> None:
-        """Raises LinkError when YARP refuses the name."""
+        """Raises DriverError when YARP refuses the name."""
         self.name = name
         self.last_error = ""
         self.dropped = 0
@@ -135,19 +135,19 @@ class BindingsWriter:
     """A port that sends to one other."""
 
     def __init__(self, yarp: Any, target: str, sender: str, dialect: Dialect) -> None:
-        """Raises LinkError."""
+        """Raises DriverError."""
         self._target = target
         self._closes, self._used = closes_at_rest(), time.monotonic()
         self._port = BindingsPort(yarp, sender, dialect)
         try:
             connect(yarp, sender, target, FAST_TCP.name)
-        except LinkError:
+        except DriverError:
             self._port.close()
             raise
 
     def offer(self, value: Array | Sequence[Any], dialect: Dialect, stamp: Stamp | None = None) -> bool:
         if self.is_over():
-            raise LinkError(f"{self._target} is gone")
+            raise DriverError(f"{self._target} is gone")
         self._used = time.monotonic()
         before = self._port.dropped
         self._port.write(value, stamp)

@@ -1,4 +1,4 @@
-"""The link to a robot on YARP: what it refuses, what it leaves alone, and the reflex through it."""
+"""The driver to a robot on YARP: what it refuses, what it leaves alone, and the reflex through it."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 
 import tci
-from drivers.links import free_port
 from drivers.patient import patient
+from drivers.wires import free_port
 from drivers.yarp.show import Show, until
 from tci.body.places import Place, find_place
 from tci.capabilities.fields import default_fields
 from tci.drivers.diagnosis import Level
-from tci.drivers.yarp import driver as yarp_link
+from tci.drivers.yarp import driver as yarp_driver
 from tci.drivers.yarp.board import Stream
-from tci.drivers.yarp.board_driver import BoardLink
+from tci.drivers.yarp.board_driver import BoardDriver
 from tci.drivers.yarp.dialect import DIALECTS, V3, V4
-from tci.drivers.yarp.driver import YarpLink
+from tci.drivers.yarp.driver import YarpDriver
 from tci.drivers.yarp.name_server import NameServer
 from tci.drivers.yarp.names import Names
-from tci.errors import CommandError, LinkError, UnknownNameError
+from tci.errors import CommandError, DriverError, UnknownNameError
 from tci.frames import Array
 from tci.gate.gate import GateState, SafeCommand
 from tci.messages import Mode, Order, PlatformCommand, PlatformOrder, PlatformSwitch, SwitchMode
@@ -48,23 +48,23 @@ def where(show: Show) -> str:
     return "{}:{}".format(*show.names.address)
 
 
-def link_to(show: Show, robot: Robot | None = None, options: str = "", *, arm: bool = True) -> YarpLink:
-    return YarpLink(robot or patient(show.link.robot.name), where(show) + options, arm=arm)
+def driver_to(show: Show, robot: Robot | None = None, options: str = "", *, arm: bool = True) -> YarpDriver:
+    return YarpDriver(robot or patient(show.driver.robot.name), where(show) + options, arm=arm)
 
 
 def test_the_dialect_is_probed_and_the_wrong_one_is_refused(show: Show) -> None:
     other = V4 if show.dialect is V3 else V3
-    with link_to(show) as link:
-        assert link.dialect is show.dialect
-        assert link.read().joints.torque is not None
-    with pytest.raises(LinkError, match=f"of YARP {other.name}"):
-        link_to(show, options=f",dialect={other.name}")
+    with driver_to(show) as driver:
+        assert driver.dialect is show.dialect
+        assert driver.read().joints.torque is not None
+    with pytest.raises(DriverError, match=f"of YARP {other.name}"):
+        driver_to(show, options=f",dialect={other.name}")
 
 
 def test_the_reflex_withdraws_the_arm_over_yarp_and_touches_nothing_else(show: Show) -> None:
     """The paper's setting: robot and reflex in two loops that only YARP connects."""
-    robot = show.link.robot
-    world = show.link.world
+    robot = show.driver.robot
+    world = show.driver.world
     arm = next(part for part in robot.parts if part.name == "left_arm")
     mapped = {servo.servo for servo in arm.servos if servo.servo is not None}
     ordered: set[int] = set()
@@ -82,7 +82,7 @@ def test_the_reflex_withdraws_the_arm_over_yarp_and_touches_nothing_else(show: S
     told: list[object] = []
     for _ in range(PATIENCE):
         seen: list[Tick] = []
-        with link_to(show) as link:
+        with driver_to(show) as driver:
             joints = world.joints()
             place = find_place(tci.Skin(robot), "left_arm", site.segment, site.u, site.theta, joints)
 
@@ -91,12 +91,12 @@ def test_the_reflex_withdraws_the_arm_over_yarp_and_touches_nothing_else(show: S
                     world.finger.poke(place.patch, place.p_L, place.n_L, speed=0.25, depth=0.01, gap=0.05)
                 seen.append(tick)
 
-            tci.run(link, reflex, duration=4.0, observe=observe)
+            tci.run(driver, reflex, duration=4.0, observe=observe)
         begun = seen[0].reading.joints.position
         path = np.array([tick.reading.joints.position - begun for tick in seen])
         away = np.rad2deg(np.abs(path).max(axis=0))
         told.append((away[list(mapped)].max(), {tick.sent.reason for tick in seen}))
-        if away[list(mapped)].max() > 5.0 and link.gate.state is not GateState.STOP:
+        if away[list(mapped)].max() > 5.0 and driver.gate.state is not GateState.STOP:
             break
     else:
         raise AssertionError(f"the arm does not withdraw: {told}")
@@ -108,19 +108,19 @@ def test_the_reflex_withdraws_the_arm_over_yarp_and_touches_nothing_else(show: S
 
 
 def test_modes_are_switched_by_order_and_reported(show: Show) -> None:
-    part = show.link.robot.parts[0].name
-    servos = [servo.servo for servo in show.link.robot.part(part).servos if servo.servo is not None]
-    if not all(Mode.VELOCITY in show.link.robot.servos[servo].modes for servo in servos):
+    part = show.driver.robot.parts[0].name
+    servos = [servo.servo for servo in show.driver.robot.part(part).servos if servo.servo is not None]
+    if not all(Mode.VELOCITY in show.driver.robot.servos[servo].modes for servo in servos):
         pytest.skip("did not run: this robot has no velocity mode")
-    with link_to(show) as link:
+    with driver_to(show) as driver:
         for mode in (Mode.VELOCITY, Mode.POSITION):
-            body = tci.Body(link.robot)
-            pending = list(body.to_platform((SwitchMode(part, mode),), link.read().joints))
+            body = tci.Body(driver.robot)
+            pending = list(body.to_platform((SwitchMode(part, mode),), driver.read().joints))
             end = time.monotonic() + 20
             reported: set[object] = set()
-            for now in link.ticks():
-                joints = link.read().joints
-                sent = link.write(link.gate.step(pending, joints, now))
+            for now in driver.ticks():
+                joints = driver.read().joints
+                sent = driver.write(driver.gate.step(pending, joints, now))
                 pending = pending if sent.refusals else []
                 assert joints.modes is not None
                 reported = {joints.modes[servo] for servo in servos}
@@ -133,24 +133,24 @@ def test_set_points_are_ahead_on_the_way_that_the_gate_planned_and_end_where_it_
     show: Show, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sent: list[float] = []
-    stream_on = BoardLink._stream
+    stream_on = BoardDriver._stream
 
-    def note(board: BoardLink, stream: Stream, joints: Sequence[int], values: Array) -> None:
+    def note(board: BoardDriver, stream: Stream, joints: Sequence[int], values: Array) -> None:
         sent.append(float(np.deg2rad(values[0])))
         stream_on(board, stream, joints, values)
 
-    monkeypatch.setattr(BoardLink, "_stream", note)
-    with link_to(show) as link:
-        elbow = next(servo for servo in link.robot.servos if "elbow" in servo.name.lower())
-        start = float(link.read().joints.position[elbow.index])
+    monkeypatch.setattr(BoardDriver, "_stream", note)
+    with driver_to(show) as driver:
+        elbow = next(servo for servo in driver.robot.servos if "elbow" in servo.name.lower())
+        start = float(driver.read().joints.position[elbow.index])
         way = 0.1 * np.sign(np.mean([elbow.limits.lower, elbow.limits.upper]) - start)
         order = PlatformCommand(
             Mode.POSITION, np.array([elbow.index]), np.array([start + way]), np.array([np.inf])
         )
         planned, sent[:] = [start], [start]
-        for now in link.ticks(duration=20.0):
+        for now in driver.ticks(duration=20.0):
             first = [order] if len(planned) == 1 else []
-            safe = link.write(link.gate.step(first, link.read().joints, now))
+            safe = driver.write(driver.gate.step(first, driver.read().joints, now))
             if safe.reason:  # it holds, and begins anew
                 planned, sent[:] = [start], [start]
             elif len(sent) > len(planned):
@@ -169,7 +169,7 @@ def test_set_points_are_ahead_on_the_way_that_the_gate_planned_and_end_where_it_
 def test_a_board_that_refuses_a_mode_for_a_moment_means_hold_and_one_that_goes_on_is_an_error(
     show: Show, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    servo = show.link.robot.servos[show.link.robot.part("left_arm").servos[0].servo]
+    servo = show.driver.robot.servos[show.driver.robot.part("left_arm").servos[0].servo]
     board = show.server.boards[servo.robot_part]
     left, take = [5], board.set_modes
 
@@ -180,29 +180,29 @@ def test_a_board_that_refuses_a_mode_for_a_moment_means_hold_and_one_that_goes_o
         take(joints, words)
 
     monkeypatch.setattr(board, "set_modes", refuse)
-    with link_to(show) as link:
-        here = float(link.read().joints.position[servo.index])
-        orders = [link.native(servo.robot_part).command({servo.name: here})]
+    with driver_to(show) as driver:
+        here = float(driver.read().joints.position[servo.index])
+        orders = [driver.native(servo.robot_part).command({servo.name: here})]
         told: list[str] = []
 
         def step() -> GateState:
-            sent = link.write(link.gate.step(orders, link.read().joints, link.clock.now()))
+            sent = driver.write(driver.gate.step(orders, driver.read().joints, driver.clock.now()))
             told.append(sent.reason)
-            time.sleep(link.period)
+            time.sleep(driver.period)
             return sent.state
 
         assert until(lambda: step() is GateState.HOLD and "refuses" in told[-1])
         assert until(lambda: step() is GateState.RUN and left[0] < 0)
-    monkeypatch.setattr(yarp_link, "REFUSED", 0.1)
+    monkeypatch.setattr(yarp_driver, "REFUSED", 0.1)
     left[0] = 1_000_000
-    with link_to(show) as link, pytest.raises(LinkError, match=r"refuses.*tci doctor"):
+    with driver_to(show) as driver, pytest.raises(DriverError, match=r"refuses.*tci doctor"):
         until(lambda: step() is None)
 
 
 def test_28_a_board_that_goes_away_means_hold_and_the_arm_goes_on_when_it_is_back(
     show: Show, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    servo = show.link.robot.servos[show.link.robot.part("left_arm").servos[-1].servo]
+    servo = show.driver.robot.servos[show.driver.robot.part("left_arm").servos[-1].servo]
     work: list[Callable[[str], None]] = []
     take = show.server.orders
 
@@ -212,19 +212,19 @@ def test_28_a_board_that_goes_away_means_hold_and_the_arm_goes_on_when_it_is_bac
         return take()
 
     monkeypatch.setattr(show.server, "orders", orders)
-    with link_to(show) as link:
-        arm = link.native(servo.robot_part)
-        here = float(link.read().joints.position[servo.index])
+    with driver_to(show) as driver:
+        arm = driver.native(servo.robot_part)
+        here = float(driver.read().joints.position[servo.index])
 
         def step(angle: float) -> GateState:
             order = arm.command({servo.name: angle})
-            sent = link.write(link.gate.step([order], link.read().joints, link.clock.now()))
-            time.sleep(link.period)
+            sent = driver.write(driver.gate.step([order], driver.read().joints, driver.clock.now()))
+            time.sleep(driver.period)
             return sent.state
 
         def is_at(angle: float) -> bool:
             step(angle)
-            return abs(float(link.read().joints.position[servo.index]) - angle) < 0.01
+            return abs(float(driver.read().joints.position[servo.index]) - angle) < 0.01
 
         low, high = servo.limits.lower or 0.0, servo.limits.upper or 0.0
         there = here + np.copysign(0.1, (low + high) / 2 - here)
@@ -237,49 +237,49 @@ def test_28_a_board_that_goes_away_means_hold_and_the_arm_goes_on_when_it_is_bac
 
 
 def test_what_the_description_says_otherwise_is_told(show: Show) -> None:
-    robot = patient(show.link.robot.name)
+    robot = patient(show.driver.robot.name)
     servo = next(s for s in robot.servos if s.limits.upper is not None)
     wider = Limits(**{**servo.limits.model_dump(), "upper": servo.limits.upper + 0.3})
     renamed = servo.model_copy(update={"limits": wider, "name": "somebody_else"})
     robot = robot.model_copy(update={"servos": tuple(renamed if s is servo else s for s in robot.servos)})
-    with link_to(show, robot, arm=False) as link:
-        found = {finding.subject: finding for finding in link.diagnose() if finding.level is not Level.OK}
+    with driver_to(show, robot, arm=False) as driver:
+        found = {finding.subject: finding for finding in driver.diagnose() if finding.level is not Level.OK}
     assert found["somebody_else"].level is Level.WARNING
     assert "the board allows" in found["somebody_else"].what
-    good = YarpLink.probe(show.link.robot, where(show))
+    good = YarpDriver.probe(show.driver.robot, where(show))
     assert {finding.level for finding in good} == {Level.OK}
-    assert YarpLink.probe(show.link.robot, "127.0.0.1:9")[-1].level is Level.FAULT
+    assert YarpDriver.probe(show.driver.robot, "127.0.0.1:9")[-1].level is Level.FAULT
 
 
 def test_swapped_names_are_followed_by_name(show: Show) -> None:
     """Servos keep their names and change their ids: the board's names win."""
-    robot = patient(show.link.robot.name)
+    robot = patient(show.driver.robot.name)
     part = robot.servos[-1].robot_part
     first, second = robot.servos_of(part)[:2]
     ids = {first.index: second.id, second.index: first.id}
     swapped = tuple(s.model_copy(update={"id": ids.get(s.index, s.id)}) for s in robot.servos)
     with (
-        link_to(show, robot, arm=False) as right,
-        link_to(show, robot.model_copy(update={"servos": swapped}), arm=False) as link,
+        driver_to(show, robot, arm=False) as right,
+        driver_to(show, robot.model_copy(update={"servos": swapped}), arm=False) as driver,
     ):
         np.testing.assert_allclose(
-            link.read().joints.position, right.read().joints.position, atol=0.02, equal_nan=True
+            driver.read().joints.position, right.read().joints.position, atol=0.02, equal_nan=True
         )
 
 
 def test_a_patch_of_another_length_is_refused_at_once_and_can_be_left_out(show: Show) -> None:
-    robot = patient(show.link.robot.name)
+    robot = patient(show.driver.robot.name)
     patch = robot.patches[0]
     longer = patch.model_copy(update={"channels": patch.channels + 12})
     robot = robot.model_copy(update={"patches": (longer, *robot.patches[1:])})
-    with pytest.raises(LinkError, match=rf"{patch.channels} values.*without="):
-        link_to(show, robot)
-    with link_to(show, robot, f",without={patch.name}") as link:
-        assert patch.name not in {frame.patch for frame in link.read().skin}
+    with pytest.raises(DriverError, match=rf"{patch.channels} values.*without="):
+        driver_to(show, robot)
+    with driver_to(show, robot, f",without={patch.name}") as driver:
+        assert patch.name not in {frame.patch for frame in driver.read().skin}
 
 
 def test_compensated_skin_reads_like_raw_skin(show: Show) -> None:
-    with link_to(show, options=",skin=comp", arm=False) as comp, link_to(show, arm=False) as raw:
+    with driver_to(show, options=",skin=comp", arm=False) as comp, driver_to(show, arm=False) as raw:
 
         def same() -> bool:
             frames = zip(comp.read().skin, raw.read().skin, strict=True)
@@ -289,15 +289,15 @@ def test_compensated_skin_reads_like_raw_skin(show: Show) -> None:
 
 
 def test_skin_events_are_read(show: Show) -> None:
-    with link_to(show, arm=False) as link:
-        assert isinstance(link.skin_events(), tuple)
+    with driver_to(show, arm=False) as driver:
+        assert isinstance(driver.skin_events(), tuple)
 
 
 def test_a_robot_that_is_not_there_is_a_clear_error(show: Show) -> None:
-    with pytest.raises(LinkError, match="nobody"):
-        link_to(show, options=",robot=nobody")
+    with pytest.raises(DriverError, match="nobody"):
+        driver_to(show, options=",robot=nobody")
     with pytest.raises(UnknownNameError, match=r"LArm|left_arm"):
-        show.link.native("Tail")
+        show.driver.native("Tail")
 
 
 def test_29_the_name_server_restarts_and_data_goes_on(
@@ -308,11 +308,11 @@ def test_29_the_name_server_restarts_and_data_goes_on(
     first = NameServer(*address)
     show = Show(V3, where="{}:{}".format(*address))
     try:
-        with link_to(show, arm=False) as link:
+        with driver_to(show, arm=False) as driver:
             first.close()
-            before = link.read().joints.sequence
-            assert until(lambda: link.read().joints.sequence > before + 20)
-            assert abs(link.clock.now() - link.read().joints.stamp) < 1.0
+            before = driver.read().joints.sequence
+            assert until(lambda: driver.read().joints.sequence > before + 20)
+            assert abs(driver.clock.now() - driver.read().joints.stamp) < 1.0
             with NameServer(*address):
                 assert until(lambda: any(c.name.startswith("/tci/") for c in Names(address).list()))
                 assert until(lambda: any(c.name.startswith("/nao/") for c in Names(address).list()))
@@ -328,27 +328,27 @@ def test_28_34_a_robot_that_starts_again_is_found_again_and_nothing_jumps(
     show = Show(V3, where=address)
     again: Show | None = None
     try:
-        with link_to(show) as link:
-            arm = link.native("LArm")
+        with driver_to(show) as driver:
+            arm = driver.native("LArm")
             elbow = next(servo.index for servo in arm.servos if servo.name == "LElbowRoll")
 
             def step(*orders: PlatformCommand) -> GateState:
-                sent = link.write(link.gate.step(orders, link.read().joints, link.clock.now()))
-                time.sleep(link.period)
+                sent = driver.write(driver.gate.step(orders, driver.read().joints, driver.clock.now()))
+                time.sleep(driver.period)
                 return sent.state
 
             assert until(lambda: step(arm.command({"LElbowRoll": -0.4})) is GateState.RUN)
-            assert until(lambda: step() is GateState.RUN and link.read().joints.position[elbow] > -0.7)
+            assert until(lambda: step() is GateState.RUN and driver.read().joints.position[elbow] > -0.7)
             show.close()
             assert until(lambda: step() is GateState.HOLD)
             again = Show(V3, where=address)
             assert until(lambda: step() is GateState.RUN)
-            there = again.link.world.joints().position[elbow]
+            there = again.driver.world.joints().position[elbow]
             for _ in range(100):
                 step()
-            assert again.link.world.joints().position[elbow] == pytest.approx(there, abs=0.02)
+            assert again.driver.world.joints().position[elbow] == pytest.approx(there, abs=0.02)
             assert until(lambda: step(arm.command({"LElbowRoll": -1.3})) is GateState.RUN)
-            assert until(lambda: step() is GateState.RUN and link.read().joints.position[elbow] < -1.2)
+            assert until(lambda: step() is GateState.RUN and driver.read().joints.position[elbow] < -1.2)
     finally:
         for one in (show, again):
             if one is not None:
@@ -359,24 +359,24 @@ def test_28_a_board_whose_state_stays_away_is_sent_torques_until_they_have_ended
     show: Show, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """It may still hear: a joint in torque mode keeps what it was sent last."""
-    elbow = next(servo for servo in show.link.robot.servos if "elbow" in servo.name.lower())
+    elbow = next(servo for servo in show.driver.robot.servos if "elbow" in servo.name.lower())
     if Mode.TORQUE not in elbow.modes:
         pytest.skip("did not run: this robot has no torque mode")
     torques: list[float] = []
-    stream_on, state_of = BoardLink._stream, BoardLink.state
+    stream_on, state_of = BoardDriver._stream, BoardDriver.state
 
-    def note(board: BoardLink, stream: Stream, joints: Sequence[int], values: Array) -> None:
+    def note(board: BoardDriver, stream: Stream, joints: Sequence[int], values: Array) -> None:
         if stream is Stream.TORQUE:
             torques.append(float(values[0]))
         stream_on(board, stream, joints, values)
 
-    monkeypatch.setattr(BoardLink, "_stream", note)
-    with link_to(show) as link:
+    monkeypatch.setattr(BoardDriver, "_stream", note)
+    with driver_to(show) as driver:
         index = np.array([elbow.index])
 
         def step(*orders: PlatformOrder) -> SafeCommand:
-            safe = link.write(link.gate.step(orders, link.read().joints, link.clock.now()))
-            time.sleep(link.period)
+            safe = driver.write(driver.gate.step(orders, driver.read().joints, driver.clock.now()))
+            time.sleep(driver.period)
             return safe
 
         def pushes() -> bool:
@@ -385,9 +385,9 @@ def test_28_a_board_whose_state_stays_away_is_sent_torques_until_they_have_ended
 
         assert until(lambda: step(PlatformSwitch(index, Mode.TORQUE)).modes == (Mode.TORQUE,))
         assert until(pushes)
-        board = link.boards[elbow.robot_part]
+        board = driver.boards[elbow.robot_part]
         last = state_of(board)
-        monkeypatch.setattr(BoardLink, "state", lambda b, at=None: last if b is board else state_of(b, at))
+        monkeypatch.setattr(BoardDriver, "state", lambda b, at=None: last if b is board else state_of(b, at))
         assert until(lambda: step().state is GateState.HOLD)
         for _ in range(5):
             step()

@@ -1,4 +1,4 @@
-"""The other sides of links in the contract suite. A new middleware adds its own to `PEERS`."""
+"""The other sides of drivers in the contract suite. A new middleware adds its own to `PEERS`."""
 
 from __future__ import annotations
 
@@ -21,24 +21,24 @@ from drivers.patient import patient
 from drivers.ros_robots import anywhere, garbage_on, here_only, roscore
 from drivers.served import needs_qi
 from peers import bindings_dialect
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.drivers.lcm.datagrams import Transmitter
 from tci.drivers.ros.ros1 import Ros1Node
 from tci.drivers.ros.ros2_dds import DdsNode
 from tci.drivers.ros.rosbridge import RosbridgeNode, parse
-from tci.drivers.simulated import SimulatedLink
+from tci.drivers.simulated import SimulatedDriver
 from tci.drivers.yarp.carrier import FAST_TCP
 from tci.drivers.yarp.names import Names
 from tci.drivers.yarp.names import parse_address as parse_names
 from tci.drivers.yarp.outgoing import dial
 from tci.drivers.zenoh.session import close_session, open_session, parse_address
-from tci.errors import LinkError
+from tci.errors import DriverError
 
 SERVED = Path(__file__).with_name("patient.py")
 
 
 class Peer(ABC):
-    """What is at the other end of a link."""
+    """What is at the other end of a driver."""
 
     other_process = True
     """Whether it can be lost."""
@@ -48,8 +48,8 @@ class Peer(ABC):
         """Be there."""
 
     @abstractmethod
-    def open(self, *, arm: bool) -> Link:
-        """A link to the NAO there."""
+    def open(self, *, arm: bool) -> Driver:
+        """A driver to the NAO there."""
 
     def freeze(self) -> None:
         """Say nothing until `thaw`."""
@@ -68,7 +68,7 @@ class Peer(ABC):
         raise NotImplementedError
 
     def disturb(self, messages: list[bytes]) -> None:
-        """Send bytes to wherever the link listens."""
+        """Send bytes to wherever the driver listens."""
         raise NotImplementedError
 
     @abstractmethod
@@ -84,8 +84,8 @@ class Simulated(Peer):
     def start(self) -> None:
         pass
 
-    def open(self, *, arm: bool) -> Link:
-        return SimulatedLink(tci.load_robot("nao"), arm=arm)
+    def open(self, *, arm: bool) -> Driver:
+        return SimulatedDriver(tci.load_robot("nao"), arm=arm)
 
     def stop(self) -> None:
         pass
@@ -102,7 +102,7 @@ class Process(Peer):
         self.make_via = via
 
     def start(self) -> None:
-        self.via = self.link_via = self.make_via()
+        self.via = self.driver_via = self.make_via()
         self.process = subprocess.Popen(
             [sys.executable, str(self.script), self.via],
             stdout=subprocess.PIPE, text=True, cwd=SERVED.parents[1],
@@ -110,8 +110,8 @@ class Process(Peer):
         assert self.process.stdout is not None
         assert self.process.stdout.readline() == "ready\n"
 
-    def open(self, *, arm: bool) -> Link:
-        return tci.connect(patient("nao"), self.link_via, arm=arm)
+    def open(self, *, arm: bool) -> Driver:
+        return tci.connect(patient("nao"), self.driver_via, arm=arm)
 
     def freeze(self) -> None:
         assert self.process is not None
@@ -127,7 +127,7 @@ class Process(Peer):
         self.process.wait()
 
     def commander(self) -> subprocess.Popen[str]:
-        command = [sys.executable, str(SERVED.with_name("commander.py")), self.link_via]
+        command = [sys.executable, str(SERVED.with_name("commander.py")), self.driver_via]
         return subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=SERVED.parents[1])
 
     def stop(self) -> None:
@@ -181,7 +181,7 @@ class Naoqi(Process):
     def start(self) -> None:
         needs_qi()
         super().start()
-        self.link_via = self.via.replace("naoqi:", "naoqi://")
+        self.driver_via = self.via.replace("naoqi:", "naoqi://")
 
     def disturb(self, messages: list[bytes]) -> None:
         for message in messages:
@@ -200,7 +200,7 @@ class Yarp(Process):
 
     def start(self) -> None:
         super().start()
-        self.link_via = self.via.partition(",")[0]
+        self.driver_via = self.via.partition(",")[0]
 
     def disturb(self, messages: list[bytes]) -> None:
         names = Names(parse_names(self.via.removeprefix("yarp:").partition(",")[0]))
@@ -211,7 +211,7 @@ class Yarp(Process):
                 sock = dial(contact, f"/stranger/{number}", FAST_TCP, None)[0]
                 with sock:
                     sock.sendall(message)
-            except (LinkError, OSError):
+            except (DriverError, OSError):
                 continue
 
 
@@ -232,7 +232,7 @@ class YarpBindings(Yarp):
     def start(self) -> None:
         self.configured.enter_context(bindings_configured())
         Process.start(self)
-        self.link_via = "yarp:bindings"
+        self.driver_via = "yarp:bindings"
 
     def stop(self) -> None:
         super().stop()
@@ -347,7 +347,7 @@ PEERS: dict[str, Callable[[], Peer]] = {
     "player": Player,
     "rosbridge": Rosbridge,
 }
-"""Every link, by name."""
+"""Every driver, by name."""
 
 BINDINGS: dict[str, Callable[[], Peer]] = {"yarp-bindings": YarpBindings} if bindings_dialect() else {}
 """The same by a library that neither Debian nor PyPI has: where it is, the contract holds for it too."""

@@ -124,7 +124,7 @@ class Flight:
             self._done.set()
 
 
-def links() -> list[Measured]:
+def wires() -> list[Measured]:
     rows = []
     with NameServer() as server:
         names = Names(server.address)

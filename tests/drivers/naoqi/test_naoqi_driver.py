@@ -1,4 +1,4 @@
-"""The link to NAO: skin, touch, autonomy, and a robot that goes away and comes back."""
+"""The driver to NAO: skin, touch, autonomy, and a robot that goes away and comes back."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from drivers.served import Served
 from tci.body.generic_body import Body
 from tci.clock import ManualClock
 from tci.drivers.diagnosis import Level
-from tci.drivers.driver import Link
+from tci.drivers.driver import Driver
 from tci.drivers.registry import connect
-from tci.errors import LinkError
+from tci.errors import DriverError
 from tci.gate.gate import GateState
 from tci.messages import Mode, Reading
 from tci.robot.catalogue import load_robot
@@ -33,13 +33,13 @@ PATIENCE = 60.0
 """Seconds that a busy machine may take for what is at once elsewhere."""
 
 
-def wait_for(what: Callable[[], bool], link: Link | None = None) -> None:
-    """Until something is the case, reading `link` meanwhile."""
+def wait_for(what: Callable[[], bool], driver: Driver | None = None) -> None:
+    """Until something is the case, reading `driver` meanwhile."""
     end = time.monotonic() + PATIENCE
     while not what():
         assert time.monotonic() < end, "it never came"
-        if link is not None:
-            link.read()
+        if driver is not None:
+            driver.read()
         time.sleep(0.005)
 
 
@@ -59,16 +59,16 @@ def test_skin_comes_as_text_or_as_plain_vectors_and_only_new_frames_count(packed
             memory = nao.services["ALMemory"]
             for key in [key for key in memory._live if key.endswith("/Packed")]:
                 del memory._live[key]
-        with connect(ROBOT, nao.via) as link:
-            first = frame(link.read(), "left_forearm")
+        with connect(ROBOT, nao.via) as driver:
+            first = frame(driver.read(), "left_forearm")
             values = np.full(240, 240, np.uint8)
             values[7] = 31
             nao.touch("left_forearm", 1, values)
-            wait_for(lambda: frame(link.read(), "left_forearm").sequence == 1)
-            later = frame(link.read(), "left_forearm")
+            wait_for(lambda: frame(driver.read(), "left_forearm").sequence == 1)
+            later = frame(driver.read(), "left_forearm")
             np.testing.assert_array_equal(later.values, values)
-            assert first.stamp < later.stamp <= link.clock.now()
-            again = frame(link.read(), "left_forearm")
+            assert first.stamp < later.stamp <= driver.clock.now()
+            again = frame(driver.read(), "left_forearm")
             assert (again.sequence, again.stamp) == (later.sequence, later.stamp)
 
 
@@ -78,21 +78,21 @@ def test_a_vector_of_another_publisher_without_numbers_counts_when_it_changes() 
         memory._live.clear()
         memory.insertData("My/Skin", [0.5] * 240)
         robot = with_binding(ROBOT, addresses=(Address(of="left_forearm", to="My/Skin"),))
-        with connect(robot, nao.via) as link:
-            assert [(f.patch, f.sequence) for f in link.read().skin] == [("left_forearm", 0)]
+        with connect(robot, nao.via) as driver:
+            assert [(f.patch, f.sequence) for f in driver.read().skin] == [("left_forearm", 0)]
             memory.insertData("My/Skin", [0.75] * 240)
-            wait_for(lambda: frame(link.read(), "left_forearm").sequence == 1)
+            wait_for(lambda: frame(driver.read(), "left_forearm").sequence == 1)
             for rubbish in ("text", [[1.0], [2.0, 3.0]], ["a"] * 240, {"a": 1}, 3.0):
                 memory.insertData("My/Skin", rubbish)
-                polls = link._poller.counts["polls"]
-                wait_for(lambda polls=polls: link._poller.counts["polls"] > polls + 3, link)
-            assert frame(link.read(), "left_forearm").values[0] == 0.75
-            assert link._poller.counts["bad"] > 0
+                polls = driver._poller.counts["polls"]
+                wait_for(lambda polls=polls: driver._poller.counts["polls"] > polls + 3, driver)
+            assert frame(driver.read(), "left_forearm").values[0] == 0.75
+            assert driver._poller.counts["bad"] > 0
 
 
 def test_a_frame_that_is_due_goes_before_joints_only_while_these_are_young() -> None:
-    with StillNao() as nao, connect(ROBOT, nao.via) as link:
-        poller: Any = link._poller  # type: ignore[attr-defined]
+    with StillNao() as nao, connect(ROBOT, nao.via) as driver:
+        poller: Any = driver._poller  # type: ignore[attr-defined]
         poller.close()
         poller.clock, poller._until = ManualClock(100.0), 100.004
         for due, age, first in ((0.002, 0.005, True), (0.002, 0.02, False), (0.008, 0.005, False)):
@@ -102,8 +102,8 @@ def test_a_frame_that_is_due_goes_before_joints_only_while_these_are_young() -> 
 
 
 def test_a_frame_that_was_there_at_once_is_asked_for_earlier_the_next_time() -> None:
-    with StillNao() as nao, connect(ROBOT, nao.via) as link:
-        poller: Any = link._poller  # type: ignore[attr-defined]
+    with StillNao() as nao, connect(ROBOT, nao.via) as driver:
+        poller: Any = driver._poller  # type: ignore[attr-defined]
         poller._end.set()
         poller._thread.join(PATIENCE)
         poller.clock = ManualClock(100.0)
@@ -119,16 +119,16 @@ def test_a_frame_that_was_there_at_once_is_asked_for_earlier_the_next_time() -> 
 
 
 def test_head_and_hands_are_patches_of_switches() -> None:
-    with StillNao() as nao, connect(ROBOT, nao.via) as link:
-        assert frame(link.read(), "head").values.tolist() == [0.0, 0.0, 0.0]
+    with StillNao() as nao, connect(ROBOT, nao.via) as driver:
+        assert frame(driver.read(), "head").values.tolist() == [0.0, 0.0, 0.0]
         nao.services["ALMemory"].raiseEvent("FrontTactilTouched", 1.0)
         nao.services["ALMemory"].raiseEvent("HandLeftRightTouched", 1.0)
-        wait_for(lambda: frame(link.read(), "left_hand").values[2] == 1.0)
-        assert frame(link.read(), "head").values.tolist() == [1.0, 0.0, 0.0]
-        assert frame(link.read(), "right_hand").values.tolist() == [0.0, 0.0, 0.0]
-        before = frame(link.read(), "head").sequence
-        wait_for(lambda: frame(link.read(), "head").sequence > before + 2)
-        contacts = Body(ROBOT).perceive(link.read(), link.clock.now()).contacts
+        wait_for(lambda: frame(driver.read(), "left_hand").values[2] == 1.0)
+        assert frame(driver.read(), "head").values.tolist() == [1.0, 0.0, 0.0]
+        assert frame(driver.read(), "right_hand").values.tolist() == [0.0, 0.0, 0.0]
+        before = frame(driver.read(), "head").sequence
+        wait_for(lambda: frame(driver.read(), "head").sequence > before + 2)
+        contacts = Body(ROBOT).perceive(driver.read(), driver.clock.now()).contacts
         assert {(contact.patch, *contact.taxels.tolist()) for contact in contacts} == {
             ("head", 0), ("left_hand", 2),
         }  # fmt: skip
@@ -136,14 +136,14 @@ def test_head_and_hands_are_patches_of_switches() -> None:
 
 def test_bumpers_of_the_feet_are_patches_of_switches() -> None:
     robot, key = load_robot("nao-whole"), "Device/SubDeviceList/{}/Bumper/{}/Sensor/Value"
-    with StillNao(robot) as nao, connect(robot, nao.via) as link:
+    with StillNao(robot) as nao, connect(robot, nao.via) as driver:
         memory = nao.services["ALMemory"]
-        assert frame(link.read(), "left_bumper").values.tolist() == [0.0, 0.0]
+        assert frame(driver.read(), "left_bumper").values.tolist() == [0.0, 0.0]
         memory.insertData(key.format("LFoot", "Left"), 1.0)
         memory.insertData(key.format("RFoot", "Right"), 1.0)
-        wait_for(lambda: frame(link.read(), "right_bumper").values[1] == 1.0)
-        wait_for(lambda: frame(link.read(), "left_bumper").values[0] == 1.0)
-        contacts = Body(robot).perceive(link.read(), link.clock.now()).contacts
+        wait_for(lambda: frame(driver.read(), "right_bumper").values[1] == 1.0)
+        wait_for(lambda: frame(driver.read(), "left_bumper").values[0] == 1.0)
+        contacts = Body(robot).perceive(driver.read(), driver.clock.now()).contacts
         assert {(contact.patch, contact.part, *contact.taxels.tolist()) for contact in contacts} == {
             ("left_bumper", "left_leg", 0), ("right_bumper", "right_leg", 1),
         }  # fmt: skip
@@ -163,12 +163,12 @@ def test_a_memory_that_refuses_a_list_for_one_key_is_asked_only_for_what_it_has(
             return True, memory._live[key]()
 
         memory._value = strict
-        with connect(ROBOT, nao.via) as link:
-            patches = {frame.patch for frame in link.read().skin}
+        with connect(ROBOT, nao.via) as driver:
+            patches = {frame.patch for frame in driver.read().skin}
             assert patches == {patch.name for patch in ROBOT.patches} - {"left_hand"}
             nao.touch("left_forearm", 1, np.full(240, 7, np.uint8))
-            wait_for(lambda: frame(link.read(), "left_forearm").values[0] == 7)
-            assert link._poller.counts["failures"] == 0
+            wait_for(lambda: frame(driver.read(), "left_forearm").values[0] == 7)
+            assert driver._poller.counts["failures"] == 0
 
 
 def test_a_robot_without_hands_has_no_frames_of_them() -> None:
@@ -176,31 +176,31 @@ def test_a_robot_without_hands_has_no_frames_of_them() -> None:
         memory = nao.services["ALMemory"]
         for key in [key for key in memory._live if key.startswith("HandLeft")]:
             del memory._live[key]
-        with connect(ROBOT, nao.via) as link:
-            patches = {frame.patch for frame in link.read().skin}
+        with connect(ROBOT, nao.via) as driver:
+            patches = {frame.patch for frame in driver.read().skin}
             assert patches == {patch.name for patch in ROBOT.patches} - {"left_hand"}
-            assert any("HandLeftBackTouched" in found.what for found in link.diagnose())
+            assert any("HandLeftBackTouched" in found.what for found in driver.diagnose())
 
 
 def test_a_robot_without_the_descriptions_joints_is_named() -> None:
     servos = tuple(servo for servo in ROBOT.servos if "Wrist" not in servo.name and "Hand" not in servo.name)
     servos = tuple(servo.model_copy(update={"index": i}) for i, servo in enumerate(servos))
     h21 = ROBOT.model_copy(update={"servos": servos, "parts": ()})
-    with StillNao(h21) as nao, pytest.raises(LinkError, match=r"LWristYaw|ALMotion.getAngles"):
+    with StillNao(h21) as nao, pytest.raises(DriverError, match=r"LWristYaw|ALMotion.getAngles"):
         connect(ROBOT, nao.via)
 
 
 def test_stiffness_shares_and_power() -> None:
     with StillNao() as nao:
         nao.board.stiffness = [0.0] * 14
-        with connect(ROBOT, nao.via, arm=True) as link:
-            assert not link.read().joints.powered.any()
-            share = link.native("LArm").command({"LElbowRoll": 0.8}, mode=Mode.STIFFNESS)
-            link.write(link.gate.step([share], link.read().joints, link.clock.now()))
+        with connect(ROBOT, nao.via, arm=True) as driver:
+            assert not driver.read().joints.powered.any()
+            share = driver.native("LArm").command({"LElbowRoll": 0.8}, mode=Mode.STIFFNESS)
+            driver.write(driver.gate.step([share], driver.read().joints, driver.clock.now()))
             (order,) = nao.obey()
             assert (order.servos.tolist(), order.values.tolist()) == ([ELBOW], pytest.approx([0.8]))
-            assert link.read().joints.powered[ELBOW]
-            wait_for(lambda: bool(link._poller.latest.stiffness[ELBOW] > 0.7), link)
+            assert driver.read().joints.powered[ELBOW]
+            wait_for(lambda: bool(driver._poller.latest.stiffness[ELBOW] > 0.7), driver)
 
 
 def test_what_robot_and_description_disagree_about_is_found() -> None:
@@ -212,34 +212,36 @@ def test_what_robot_and_description_disagree_about_is_found() -> None:
         )
 
     other = ROBOT.model_copy(update={"servos": tuple(map(narrow, ROBOT.servos))})
-    with StillNao(other) as nao, connect(ROBOT, nao.via) as link:
-        findings = [finding for finding in link.diagnose() if finding.subject == "LElbowYaw"]
+    with StillNao(other) as nao, connect(ROBOT, nao.via) as driver:
+        findings = [finding for finding in driver.diagnose() if finding.subject == "LElbowYaw"]
         assert [finding.level for finding in findings] == [Level.WARNING, Level.WARNING]
         assert "57.3 in the robot" in findings[0].what
         assert "352 degrees/s in the description, the robot takes 115" in findings[1].what
-        subjects = {finding.subject for finding in link.diagnose()}
+        subjects = {finding.subject for finding in driver.diagnose()}
         assert {"NAOqi", "questions", "clock", "autonomy"} <= subjects
 
 
 def test_answers_that_are_none_do_not_reach_the_gate() -> None:
-    with StillNao() as nao, connect(ROBOT, nao.via) as link:
-        before = link.read()
+    with StillNao() as nao, connect(ROBOT, nao.via) as driver:
+        before = driver.read()
         motion = nao.services["ALMotion"]
         for rubbish in ([], [0.1] * 13, [float("nan")] * 14):
             nao.board.measured = rubbish + [0.0] * (14 - len(rubbish)) if len(rubbish) == 14 else rubbish
             time.sleep(0.05)
-            joints = link.read().joints
+            joints = driver.read().joints
             assert joints.position.shape == (14,)
         nao.board.measured = before.joints.position.tolist()
         assert motion.getAngles("Body", True)
-        wait_for(lambda: bool(np.isfinite(link.read().joints.position).all() and not link._poller.trouble))
+        wait_for(
+            lambda: bool(np.isfinite(driver.read().joints.position).all() and not driver._poller.trouble)
+        )
 
 
 def test_without_a_stream_nothing_goes_further_than_the_last_target() -> None:
-    with StillNao() as nao, connect(ROBOT, nao.via, arm=True) as link:
-        command = [link.native("LArm").command({"LElbowRoll": -0.2}, speed=1.0)]
-        for tick, now in enumerate(link.ticks(duration=10.0)):
-            safe = link.write(link.gate.step(command, link.read().joints, now))
+    with StillNao() as nao, connect(ROBOT, nao.via, arm=True) as driver:
+        command = [driver.native("LArm").command({"LElbowRoll": -0.2}, speed=1.0)]
+        for tick, now in enumerate(driver.ticks(duration=10.0)):
+            safe = driver.write(driver.gate.step(command, driver.read().joints, now))
             command = []
             nao.obey()
             if tick > 30 and abs(safe.velocity[safe.servos.tolist().index(ELBOW)]) > 0.5:
@@ -253,13 +255,13 @@ def test_without_a_stream_nothing_goes_further_than_the_last_target() -> None:
 
 COMMANDER = """
 import sys, tci
-with tci.connect(tci.load_robot("nao"), sys.argv[1], arm=True) as link:
-    command = link.native("LArm").command({"LElbowRoll": -0.1}, speed=0.1)
-    for tick, now in enumerate(link.ticks()):
+with tci.connect(tci.load_robot("nao"), sys.argv[1], arm=True) as driver:
+    command = driver.native("LArm").command({"LElbowRoll": -0.1}, speed=0.1)
+    for tick, now in enumerate(driver.ticks()):
         orders = [] if tick % 50 else [command]
-        safe = link.write(link.gate.step(orders, link.read().joints, now))
+        safe = driver.write(driver.gate.step(orders, driver.read().joints, now))
         if safe.state.name == "STOP" and not safe.velocity.any():
-            link.gate.reset()  # a machine that is too busy for real time
+            driver.gate.reset()  # a machine that is too busy for real time
 """
 
 
@@ -269,13 +271,13 @@ def test_43_killed_with_minus_9_the_commander_leaves_a_robot_that_stands() -> No
     via = f"naoqi://127.0.0.1:{served.port}"
     commander = subprocess.Popen([sys.executable, "-c", COMMANDER, via])
     try:
-        with connect(ROBOT, via) as link:
-            start = link.read().joints.position[ELBOW]
+        with connect(ROBOT, via) as driver:
+            start = driver.read().joints.position[ELBOW]
             # It would take eight seconds to get there; it is killed on its way.
-            wait_for(lambda: link.read().joints.position[ELBOW] > start + 0.05)
+            wait_for(lambda: driver.read().joints.position[ELBOW] > start + 0.05)
             commander.kill()
-            here = [link.read().joints.position[ELBOW]]
-            wait_for(lambda: here.append(link.read().joints.position[ELBOW]) or np.ptp(here[-40:]) < 1e-4)
+            here = [driver.read().joints.position[ELBOW]]
+            wait_for(lambda: here.append(driver.read().joints.position[ELBOW]) or np.ptp(here[-40:]) < 1e-4)
             assert here[-1] - here[0] < np.deg2rad(3.0)
             assert here[-1] < -0.3
     finally:
@@ -288,34 +290,34 @@ def test_43_killed_with_minus_9_the_commander_leaves_a_robot_that_stands() -> No
 def test_34_a_robot_killed_in_motion_holds_the_gate_and_comes_back_without_a_replay() -> None:
     served = Served("nao", "naoqi:127.0.0.1:0")
     port = served.port
-    with connect(ROBOT, f"naoqi://127.0.0.1:{port}", arm=True) as link:
-        command = [link.native("LArm").command({"LElbowRoll": -0.2}, speed=0.3)]
+    with connect(ROBOT, f"naoqi://127.0.0.1:{port}", arm=True) as driver:
+        command = [driver.native("LArm").command({"LElbowRoll": -0.2}, speed=0.3)]
         states = set()
         killed = None
-        for tick, now in enumerate(link.ticks(duration=PATIENCE)):
-            safe = link.write(link.gate.step(command, link.read().joints, now))
+        for tick, now in enumerate(driver.ticks(duration=PATIENCE)):
+            safe = driver.write(driver.gate.step(command, driver.read().joints, now))
             command = []
             states.add(safe.state)
             if tick == 40:
                 served.kill()
-                killed = link.clock.now()
+                killed = driver.clock.now()
             if killed is not None and safe.state is not GateState.RUN and not safe.velocity.any():
                 break
         assert killed is not None
         assert GateState.HOLD in states or GateState.STOP in states
-        assert link._poller.trouble
-        link.gate.reset()
+        assert driver._poller.trouble
+        driver.gate.reset()
         served = Served("nao", f"naoqi:127.0.0.1:{port}")
         try:
-            wait_for(lambda: link._poller.generation == 1, link)
-            start = link.read().joints.position[ELBOW]
-            for now in link.ticks(duration=0.5):
-                safe = link.write(link.gate.step([], link.read().joints, now))
+            wait_for(lambda: driver._poller.generation == 1, driver)
+            start = driver.read().joints.position[ELBOW]
+            for now in driver.ticks(duration=0.5):
+                safe = driver.write(driver.gate.step([], driver.read().joints, now))
                 assert safe.servos.size == 0, "an old target came back"
-            assert link.read().joints.position[ELBOW] == pytest.approx(start, abs=1e-3)
-            again = link.native("LArm").command({"LElbowRoll": float(start) + 0.1})
-            for now in link.ticks(duration=1.0):
-                safe = link.write(link.gate.step([again] if again else [], link.read().joints, now))
+            assert driver.read().joints.position[ELBOW] == pytest.approx(start, abs=1e-3)
+            again = driver.native("LArm").command({"LElbowRoll": float(start) + 0.1})
+            for now in driver.ticks(duration=1.0):
+                safe = driver.write(driver.gate.step([again] if again else [], driver.read().joints, now))
                 again = None
             assert safe.servos.size > 0
         finally:
@@ -330,7 +332,7 @@ def test_36_a_port_that_is_taken_is_one_clear_error() -> None:
         Served("nao", f"naoqi:127.0.0.1:{nao.port}")
 
 
-def test_two_links_of_one_process_share_no_robot_twice() -> None:
+def test_two_drivers_of_one_process_share_no_robot_twice() -> None:
     with StillNao() as nao, connect(ROBOT, nao.via) as one:
         by_name = nao.via.replace("127.0.0.1", "127.1")
         assert by_name != nao.via
@@ -354,30 +356,30 @@ def test_skin_that_is_published_again_after_a_restart_is_read_as_before(strict: 
 
         memory._value = value
         memory._live |= own
-        with connect(ROBOT, nao.via) as link:
+        with connect(ROBOT, nao.via) as driver:
             for name in own:  # a NAOqi that restarts has nothing that others put there
                 del memory._live[name]
             cut(nao.port)
-            wait_for(lambda: link._poller.generation == 1, link)
+            wait_for(lambda: driver._poller.generation == 1, driver)
             memory._live |= own
             nao.touch("left_forearm", 7, np.full(240, 7, np.uint8))
-            wait_for(lambda: frame(link.read(), "left_forearm").sequence == 7)
-            wait_for(lambda: link._poller._asks["left_forearm"] == [f"{key}/Packed"], link)
-            assert link._poller.counts["reconnections"] == 1
+            wait_for(lambda: frame(driver.read(), "left_forearm").sequence == 7)
+            wait_for(lambda: driver._poller._asks["left_forearm"] == [f"{key}/Packed"], driver)
+            assert driver._poller.counts["reconnections"] == 1
 
 
 def test_skin_that_is_published_in_another_way_after_a_restart_is_not_looked_for_for_ever() -> None:
     with StillNao() as nao:
         memory = nao.services["ALMemory"]
         del memory._live["TCI/Skin/left_forearm/Packed"]
-        with connect(ROBOT, nao.via) as link:
-            poller: Any = link._poller  # type: ignore[attr-defined]
+        with connect(ROBOT, nao.via) as driver:
+            poller: Any = driver._poller  # type: ignore[attr-defined]
             del memory._live["TCI/Skin/left_forearm/Sequence"]
             cut(nao.port)
-            wait_for(lambda: poller.generation == 1, link)
+            wait_for(lambda: poller.generation == 1, driver)
             assert poller._asks != poller._known
             for number in range(2):
                 nao.touch("left_forearm", number, np.full(240, 50 + number, np.uint8))
-                wait_for(lambda n=number: frame(link.read(), "left_forearm").values[0] == 50 + n)
-            wait_for(lambda: poller._asks == poller._known, link)
+                wait_for(lambda n=number: frame(driver.read(), "left_forearm").values[0] == 50 + n)
+            wait_for(lambda: poller._asks == poller._known, driver)
             assert poller._asks["left_forearm"] == ["TCI/Skin/left_forearm"]

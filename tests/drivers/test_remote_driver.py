@@ -9,16 +9,16 @@ import pytest
 
 import tci
 from tci.clock import ManualClock
-from tci.drivers.remote.driver import WINDOW, RemoteLink
+from tci.drivers.remote.driver import WINDOW, RemoteDriver
 from tci.drivers.remote.protocol import Orders, SessionFrame, State
-from tci.errors import LinkError
+from tci.errors import DriverError
 from tci.gate.safe_command import GateState, SafeCommand
 from tci.messages import JointReading, PlatformOrder
 from tci.robot.joint_map import initial_position
 
 
-class Wire(RemoteLink):
-    """A link whose robot's process is the test."""
+class Wire(RemoteDriver):
+    """A driver whose robot's process is the test."""
 
     def __init__(self) -> None:
         super().__init__(tci.load_robot("nao"), middleware="zenoh", place="here", arm=True)
@@ -53,7 +53,7 @@ class Wire(RemoteLink):
 
     def _put(self, orders: Orders) -> None:
         if self.cut:
-            raise LinkError("the wire is cut")
+            raise DriverError("the wire is cut")
         self.said.append(orders)
 
     def _nobody(self) -> str:
@@ -134,9 +134,9 @@ def test_one_who_ordered_nothing_halts_nothing(wire: Wire) -> None:
     assert not wire.said
 
 
-def test_a_link_whose_wire_is_cut_is_closed_all_the_same(wire: Wire) -> None:
+def test_a_driver_whose_wire_is_cut_is_closed_all_the_same(wire: Wire) -> None:
     wire.order(wire.native("LArm").command({"LElbowRoll": -1.2}))
     wire.cut = True
     wire.close()
-    with pytest.raises(LinkError, match="closed"):
+    with pytest.raises(DriverError, match="closed"):
         wire.read()

@@ -1,4 +1,4 @@
-"""The chains of the run-time query, fetched over a link and built in OROCOS KDL by another process.
+"""The chains of the run-time query, fetched over a driver and built in OROCOS KDL by another process.
 
 That process knows nothing of TCI: Debian's Python with rospy, genuine rclpy, Zenoh alone, LCM alone, or
 some lines that speak Player.
@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 
 import tci
-from drivers.links import free_port, lcm_url
 from drivers.ros_robots import Programs, here_only, roscore
+from drivers.wires import free_port, lcm_url
 from peers import DEBIAN_PYTHON, debian_python, needs_debian_module, peer_python
 from robot.moving import random_postures, robot_and_kinematics
 from tci.exports.facts import query
@@ -153,7 +153,7 @@ def asked(*command: str) -> str:
 
 
 @pytest.mark.parametrize("ask", [ros1, ros2, player, zenoh, over_lcm], ids=lambda ask: ask.__name__)
-def test_kdl_builds_the_chain_that_came_over_the_link(
+def test_kdl_builds_the_chain_that_came_over_the_driver(
     ask: Callable[[Programs], str], programs: Programs, tmp_path: Path
 ) -> None:
     needs_debian_module("PyKDL", "python3-pykdl")

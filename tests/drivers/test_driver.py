@@ -1,0 +1,346 @@
+"""What every driver promises. A new middleware adds its other side to `PEERS` in `drivers`."""
+
+from __future__ import annotations
+
+import random
+import re
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import psutil
+import pytest
+
+from drivers.held import left_behind
+from drivers.wires import BINDINGS, PEERS, Peer
+from tci.body.posture import home, to_platform
+from tci.capabilities.capability import Capability
+from tci.drivers.driver import Driver
+from tci.errors import CommandError, DriverError, UnknownNameError
+from tci.gate.gate import Gate
+from tci.gate.safe_command import GateState, SafeCommand
+from tci.messages import Perception, PlatformOrder
+from tci.robot.joint_map import initial_position
+from tci.runtime.loop import run
+
+PATIENCE = 20
+"""Times that a robot is sent where it should go; a busy machine may stop it on the way."""
+LATE = re.compile("missed [0-9]+ periods|no word from|stood still")
+"""Reasons to hold on a machine that is too busy for real time."""
+AFTER_THAW = 0.02
+"""How far [rad] a robot that was frozen at 0.1 rad/s may go beyond where it was seen and led last."""
+
+pytestmark = pytest.mark.timeout(120)  # a peer that says nothing must not hang the run
+PEERS = PEERS | BINDINGS
+ALL = [pytest.param(name, marks=pytest.mark.xdist_group(f"driver-{name}")) for name in PEERS]
+ELSEWHERE = [param for param in ALL if PEERS[str(param.values[0])].other_process]
+
+
+def started(name: str) -> Iterator[Peer]:
+    """A peer that all tests of one driver share; it ends before that of the next driver begins."""
+    peer = PEERS[name]()
+    try:
+        peer.start()
+        yield peer
+    finally:
+        peer.stop()
+
+
+@pytest.fixture(scope="module", params=ALL)
+def any_peer(request: pytest.FixtureRequest) -> Iterator[Peer]:
+    """A peer of any driver."""
+    yield from started(request.param)
+
+
+@pytest.fixture(scope="module", params=ELSEWHERE)
+def peer(request: pytest.FixtureRequest) -> Iterator[Peer]:
+    """A peer in another process."""
+    yield from started(request.param)
+
+
+@pytest.fixture
+def open_driver(any_peer: Peer) -> Iterator[Callable[..., Driver]]:
+    opened: list[Driver] = []
+
+    def make(*, arm: bool = True) -> Driver:
+        opened.append(any_peer.open(arm=arm))
+        return opened[-1]
+
+    yield make
+    for driver in opened:
+        driver.close()
+
+
+def drive(
+    driver: Driver,
+    *orders: PlatformOrder,
+    duration: float = 1.0,
+    until: Callable[[SafeCommand], bool] = lambda sent: False,
+) -> SafeCommand:
+    """Run a loop for `duration` [s], or until what was sent is as wanted; returns that."""
+    pending = list(orders)
+    for now in driver.ticks(duration=duration):
+        sent = driver.write(driver.gate.step(pending, driver.read().joints, now))
+        pending = []
+        if until(sent):
+            break
+    return sent
+
+
+def drive_until(driver: Driver, arrived: Callable[[], bool], *orders: PlatformOrder) -> bool:
+    """Whether the robot gets there: at once in a simulation; when a busy machine keeps it from being real
+    time, the gate stops it on the way."""
+    for _ in range(PATIENCE):
+        drive(driver, *orders)
+        if arrived():
+            return True
+        if driver.gate.state is GateState.STOP:
+            driver.gate.reset()
+    return False
+
+
+def test_readings_are_complete_fresh_and_in_order(open_driver: Callable[..., Driver]) -> None:
+    driver = open_driver()
+    sequences, ages = [], []
+    for now in driver.ticks(duration=0.1):
+        reading = driver.read()
+        assert reading.joints.position.shape == (len(driver.robot.servos),)
+        ages.append(now - reading.joints.stamp)
+        assert {frame.patch for frame in reading.skin} == {patch.name for patch in driver.robot.patches}
+        for frame in reading.skin:
+            assert frame.values.shape == (driver.robot.patch(frame.patch).channels,)
+            assert abs(now - frame.stamp) <= driver.gate.stale_after
+        sequences.append(reading.joints.sequence)
+    assert sequences == sorted(sequences)
+    # A reading is taken after its tick began; a busy machine may be late, but not always.
+    assert min(np.abs(ages)) <= driver.gate.stale_after
+
+
+def test_write_returns_what_was_sent_and_the_robot_goes_there(open_driver: Callable[..., Driver]) -> None:
+    driver = open_driver()
+    arm = driver.native("LArm")
+    command = arm.command({"LElbowRoll": -1.2})
+    safe = driver.gate.step([command], driver.read().joints, driver.clock.now())
+    assert driver.write(safe) is safe
+    assert drive_until(driver, lambda: abs(arm.positions(driver.read().joints)["LElbowRoll"] + 1.2) < 0.01)
+
+
+def test_home_is_commands_like_any_other(open_driver: Callable[..., Driver]) -> None:
+    driver = open_driver()
+    part = driver.robot.part("right_arm")
+    drive(driver, driver.native("RArm").command({"RElbowRoll": 0.3}))
+    servos = [servo.servo for servo in part.servos]
+    wanted = initial_position(driver.robot)[servos]
+    orders = [to_platform(driver.robot, command) for command in home(part)]
+    assert drive_until(
+        driver, lambda: np.abs(driver.read().joints.position[servos] - wanted).max() < 0.01, *orders
+    )
+
+
+def test_an_unarmed_driver_reads_and_refuses_to_write(open_driver: Callable[..., Driver]) -> None:
+    driver = open_driver(arm=False)
+    joints = driver.read().joints
+    with pytest.raises(DriverError, match="arm=True"):
+        driver.write(driver.gate.step([], joints, driver.clock.now()))
+
+
+def test_only_this_drivers_gate_can_write(open_driver: Callable[..., Driver]) -> None:
+    driver = open_driver()
+    other = Gate(driver.robot, period=driver.period, stale_after=1.0)
+    safe = other.step([], driver.read().joints, driver.clock.now())
+    with pytest.raises(DriverError, match="gate"):
+        driver.write(safe)
+
+
+def test_a_closed_driver_says_so_and_closes_twice(open_driver: Callable[..., Driver]) -> None:
+    with open_driver() as driver:
+        pass
+    driver.close()
+    with pytest.raises(DriverError, match="closed"):
+        driver.read()
+
+
+def test_native_names_are_checked(open_driver: Callable[..., Driver]) -> None:
+    driver = open_driver()
+    with pytest.raises(UnknownNameError, match="LArm"):
+        driver.native("Tail")
+    with pytest.raises(UnknownNameError, match="LWristYaw"):
+        driver.native("LArm").command({"LWrist": 0.0})
+    with pytest.raises(CommandError, match="no values"):
+        driver.native("LArm").command({})
+
+
+def judged(driver: Driver, values: dict[str, float]) -> SafeCommand:
+    """What the gate makes of a command, as soon as a busy machine lets it run."""
+    end = time.monotonic() + 30.0
+    while True:
+        joints = driver.read().joints
+        safe = driver.gate.step([driver.native("LArm").command(values)], joints, driver.clock.now())
+        if safe.state is GateState.RUN:
+            return safe
+        assert time.monotonic() < end
+        time.sleep(driver.period)
+
+
+def test_a_native_command_obeys_the_same_limits(open_driver: Callable[..., Driver]) -> None:
+    driver = open_driver()
+    assert "LHand can't be moved" in judged(driver, {"LElbowRoll": 2.0, "LHand": 0.5}).refusals[0]
+    assert "LElbowRoll" in judged(driver, {"LElbowRoll": 2.0}).clamped[0]
+
+
+def elbow(driver: Driver) -> float:
+    return driver.native("LArm").positions(driver.read().joints)["LElbowRoll"]
+
+
+def bend(driver: Driver, angle: float) -> PlatformOrder:
+    return driver.native("LArm").command({"LElbowRoll": angle}, speed=0.3)
+
+
+class Once(Capability[bool]):
+    """Sends one order, once."""
+
+    def __init__(self, order: PlatformOrder) -> None:
+        self.order = order
+
+    def init(self) -> bool:
+        return False
+
+    def step(self, memory: bool, perception: Perception) -> tuple[tuple[PlatformOrder, ...], bool]:
+        return () if memory else (self.order,), True
+
+
+def test_a_run_after_one_that_ended_in_motion_is_obeyed(open_driver: Callable[..., Driver]) -> None:
+    """What was held at its end holds no longer, here and in the process that owns the robot."""
+    driver, refused, undisturbed = open_driver(), [], 0
+    for _ in range(2 * PATIENCE):
+        away = -1.0 if elbow(driver) < -0.8 else 1.0  # from the middle, then back: no limit is in the way
+        first = run(driver, Once(bend(driver, np.clip(elbow(driver) + 0.5 * away, -1.5, -0.1))), duration=0.4)
+        goal = elbow(driver) - 0.3 * away
+        refused.clear()
+        second = run(
+            driver,
+            Once(bend(driver, goal)),
+            duration=2.0,
+            observe=lambda tick: refused.extend(tick.sent.refusals),
+        )
+        if not refused and abs(elbow(driver) - goal) < 0.05:
+            return
+        # Only a busy machine may be in the way, as often as it likes.
+        late = first.report.missed or second.report.missed or LATE.search(" ".join(refused))
+        undisturbed += not late
+        assert undisturbed < PATIENCE / 4, refused
+        driver.gate.reset()
+    raise AssertionError(f"this machine is too busy: {refused}")
+
+
+def test_32_a_reader_that_was_away_gets_the_latest_and_no_backlog(open_driver: Callable[..., Driver]) -> None:
+    driver = open_driver()
+    before = driver.read().joints.sequence
+    driver.clock.sleep_until(driver.clock.now() + 1.5)
+    reading, now = driver.read(), driver.clock.now()
+    assert abs(now - reading.joints.stamp) <= driver.gate.stale_after
+    assert reading.joints.sequence > before + 10
+    assert driver.read().joints.sequence - reading.joints.sequence <= 100
+
+
+def test_closing_leaves_nothing_behind(open_driver: Callable[..., Driver]) -> None:
+    def use(driver: Driver) -> None:
+        drive(driver, duration=0.1)
+
+    left_behind(open_driver, use, patience=0.0)  # with the first one comes what its library keeps for all
+    for _ in range(2):
+        assert not left_behind(open_driver, use)
+
+
+def test_28_34_a_peer_that_falls_silent_means_hold_and_comes_back_without_replay(peer: Peer) -> None:
+    with peer.open(arm=True) as driver:
+        assert drive_until(driver, lambda: abs(elbow(driver) + 0.3) < 0.01, bend(driver, -0.3))
+        away = driver.native("LArm").command({"LElbowRoll": -1.4}, speed=0.1)
+        last = drive(driver, away, duration=5.0, until=lambda sent: elbow(driver) < -0.4)
+        led = dict(zip(last.servos.tolist(), last.position.tolist(), strict=True))[away.servos[0]]
+        peer.freeze()
+        try:
+            held = drive(driver, duration=5.0, until=lambda sent: sent.state is GateState.HOLD)
+            assert held.state is GateState.HOLD
+            assert re.search("joint data is .* old|no new joint data", held.reason)
+            refused = driver.gate.step([bend(driver, -1.0)], driver.read().joints, driver.clock.now())
+            assert "hold" in refused.refusals[0]
+            driver.write(refused)
+            drive(driver, duration=0.5)  # the robot's process was away for longer than anything may be old
+            frozen = elbow(driver)
+        finally:
+            peer.thaw()
+        passed: list[float] = []
+
+        def seen(sent: SafeCommand) -> bool:
+            passed.append(elbow(driver))
+            return sent.state is GateState.RUN
+
+        assert drive(driver, duration=10.0, until=seen).state is GateState.RUN
+        # It was in motion, to where it was led before it was frozen (a busy one lags), and holds from
+        # its first period on: it stops between the two. What it was sent from then until the hold here,
+        # 0.05 rad more, is not played.
+        for _ in range(2):
+            drive(driver, duration=1.0)
+            passed.append(elbow(driver))
+        assert min(passed) > min(frozen, led) - AFTER_THAW
+        assert max(passed) < max(frozen, led) + AFTER_THAW
+        assert drive_until(driver, lambda: abs(elbow(driver) + 0.3) < 0.03, bend(driver, -0.3))
+
+
+def test_33_garbage_floods_and_wrong_types_change_nothing(peer: Peer) -> None:
+    with peer.open(arm=True) as driver:
+        garbage = [bytes(random.Random(n).randbytes(n % 700)) for n in range(200)]
+        driver.read()
+        sender = threading.Thread(target=peer.disturb, args=(garbage * 20,))
+        memory = psutil.Process().memory_info().rss
+        sender.start()
+        sent = drive(driver, bend(driver, -0.3), duration=2.0)
+        sender.join()
+        for _ in driver.ticks(duration=40.0):  # what carries the flood may be behind
+            reading, now = driver.read(), driver.clock.now()
+            if abs(now - reading.joints.stamp) <= driver.gate.stale_after:
+                break
+        assert abs(now - reading.joints.stamp) <= driver.gate.stale_after
+        assert sent.state is not GateState.STOP
+        assert reading.joints.position.shape == (len(driver.robot.servos),)
+        assert np.isfinite(reading.joints.position).all()
+        for frame in reading.skin:
+            assert frame.values.shape == (driver.robot.patch(frame.patch).channels,)
+        assert psutil.Process().memory_info().rss - memory < 50e6
+
+
+@pytest.mark.parametrize("name", ELSEWHERE)
+def test_a_peer_that_is_killed_means_hold_and_closing_works(name: str) -> None:
+    mine = PEERS[name]()
+    mine.start()
+    try:
+        with mine.open(arm=True) as driver:
+            drive(driver, bend(driver, -1.2), duration=0.3)
+            mine.kill()
+            held = drive(driver, duration=10.0, until=lambda sent: sent.state is not GateState.RUN)
+            assert held.state is not GateState.RUN
+            drive(driver, duration=0.3)
+    finally:
+        mine.stop()
+
+
+@pytest.mark.parametrize("name", ELSEWHERE)
+def test_43_a_commander_that_is_killed_leaves_a_robot_at_rest(name: str) -> None:
+    mine = PEERS[name]()
+    mine.start()
+    try:
+        commander = mine.commander()
+        assert commander.stdout is not None
+        assert commander.stdout.readline() == "moving\n"
+        commander.kill()
+        commander.wait()
+        with mine.open(arm=False) as driver:
+            driver.clock.sleep_until(driver.clock.now() + 2.0)
+            there = elbow(driver)
+            assert there < -0.5  # on its way, which takes 9 s
+            driver.clock.sleep_until(driver.clock.now() + 1.0)
+            assert elbow(driver) == pytest.approx(there, abs=0.02)
+    finally:
+        mine.stop()

@@ -6,7 +6,7 @@ robot = tci.load_robot("nao")
 reflex = tci.WithdrawalReflex()
 with tci.connect(robot, "sim") as driver:
     driver.world.finger.poke("left_forearm", 100, speed=0.2, depth=0.008)
-    body, memory = tci.Body(robot), reflex.init()
+    body, memory = tci.GenericBody(robot), reflex.init()
     for now in driver.ticks(duration=1.0):
         reading = driver.read()
         seen = body.perceive(reading, now)

@@ -4,13 +4,13 @@ import numpy as np
 
 import tci
 from tci.body.cartesian import reach_of
-from tci.body.generic_body import Body
+from tci.body.generic_body import GenericBody
 from tci.messages import CartesianCommand
 
 TARGET = np.array([0.55, 0.10, -0.55])  # forward, left, up, in the arm's mount frame
 
 robot = tci.load_robot("nao")
-body = Body(robot)
+body = GenericBody(robot)
 with tci.connect(robot, "sim") as driver:
     for now in driver.ticks(duration=1.5):
         joints = driver.read().joints

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 import tci
-from tci.body.generic_body import Body
+from tci.body.generic_body import GenericBody
 from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.capabilities.capability import Capability
 from tci.capabilities.soft_reaction import SoftReaction
@@ -58,7 +58,11 @@ def press(
     surface = world.surfaces[patch]
     place = surface.positions[taxel], surface.normals[taxel]
     world.finger.poke(patch, *place, speed=0.25, depth=depth, gap=0.002)
-    driver, body, memory = SimulatedDriver(world.robot, world=world), Body(world.robot), capability.init()
+    driver, body, memory = (
+        SimulatedDriver(world.robot, world=world),
+        GenericBody(world.robot),
+        capability.init(),
+    )
     first, before, rise, notes = None, 0.0, 0.0, dict[str, None]()
     with driver:
         for now in driver.ticks(duration=RESTS + 0.1 + watch):

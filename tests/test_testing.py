@@ -7,7 +7,7 @@ import pytest
 
 import tci
 from tci.errors import CommandError, UnknownNameError
-from tci.messages import Spot
+from tci.messages import Landmark
 from tci.testing import PERIOD, TouchedRobot, perception
 
 NAO = tci.load_robot("nao")
@@ -56,7 +56,7 @@ def test_a_perception_answers_what_one_of_a_robot_answers() -> None:
     seen = perception(NAO, "left_forearm", posture={"left_arm": posture})
     np.testing.assert_allclose(seen.posture["left_arm"], posture, atol=1e-6)
     assert seen.jacobian(seen.contacts[0]).shape == (3, 5)
-    assert 0.0 < seen.apart(seen.contacts[0], Spot("forearm", (1.0, 0.0, 0.0))) < 0.5
+    assert 0.0 < seen.apart(seen.contacts[0], Landmark("forearm", (1.0, 0.0, 0.0))) < 0.5
     assert seen.movable["head"].tolist() == [1.0, 0.0, 1.0]
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from tci.learning.registration import register_when_imported as _register_when_imported
 
 if TYPE_CHECKING:
-    from tci.body.generic_body import Body as Body
+    from tci.body.generic_body import GenericBody as GenericBody
     from tci.body.posture import home as home
     from tci.body.posture import to_platform as to_platform
     from tci.capabilities.capability import Capability as Capability
@@ -55,7 +55,7 @@ _NAMES = {
     "tci.capabilities.withdrawal": ("WithdrawalReflex",),
     "tci.clock": ("ManualClock", "MonotonicClock", "ticks"),
     "tci.errors": ("TciError",),
-    "tci.body.generic_body": ("Body",),
+    "tci.body.generic_body": ("GenericBody",),
     "tci.skin.contacts": ("find_contacts",),
     "tci.gate.gate": ("Gate", "SafeCommand"),
     "tci.body.posture": ("home", "to_platform"),

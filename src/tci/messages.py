@@ -182,7 +182,7 @@ class Contact:
 
 
 @dataclass(frozen=True, slots=True)
-class Spot:
+class Landmark:
     """A point of a part's skin on any robot: where one comes from the skin's middle in a direction."""
 
     segment: str
@@ -192,7 +192,7 @@ class Spot:
     up."""
 
 
-def _no_skin(contact: Contact, spot: Spot) -> float:
+def _no_skin(contact: Contact, spot: Landmark) -> float:
     raise TciError(f"no distance of the contact on {contact.patch}: this perception comes without a robot")
 
 
@@ -239,14 +239,14 @@ class Perception:
     """Of some of them (c,): how far [m] the point of each would be from where it is, (0, k, c) along its
     inward normal, below 0 where it is pressed, and (1, k, c) across it, at k moments while a part goes to
     generic angles (n,) in a mode, as the robot's limits let it. Worked out when asked for."""
-    apart: Callable[[Contact, Spot], float] = _no_skin
+    apart: Callable[[Contact, Landmark], float] = _no_skin
     """Geodesic distance [m] along the skin of one of them from a spot of its part; infinite where the spot is
     on other skin. Worked out when asked for."""
     movable: Mapping[str, Array] = field(default_factory=lambda: MappingProxyType({}))
     """1 for each generic joint (n,) of a part that the robot has, else 0, by name; a part may be absent."""
     covered: Covered | None = None
     """How much of a place its skin still feels; None while no taxel is masked."""
-    felt: Callable[[str, Spot, float], float] | None = None
+    felt: Callable[[str, Landmark, float], float] | None = None
     """The same of the skin of a part that is nearer to a spot than a geodesic radius [m]."""
     support: Callable[[str, Array], Support] | None = None
     """Of a leg that went to generic angles (n,) [rad]; None where nothing is known of the robot."""

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tci.body.generic_body import Body
+from tci.body.generic_body import GenericBody
 from tci.body.posture import to_platform
 from tci.errors import CommandError, UnknownNameError
 from tci.frames import Array, read_only
@@ -52,7 +52,7 @@ class TouchedRobot:
         initial posture. Raises UnknownNameError, CommandError for a posture, and what `load_robot` raises.
         """
         self.robot = robot if isinstance(robot, Robot) else load_robot(robot)
-        self.body = Body(self.robot)
+        self.body = GenericBody(self.robot)
         self._position = np.array(initial_position(self.robot))
         for part, angles in (posture or {}).items():
             command = GenericCommand(part, Mode.POSITION, read_only(angles))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tci.body.cartesian import Reach, reach_of
-from tci.body.generic_body import Body, order_to_platform
+from tci.body.generic_body import GenericBody, order_to_platform
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError, UnknownNameError
 from tci.experiments.same_stimulus import initial_joints
@@ -24,7 +24,7 @@ from tci.simulation.world import World
 
 ARMS = [(name, side) for name in ("nao", "icub") for side in ("left", "right")]
 ROBOTS = {name: load_robot(name) for name in ("nao", "icub")}
-BODIES = {name: Body(robot) for name, robot in ROBOTS.items()}
+BODIES = {name: GenericBody(robot) for name, robot in ROBOTS.items()}
 COMMON_RANGE = np.deg2rad([[0, 90], [10, 70], [-20, 60], [20, 85], [-50, 50]])
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tci.body.generic_body import Body
+from tci.body.generic_body import GenericBody
 from tci.capabilities.fields import default_fields
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.frames import Array
@@ -33,7 +33,7 @@ class Feeling:
     """A body whose forearm flickers, and some taxels far more than the others."""
 
     def __init__(self, spoilt: np.ndarray) -> None:
-        self.body, self.tick, self.random = Body(ROBOT), 0, np.random.default_rng(3)
+        self.body, self.tick, self.random = GenericBody(ROBOT), 0, np.random.default_rng(3)
         self.spoilt = spoilt
 
     def perceive(self, pronation: float) -> Perception:
@@ -53,7 +53,9 @@ class Feeling:
 def inside(pronation: float) -> np.ndarray:
     """Which taxels (n,) of the forearm lie in the field."""
     position = turned(pronation)
-    u, theta, _ = Body(ROBOT).skin.limb(PATCH.name, JointReading(0.0, 0, position, np.zeros_like(position)))
+    u, theta, _ = GenericBody(ROBOT).skin.limb(
+        PATCH.name, JointReading(0.0, 0, position, np.zeros_like(position))
+    )
     here: np.ndarray = generic_limb_distance(u, theta, FIELD.u, FIELD.theta) < FIELD.radius
     return here
 

@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 
 from capabilities.touches import touch
-from tci.body.generic_body import Body
+from tci.body.generic_body import GenericBody
 from tci.errors import TciError
 from tci.frames import Array, rotation_rpy
-from tci.messages import Contact, Spot
+from tci.messages import Contact, Landmark
 from tci.robot.catalogue import load_robot
 from tci.robot.description import TruncatedCone
 from tci.robot.joint_map import initial_position
 
 ROBOTS = {name: load_robot(name) for name in ("nao-whole", "icub-whole")}
-BODIES = {name: Body(robot) for name, robot in ROBOTS.items()}
-FRONT = Spot("", (1.0, 0.0, 0.0))
+BODIES = {name: GenericBody(robot) for name, robot in ROBOTS.items()}
+FRONT = Landmark("", (1.0, 0.0, 0.0))
 
 
-def contact_at(body: Body, patch: str, point: Array) -> Contact:
+def contact_at(body: GenericBody, patch: str, point: Array) -> Contact:
     words = body.robot.patch(patch)
     made = touch(np.nan, np.nan, [1.0], part=words.part, segment=words.segment)
     nearest, _ = body.skin.surfaces[patch].project(point[None])
@@ -61,15 +61,15 @@ def unrolled(cone: TruncatedCone, points: Array) -> Array:
     ("name", "patch", "spot"),
     [
         ("nao-whole", "head_skin", FRONT),
-        ("nao-whole", "torso_skin", Spot("", (-1.0, 0.0, 0.0))),
+        ("nao-whole", "torso_skin", Landmark("", (-1.0, 0.0, 0.0))),
         ("icub-whole", "torso_skin", FRONT),
-        ("icub-whole", "left_palm", Spot("", (0.0, -1.0, 0.0))),
-        ("nao-whole", "left_thigh", Spot("thigh", (1.0, 0.0, 0.0))),
-        ("nao-whole", "right_shank", Spot("shank", (-1.0, 0.0, 0.0))),
-        ("icub-whole", "left_thigh", Spot("thigh", (0.0, 1.0, 0.0))),
+        ("icub-whole", "left_palm", Landmark("", (0.0, -1.0, 0.0))),
+        ("nao-whole", "left_thigh", Landmark("thigh", (1.0, 0.0, 0.0))),
+        ("nao-whole", "right_shank", Landmark("shank", (-1.0, 0.0, 0.0))),
+        ("icub-whole", "left_thigh", Landmark("thigh", (0.0, 1.0, 0.0))),
     ],
 )
-def test_distances_are_those_of_the_unrolled_cone(name: str, patch: str, spot: Spot) -> None:
+def test_distances_are_those_of_the_unrolled_cone(name: str, patch: str, spot: Landmark) -> None:
     """A cone is flat when it is unrolled: the shortest way is a straight line there, whichever way around."""
     body = BODIES[name]
     words = body.robot.patch(patch)
@@ -95,10 +95,10 @@ def test_spots_lie_where_they_are_said_to(name: str) -> None:
     start = initial_position(body.robot)
     for part, spot, axis, sign in (
         ("head", FRONT, 0, 1.0),
-        ("torso", Spot("", (-1.0, 0.0, 0.0)), 0, -1.0),
-        ("left_leg", Spot("thigh", (0.0, 1.0, 0.0)), 1, 1.0),
-        ("right_leg", Spot("thigh", (0.0, 1.0, 0.0)), 1, -1.0),
-        ("left_leg", Spot("foot", (0.0, 0.0, -1.0)), 2, -1.0),
+        ("torso", Landmark("", (-1.0, 0.0, 0.0)), 0, -1.0),
+        ("left_leg", Landmark("thigh", (0.0, 1.0, 0.0)), 1, 1.0),
+        ("right_leg", Landmark("thigh", (0.0, 1.0, 0.0)), 1, -1.0),
+        ("left_leg", Landmark("foot", (0.0, 0.0, -1.0)), 2, -1.0),
     ):
         place = body.spots.place(part, spot)
         link = body.robot.patch(place.patch).link
@@ -111,21 +111,21 @@ def test_spots_lie_where_they_are_said_to(name: str) -> None:
 
 def test_a_contact_is_at_no_distance_from_its_own_place_and_none_from_other_skin() -> None:
     body = BODIES["icub-whole"]
-    place = body.spots.place("left_leg", Spot("shank", (1.0, 0.0, 0.0)))
+    place = body.spots.place("left_leg", Landmark("shank", (1.0, 0.0, 0.0)))
     contact = contact_at(body, place.patch, place.p_L)
-    assert body.spots.distance(contact, Spot("shank", (1.0, 0.0, 0.0))) < 1e-6
-    assert body.spots.distance(contact, Spot("thigh", (1.0, 0.0, 0.0))) == np.inf
+    assert body.spots.distance(contact, Landmark("shank", (1.0, 0.0, 0.0))) < 1e-6
+    assert body.spots.distance(contact, Landmark("thigh", (1.0, 0.0, 0.0))) == np.inf
 
 
 def test_a_part_without_skin_there_is_told() -> None:
     body = BODIES["nao-whole"]
     with pytest.raises(TciError, match="no skin on tail of head"):
-        body.spots.place("head", Spot("tail", (1.0, 0.0, 0.0)))
+        body.spots.place("head", Landmark("tail", (1.0, 0.0, 0.0)))
 
 
 def test_the_sole_is_a_sheet() -> None:
     body = BODIES["icub-whole"]
-    spot = Spot("foot", (0.0, 0.0, -1.0))
+    spot = Landmark("foot", (0.0, 0.0, -1.0))
     place = body.spots.place("left_leg", spot)
     surface = body.skin.surfaces[place.patch]
     for taxel in range(0, len(surface.positions), 40):

@@ -13,7 +13,7 @@ from tci.capabilities.body_fields import JOINTS, BodyFields, default_body_fields
 from tci.capabilities.body_withdrawal import BodyMemory, BodyWithdrawal
 from tci.errors import DescriptionError, TciError
 from tci.frames import Array
-from tci.messages import Contact, GenericCommand, Perception, Spot
+from tci.messages import Contact, GenericCommand, Landmark, Perception
 
 POSTURE = {"head": np.zeros(3), "torso": np.zeros(3), "left_leg": np.zeros(6), "left_arm": np.zeros(5)}
 FACE = default_body_fields().field[0]
@@ -21,7 +21,7 @@ SHIN = next(field for field in default_body_fields().field if field.name == "sha
 
 
 def see(
-    *contacts: Contact, stamp: float = 0.0, at: Spot = FACE.spot, distance: float = 0.0,
+    *contacts: Contact, stamp: float = 0.0, at: Landmark = FACE.spot, distance: float = 0.0,
     movable: dict[str, Array] | None = None,
 ) -> Perception:  # fmt: skip
     """What is seen when every contact lies `distance` [m] from one spot and on no other."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from capabilities.touches import BOTH_ARMS, see, touch
-from tci.body.generic_body import Body
+from tci.body.generic_body import GenericBody
 from tci.body.posture import to_platform
 from tci.capabilities.fields import default_fields
 from tci.capabilities.soft_reaction import SoftReaction
@@ -72,7 +72,7 @@ def test_torque_mode_damps() -> None:
 def test_the_jacobian_of_a_contact_is_the_kinematics_own(name: str, side: str) -> None:
     world = World(load_robot(name))
     robot, part = world.robot, f"{side}_arm"
-    body, contacts = Body(robot), []
+    body, contacts = GenericBody(robot), []
     link = SimulatedDriver(robot, world=world)
 
     def note(tick: Tick) -> None:

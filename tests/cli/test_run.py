@@ -13,14 +13,14 @@ import pytest
 
 import tci
 from cli.test_cli import tci as told_by
-from tci.body.generic_body import Body
+from tci.body.generic_body import GenericBody
 from tci.cli.run import load_capability, run_capability
 from tci.drivers.driver import Driver
 from tci.drivers.faults.fault_list import FAULTS
 from tci.drivers.faults.injectors import INJECTORS
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import UnknownNameError
-from tci.messages import Spot
+from tci.messages import Landmark
 
 POKED = ("run", "withdrawal", "nao", "--poke", "--duration", "0.7")
 
@@ -244,7 +244,7 @@ def test_why_a_touched_leg_stays_is_told_once(
 ) -> None:
     def poke_the_shin(driver: Driver) -> None:
         assert isinstance(driver, SimulatedDriver)
-        place = Body(driver.robot).spots.place("left_leg", Spot("shank", (1.0, 0.0, 0.0)))
+        place = GenericBody(driver.robot).spots.place("left_leg", Landmark("shank", (1.0, 0.0, 0.0)))
         driver.world.finger.poke(place.patch, place.p_L, place.n_L)
 
     monkeypatch.setattr("tci.cli.run.poke_forearm", poke_the_shin)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tci.body.generic_body import Body
+from tci.body.generic_body import GenericBody
 from tci.capabilities.body_fields import default_body_fields
 from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.experiments.body_trials import answerable, body_trials_of
@@ -34,7 +34,7 @@ def test_every_part_withdraws(name: str) -> None:
 @pytest.mark.parametrize("name", LACKS)
 def test_a_standing_robot_keeps_its_legs(name: str) -> None:
     robot = load_robot(name)
-    world, body = World(robot), Body(robot)
+    world, body = World(robot), GenericBody(robot)
     reflex = BodyWithdrawal()
     field = next(field for field in reflex.fields.field if field.name == "shank_front")
     assert answerable(body, field) == ["left_leg", "right_leg"]

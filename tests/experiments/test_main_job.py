@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tci.authoring.dense_skin import with_skin_rate
-from tci.body.generic_body import Body
+from tci.body.generic_body import GenericBody
 from tci.body.places import find_place
 from tci.body.posture import to_platform
 from tci.capabilities.fields import default_fields
@@ -110,7 +110,7 @@ def test_the_same_stimulus_gets_the_same_answer(report: tuple[float, Report]) ->
 def test_random_pokes_anywhere_on_the_skin(name: str) -> None:
     """200 pokes: a taxel of any patch, and up to half a pitch (3.3 mm) beside it."""
     robot = load_robot(name)
-    world, body = World(robot, seed=1), Body(robot)
+    world, body = World(robot, seed=1), GenericBody(robot)
     random = np.random.default_rng(11)
     errors, ratios, covered = [], [], 0
     driver = SimulatedDriver(robot, world=world)
@@ -150,7 +150,7 @@ def test_random_pokes_anywhere_on_the_skin(name: str) -> None:
     assert max(ratios) <= 1.02
 
 
-def bare_place(body: Body, joints: JointReading) -> tuple[float, float]:
+def bare_place(body: GenericBody, joints: JointReading) -> tuple[float, float]:
     """(u, theta) of a taxel of the left forearm that lies outside every field, far from the ends."""
     u, theta, _ = body.skin.limb("left_forearm", joints)
     inside = [
@@ -169,7 +169,7 @@ def test_no_response_moves_nothing(name: str, where: str) -> None:
     """A firm poke outside every field, and one in a field's centre below the threshold."""
     robot = load_robot(name)
     world = World(robot)
-    driver, body = SimulatedDriver(robot, world=world), Body(robot)
+    driver, body = SimulatedDriver(robot, world=world), GenericBody(robot)
     joints = driver.read().joints
     extensor = next(field for field in FIELDS if field.name == "forearm_extensor")
     u, theta = bare_place(body, joints) if where == "outside" else (extensor.u, extensor.theta)
@@ -190,7 +190,7 @@ def test_no_response_moves_nothing(name: str, where: str) -> None:
 def test_a_field_that_is_there_makes_the_difference() -> None:
     """The poke outside every field above is answered once a field lies there."""
     world = World(load_robot("nao"))
-    u, theta = bare_place(Body(world.robot), initial_joints(world.robot))
+    u, theta = bare_place(GenericBody(world.robot), initial_joints(world.robot))
     field = FIELDS[0].model_copy(update={"name": "there", "u": u, "theta": theta})
     trace = poke(world, "left_arm", field, Stimulus(), reflex=WithdrawalReflex(fields=(field,)), seed=0)
     assert trace.commanded
@@ -211,7 +211,7 @@ POSTURES = [
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_the_skin_moves_away_from_the_stimulus_in_every_posture(name: str, side: str) -> None:
     """5 fields x 1250 postures: at most 5 % are excused, each by the limit that binds."""
-    body = Body(load_robot(name))
+    body = GenericBody(load_robot(name))
     part = f"{side}_arm"
     excused: dict[str, int] = {}
     cases = 0
@@ -233,7 +233,7 @@ def test_the_skin_moves_away_from_the_stimulus_in_every_posture(name: str, side:
     assert sum(excused.values()) <= 0.05 * cases
 
 
-def joints_at(body: Body, part: str, posture: Array) -> JointReading:
+def joints_at(body: GenericBody, part: str, posture: Array) -> JointReading:
     start = initial_joints(body.robot)
     command = to_platform(body.robot, GenericCommand(part, Mode.POSITION, posture))
     position = np.array(start.position)
@@ -241,7 +241,9 @@ def joints_at(body: Body, part: str, posture: Array) -> JointReading:
     return replace(start, position=position)
 
 
-def limited(body: Body, part: str, target: Array, start: JointReading) -> tuple[JointReading, list[str]]:
+def limited(
+    body: GenericBody, part: str, target: Array, start: JointReading
+) -> tuple[JointReading, list[str]]:
     """Where the gate's joint limits let `target` end, and the servos whose limits bind."""
     # Some postures of the grid are inside the robot's own body; what that stops is no matter of limits.
     gate = Gate(body.robot, period=0.002, stale_after=0.05, settings=GateSettings(self_collision=None))
@@ -256,7 +258,7 @@ def limited(body: Body, part: str, target: Array, start: JointReading) -> tuple[
 def test_generic_to_platform_to_generic_on_both_robots() -> None:
     random = np.random.default_rng(5)
     for name, side in product(ROBOTS, ("left", "right")):
-        body, part = Body(load_robot(name)), f"{side}_arm"
+        body, part = GenericBody(load_robot(name)), f"{side}_arm"
         for posture in random.uniform(*COMMON_RANGE.T, size=(250, 5)):
             back = generic_posture(body.robot, joints_at(body, part, posture))[part]
             np.testing.assert_allclose(back, posture, rtol=0, atol=1e-12)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tci.body.generic_body import Body
+from tci.body.generic_body import GenericBody
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.experiments.experiment import trials_of
 from tci.experiments.poke import Stimulus
@@ -37,7 +37,7 @@ def test_the_demo_passes(name: str) -> None:
 @pytest.mark.parametrize("name", NAMES)
 def test_the_same_touch_gets_the_same_answer(name: str) -> None:
     reflex = WithdrawalReflex()
-    same = same_stimulus([Body(load_robot(robot)) for robot in ("nao", "icub", name)], reflex.fields)
+    same = same_stimulus([GenericBody(load_robot(robot)) for robot in ("nao", "icub", name)], reflex.fields)
     print(name, same)
     assert same.max_generic_difference_rad <= 1e-9
     assert max(same.hand_direction_deg.values()) <= 10.0

@@ -16,7 +16,7 @@ from tci.errors import DriverError
 from tci.experiments.experiment import SIDES, trials_of
 from tci.experiments.measure import Trial
 from tci.experiments.poke import Stimulus, poke
-from tci.experiments.remote_trial import Elsewhere
+from tci.experiments.remote_trial import RemoteTrial
 from tci.runtime.loop import Tick
 from tci.simulation.world import World
 
@@ -82,7 +82,7 @@ def test_what_keeps_the_other_process_away_is_told() -> None:
 
 def test_a_process_that_ends_in_the_middle_of_a_trial_is_told() -> None:
     robot, reflex = tci.load_robot("nao"), tci.WithdrawalReflex()
-    with Elsewhere(robot, VIAS["zenoh"](), reflex.mode) as elsewhere:
+    with RemoteTrial(robot, VIAS["zenoh"](), reflex.mode) as elsewhere:
 
         def end(tick: Tick) -> None:
             elsewhere._process.kill()

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import tci
-from tci.body.generic_body import Body
+from tci.body.generic_body import GenericBody
 from tci.capabilities.body_fields import BodyField, default_body_fields
 from tci.capabilities.body_withdrawal import BodyMemory, BodyWithdrawal
 from tci.clock import ManualClock
@@ -62,7 +62,7 @@ class NoisyBody(Driver):
         self.angles, self.count = np.array(initial_position(self.robot)), 0
         self.random, self.touches = np.random.default_rng(3), touches
         part, patch, place = PLACES[kind]
-        body = Body(self.robot)
+        body = GenericBody(self.robot)
         found = body.spots.around(part, place.spot, 0.015)
         assert found is not None
         self.pressed = body.skin.surfaces[patch].channels[found[1]]
@@ -178,7 +178,7 @@ def test_07_a_step_of_the_baseline_is_answered_once(kind: str) -> None:
 def test_07_the_weight_of_a_robot_that_stands_is_no_step_of_the_baseline(name: str) -> None:
     """It presses all of a sole for as long as the robot stands, and a leg must not believe that it hangs."""
     robot, random = tci.load_robot(name), np.random.default_rng(5)
-    body, reflex = Body(robot), BodyWithdrawal(stance="supported")
+    body, reflex = GenericBody(robot), BodyWithdrawal(stance="supported")
     soles = [patch for patch in robot.patches if patch.name.endswith("_sole")]
     position = np.zeros(len(robot.servos))
     memory, frequency = reflex.init(), 20.0

@@ -104,7 +104,7 @@ def test_20_stale_encoder(driver: SimulatedDriver) -> None:
 def test_21_stall(driver: SimulatedDriver) -> None:
     done = Rehearsal(driver, "stall")
     stopped = done.stopped_after()
-    settings = driver.gate.settings.watch
+    settings = driver.gate.settings.monitor
     for tick in done.ticks:
         error = np.abs(tick.sent.position - tick.reading.joints.position[tick.sent.servos])
         if (error > settings.following_error + settings.lag * np.abs(tick.sent.velocity)).any():

@@ -384,7 +384,7 @@ def test_targets_are_where_the_servos_go_whatever_was_asked_for() -> None:
 
 
 def test_a_gate_without_a_watch_forgets_its_servos_too() -> None:
-    gate = Gate(make_robot(), period=PERIOD, stale_after=0.1, settings=GateSettings(watch=None))
+    gate = Gate(make_robot(), period=PERIOD, stale_after=0.1, settings=GateSettings(monitor=None))
     safe = gate.step([position_command([2], [0.5])], reading(ZERO, 0.0), 0.0)
     assert safe.servos.tolist() == [2]
     gate.drop()

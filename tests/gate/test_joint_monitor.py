@@ -1,4 +1,4 @@
-"""The watch: every fault is told within its time, and nothing is told of a robot that obeys."""
+"""The joint monitor: every fault is told within its time, and nothing is told of a robot that obeys."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from gate.gate_checks import make_robot
 from tci.errors import TciError
 from tci.frames import Array, read_only
-from tci.gate.joint_monitor import Reference, Watch, WatchSettings
+from tci.gate.joint_monitor import JointMonitor, MonitorSettings, Reference
 from tci.messages import JointReading, Mode
 
 ROBOT = make_robot(count=6)
@@ -47,9 +47,9 @@ def reference(told: Positions, time: float, mode: Mode = Mode.POSITION) -> Refer
 def first_fault(
     measured: Positions, told: Positions, *, mode: Mode = Mode.POSITION
 ) -> tuple[float, str] | None:
-    watch = Watch(ROBOT)
+    monitor = JointMonitor(ROBOT)
     for joints in readings(measured):
-        if fault := watch.step(joints, reference(told, joints.stamp, mode)):
+        if fault := monitor.step(joints, reference(told, joints.stamp, mode)):
             return joints.stamp, fault
     return None
 
@@ -100,10 +100,10 @@ def test_19_a_motion_against_its_command_is_told_after_a_tenth_of_a_second() -> 
     def reversed_(time: float, angle: float) -> float:
         return -0.5 * np.sin(2.0 * time)
 
-    settings = WatchSettings(following_error=3.0)
-    watch = Watch(ROBOT, settings)
+    settings = MonitorSettings(following_error=3.0)
+    monitor = JointMonitor(ROBOT, settings)
     for joints in readings(one_servo(reversed_)):
-        if fault := watch.step(joints, reference(turning, joints.stamp)):
+        if fault := monitor.step(joints, reference(turning, joints.stamp)):
             break
     assert (
         "joint2 moves against its command; pushed or pulled; if nothing touches it, the sign of its gamma"
@@ -148,39 +148,39 @@ def test_a_joint_at_rest_may_repeat_its_angle_wherever_it_is() -> None:
 
 
 def test_14_a_reading_that_comes_again_under_fresh_stamps_is_told() -> None:
-    watch, told = Watch(ROBOT), []
+    monitor, told = JointMonitor(ROBOT), []
     for joints in readings(turning, duration=0.5):
         frozen = replace(joints, sequence=min(joints.sequence, 20))
-        told.append(watch.step(frozen, reference(turning, joints.stamp)))
+        told.append(monitor.step(frozen, reference(turning, joints.stamp)))
     first = next(i for i, fault in enumerate(told) if fault)
     assert first * PERIOD == pytest.approx(0.2 + 0.1 + PERIOD)
     assert "reading 20 comes again under fresh stamps" in told[first]
 
 
 def test_14_is_told_in_time_though_the_first_stamp_came_twice() -> None:
-    watch, first = Watch(ROBOT), next(readings(still))
-    told = [watch.step(first, reference(still, 0.0)) for _ in range(2)]
+    monitor, first = JointMonitor(ROBOT), next(readings(still))
+    told = [monitor.step(first, reference(still, 0.0)) for _ in range(2)]
     for index in range(1, 13):
-        told.append(watch.step(replace(first, stamp=index * PERIOD), reference(still, 0.0)))
+        told.append(monitor.step(replace(first, stamp=index * PERIOD), reference(still, 0.0)))
     assert [bool(fault) for fault in told] == [False] * 12 + [True] * 2
 
 
 def test_23_a_mode_that_comes_right_again_in_time_is_no_fault() -> None:
-    watch = Watch(ROBOT)
+    monitor = JointMonitor(ROBOT)
     for joints in readings(still, duration=1.6):
         wrong = joints.stamp % 0.4 > 0.05
         modes = (Mode.TORQUE if wrong else Mode.POSITION,) * 6
-        assert watch.step(replace(joints, modes=modes), reference(still, joints.stamp)) == ""
+        assert monitor.step(replace(joints, modes=modes), reference(still, joints.stamp)) == ""
 
 
 def test_22_a_servo_that_is_off_is_told_at_once() -> None:
     powered = np.ones(6, dtype=bool)
     powered[[3, 5]] = False
-    watch = Watch(ROBOT)
+    monitor = JointMonitor(ROBOT)
     fault = ""
     for joints in readings(still, duration=0.1):
         on = replace(joints, powered=powered if joints.stamp >= 0.05 else np.ones(6, dtype=bool))
-        fault = watch.step(on, reference(still, joints.stamp))
+        fault = monitor.step(on, reference(still, joints.stamp))
         assert bool(fault) == (joints.stamp >= 0.05)
     assert fault == "joint3 is under command and its servo is off"
 
@@ -189,47 +189,47 @@ def test_a_servo_that_is_off_and_not_under_command_is_fine() -> None:
     powered = np.ones(6, dtype=bool)
     powered[5] = False
     joints = replace(next(readings(still)), powered=powered)
-    assert Watch(ROBOT).step(joints, reference(still, 0.0)) == ""
+    assert JointMonitor(ROBOT).step(joints, reference(still, 0.0)) == ""
 
 
 @pytest.mark.parametrize(("reported", "late"), [(Mode.TORQUE, True), (Mode.POSITION, False), (None, False)])
 def test_23_another_mode_than_the_commanded_one_is_told_after_a_while(
     reported: Mode | None, late: bool
 ) -> None:
-    watch, fault = Watch(ROBOT), ""
+    monitor, fault = JointMonitor(ROBOT), ""
     for joints in readings(still, duration=1.0):
         modes = (Mode.POSITION, reported, *[Mode.POSITION] * 4)
-        fault = watch.step(replace(joints, modes=modes), reference(still, joints.stamp))
-        assert bool(fault) == (late and joints.stamp > watch.settings.mode_change)
+        fault = monitor.step(replace(joints, modes=modes), reference(still, joints.stamp))
+        assert bool(fault) == (late and joints.stamp > monitor.settings.mode_change)
     assert fault == ("joint1 reports mode torque; commanded in position" if late else "")
 
 
 def test_the_same_reading_twice_tells_nothing_new() -> None:
-    watch = Watch(ROBOT)
+    monitor = JointMonitor(ROBOT)
     for joints in readings(one_servo(lambda _, angle: angle)):
         for _ in range(3):
-            assert watch.step(joints, reference(turning, joints.stamp)) == ""
+            assert monitor.step(joints, reference(turning, joints.stamp)) == ""
 
 
 def test_reset_forgets() -> None:
-    watch = Watch(ROBOT)
+    monitor = JointMonitor(ROBOT)
     first, second = list(readings(still))[:2]
     jumped = replace(second, position=read_only(np.ones(6)))
-    assert watch.step(first, reference(still, 0.0)) == ""
-    watch.reset()
-    assert watch.step(jumped, Reference(SERVOS[:0], (), np.zeros(0), np.zeros(0))) == ""
+    assert monitor.step(first, reference(still, 0.0)) == ""
+    monitor.reset()
+    assert monitor.step(jumped, Reference(SERVOS[:0], (), np.zeros(0), np.zeros(0))) == ""
 
 
 @given(lag=st.floats(0.0, 0.08), noise=st.floats(0.0, 2e-3), seed=st.integers(0, 1000))
 def test_no_false_alarm_for_any_lag_and_noise_of_a_sound_servo(lag: float, noise: float, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    watch = Watch(ROBOT)
+    monitor = JointMonitor(ROBOT)
     for joints in readings(lambda time: turning(time - lag), duration=1.0):
         noisy = replace(joints, position=joints.position + noise * rng.standard_normal(6))
-        assert watch.step(noisy, reference(turning, joints.stamp)) == ""
+        assert monitor.step(noisy, reference(turning, joints.stamp)) == ""
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
 def test_settings_that_make_no_sense_are_refused(value: float) -> None:
-    with pytest.raises(TciError, match=r"watch: patience .*; valid: above 0 and finite"):
-        WatchSettings(patience=value)
+    with pytest.raises(TciError, match=r"monitor: patience .*; valid: above 0 and finite"):
+        MonitorSettings(patience=value)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from gate.gate_checks import LIMITS, PERIOD, Driven, make_robot, position_command, reading
 from tci.frames import Array, read_only
 from tci.gate.gate import Gate, GateSettings, GateState
-from tci.gate.joint_monitor import WatchSettings
+from tci.gate.joint_monitor import MonitorSettings
 from tci.gate.kernels.torques import RISE
 from tci.messages import CONTROL_MODES, JointReading, Mode, PlatformCommand, PlatformSwitch
 
@@ -382,8 +382,8 @@ def test_settings_of_the_timeout_are_checked() -> None:
 def yielded(equilibrium: float, measured: float) -> tuple[Gate, JointReading]:
     """Servo 2 in impedance mode, held away from its equilibrium; servo 3 in position mode beside it."""
     driven = Driven(ROBOT, ZERO)
-    watch = WatchSettings(encoder_step=1.0)  # it yields from one reading to the next
-    driven.gate = Gate(ROBOT, period=PERIOD, stale_after=0.05, settings=GateSettings(watch=watch))
+    watch = MonitorSettings(encoder_step=1.0)  # it yields from one reading to the next
+    driven.gate = Gate(ROBOT, period=PERIOD, stale_after=0.05, settings=GateSettings(monitor=watch))
     driven.step(switch([2], Mode.IMPEDANCE), position_command([3], [0.2]))
     driven.step(command(Mode.IMPEDANCE, [2], [equilibrium]))
     driven.settle()
@@ -426,7 +426,7 @@ def test_near_its_equilibrium_it_may_be_as_stiff_as_it_likes_and_elsewhere_no_st
 
 def test_without_a_watch_nobody_looks_where_the_equilibrium_is() -> None:
     driven = Driven(ROBOT, ZERO)
-    driven.gate = Gate(ROBOT, period=PERIOD, stale_after=0.05, settings=GateSettings(watch=None))
+    driven.gate = Gate(ROBOT, period=PERIOD, stale_after=0.05, settings=GateSettings(monitor=None))
     driven.step(switch([2], Mode.IMPEDANCE))
     driven.step(command(Mode.IMPEDANCE, [2], [0.5]))
     driven.settle()

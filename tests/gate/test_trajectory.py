@@ -10,7 +10,7 @@ from tci.errors import CommandError
 from tci.frames import Array
 from tci.gate.bounds import bounds_of
 from tci.gate.stop_plan import TURN
-from tci.gate.trajectory import Limiter
+from tci.gate.trajectory import OnlineTrajectory
 from tci.robot.catalogue import load_robot
 
 PERIOD = 0.01
@@ -20,7 +20,7 @@ BOUNDS, _ = bounds_of(ICUB, ARM, speed_share=0.9)
 FREE = np.ones(len(ARM), dtype=bool)
 
 
-def aim_anywhere(limiter: Limiter, random: np.random.Generator) -> Array:
+def aim_anywhere(limiter: OnlineTrajectory, random: np.random.Generator) -> Array:
     """Aim at a random point of the bounds, often of their surface."""
     target = BOUNDS.nearest(random.uniform(BOUNDS.lower - 0.2, BOUNDS.upper + 0.2), FREE)
     limiter.aim(target, BOUNDS.velocity)
@@ -40,7 +40,9 @@ def test_any_target_is_reached_beside_the_couplings_of_icub(seed: int) -> None:
     """After retargets in full motion; the last four stayed short, one by 52 degrees, before motions
     that came to rest on the way went on in a straight line."""
     random = np.random.default_rng(seed)
-    limiter = Limiter(BOUNDS, BOUNDS.nearest(random.uniform(BOUNDS.lower, BOUNDS.upper), FREE), PERIOD)
+    limiter = OnlineTrajectory(
+        BOUNDS, BOUNDS.nearest(random.uniform(BOUNDS.lower, BOUNDS.upper), FREE), PERIOD
+    )
     for _ in range(6):
         aim_anywhere(limiter, random)
         for _ in range(random.integers(5, 60)):
@@ -53,7 +55,9 @@ def test_any_target_is_reached_beside_the_couplings_of_icub(seed: int) -> None:
 
 def test_halts_and_new_targets_on_straight_ways_keep_the_bounds() -> None:
     random = np.random.default_rng(36)
-    limiter = Limiter(BOUNDS, BOUNDS.nearest(random.uniform(BOUNDS.lower, BOUNDS.upper), FREE), PERIOD)
+    limiter = OnlineTrajectory(
+        BOUNDS, BOUNDS.nearest(random.uniform(BOUNDS.lower, BOUNDS.upper), FREE), PERIOD
+    )
     path = []
     for cycle in range(3000):
         if cycle % 37 == 0:
@@ -68,7 +72,9 @@ def test_halts_and_new_targets_on_straight_ways_keep_the_bounds() -> None:
 def test_what_lies_ahead_is_where_the_servos_then_are(since: int | None) -> None:
     """In motion, and told to halt some steps ago."""
     random = np.random.default_rng(3)
-    limiter = Limiter(BOUNDS, BOUNDS.nearest(random.uniform(BOUNDS.lower, BOUNDS.upper), FREE), PERIOD)
+    limiter = OnlineTrajectory(
+        BOUNDS, BOUNDS.nearest(random.uniform(BOUNDS.lower, BOUNDS.upper), FREE), PERIOD
+    )
     aim_anywhere(limiter, random)
     for _ in range(7):
         limiter.step()
@@ -82,10 +88,10 @@ def test_what_lies_ahead_is_where_the_servos_then_are(since: int | None) -> None
     assert limiter.ahead(1e3) == pytest.approx(limiter.target, abs=1e-6)
 
 
-def moving(count: int = 3) -> tuple[Limiter, Array]:
+def moving(count: int = 3) -> tuple[OnlineTrajectory, Array]:
     """A limiter of some servos in full motion, and their target."""
     start = BOUNDS.nearest(np.zeros(len(ARM)), FREE)
-    limiter = Limiter(BOUNDS, start, PERIOD)
+    limiter = OnlineTrajectory(BOUNDS, start, PERIOD)
     target = BOUNDS.nearest(start + np.where(np.arange(len(ARM)) < count, 0.3, 0.0), FREE)
     limiter.aim(target, BOUNDS.velocity)
     for _ in range(12):
@@ -97,7 +103,7 @@ def moving(count: int = 3) -> tuple[Limiter, Array]:
 def test_a_motion_that_is_taken_over_goes_on_with_its_stop() -> None:
     limiter, target = moving()
     ahead = limiter.stop_at(np.linspace(0.0, 1.0, 9))
-    other = Limiter(BOUNDS, limiter.state[0], PERIOD)
+    other = OnlineTrajectory(BOUNDS, limiter.state[0], PERIOD)
     places = list(range(len(ARM)))
     other.take_over(places, limiter, places)
     assert other.span == pytest.approx(np.array([ahead.min(axis=0), ahead.max(axis=0)]), abs=1e-4)
@@ -113,11 +119,11 @@ def test_a_motion_that_is_taken_over_goes_on_with_its_stop() -> None:
 
 
 def test_servos_that_are_driven_go_on_so_where_they_are_taken_over() -> None:
-    limiter = Limiter(BOUNDS, BOUNDS.nearest(np.zeros(len(ARM)), FREE), PERIOD)
+    limiter = OnlineTrajectory(BOUNDS, BOUNDS.nearest(np.zeros(len(ARM)), FREE), PERIOD)
     limiter.drive_at([0, 2], np.array([0.1, -0.05]))
     for _ in range(40):
         limiter.step()
-    other = Limiter(BOUNDS, limiter.state[0], PERIOD)
+    other = OnlineTrajectory(BOUNDS, limiter.state[0], PERIOD)
     other.take_over([0, 2], limiter, [0, 2])
     assert other.drives
     assert np.flatnonzero(np.isfinite(other.drive)).tolist() == [0, 2]
@@ -130,13 +136,15 @@ def test_servos_that_are_driven_go_on_so_where_they_are_taken_over() -> None:
 def test_motions_that_are_taken_over_keep_the_couplings(seed: int) -> None:
     """On a straight way servos stop together; one by one they may leave a coupling: that is asked first."""
     random = np.random.default_rng(seed)
-    limiter = Limiter(BOUNDS, BOUNDS.nearest(random.uniform(BOUNDS.lower, BOUNDS.upper), FREE), PERIOD)
+    limiter = OnlineTrajectory(
+        BOUNDS, BOUNDS.nearest(random.uniform(BOUNDS.lower, BOUNDS.upper), FREE), PERIOD
+    )
     places, path, refused = list(range(len(ARM))), [], []
     for cycle in range(1500):
         if cycle % 80 == 0:
             aim_anywhere(limiter, random)
         if limiter._straight and np.abs(limiter.state[1]).max() > 0.05 and random.random() < 0.3:
-            other = Limiter(BOUNDS, limiter.state[0], PERIOD)
+            other = OnlineTrajectory(BOUNDS, limiter.state[0], PERIOD)
             try:
                 other.take_over(places, limiter, places)
                 limiter = other
@@ -153,11 +161,11 @@ def test_motions_that_are_taken_over_keep_the_couplings(seed: int) -> None:
 def test_before_the_first_step_what_lies_ahead_is_the_stop() -> None:
     """At rest where it starts; taken over in motion, where it would stop. It was 0 for every servo."""
     start = BOUNDS.nearest(np.full(len(ARM), 0.3), FREE)
-    fresh = Limiter(BOUNDS, start, PERIOD)
+    fresh = OnlineTrajectory(BOUNDS, start, PERIOD)
     fresh.aim(BOUNDS.nearest(start + 0.2, FREE), BOUNDS.velocity)
     assert fresh.ahead(0.03) == pytest.approx(start)
     limiter, _ = moving()
-    other = Limiter(BOUNDS, limiter.state[0], PERIOD)
+    other = OnlineTrajectory(BOUNDS, limiter.state[0], PERIOD)
     places = list(range(len(ARM)))
     other.take_over(places, limiter, places)
     assert other.ahead(0.03) == pytest.approx(limiter.stop_at(np.array([0.03]))[0], abs=1e-4)
@@ -166,7 +174,7 @@ def test_before_the_first_step_what_lies_ahead_is_the_stop() -> None:
 def test_what_can_not_stop_can_not_be_taken_over() -> None:
     limiter, _ = moving()
     limiter._state[1, 1] = np.nan
-    other = Limiter(BOUNDS, BOUNDS.nearest(np.zeros(len(ARM)), FREE), PERIOD)
+    other = OnlineTrajectory(BOUNDS, BOUNDS.nearest(np.zeros(len(ARM)), FREE), PERIOD)
     words = "these servos can't join the motion now; valid: ask again later"
     with pytest.raises(CommandError, match=f"^{words}$"):
         other.take_over([0, 1, 2], limiter, [0, 1, 2])
@@ -193,7 +201,9 @@ def test_a_driven_servo_is_going_nowhere_but_on() -> None:
 def test_a_stop_that_is_too_long_to_look_at_is_not_risked_beside_a_coupling() -> None:
     period = 1e-4
     random = np.random.default_rng(12)
-    limiter = Limiter(BOUNDS, BOUNDS.nearest(random.uniform(BOUNDS.lower, BOUNDS.upper), FREE), period)
+    limiter = OnlineTrajectory(
+        BOUNDS, BOUNDS.nearest(random.uniform(BOUNDS.lower, BOUNDS.upper), FREE), period
+    )
     aim_anywhere(limiter, random)
     path = np.array([limiter.step() for _ in range(6500)])
     value = path @ BOUNDS.coupling.T
@@ -208,7 +218,7 @@ def test_a_coupling_outside_its_bounds_turns_back_only_a_little_on_its_way_in(se
     random = np.random.default_rng(seed)
     start = random.uniform(-0.5, 0.5, 6)
     start[:2] = 1.4, 0.2
-    limiter, path = Limiter(bounds, start, 0.002), [start]
+    limiter, path = OnlineTrajectory(bounds, start, 0.002), [start]
     for cycle in range(300):
         if cycle % 23 == 0:
             target = bounds.nearest(random.uniform(bounds.lower, bounds.upper), np.ones(6, dtype=bool))
@@ -224,7 +234,7 @@ def test_a_coupling_outside_its_bounds_turns_back_only_a_little_on_its_way_in(se
 
 def test_a_way_that_takes_longer_than_can_be_planned_is_not_begun() -> None:
     here = BOUNDS.nearest((BOUNDS.lower + BOUNDS.upper) / 2, FREE)
-    limiter = Limiter(BOUNDS, here, PERIOD)
+    limiter = OnlineTrajectory(BOUNDS, here, PERIOD)
     limiter.aim(BOUNDS.nearest(BOUNDS.upper, FREE), np.full(len(here), 1e-5))
     assert limiter.step() == pytest.approx(here, abs=1e-12)
     limiter.aim(limiter.target, BOUNDS.velocity)
@@ -233,7 +243,7 @@ def test_a_way_that_takes_longer_than_can_be_planned_is_not_begun() -> None:
 
 def test_what_rests_stays_where_it_is() -> None:
     start = BOUNDS.nearest(np.full(len(ARM), 0.1), FREE)
-    limiter = Limiter(BOUNDS, start, PERIOD)
+    limiter = OnlineTrajectory(BOUNDS, start, PERIOD)
     times = np.array([0.0, 0.5, 7.0])
     for _ in range(2):
         assert np.array_equal(limiter.stop_at(times), [limiter.state[0]] * 3)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import tci
-from tci.body.generic_body import Body
+from tci.body.generic_body import GenericBody
 from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.capabilities.contact_stop import ContactStop
 from tci.drivers.simulated import SimulatedDriver
@@ -178,7 +178,7 @@ def test_9_one_command_in_place_of_a_tuple(driver: SimulatedDriver) -> None:
         assert tci.run(driver, Begins(answer), duration=0.004, observe=ticks.append).accepted == 1
         assert ticks[1].commands == (command,)
     joints = driver.read().joints
-    (own,) = Body(driver.robot).to_platform(command, joints)
+    (own,) = GenericBody(driver.robot).to_platform(command, joints)
     assert driver.gate.step(own, joints, driver.clock.now()).orders == (own,)
 
 

@@ -13,7 +13,7 @@ import tci
 from tci.drivers.simulated import SimulatedDriver
 from tci.gate.gate import GateState
 from tci.runtime.loop_report import LoopReport
-from tci.runtime.reasons import MOST, OTHERS, Notice, Reasons
+from tci.runtime.reasons import MOST, OTHERS, Notice, ReasonCounter
 
 
 class Ask(tci.Capability[int]):
@@ -157,7 +157,7 @@ def test_a_result_in_plain_values_is_json(driver: SimulatedDriver) -> None:
 
 
 def test_further_kinds_than_anybody_reads_are_counted_together() -> None:
-    reasons = Reasons()
+    reasons = ReasonCounter()
     assert all(reasons.add(f"no part named part{number}", 0.5 * number) for number in range(MOST))
     assert not reasons.add("one more", 70.0)
     assert not reasons.add("and another", 80.0)

@@ -22,8 +22,8 @@ from tci.runtime.watchdogs import (
     PILED_UP,
     STOOD,
     TURN,
-    Silence,
-    Standstill,
+    SkinWatchdog,
+    StallDetector,
     attentive,
     interruptions,
 )
@@ -40,7 +40,7 @@ def reading(**sequences: int) -> Reading:
 
 
 def test_a_patch_that_falls_silent_is_named_and_those_that_never_spoke_are_not() -> None:
-    silence = Silence(NAO, stale_after=0.05)
+    silence = SkinWatchdog(NAO, stale_after=0.05)
     one, two = PATCHES[:2]
     for k in range(10):
         assert not silence.fault(reading(**{one: k, two: k}), 0.02 * k)
@@ -61,7 +61,7 @@ def test_a_patch_that_falls_silent_is_named_and_those_that_never_spoke_are_not()
 def test_silence_is_as_long_as_driver_and_senders_allow(
     stale_after: float, keep_alive: float | None, longest: float
 ) -> None:
-    silence = Silence(NAO, stale_after=stale_after, keep_alive=keep_alive)
+    silence = SkinWatchdog(NAO, stale_after=stale_after, keep_alive=keep_alive)
     here = reading(**{PATCHES[0]: 1})
     assert not silence.fault(here, 5.0)
     assert not silence.fault(here, 5.0 + longest - 1e-6)
@@ -69,7 +69,7 @@ def test_silence_is_as_long_as_driver_and_senders_allow(
 
 
 def test_a_patch_that_the_robot_lacks_is_nobodys_silence() -> None:
-    silence = Silence(NAO, stale_after=0.05)
+    silence = SkinWatchdog(NAO, stale_after=0.05)
     assert not silence.fault(reading(tail=1), 0.0)
     assert not silence.fault(reading(tail=1), 1e6)
 
@@ -79,7 +79,7 @@ def test_a_standstill_is_longer_than_a_busy_machine_and_than_what_the_driver_all
     stale_after: float, longest: float
 ) -> None:
     clock = tci.ManualClock(3.0)
-    still = Standstill(clock, stale_after=stale_after)
+    still = StallDetector(clock, stale_after=stale_after)
     for _ in range(3):
         clock.advance(longest - 1e-6)
         assert still.fault() == ""
@@ -93,7 +93,7 @@ def test_a_standstill_is_longer_than_a_busy_machine_and_than_what_the_driver_all
 
 def test_a_standstill_of_exactly_what_is_allowed_is_none_and_ends_exactly() -> None:
     clock = tci.ManualClock(0.0)
-    still = Standstill(clock, stale_after=0.5)
+    still = StallDetector(clock, stale_after=0.5)
     clock.advance(0.5)
     assert still.fault() == ""
     clock.advance(1.0)

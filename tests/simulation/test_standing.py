@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tci.body.generic_body import Body
+from tci.body.generic_body import GenericBody
 from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError
 from tci.frames import Array
-from tci.messages import Spot
+from tci.messages import Landmark
 from tci.robot.catalogue import load_robot
 from tci.robot.gravity import Gravity
 from tci.robot.joint_map import generic_posture
@@ -19,7 +19,7 @@ from tci.simulation.world import World
 
 ROBOTS = {name: load_robot(name) for name in ("nao-whole", "icub-whole")}
 NAMES = pytest.mark.parametrize("name", ROBOTS)
-SHIN = Spot("shank", (1.0, 0.0, 0.0))
+SHIN = Landmark("shank", (1.0, 0.0, 0.0))
 LEAN = {"nao-whole": 20.0, "icub-whole": 10.0}
 """Angle [degrees] of hips and ankles that brings the weight over the right foot."""
 
@@ -43,7 +43,7 @@ def tilt(world: World) -> float:
 def poke_the_shin(world: World, reflex: BodyWithdrawal, part: str) -> tuple[set[str], str]:
     """Poke a leg's shin for a second; parts that were commanded, and why the leg stays."""
     robot = world.robot
-    place = Body(robot).spots.place(part, SHIN)
+    place = GenericBody(robot).spots.place(part, SHIN)
     world.finger.poke(place.patch, place.p_L, place.n_L, depth=0.006)
     moved: set[str] = set()
     why = ""
@@ -66,7 +66,7 @@ def test_the_soles_feel_the_weight_where_the_physics_has_it(name: str) -> None:
     world = standing(name)
     link = SimulatedDriver(world.robot, world=world)
     reading = link.read()
-    contacts = Body(world.robot).perceive(reading, world.time).contacts
+    contacts = GenericBody(world.robot).perceive(reading, world.time).contacts
     total, moment = 0.0, np.zeros(3)
     for patch in ("left_sole", "right_sole"):
         own = [contact for contact in contacts if contact.patch == patch]
@@ -99,7 +99,9 @@ def test_a_poked_sole_knows_where(name: str) -> None:
         world.reset()
         world.finger.poke("left_sole", point, surface.normals[corners].mean(axis=0))
         world.advance(0.3)
-        (contact,) = Body(robot).perceive(SimulatedDriver(robot, world=world).read(), world.time).contacts
+        (contact,) = (
+            GenericBody(robot).perceive(SimulatedDriver(robot, world=world).read(), world.time).contacts
+        )
         truth = world.contact_truth("left_sole")
         off: Array = contact.p_T - truth.center
         off -= (off @ truth.normal) * truth.normal
@@ -146,7 +148,7 @@ def test_where_the_centre_of_mass_would_be_is_told() -> None:
     """NAO with little weight on the left foot, but not over the right one: it would fall."""
     world = standing("nao-whole", lean=np.deg2rad(11.0))
     reading = SimulatedDriver(world.robot, world=world).read()
-    perception = Body(world.robot).perceive(reading, world.time)
+    perception = GenericBody(world.robot).perceive(reading, world.time)
     assert perception.support is not None
     posture = generic_posture(world.robot, reading.joints)["left_leg"]
     support = perception.support("left_leg", posture)

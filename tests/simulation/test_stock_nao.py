@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tci
-from tci.body.generic_body import Body
+from tci.body.generic_body import GenericBody
 from tci.messages import Contact, Reading
 from tci.simulation.world import World
 
@@ -33,7 +33,7 @@ def pressed(world: World, patch: str, taxel: int) -> tuple[Contact, ...]:
     """Contacts while a finger presses a switch."""
     world.reset()
     world.finger.poke(patch, taxel, speed=0.1, depth=0.004)
-    body = Body(world.robot)
+    body = GenericBody(world.robot)
     body.perceive(Reading(world.joints(), world.frames()), world.time)
     world.advance(0.3)
     return body.perceive(Reading(world.joints(), world.frames()), world.time).contacts
@@ -65,7 +65,7 @@ def test_a_foot_that_bumps_into_something_feels_with_which_side(whole: World, pa
 def test_bumpers_are_at_the_tips_of_the_feet_the_left_one_on_the_left() -> None:
     """As published for the standing robot: 87.6 mm before the ankle, 35.3 mm below it."""
     robot = tci.load_robot("nao-whole")
-    skin = Body(robot).skin
+    skin = GenericBody(robot).skin
     ankle = {"left_bumper": "LFoot", "right_bumper": "RFoot"}
     for patch, sides in zip(BUMPERS, ((0.019, -0.014), (0.014, -0.019)), strict=True):
         assert robot.patch(patch).link == ankle[patch]
@@ -77,7 +77,7 @@ def test_bumpers_are_at_the_tips_of_the_feet_the_left_one_on_the_left() -> None:
 
 def test_a_bumper_pushes_with_the_jacobian_of_its_leg(whole: World) -> None:
     (contact,) = pressed(whole, "right_bumper", 0)
-    jacobian = Body(whole.robot).jacobian(contact, whole.joints().position)
+    jacobian = GenericBody(whole.robot).jacobian(contact, whole.joints().position)
     assert jacobian.shape == (3, 6)
     assert np.linalg.norm(jacobian[:, 0]) > 0.1  # the hip's pitch moves the foot, the hip's yaw is held
     assert not jacobian[:, 2].any()
@@ -85,7 +85,7 @@ def test_a_bumper_pushes_with_the_jacobian_of_its_leg(whole: World) -> None:
 
 def test_it_pushes_with_a_jacobian_and_no_arm_field_answers(world: World) -> None:
     (contact,) = pressed(world, "left_hand", 1)
-    body = Body(world.robot)
+    body = GenericBody(world.robot)
     assert body.jacobian(contact, world.joints().position).shape == (3, 5)
     perception = body.perceive(Reading(world.joints(), world.frames()), world.time)
     reflex = tci.WithdrawalReflex()
@@ -95,5 +95,5 @@ def test_it_pushes_with_a_jacobian_and_no_arm_field_answers(world: World) -> Non
 
 def test_a_robot_without_sleeves_sends_no_frames_of_them(world: World) -> None:
     assert {frame.patch for frame in world.frames()} == set(SWITCHES)
-    state = Body(world.robot).skin.update(Reading(world.joints(), world.frames()))
+    state = GenericBody(world.robot).skin.update(Reading(world.joints(), world.frames()))
     assert set(state.patches) == set(SWITCHES)

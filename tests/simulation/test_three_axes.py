@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tci
-from tci.body.generic_body import Body
+from tci.body.generic_body import GenericBody
 from tci.messages import Reading
 from tci.robot.description import Robot
 from tci.simulation.world import World
@@ -32,7 +32,7 @@ def test_the_force_of_a_contact_has_the_physics_direction(robot: Robot, servo: s
     """A finger presses, then the arm moves a little below it."""
     world = World(robot)
     world.finger.poke(PATCH, 130, speed=0.1, depth=0.01)
-    body = Body(robot)
+    body = GenericBody(robot)
     body.perceive(Reading(world.joints(), world.frames()), world.time)
     world.advance(0.25)
     if servo:
@@ -52,7 +52,7 @@ def test_the_force_of_a_contact_has_the_physics_direction(robot: Robot, servo: s
 
 def test_it_is_felt_by_an_untouched_skin_as_nothing(robot: Robot) -> None:
     world = World(robot, noise=3.0)
-    body = Body(robot)
+    body = GenericBody(robot)
     for period in range(1, 50):
         world.advance(0.01 * period)
         assert body.perceive(Reading(world.joints(), world.frames()), world.time).contacts == ()

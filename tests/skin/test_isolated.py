@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import tci
-from tci.body.generic_body import Body
+from tci.body.generic_body import GenericBody
 from tci.errors import TciError
 from tci.frames import read_only
 from tci.messages import Contact, JointReading, PatchState, Reading, SkinFrame, SkinState
@@ -181,7 +181,7 @@ def test_a_light_touch_is_the_same_from_senders_of_changes() -> None:
     pressed[Skin(robot).surfaces[ARM].channels[LONE]] -= 8.0
     seen = []
     for keep_alive in (None, 1.0):
-        body, touched = Body(robot, keep_alive=keep_alive), []
+        body, touched = GenericBody(robot, keep_alive=keep_alive), []
         frame = SkinFrame(ARM, 0.0, 0, read_only(values))
         for i in range(int(1.0 * patch.rate)):
             now = i / patch.rate

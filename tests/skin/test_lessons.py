@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tci.body.generic_body import Body
+from tci.body.generic_body import GenericBody
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.robot.catalogue import load_robot
 from tci.robot.joint_map import initial_position
@@ -54,7 +54,7 @@ def test_when_it_learns_plays_no_part(times: int) -> None:
 
 
 def test_one_lesson_at_a_time_between_two_frames(monkeypatch: pytest.MonkeyPatch) -> None:
-    body, learnt = Body(NAO), []
+    body, learnt = GenericBody(NAO), []
     learn = Conditioner.learn
     monkeypatch.setattr(Conditioner, "learn", lambda one: (learnt.append(one.patch.name), learn(one))[1])
     most = 0
@@ -71,7 +71,7 @@ def test_one_lesson_at_a_time_between_two_frames(monkeypatch: pytest.MonkeyPatch
 
 
 def test_no_period_learns_a_whole_lesson(monkeypatch: pytest.MonkeyPatch) -> None:
-    body, done = Body(NAO), []
+    body, done = GenericBody(NAO), []
     for owner, name in ((Baseline, "learn"), (TaxelHealth, "judge")):
         step = getattr(owner, name)
         monkeypatch.setattr(

@@ -17,7 +17,7 @@ from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
 from tci.runtime.loop import Tick, run
-from tci.skin.send_on_delta import ChangedFrames, FilledFrames
+from tci.skin.send_on_delta import HoldLast, SendOnDelta
 
 KEEP_ALIVE = 0.5
 RATE = 64.0
@@ -75,15 +75,15 @@ def same(one: Perception, other: Perception) -> bool:
     )
 
 
-def felt(body: tci.Body) -> dict[str, PatchState]:
+def felt(body: tci.GenericBody) -> dict[str, PatchState]:
     return dict(body.skin.state.patches)
 
 
 @settings(max_examples=15)  # each is 4 s of noise on all patches: more seeds show no more
 @given(st.integers(0, 10_000))
 def test_what_is_perceived_is_the_same(seed: int) -> None:
-    clocked, eventful = tci.Body(NAO), tci.Body(NAO, keep_alive=KEEP_ALIVE)
-    sender, latest = ChangedFrames(KEEP_ALIVE), {}
+    clocked, eventful = tci.GenericBody(NAO), tci.GenericBody(NAO, keep_alive=KEEP_ALIVE)
+    sender, latest = SendOnDelta(KEEP_ALIVE), {}
     sent = every = 0
     random = np.random.default_rng(seed)
     position = np.array(initial_position(NAO))
@@ -128,7 +128,7 @@ def test_the_reflex_does_the_same_on_an_event_driven_skin() -> None:
 
 def test_unchanged_patches_are_not_looked_at() -> None:
     """All that happens to a frame that was left out is counting."""
-    body = tci.Body(NAO, keep_alive=60.0)
+    body = tci.GenericBody(NAO, keep_alive=60.0)
     frames = tuple(
         SkinFrame(patch.name, 0.0, 0, read_only(np.full(patch.channels, 240.0))) for patch in NAO.patches
     )
@@ -144,7 +144,7 @@ def test_unchanged_patches_are_not_looked_at() -> None:
 
 
 def test_a_dead_patch_goes_no_further_than_its_keep_alive() -> None:
-    filled = FilledFrames(NAO, KEEP_ALIVE)
+    filled = HoldLast(NAO, KEEP_ALIVE)
     frame = SkinFrame("left_forearm", 10.0, 7, read_only(np.zeros(240)))
     for now, expected in ((10.0, 7), (10.015, 7), (10.016, 8), (10.25, 23), (10.5, 39), (99.0, 39)):
         (latest,) = filled.fill((frame,), now)
@@ -169,6 +169,6 @@ def test_a_buffer_that_is_written_again_is_a_new_frame() -> None:
 @pytest.mark.parametrize("seconds", [0.0, -1.0, math.inf, math.nan])
 def test_a_keep_alive_that_is_none_is_an_error(seconds: float) -> None:
     with pytest.raises(TciError, match="above 0 and finite"):
-        ChangedFrames(seconds)
+        SendOnDelta(seconds)
     with pytest.raises(TciError, match="above 0 and finite"):
-        tci.Body(NAO, keep_alive=seconds)
+        tci.GenericBody(NAO, keep_alive=seconds)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import tci
-from tci.body.generic_body import Body
+from tci.body.generic_body import GenericBody
 from tci.errors import TciError
 from tci.messages import Reading
 from tci.simulation.world import World
@@ -90,7 +90,7 @@ def test_bad_settings(settings: dict[str, float]) -> None:
 def test_one_poke_is_one_contact_from_its_beginning_to_its_end() -> None:
     world = World(tci.load_robot("nao"))
     world.finger.poke("left_forearm", 120, speed=0.2, depth=0.01)
-    body = Body(world.robot)
+    body = GenericBody(world.robot)
     seen, ended = [], []
     for period in range(1, 60):
         world.advance(0.02 * period)

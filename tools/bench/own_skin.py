@@ -56,7 +56,7 @@ class Perceiving:
 
     def __init__(self) -> None:
         self.robot = icub_in_its_skin()
-        self.body = tci.Body(self.robot)
+        self.body = tci.GenericBody(self.robot)
         surfaces = self.body.skin.surfaces
         self.taxels = sum(len(surface.positions) for surface in surfaces.values())
         self._raw = (self._touched(120), self._touched(119))

@@ -14,7 +14,7 @@ import tci
 from tci.authoring.dense_skin import with_dense_skin
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.robot.joint_map import initial_position
-from tci.skin.send_on_delta import FilledFrames
+from tci.skin.send_on_delta import HoldLast
 
 PERIOD = 0.002
 
@@ -24,7 +24,7 @@ class Pipeline:
 
     def __init__(self, taxels: int, patches: int, contacts: int) -> None:
         self.robot = with_dense_skin(tci.load_robot("icub"), max(taxels, 9 * patches), patches=patches)
-        self.body = tci.Body(self.robot)
+        self.body = tci.GenericBody(self.robot)
         self.gate = tci.Gate(self.robot, period=PERIOD, stale_after=0.1)
         self.reflex = tci.WithdrawalReflex()
         self.memory = self.reflex.init()
@@ -92,7 +92,7 @@ def events() -> list[Measured]:
     joints = JointReading(0.0, 0, np.array(initial_position(robot)), np.zeros(len(robot.servos)))
     period = 1.0 / robot.patches[0].rate
     clocked, eventful = tci.Skin(robot), tci.Skin(robot)
-    filled = FilledFrames(robot, 1.0)
+    filled = HoldLast(robot, 1.0)
     count = [itertools.count(1), itertools.count(1)]
     sent: tuple[SkinFrame, ...] = ()
 

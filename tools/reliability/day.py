@@ -9,7 +9,7 @@ from pool import Result, gather
 from row import Row
 
 import tci
-from tci.body.generic_body import Body
+from tci.body.generic_body import GenericBody
 from tci.frames import read_only
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.robot.generic_arm import SEGMENTS
@@ -51,7 +51,7 @@ class Day:
         self.random = np.random.default_rng(seed)
         patches = [patch for patch in self.robot.patches if patch.segment in SEGMENTS]
         self.patch = patches[int(self.random.integers(len(patches)))]
-        self.body, self.reflex = Body(self.robot), tci.WithdrawalReflex()
+        self.body, self.reflex = GenericBody(self.robot), tci.WithdrawalReflex()
         skin = Skin(self.robot)
         self.channels = skin.surfaces[self.patch.name].channels
         count = len(self.channels)

@@ -68,7 +68,7 @@ class Limb:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Body:
+class FoundLimbs:
     """What was found."""
 
     joints: tuple[Joint, ...]
@@ -92,7 +92,7 @@ class Body:
         return _carried(self.joints, joint)
 
 
-def find_limbs(model: Model) -> Body:
+def find_limbs(model: Model) -> FoundLimbs:
     """Arms, legs, trunk and head of a model.
 
     The z axis of its root is up, or else y. The names of the joints tell left from right where they say.
@@ -123,7 +123,7 @@ def find_limbs(model: Model) -> Body:
     used = {joint for limb in (*arms.values(), *legs.values()) for joint in _ancestors(joints, limb.ball[0])}
     pose = np.eye(4)
     pose[:3, :3] = data.xmat[compiled.body(torso).id].reshape(3, 3).T @ R_RH
-    return Body(
+    return FoundLimbs(
         joints=tuple(joints),
         arms=arms,
         legs=legs,

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from lxml import etree
 
-from tci.authoring.find_limbs import Body, Limb, find_limbs
+from tci.authoring.find_limbs import FoundLimbs, Limb, find_limbs
 from tci.authoring.link_points import LinkPoints
 from tci.authoring.proposed_parts import find_legs, find_mount, generic_joint, hand, leg, middle, segment
 from tci.authoring.sleeves import axes_of, ends_of, sleeves
@@ -98,7 +98,7 @@ def propose(path: Path, *, name: str, package: str | None = None, mount: bool = 
     return draft.model_copy(update={"parts": tuple(parts), "patches": tuple(patches)})
 
 
-def _servos(body: Body, model: Model, points: LinkPoints) -> tuple[Servo, ...]:
+def _servos(body: FoundLimbs, model: Model, points: LinkPoints) -> tuple[Servo, ...]:
     """Every joint that a motor turns, limb by limb."""
     urdf = parse(read_bytes(Path(model.path), limit=MAX_MODEL_BYTES), model.path)
     described = {joint.get("name"): joint for joint in urdf.iterfind("joint")}
@@ -127,7 +127,7 @@ def _side(name: str) -> Side:
     return "left" if name == "left" else "right"
 
 
-def _first(body: Body, limb: Limb) -> int:
+def _first(body: FoundLimbs, limb: Limb) -> int:
     """The first joint that only this limb hangs on: a shoulder may have a collar bone before it."""
     joint = limb.ball[0]
     others = {limb.ball[0] for limb in (*body.arms.values(), *body.legs.values())}
@@ -166,7 +166,7 @@ def _limits(joint: etree._Element, inertia: float) -> Limits:
 
 def _arm(
     draft: Robot,
-    body: Body,
+    body: FoundLimbs,
     limb: Limb,
     side: Side,
     points: LinkPoints,
@@ -209,7 +209,7 @@ def _arm(
     return _with_initial(draft, part)
 
 
-def _segments(body: Body, limb: Limb, points: LinkPoints) -> tuple[Segment, ...]:
+def _segments(body: FoundLimbs, limb: Limb, points: LinkPoints) -> tuple[Segment, ...]:
     links = {"upper_arm": body.joints[limb.ball[2]].link, "forearm": body.joints[limb.bend].link}
     ends = ends_of(body, limb)
     return tuple(segment(body, points, name, links[name], *ends[name]) for name in ends)

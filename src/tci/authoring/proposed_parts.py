@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from tci.authoring.find_limbs import MIRRORED, Body, Limb
+from tci.authoring.find_limbs import MIRRORED, FoundLimbs, Limb
 from tci.authoring.link_points import LinkPoints
 from tci.authoring.sleeves import three
 from tci.frames import Array, rpy_of
@@ -47,7 +47,9 @@ def generic_joint(id: int, name: str, servo: int | None, **more: object) -> Gene
     )
 
 
-def middle(body: Body, kind: str, joints: Sequence[int], index: Mapping[str | None, int]) -> GenericPart:
+def middle(
+    body: FoundLimbs, kind: str, joints: Sequence[int], index: Mapping[str | None, int]
+) -> GenericPart:
     """Head or torso: pitch nods forward, roll leans right, yaw turns left; what the robot lacks is fixed."""
     servos = []
     for id, (name, axis) in enumerate(zip(("pitch", "roll", "yaw"), np.eye(3)[[1, 0, 2]], strict=True)):
@@ -60,7 +62,7 @@ def middle(body: Body, kind: str, joints: Sequence[int], index: Mapping[str | No
     return GenericPart.model_validate({"name": kind, "kind": kind, "servos": tuple(servos)})
 
 
-def find_legs(body: Body) -> dict[Side, list[int]]:
+def find_legs(body: FoundLimbs) -> dict[Side, list[int]]:
     """Joints of both legs, from the hip on, by side: mirrored chains that bend three times about y, at hip,
     knee and ankle, one below the other. Empty for a robot on wheels."""
     parents = {one.parent for one in body.joints}
@@ -86,7 +88,7 @@ def find_legs(body: Body) -> dict[Side, list[int]]:
 
 
 def leg(
-    draft: Robot, body: Body, chain: Sequence[int], side: Side, points: LinkPoints,
+    draft: Robot, body: FoundLimbs, chain: Sequence[int], side: Side, points: LinkPoints,
     index: Mapping[str | None, int],
 ) -> GenericPart:  # fmt: skip
     """The generic leg of a chain that `find_legs` found: each joint where its axis fits."""
@@ -131,7 +133,7 @@ def leg(
 
 
 def hand(
-    draft: Robot, body: Body, limb: Limb, arm: GenericPart, index: Mapping[str | None, int]
+    draft: Robot, body: FoundLimbs, limb: Limb, arm: GenericPart, index: Mapping[str | None, int]
 ) -> GenericPart | None:
     """The wrist beyond an arm, or None where no joint fits: at the arm's generic zero, so that the zero of
     pronation decides which of them flexes."""
@@ -162,7 +164,7 @@ def hand(
     return GenericPart(name=f"{arm.side}_hand", kind="hand", side=arm.side, servos=tuple(servos))
 
 
-def segment(body: Body, points: LinkPoints, name: str, link: str, begin: Array, end: Array) -> Segment:
+def segment(body: FoundLimbs, points: LinkPoints, name: str, link: str, begin: Array, end: Array) -> Segment:
     """A segment of a limb from `begin` to `end` (3,) [m], which are in the frame H, on one of its links."""
     R_RL, p_RL = points.link_pose(link)
     origin = R_RL.T @ (body.R_RH @ begin - p_RL)
@@ -185,7 +187,9 @@ def find_mount(shoulder: Shoulder) -> tuple[float, float, float] | None:
     return roll, pitch, yaw
 
 
-def _matched(body: Body, joints: Sequence[int], wanted: Mapping[str, Array]) -> dict[str, tuple[int, float]]:
+def _matched(
+    body: FoundLimbs, joints: Sequence[int], wanted: Mapping[str, Array]
+) -> dict[str, tuple[int, float]]:
     """Joints, and the sign of their axes, whose axes are alike enough; each of them once."""
     found: dict[str, tuple[int, float]] = {}
     for name, axis in wanted.items():
@@ -197,7 +201,7 @@ def _matched(body: Body, joints: Sequence[int], wanted: Mapping[str, Array]) -> 
     return found
 
 
-def _chain_below(body: Body, start: int) -> list[int]:
+def _chain_below(body: FoundLimbs, start: int) -> list[int]:
     """Joints beyond one, as long as each carries one more: an ankle, a wrist; not the fingers."""
     chain: list[int] = []
     after = [start]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tci.authoring.find_limbs import Body, Limb
+from tci.authoring.find_limbs import FoundLimbs, Limb
 from tci.authoring.link_points import LinkPoints, cone_around
 from tci.frames import Array, rpy_of
 from tci.robot.description import GenericPart, Patch, Sensor, TruncatedCone, Vector
@@ -18,7 +18,7 @@ PITCH = 0.009
 """Distance [m] between taxels."""
 
 
-def axes_of(body: Body, limb: Limb) -> tuple[Array, Array]:
+def axes_of(body: FoundLimbs, limb: Limb) -> tuple[Array, Array]:
     """Unit vectors (3,) from the shoulder to the elbow and from there to the wrist, at the model's zero."""
     upper = (limb.middle - limb.centre) / limb.length
     if limb.turn is not None:
@@ -27,7 +27,7 @@ def axes_of(body: Body, limb: Limb) -> tuple[Array, Array]:
     return upper, (limb.wrist - limb.middle) / np.linalg.norm(limb.wrist - limb.middle)
 
 
-def ends_of(body: Body, limb: Limb) -> dict[str, tuple[Array, Array]]:
+def ends_of(body: FoundLimbs, limb: Limb) -> dict[str, tuple[Array, Array]]:
     """Both ends (3,) [m] of each segment's axis."""
     elbow, wrist = limb.middle, limb.wrist
     if limb.turn is not None:
@@ -37,7 +37,7 @@ def ends_of(body: Body, limb: Limb) -> dict[str, tuple[Array, Array]]:
     return {"upper_arm": (limb.centre, limb.middle), "forearm": (elbow, wrist)}
 
 
-def sleeves(body: Body, limb: Limb, part: GenericPart, points: LinkPoints) -> list[Patch]:
+def sleeves(body: FoundLimbs, limb: Limb, part: GenericPart, points: LinkPoints) -> list[Patch]:
     """A cone of skin around each segment; a segment without shapes gets none."""
     upper, forearm = axes_of(body, limb)
     bend = body.joints[limb.bend].axis * float(np.sign(part.servos[3].scale))

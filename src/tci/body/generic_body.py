@@ -8,10 +8,10 @@ from functools import partial
 
 from tci.body.cartesian import cartesian_to_platform
 from tci.body.coverage import Coverage
-from tci.body.landmarks import Spots
+from tci.body.landmarks import Landmarks
 from tci.body.posture import generic_columns, switch, to_platform
 from tci.body.retreat import Retreat
-from tci.body.support import Balance
+from tci.body.support import StaticStability
 from tci.frames import Array, read_only
 from tci.messages import (
     CartesianCommand,
@@ -19,6 +19,7 @@ from tci.messages import (
     Covered,
     GenericCommand,
     JointReading,
+    Landmark,
     Order,
     Perception,
     PlatformCommand,
@@ -26,19 +27,18 @@ from tci.messages import (
     PlatformSwitch,
     Reading,
     SkinFrame,
-    Spot,
     SwitchMode,
 )
 from tci.robot.description import Robot
 from tci.robot.joint_map import generic_posture
 from tci.skin.contact_table import identities
 from tci.skin.contacts import ContactSettings, find_contacts
-from tci.skin.send_on_delta import FilledFrames
+from tci.skin.send_on_delta import HoldLast
 from tci.skin.skin import Skin
 from tci.skin.tracking import Tracker
 
 
-class Body:
+class GenericBody:
     """What capabilities see of a robot, and how they move it."""
 
     def __init__(
@@ -47,7 +47,7 @@ class Body:
         """With a `keep_alive` [s] the skin's senders send changes only, each patch at least once in that
         time; None: every frame. What is perceived is the same."""
         self.robot = robot
-        self._filled = None if keep_alive is None else FilledFrames(robot, keep_alive)
+        self._filled = None if keep_alive is None else HoldLast(robot, keep_alive)
         self.skin = Skin(robot)
         self._settings = contacts or ContactSettings()
         self._frames: tuple[SkinFrame, ...] = ()
@@ -59,9 +59,9 @@ class Body:
             part.name: read_only([float(joint.servo is not None) for joint in part.servos])
             for part in robot.parts
         }
-        self.spots = Spots(self.skin)
+        self.spots = Landmarks(self.skin)
         """Distances along the skin where there is no limb."""
-        self._balance = Balance(self.skin)
+        self._balance = StaticStability(self.skin)
         self.retreat = Retreat(self.skin).along
         """Where motions of generic parts lead: see `Retreat.along`."""
         self._covered: Covered | None = None
@@ -109,7 +109,7 @@ class Body:
         now = identities(self._contacts)
         return () if before == now else tuple([int(one) for one in before if one not in now])
 
-    def _felt(self, part: str, spot: Spot, radius: float) -> float:
+    def _felt(self, part: str, spot: Landmark, radius: float) -> float:
         """The share 0..1 of the taxels around a spot that are used; 1 where there are none."""
         found = self.spots.around(part, spot, radius)
         state = None if found is None else self.skin.state.patches.get(found[0])

@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import dijkstra
 from tci.body.places import Place, leave_surface
 from tci.errors import TciError
 from tci.frames import Array, read_only
-from tci.messages import Contact, Spot
+from tci.messages import Contact, Landmark
 from tci.robot.description import GenericPart, Patch
 from tci.robot.joint_map import initial_position, joint_map
 from tci.skin.nearest import nearest_on_faces
@@ -42,14 +42,14 @@ class _Reach:
     """Of every taxel (n,) [m]."""
 
 
-class Spots:
+class Landmarks:
     """Finds spots on one robot's skin, and remembers them."""
 
     def __init__(self, skin: Skin) -> None:
         self._skin = skin
-        self._found: dict[tuple[str, Spot], _Reach | None] = {}
+        self._found: dict[tuple[str, Landmark], _Reach | None] = {}
 
-    def place(self, part: str, spot: Spot) -> Place:
+    def place(self, part: str, spot: Landmark) -> Place:
         """The spot of a part's skin. Raises TciError where it has none, UnknownNameError for the part."""
         reach = self._reach(part, spot)
         if reach is None:
@@ -57,13 +57,13 @@ class Spots:
             raise TciError(f"{self._skin.robot.name} has no skin on {where} of {part}")
         return reach.place
 
-    def around(self, part: str, spot: Spot, radius: float) -> tuple[str, NDArray[np.bool_]] | None:
+    def around(self, part: str, spot: Landmark, radius: float) -> tuple[str, NDArray[np.bool_]] | None:
         """The patch of a spot, and which of its taxels (n,) are nearer than `radius` [m]; None without
         skin."""
         reach = self._reach(part, spot)
         return None if reach is None else (reach.place.patch, reach.distances < radius)
 
-    def distance(self, contact: Contact, spot: Spot) -> float:
+    def distance(self, contact: Contact, spot: Landmark) -> float:
         """Geodesic distance [m] of a contact from a spot of its part; infinite on other skin."""
         reach = self._reach(contact.part, spot)
         if reach is None or reach.place.patch != contact.patch:
@@ -76,12 +76,12 @@ class Spots:
         around, ways = _around(surface, point, normal)
         return float((reach.distances[around] + ways).min())
 
-    def _reach(self, part: str, spot: Spot) -> _Reach | None:
+    def _reach(self, part: str, spot: Landmark) -> _Reach | None:
         if (part, spot) not in self._found:
             self._found[part, spot] = self._find(part, spot)
         return self._found[part, spot]
 
-    def _find(self, name: str, spot: Spot) -> _Reach | None:
+    def _find(self, name: str, spot: Landmark) -> _Reach | None:
         robot = self._skin.robot
         part = robot.part(name)
         patches = [p for p in robot.patches if p.part == name and p.segment == spot.segment]
@@ -106,7 +106,7 @@ class Spots:
         place = Place(patch.name, read_only(point), read_only(normal))
         return _Reach(place, _geodesics(surface, point, normal))
 
-    def _direction(self, part: GenericPart, patch: Patch, spot: Spot) -> Array:
+    def _direction(self, part: GenericPart, patch: Patch, spot: Landmark) -> Array:
         """Unit vector (3,) in the patch's link."""
         skin = self._skin
         joints = joint_map(skin.robot, part.name)

@@ -24,7 +24,7 @@ FELT = 1.0
 """Force [N] from which a sole counts as one that stands on something. Ours."""
 
 
-class Balance:
+class StaticStability:
     """Judges for one robot what would happen if a leg moved."""
 
     def __init__(self, skin: Skin) -> None:

@@ -12,8 +12,8 @@ from pydantic import Field, ValidationError, model_validator
 
 from tci.capabilities.fields import ForceRange
 from tci.errors import DescriptionError, Fault
-from tci.messages import Spot
-from tci.robot.description import Vector, Words
+from tci.messages import Landmark
+from tci.robot.description import Description, Vector
 
 JOINTS = {
     "head": ("pitch", "roll", "yaw"),
@@ -30,7 +30,7 @@ forward. Zero is standing with straight legs, or the wrist straight.
 Kind = Literal["head", "torso", "hand", "leg"]
 
 
-class BodyField(Words):
+class BodyField(Description):
     """A disc on a part's skin, and the motion that a touch there provokes (eqs 5-6)."""
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
@@ -40,7 +40,7 @@ class BodyField(Words):
     segment: str = ""
     """Segment of the part; empty for all that is on none."""
     towards: Annotated[Vector, Field(strict=False)]
-    """Where its centre is: see `tci.messages.Spot`."""
+    """Where its centre is: see `tci.messages.Landmark`."""
     radius_m: Annotated[float, Field(gt=0.0, le=1.0)]
     """Geodesic radius r_i [m]."""
     motion_deg: dict[str, float]
@@ -56,9 +56,9 @@ class BodyField(Words):
         return self
 
     @property
-    def spot(self) -> Spot:
+    def spot(self) -> Landmark:
         """Its centre."""
-        return Spot(self.segment, self.towards)
+        return Landmark(self.segment, self.towards)
 
     @property
     def motion(self) -> tuple[float, ...]:
@@ -66,7 +66,7 @@ class BodyField(Words):
         return tuple(radians(self.motion_deg.get(joint, 0.0)) for joint in JOINTS[self.kind])
 
 
-class BodyFields(Words):
+class BodyFields(Description):
     """A set of fields with the forces between which their responses grow."""
 
     force: ForceRange

@@ -15,7 +15,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from tci.errors import DescriptionError, Fault
-from tci.robot.description import Words
+from tci.robot.description import Description
 from tci.robot.generic_arm import JOINTS
 from tci.skin.contacts import Measure
 
@@ -29,7 +29,7 @@ def _one_angle_per_joint(motion: tuple[float, ...]) -> tuple[float, ...]:
 Motion = Annotated[tuple[float, ...], Field(strict=False), AfterValidator(_one_angle_per_joint)]
 
 
-class Circle(Words):
+class Circle(Description):
     """Where a field is, in words that file and program share."""
 
     name: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
@@ -42,7 +42,7 @@ class Circle(Words):
     """r_i of eqs 5-7 [limb lengths]."""
 
 
-class ForceRange(Words):
+class ForceRange(Description):
     """Between which forces a response grows."""
 
     threshold_n: Annotated[float, Field(ge=0.0)]
@@ -85,7 +85,7 @@ class _FieldTable(Circle):
     motion_deg: Motion
 
 
-class _FieldsFile(Words):
+class _FieldsFile(Description):
     """The whole file."""
 
     force: dict[Measure, ForceRange]
@@ -152,7 +152,7 @@ def _sentence(raw: dict[str, Any], fault: Any) -> str:
     """Place, what would be valid, and the value: `field 2 (forearm_lateral), radius: ...`."""
     keys = [key for key in fault["loc"] if key != "[key]"]
     place = ""
-    table_type: type[Words] = ForceRange if keys[0] == "force" else _FieldsFile
+    table_type: type[Description] = ForceRange if keys[0] == "force" else _FieldsFile
     if keys[0] == "field" and len(keys) > 1:
         table = raw["field"][keys[1]]
         name = table.get("name", "no name") if isinstance(table, dict) else "no table"

@@ -21,7 +21,7 @@ from tci.capabilities.capability import Capability
 from tci.capabilities.fields import default_fields
 from tci.cli.console import console, print_json, told_here
 from tci.cli.record import about_capability, recorder_for, summary
-from tci.cli.teller import COLOURS, Teller
+from tci.cli.run_log import COLOURS, RunLog
 from tci.drivers.driver import Driver
 from tci.drivers.faults.fault_injector import FaultInjector, parse_fault
 from tci.drivers.faults.injectors import INJECTORS, THREAD
@@ -35,7 +35,7 @@ from tci.robot.catalogue import load_robot
 from tci.runtime.arguments import as_capability
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport
-from tci.runtime.reasons import OTHERS, Reasons
+from tci.runtime.reasons import OTHERS, ReasonCounter
 from tci.runtime.result import RunResult
 from tci.skin.skin import Skin
 
@@ -139,7 +139,7 @@ def run_capability(
             else Live(console=console, refresh_per_second=10, transient=True)
         )
         with shown as live:
-            teller = Teller(driver, report, live)
+            teller = RunLog(driver, report, live)
 
             def see(tick: Tick) -> None:
                 if recorder is not None:
@@ -148,7 +148,7 @@ def run_capability(
                     filmed.see(tick)
                 teller.see(tick)
 
-            heard = Reasons()
+            heard = ReasonCounter()
 
             def listen(memory: Any) -> bool:
                 for note in capability.notes(memory):

@@ -9,7 +9,7 @@ from tci.gate.gate import GateState
 from tci.robot.catalogue import load_robot
 from tci.runtime.loop import Tick
 from tci.runtime.loop_report import LoopReport
-from tci.runtime.reasons import OTHERS, Reasons
+from tci.runtime.reasons import OTHERS, ReasonCounter
 from tci.runtime.serve import Served
 from tci.runtime.serve import serve as serve_robot
 
@@ -18,7 +18,7 @@ def serve(robot: str, *, via: str, source: str, arm: bool, duration: float | Non
     """Serve until interrupted, and tell what came; exit with status 1 when the gate has stopped."""
     options = {"paced": True} if source == "sim" else {}
     arm = arm or source.partition(":")[0] in HARMLESS
-    report, served, told = LoopReport(), Served(), Reasons()
+    report, served, told = LoopReport(), Served(), ReasonCounter()
     opened = connect(load_robot(robot), source, arm=arm, **options)
     with opened as driver, open_server(driver, via) as server, told_here():
         if not as_json:

@@ -15,7 +15,7 @@ from tci.gate.gate import SafeCommand
 from tci.messages import Mode, Reading, SkinFrame
 from tci.robot.description import Robot
 from tci.simulation.world import World
-from tci.skin.send_on_delta import ChangedFrames
+from tci.skin.send_on_delta import SendOnDelta
 
 FASTEST = 10_000.0
 """Highest rate [Hz] of commands. Ours."""
@@ -93,7 +93,7 @@ class SimulatedDriver(Driver):
         super().__init__(robot, middleware="sim", clock=clock, armed=arm, period=period)
         self.keep_alive = keep_alive
         self.about = {"seed": str(self.world.seed), "step_s": repr(self.world.step)}
-        self._events = None if keep_alive is None else ChangedFrames(keep_alive)
+        self._events = None if keep_alive is None else SendOnDelta(keep_alive)
         self._sent: dict[str, SkinFrame] = {}
         self.lease_name = f"sim:{robot.name}:{os.getpid()}:{id(self.world)}"
 

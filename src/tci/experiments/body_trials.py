@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tci.body.generic_body import Body
+from tci.body.generic_body import GenericBody
 from tci.capabilities.body_fields import BodyField
 from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.errors import TciError
@@ -17,7 +17,7 @@ from tci.robot.description import Robot
 from tci.simulation.world import World
 
 
-def answerable(body: Body, field: BodyField) -> list[str]:
+def answerable(body: GenericBody, field: BodyField) -> list[str]:
     """The parts of a robot that can answer in a field: with skin there, and a joint for the motion."""
     found = []
     for part in body.robot.parts:
@@ -42,7 +42,7 @@ def body_trials_of(
     robot: Robot, reflex: BodyWithdrawal, *, stimulus: Stimulus | None = None, seed: int = 0
 ) -> Iterator[Trial]:
     """Poke the centre of every field that a part of the robot can answer in, with the reflex and without."""
-    world, body = World(robot, seed=seed), Body(robot)
+    world, body = World(robot, seed=seed), GenericBody(robot)
     stimulus = stimulus or Stimulus()
     for field in reflex.fields.field:
         for part in answerable(body, field):

@@ -7,11 +7,11 @@ from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-from tci.body.generic_body import Body
+from tci.body.generic_body import GenericBody
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.experiments.measure import Trial, measure
 from tci.experiments.poke import Stimulus, poke
-from tci.experiments.remote_trial import Elsewhere
+from tci.experiments.remote_trial import RemoteTrial
 from tci.experiments.same_stimulus import SameStimulus, same_stimulus
 from tci.robot.description import Robot
 from tci.simulation.world import World
@@ -41,7 +41,7 @@ def trials_of(
     """
     nothing = replace(reflex, fields=())
     world = World(robot, seed=seed)
-    with Elsewhere(robot, via, reflex.mode) if via else nullcontext() as elsewhere:
+    with RemoteTrial(robot, via, reflex.mode) if via else nullcontext() as elsewhere:
         for index, (side, site) in enumerate((side, site) for side in SIDES for site in reflex.fields):
             part = f"{side}_arm"
             held = poke(world, part, site, stimulus, reflex=nothing, seed=seed + index)
@@ -67,4 +67,4 @@ def run_experiment(
         for trial in trials_of(robot, reflex, stimulus=stimulus or Stimulus(), seed=seed, via=via):
             trials.append(trial)
             progress(trial)
-    return Report(tuple(trials), same_stimulus([Body(robot) for robot in robots], reflex.fields))
+    return Report(tuple(trials), same_stimulus([GenericBody(robot) for robot in robots], reflex.fields))

@@ -12,7 +12,7 @@ from tci.body.places import Place, find_place
 from tci.capabilities.capability import Capability
 from tci.capabilities.fields import ReceptiveField
 from tci.drivers.simulated import SimulatedDriver
-from tci.experiments.remote_trial import Elsewhere, Trial, part_of
+from tci.experiments.remote_trial import RemoteTrial, Trial, part_of
 from tci.frames import Array
 from tci.gate.gate import SafeCommand
 from tci.messages import CONTROL_MODES, Contact, GenericCommand, Order
@@ -143,13 +143,13 @@ def poke(
     reflex: Capability[Any],
     seed: int,
     watch: Callable[[Tick], None] | None = None,
-    elsewhere: Elsewhere | None = None,
+    elsewhere: RemoteTrial | None = None,
 ) -> Trace:
     """Poke the centre of `site` on the arm `part` and record what happens.
 
     The world is reset first. `seed` shifts the first contact against the skin's frames, by up to
     20 ms. A `reflex` without fields only holds the arm's posture. `watch` is called after each tick.
-    With `elsewhere` the reflex there answers instead. Raises what `run` and `Elsewhere.run` raise.
+    With `elsewhere` the reflex there answers instead. Raises what `run` and `RemoteTrial.run` raise.
     """
     world.reset()
     place = find_place(Skin(world.robot), part, site.segment, site.u, site.theta, world.joints())
@@ -164,7 +164,7 @@ def poke_place(
     reflex: Capability[Any],
     seed: int,
     watch: Callable[[Tick], None] | None = None,
-    elsewhere: Elsewhere | None = None,
+    elsewhere: RemoteTrial | None = None,
 ) -> Trace:
     """The same at any place of the skin."""
     world.reset()

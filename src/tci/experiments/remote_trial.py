@@ -59,7 +59,7 @@ def try_server(robot: Robot, via: str) -> None:
         pass
 
 
-class Elsewhere:
+class RemoteTrial:
     """The other process, with the withdrawal reflex for one robot. It serves any number of pokes."""
 
     def __init__(self, robot: Robot, via: str, mode: Mode) -> None:

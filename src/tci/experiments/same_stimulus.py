@@ -9,7 +9,7 @@ from itertools import combinations
 
 import numpy as np
 
-from tci.body.generic_body import Body
+from tci.body.generic_body import GenericBody
 from tci.body.places import find_place
 from tci.body.posture import to_platform
 from tci.capabilities.fields import ReceptiveField
@@ -37,7 +37,7 @@ class SameStimulus:
     """The same seen from the mount frame's fixed origin: with how far each shoulder itself travels."""
 
 
-def same_stimulus(bodies: Sequence[Body], fields: Sequence[ReceptiveField]) -> SameStimulus:
+def same_stimulus(bodies: Sequence[GenericBody], fields: Sequence[ReceptiveField]) -> SameStimulus:
     """Give each robot's own skin the same (u, theta, force) and compare what the reflex wants.
 
     The stimulus is put on the robot's skin in space and read back through the robot's kinematics,
@@ -63,7 +63,7 @@ def same_stimulus(bodies: Sequence[Body], fields: Sequence[ReceptiveField]) -> S
     )
 
 
-def answer(body: Body, part: str, field: ReceptiveField) -> Array:
+def answer(body: GenericBody, part: str, field: ReceptiveField) -> Array:
     """Generic targets (frames, 5) [rad] that the reflex wants while the force at `field` rises."""
     reflex = WithdrawalReflex()
     memory = reflex.init()
@@ -93,7 +93,7 @@ def initial_joints(robot: Robot) -> JointReading:
 
 
 def touch(
-    body: Body, part: str, field: ReceptiveField, joints: JointReading, *, force: float, sequence: int
+    body: GenericBody, part: str, field: ReceptiveField, joints: JointReading, *, force: float, sequence: int
 ) -> Contact:
     """A contact of one taxel with `force` [N] at the centre of `field`, on the robot's own skin."""
     robot, skin = body.robot, body.skin
@@ -129,7 +129,7 @@ def touch(
     )
 
 
-def displacements(body: Body, part: str, target: Array) -> Array:
+def displacements(body: GenericBody, part: str, target: Array) -> Array:
     """How far (2, 3) [m] the forearm's distal end goes from the initial posture to `target`: seen from where
     the upper arm begins, and from the torso; both in the axes of the arm's mount frame.
 

@@ -12,10 +12,10 @@ import numpy as np
 from tci.errors import UnknownNameError
 from tci.exports.tree import Inertia, KinematicLink, Matrix, links_of, rows, vector
 from tci.frames import Array, invert
-from tci.robot.description import Robot, Vector, Words
+from tci.robot.description import Description, Robot, Vector
 
 
-class ChainSegment(Words):
+class ChainSegment(Description):
     """A joint and the link that it moves."""
 
     name: str

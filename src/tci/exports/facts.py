@@ -17,7 +17,7 @@ from tci.exports.chain import ChainSegment, chain_to, ends_of
 from tci.exports.cone import cone_of
 from tci.exports.denavit_hartenberg import Convention, denavit_hartenberg
 from tci.exports.tree import KinematicLink, Matrix, links_of, rows, vector
-from tci.robot.description import Coupling, GenericPart, Robot, Servo, Vector, Words
+from tci.robot.description import Coupling, Description, GenericPart, Robot, Servo, Vector
 from tci.robot.joint_map import joint_map
 from tci.robot.kinematics import Kinematics
 from tci.skin.surfaces import Surface, build_surface
@@ -26,7 +26,7 @@ CONVENTIONS: tuple[Convention, ...] = ("classic", "modified")
 """Of Denavit-Hartenberg tables."""
 
 
-class GenericLimits(Words):
+class GenericLimits(Description):
     """What a generic joint may do: its servo's limits through the transform."""
 
     joint: str
@@ -37,7 +37,7 @@ class GenericLimits(Words):
     """[rad]"""
 
 
-class DHRow(Words):
+class DHRow(Description):
     """One joint of a Denavit-Hartenberg table."""
 
     servo: int
@@ -52,7 +52,7 @@ class DHRow(Words):
     """[rad] at which the servo reads zero."""
 
 
-class DHTable(Words):
+class DHTable(Description):
     """One chain, from the torso frame to a link."""
 
     part: str
@@ -65,7 +65,7 @@ class DHTable(Words):
     link: str
 
 
-class Taxel(Words):
+class Taxel(Description):
     """One taxel."""
 
     channel: int
@@ -78,7 +78,7 @@ class Taxel(Words):
     """[m2]"""
 
 
-class ConeFacts(Words):
+class ConeFacts(Description):
     """The paper's truncated cone (eqs 3-4) fitted to a patch's taxels, and its radial error."""
 
     length: float
@@ -93,7 +93,7 @@ class ConeFacts(Words):
     """Largest error [m]."""
 
 
-class PatchFacts(Words):
+class PatchFacts(Description):
     """One patch of skin."""
 
     name: str
@@ -113,7 +113,7 @@ class PatchFacts(Words):
     taxels: tuple[Taxel, ...]
 
 
-class RobotFacts(Words):
+class RobotFacts(Description):
     """A robot, as others may ask about it."""
 
     format: Literal["tci.robot/1"] = "tci.robot/1"

@@ -10,7 +10,7 @@ import numpy as np
 from tci.engine import mujoco
 from tci.errors import DescriptionError, Fault
 from tci.frames import Array, transform
-from tci.robot.description import Robot, Vector, Words
+from tci.robot.description import Description, Robot, Vector
 from tci.robot.kinematics import bare_model, joints_of
 from tci.robot.model_file import load_spec
 from tci.robot.steps import at_zero
@@ -19,7 +19,7 @@ Matrix = tuple[tuple[float, ...], ...]
 """Rows."""
 
 
-class Inertia(Words):
+class Inertia(Description):
     """What a link weighs."""
 
     mass: float
@@ -30,7 +30,7 @@ class Inertia(Words):
     """(3, 3) [kg m2] about the centre of mass, along the link's axes."""
 
 
-class KinematicLink(Words):
+class KinematicLink(Description):
     """One link of the tree."""
 
     name: str

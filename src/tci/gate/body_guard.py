@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.frames import Array
-from tci.gate.joint_group import Chain
+from tci.gate.joint_group import JointGroup
 from tci.gate.kernels.stops import take_room
 from tci.gate.self_collision import SelfCollision
-from tci.gate.stop_plan import Stop
+from tci.gate.stop_plan import StopTrajectory
 
 LOOKS = 16
 """Points of a stop, its ends among them, at which the robot's body is looked at. Ours: others lie between."""
@@ -29,10 +29,10 @@ class BodyGuard:
         """One step of a chain takes `period` [s]."""
         self._body = body
         self._period = period
-        self._before: dict[Chain, Array] = {}
-        self._waiting: set[Chain] = set()
+        self._before: dict[JointGroup, Array] = {}
+        self._waiting: set[JointGroup] = set()
 
-    def turns(self, chains: Collection[Chain], moving: Collection[Chain]) -> Iterator[Chain]:
+    def turns(self, chains: Collection[JointGroup], moving: Collection[JointGroup]) -> Iterator[JointGroup]:
         """Those of the chains that are `moving`, each when it shall take its step of a period."""
         self._before = {chain: chain.limiter.whole_state[0] for chain in chains}
         self._waiting = {*moving}
@@ -41,7 +41,9 @@ class BodyGuard:
             self._waiting.discard(chain)
         self._before.clear()
 
-    def fault(self, index: NDArray[np.intp], stop: Stop, others: Sequence[Chain], measured: Array) -> str:
+    def fault(
+        self, index: NDArray[np.intp], stop: StopTrajectory, others: Sequence[JointGroup], measured: Array
+    ) -> str:
         """Why servos `index` (n,) must not go where `stop` begins, while `others` stop; empty when they may.
 
         Servos of no chain are where they are `measured` (n_servos,) [rad].
@@ -56,7 +58,7 @@ class BodyGuard:
         return self._fault_of_path(index, stop, others, measured)
 
     def _fault_of_path(
-        self, index: NDArray[np.intp], stop: Stop, others: Sequence[Chain], measured: Array
+        self, index: NDArray[np.intp], stop: StopTrajectory, others: Sequence[JointGroup], measured: Array
     ) -> str:
         """The same, from point to point of the stops."""
         told, away = np.array(measured), np.zeros(len(measured))

@@ -18,11 +18,11 @@ import numpy as np
 from tci.errors import CommandError, DriverError, TciError
 from tci.frames import Array
 from tci.gate.acceptance import check_command, fault_of_reading
-from tci.gate.joint_monitor import Watch
+from tci.gate.joint_monitor import JointMonitor
 from tci.gate.motion import Motion
 from tci.gate.safe_command import GateState as GateState
+from tci.gate.safe_command import GateToken
 from tci.gate.safe_command import SafeCommand as SafeCommand
-from tci.gate.safe_command import Seal
 from tci.gate.settings import GateCounts as GateCounts
 from tci.gate.settings import GateSettings as GateSettings
 from tci.gate.settings import Tally
@@ -64,11 +64,13 @@ class Gate:
         self.state = GateState.RUN
         self.reason = ""
         """Reason for its state in the latest step; empty while it runs."""
-        self._seal = Seal(robot.name)
+        self._seal = GateToken(robot.name)
         self._issued: SafeCommand | None = None
         self._tally = Tally()
         self._motion = Motion(robot, period=period, settings=self._settings, tally=self._tally)
-        self._watch = Watch(robot, self._settings.watch) if self._settings.watch is not None else None
+        self._monitor = (
+            JointMonitor(robot, self._settings.monitor) if self._settings.monitor is not None else None
+        )
         self._told, self._pushed = self._motion.reference, np.zeros(0)
         self._stopped = self._held = ""
         self._credit, self._before = 1.0, -np.inf
@@ -134,14 +136,14 @@ class Gate:
             raise CommandError("the robot has not come to rest yet; valid: reset at rest")
         self._stopped = ""
         self.drop()
-        if self._watch is not None:
-            self._watch.reset()
+        if self._monitor is not None:
+            self._monitor.reset()
 
     def drop(self) -> None:
         """For a link whose robot was away: nothing is under command any more. Each servo waits for a command,
         where it is then; modes stay, and so do STOP and a doubt in its joint data."""
-        if self._watch is not None:
-            self._watch.forget()
+        if self._monitor is not None:
+            self._monitor.forget()
         self._motion.drop()
         self._told = self._motion.reference
         self._pushed = np.zeros(len(self._told.servos))
@@ -228,10 +230,10 @@ class Gate:
         if reason:
             self._motion.refuse(joints)
         else:
-            watch = self._watch  # also while it is stopped: what brakes a joint must not believe a lie
-            if watch is not None and (fault := watch.step(joints, self._told, self._pushed)):
+            monitor = self._monitor  # also while it is stopped: what brakes a joint must not believe a lie
+            if monitor is not None and (fault := monitor.step(joints, self._told, self._pushed)):
                 self.stop(fault)
-            self._motion.see(joints, now, believed=watch is None or not watch.misled)
+            self._motion.see(joints, now, believed=monitor is None or not monitor.misled)
             reason = self._motion.fault_of_age(now, self.stale_after)
         reason, self._held = reason or self._held, ""
         if self._stopped:

@@ -11,19 +11,19 @@ from numpy.typing import NDArray
 from tci.frames import Array
 from tci.gate.bounds import MARGIN, Bounds, bounds_of
 from tci.gate.kernels.targets import put_in_place
-from tci.gate.trajectory import Guard, Limiter
+from tci.gate.trajectory import Guard, OnlineTrajectory
 from tci.robot.description import Robot
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Chain:
+class JointGroup:
     """The servos of one group that are under command, and what moves them."""
 
     servos: list[int]
     """Indices (n,) into `Robot.servos`, which rise."""
     index: NDArray[np.intp]
     """The same, to pick them from an array."""
-    limiter: Limiter
+    limiter: OnlineTrajectory
     """Moves them."""
     bounds: Bounds
     """What they may do while every servo outside is at zero."""
@@ -72,12 +72,12 @@ def make_chain(
     servos: Sequence[int],
     measured: Array,
     *,
-    old: Chain | None,
+    old: JointGroup | None,
     fresh: Sequence[int],
     period: float,
     speed_share: float,
     guard: Guard,
-) -> Chain:
+) -> JointGroup:
     """A chain of `servos`, at rest where they are `measured` (n_servos,) [rad].
 
     Servos that `old` moves go on as they do there, but for the `fresh` ones. Raises CommandError when
@@ -85,8 +85,8 @@ def make_chain(
     """
     union = sorted(servos)
     bounds, outside = bounds_of(robot, union, speed_share=speed_share)
-    limiter = Limiter(bounds, measured[union], period, guard=guard)
-    chain = Chain(union, np.array(union, dtype=np.intp), limiter, bounds, outside)
+    limiter = OnlineTrajectory(bounds, measured[union], period, guard=guard)
+    chain = JointGroup(union, np.array(union, dtype=np.intp), limiter, bounds, outside)
     chain.look_outside(measured)
     if old is not None:
         moving = [servo for servo in union if servo in old.servos and servo not in fresh]

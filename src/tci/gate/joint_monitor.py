@@ -1,4 +1,4 @@
-"""The watch: whether the robot does what it is told. Where it does not, it stops until an operator resets it.
+"""Checks that the robot does what it is told. Where it does not, it stops until an operator resets it.
 
 It knows the faults that limits can't see: a stalled or limp servo, a motion against its command, an
 encoder that jumps or stands still, data that repeats under fresh stamps.
@@ -32,7 +32,7 @@ its angle is judged by its velocity and its torque."""
 
 
 @dataclass(frozen=True, slots=True)
-class WatchSettings:
+class MonitorSettings:
     """When a deviation is a fault. All figures are ours."""
 
     following_error: float = np.deg2rad(6.0)
@@ -63,7 +63,7 @@ class WatchSettings:
         for field in fields(self):
             value = getattr(self, field.name)
             if not 0.0 < value < np.inf:
-                raise TciError(f"watch: {field.name} {value}; valid: above 0 and finite")
+                raise TciError(f"monitor: {field.name} {value}; valid: above 0 and finite")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,11 +80,11 @@ class Reference:
     """How fast each should move (k,) [rad/s]."""
 
 
-class Watch:
+class JointMonitor:
     """Compares each new joint reading with the reference. It has memory; one serves one gate."""
 
-    def __init__(self, robot: Robot, settings: WatchSettings | None = None) -> None:
-        self.settings = settings or WatchSettings()
+    def __init__(self, robot: Robot, settings: MonitorSettings | None = None) -> None:
+        self.settings = settings or MonitorSettings()
         self._robot = robot
         self._names = [servo.name for servo in robot.servos]
         speeds = [servo.limits.velocity for servo in robot.servos]

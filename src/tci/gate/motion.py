@@ -21,14 +21,14 @@ from tci.gate.acceptance import (
 from tci.gate.body_guard import BodyGuard
 from tci.gate.bounds import MARGIN
 from tci.gate.freshness import Freshness
-from tci.gate.joint_group import Chain, groups_of, make_chain
+from tci.gate.joint_group import JointGroup, groups_of, make_chain
 from tci.gate.joint_monitor import Reference
 from tci.gate.kernels.motion import largest_change
 from tci.gate.kernels.targets import is_far_off, pick_out
 from tci.gate.self_collision import SelfCollision
 from tci.gate.settings import GateSettings, Tally
 from tci.gate.speeds import Slope, Speeds
-from tci.gate.stop_plan import Stop
+from tci.gate.stop_plan import StopTrajectory
 from tci.gate.torque import TorqueLimiter
 from tci.gate.trajectory import Guard
 from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch
@@ -59,7 +59,7 @@ class Motion:
         self._lower = np.array([limit.lower for limit in limits], dtype=float)
         self._upper = np.array([limit.upper for limit in limits], dtype=float)
         self._groups = groups_of(robot)
-        self._chains: dict[int, Chain] = {}
+        self._chains: dict[int, JointGroup] = {}
         self._torque = TorqueLimiter(robot, period, speed_share=settings.speed_share)
         self._fed = np.full(len(robot.servos), -np.inf)
         self._measured = self._velocity = self._speed = np.zeros(len(robot.servos))
@@ -75,7 +75,7 @@ class Motion:
         self._shown: Reference | None = None
         self._none = frozen(np.zeros(0))
         self._states: list[Array] = []
-        self._shown_of: list[Chain] | None = None
+        self._shown_of: list[JointGroup] | None = None
         self.modes = [servo.modes[0] for servo in robot.servos]
         """Control mode of every servo."""
 
@@ -256,8 +256,8 @@ class Motion:
             if servo not in place or self.modes[servo] is not Mode.IMPEDANCE or share <= self._shares[servo]:
                 continue
             away = abs(float(told.position[place[servo]] - self._measured[servo]))
-            watch = self._settings.watch
-            if watch is not None and away > watch.following_error:
+            monitor = self._settings.monitor
+            if monitor is not None and away > monitor.following_error:
                 raise CommandError(
                     f"{self.robot.servos[servo].name} is {np.rad2deg(away):.1f} degrees from its "
                     f"equilibrium; valid: no more stiffness than {self._shares[servo]:.2f} there"
@@ -300,7 +300,7 @@ class Motion:
             loose -= set(servos)
         # A joint that yielded is elsewhere than its equilibrium: it goes on from where it is.
         fresh = [servo for servo in servos if self.modes[servo] in (Mode.IMPEDANCE, Mode.TORQUE)]
-        chains: dict[int, Chain | None] = {}
+        chains: dict[int, JointGroup | None] = {}
         for group in {self._groups[servo] for servo in servos}:
             mine = {servo for servo in servos if self._groups[servo] == group}
             old = self._chains.get(group)
@@ -320,7 +320,7 @@ class Motion:
             else:
                 self._chains.pop(group, None)
 
-    def _chains_with(self, servos: Sequence[int]) -> list[Chain]:
+    def _chains_with(self, servos: Sequence[int]) -> list[JointGroup]:
         """The chains that move `servos`, which join them where they are. Raises CommandError."""
         wanted: dict[int, set[int]] = {}
         for servo in servos:
@@ -335,7 +335,7 @@ class Motion:
         self._chains.update(chains)
         return list(chains.values())
 
-    def _chain(self, group: int, servos: set[int], fresh: Sequence[int] = ()) -> Chain:
+    def _chain(self, group: int, servos: set[int], fresh: Sequence[int] = ()) -> JointGroup:
         """A chain for the group. Raises CommandError when some servos can't join its motion now."""
         old = self._chains.get(group)
         check_start(self.robot, {*servos} - ({*old.servos} - {*fresh} if old else set()), self._measured)
@@ -359,7 +359,7 @@ class Motion:
         """What looks at the robot's body before `servos` of a group get nearer to it."""
         index = np.array(servos, dtype=np.intp)
 
-        def fault(stop: Stop) -> str:
+        def fault(stop: StopTrajectory) -> str:
             if self._body is None:
                 return ""
             others = [chain for other, chain in self._chains.items() if other != group]

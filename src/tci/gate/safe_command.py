@@ -26,7 +26,7 @@ class GateState(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Seal:
+class GateToken:
     """What only a gate has; without it no SafeCommand can be made."""
 
     robot: str
@@ -69,5 +69,5 @@ class SafeCommand:
     makes the motion."""
 
     def __post_init__(self) -> None:
-        if not isinstance(self.seal, Seal):
+        if not isinstance(self.seal, GateToken):
             raise DriverError("only a gate makes a SafeCommand: use link.gate.step(...)")

@@ -10,7 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from tci.errors import TciError
-from tci.gate.joint_monitor import WatchSettings
+from tci.gate.joint_monitor import MonitorSettings
 from tci.gate.self_collision import MARGIN as BODY_MARGIN
 
 
@@ -24,7 +24,7 @@ class GateSettings:
     """Age [s] beyond which a velocity or a torque no longer counts: the servo stops, or lets go."""
     self_collision: float | None = BODY_MARGIN
     """Distance [m] that the arms keep from the body and from each other; None: nobody looks."""
-    watch: WatchSettings | None = field(default_factory=WatchSettings)
+    monitor: MonitorSettings | None = field(default_factory=MonitorSettings)
     """When the robot does not do what it is told; None: nobody looks, since another gate does."""
 
     def __post_init__(self) -> None:

@@ -18,7 +18,7 @@ TURN = 1e-3
 they do not rest at the same moment. Ours."""
 
 
-class Stop(NamedTuple):
+class StopTrajectory(NamedTuple):
     """A planned stop, and the step to where it begins."""
 
     here: Array
@@ -29,7 +29,7 @@ class Stop(NamedTuple):
     """The stop."""
 
 
-class Stopper:
+class StopPlanner:
     """Plans stops of n servos, and keeps the one that begins at the state that was handed out."""
 
     def __init__(self, bounds: Bounds, position: Array, period: float) -> None:
@@ -55,7 +55,7 @@ class Stopper:
         self._jerk = jerk
         self._input.max_acceleration, self._input.max_jerk = acceleration.tolist(), jerk.tolist()
 
-    def plan(self, state: Array, here: Array, bounds: Bounds) -> tuple[bool, Stop]:
+    def plan(self, state: Array, here: Array, bounds: Bounds) -> tuple[bool, StopTrajectory]:
         """The stop from a `state` (3, n), one step from `here` (n,) [rad]. The one that is kept stays so.
 
         First: whether it stays inside the limits, or outside no farther than `here`. Raises RuckigError when
@@ -66,9 +66,9 @@ class Stopper:
         self._otg.calculate(i, self._planned)
         end = np.array(self._planned.at_time(self._planned.duration)[0])
         inside = stop_stays_inside(state, end, self._jerk, here, bounds.lower, bounds.upper, span)
-        return inside, Stop(here, span, self._planned)
+        return inside, StopTrajectory(here, span, self._planned)
 
-    def keeps_couplings(self, stop: Stop, bounds: Bounds) -> bool:
+    def keeps_couplings(self, stop: StopTrajectory, bounds: Bounds) -> bool:
         """Whether a planned stop keeps the couplings."""
         lower, upper = bounds.coupling_lower, bounds.coupling_upper
         lowest, highest = stop.span
@@ -88,7 +88,7 @@ class Stopper:
         most = np.minimum(np.where(least > 0.0, least + TURN, 0.0), outside[0])
         return bool(np.all(outside <= most))
 
-    def keep(self, stop: Stop) -> None:
+    def keep(self, stop: StopTrajectory) -> None:
         """The stop that was planned last is the one to take from the present state."""
         self._way, self._planned = stop.way, self._way
         self.span = stop.span

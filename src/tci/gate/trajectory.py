@@ -20,7 +20,7 @@ from tci.frames import Array
 from tci.gate.bounds import MARGIN, Bounds
 from tci.gate.kernels.stops import is_outside
 from tci.gate.kernels.targets import straight_limits
-from tci.gate.stop_plan import Stop, Stopper
+from tci.gate.stop_plan import StopPlanner, StopTrajectory
 
 CREEP = 0.1
 """Share of the speed limit at which a servo that starts outside its limits moves inward. Ours."""
@@ -28,11 +28,11 @@ LEAST_SHARE = 1e-6
 """Least share of the longest way of a straight motion that is told from none; ruckig needs limits above 0."""
 
 
-Guard = Callable[[Stop], str]
+Guard = Callable[[StopTrajectory], str]
 """Looks at a stop before the state where it begins is handed out: why it must not be; empty when it may."""
 
 
-class Limiter:
+class OnlineTrajectory:
     """Moves n servos within their bounds: each towards a target, or at a velocity.
 
     The state it hands out always has a stop, already planned and checked against limits and couplings.
@@ -66,7 +66,7 @@ class Limiter:
         self._input, self._output = InputParameter(count), OutputParameter(count)
         self._input.current_position = list(position)
         self._input.max_acceleration, self._input.max_jerk = list(bounds.acceleration), list(bounds.jerk)
-        self._stopper = Stopper(bounds, position, period)
+        self._stopper = StopPlanner(bounds, position, period)
         self._state = np.array([position, np.zeros(count), np.zeros(count)])
         self._set_interfaces()
 
@@ -106,7 +106,7 @@ class Limiter:
         """Whether a step would change nothing, until something is asked for."""
         return self._resting and not self._any_driven
 
-    def take_over(self, here: Sequence[int], other: Limiter, there: Sequence[int]) -> None:
+    def take_over(self, here: Sequence[int], other: OnlineTrajectory, there: Sequence[int]) -> None:
         """Continue the motion of some servos, places `there` of another limiter and places `here` of this.
 
         Raises CommandError when no stop is found from there; then go on with the other one.

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.body.generic_body import Body
+from tci.body.generic_body import GenericBody
 from tci.body.places import find_place
 from tci.capabilities.fields import default_fields
 from tci.drivers.simulated import SimulatedDriver
@@ -144,7 +144,7 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         # From a generator of its own, so that noise changes nothing in where and when the finger comes.
         self.world.reset(seed=int(self.np_random.spawn(1)[0].integers(2**32)))
         self.driver = SimulatedDriver(self.robot, world=self.world)
-        self.body = Body(self.robot)
+        self.body = GenericBody(self.robot)
         self.time, self._due = 0.0, self.np_random.uniform(0.1, 0.4) * self.duration
         self._poked = False
         seen = self._look()

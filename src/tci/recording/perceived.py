@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from tci.body.generic_body import Body
+from tci.body.generic_body import GenericBody
 from tci.errors import FrameError, RecordingError
 from tci.messages import Perception, Reading, SkinState
 from tci.recording.recording import Recording
@@ -56,7 +56,7 @@ def recorded_robot(recording: Recording, robot: str | None = None) -> Robot | No
 
 def perceive(recording: Recording, robot: Robot) -> Iterator[Perceived]:
     """Every recorded period with what `robot` felt then. Raises RecordingError on the way."""
-    body = Body(robot, keep_alive=recording.keep_alive)
+    body = GenericBody(robot, keep_alive=recording.keep_alive)
     perception: Perception | None = None
     for tick in recording.ticks():
         try:

@@ -15,7 +15,7 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from tci.body.generic_body import Body
+from tci.body.generic_body import GenericBody
 from tci.capabilities.capability import Capability
 from tci.capabilities.orders import begin_of, step_of
 from tci.clock import ROUNDING
@@ -27,7 +27,7 @@ from tci.runtime.arguments import as_capability, as_driver, check_duration
 from tci.runtime.lease import commanding
 from tci.runtime.loop_report import LoopReport
 from tci.runtime.result import Account, RunResult
-from tci.runtime.watchdogs import Silence, frozen_garbage, interruptions
+from tci.runtime.watchdogs import SkinWatchdog, frozen_garbage, interruptions
 
 MISSED = 3
 """Periods in a row that may be missed before the robot holds."""
@@ -140,13 +140,13 @@ class _Loop(Generic[Memory]):
         self.sensed: Callable[[Reading], None] | None = None
         self.report = report
         self.write = write
-        self.body = Body(driver.robot, keep_alive=driver.keep_alive)
+        self.body = GenericBody(driver.robot, keep_alive=driver.keep_alive)
         self.memory = capability.init()
         self.account = Account(driver)
         self._begun = False
         self._before: float | None = None
         self._start = 0.0
-        self._silence = Silence(
+        self._silence = SkinWatchdog(
             driver.robot, stale_after=driver.gate.stale_after, keep_alive=driver.keep_alive
         )
         self._misfit: float | None = None

@@ -37,7 +37,7 @@ class Notice:
         return {"words": self.words, "time_s": round(self.time, 4), "count": self.count}
 
 
-class Reasons:
+class ReasonCounter:
     """How often each kind of reason came, by the words that came first. It never holds more than MOST + 1."""
 
     def __init__(self) -> None:

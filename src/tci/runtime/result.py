@@ -14,7 +14,7 @@ from tci.frames import Array
 from tci.gate.gate import GateState, SafeCommand
 from tci.messages import Perception
 from tci.runtime.loop_report import LoopReport
-from tci.runtime.reasons import Notice, Reasons
+from tci.runtime.reasons import Notice, ReasonCounter
 from tci.skin.contact_table import ContactTable
 from tci.skin.kernels.contacts import FORCE
 
@@ -118,7 +118,7 @@ class Account:
         self._low: Array | None = None
         self._high = np.zeros(0)
         self._accepted = 0
-        self._refusals, self._clamps, self._holds = Reasons(), Reasons(), Reasons()
+        self._refusals, self._clamps, self._holds = ReasonCounter(), ReasonCounter(), ReasonCounter()
         self._stopped = ""
 
     def see(self, seen: Perception | None, position: Array, sent: SafeCommand, *, opening: bool) -> None:
@@ -178,7 +178,7 @@ class Account:
         servos = self._driver.robot.servos
         return {servos[i].name: float(ways[i]) for i in order.tolist() if ways[i] >= MOVED}
 
-    def _note(self, reasons: Reasons, kind: str, words: str, now: float) -> None:
+    def _note(self, reasons: ReasonCounter, kind: str, words: str, now: float) -> None:
         if reasons.add(words, now):
             _log.warning("%s at %.3f s, %s: %s", self._driver.robot.name, now, kind, words)
 

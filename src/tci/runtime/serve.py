@@ -16,8 +16,8 @@ from tci.errors import TciError
 from tci.messages import Order, Perception, PlatformOrder
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport
-from tci.runtime.reasons import Reasons
-from tci.runtime.watchdogs import Standstill, attentive
+from tci.runtime.reasons import ReasonCounter
+from tci.runtime.watchdogs import StallDetector, attentive
 
 
 @dataclass(slots=True)
@@ -26,7 +26,7 @@ class Served:
 
     orders: int = 0
     """Orders that arrived."""
-    refusals: Reasons = field(default_factory=Reasons)
+    refusals: ReasonCounter = field(default_factory=ReasonCounter)
     """Orders that did not pass, by reason."""
 
 
@@ -68,7 +68,7 @@ class _Orders(Capability[None]):
         self.served = served
         self.clock = clock
         self._tick: Tick | None = None
-        self._standstill: Standstill | None = None
+        self._standstill: StallDetector | None = None
 
     def init(self) -> None:
         return None
@@ -99,7 +99,7 @@ class _Orders(Capability[None]):
     def see(self, tick: Tick) -> None:
         """Publish a period."""
         if self._standstill is None:  # the first period compiles and reads files
-            self._standstill = Standstill(self.clock, stale_after=self.server.driver.gate.stale_after)
+            self._standstill = StallDetector(self.clock, stale_after=self.server.driver.gate.stale_after)
         self._tick = tick
         for reason in tick.sent.refusals:
             self.served.refusals.add(reason, tick.now)

@@ -40,7 +40,7 @@ def attentive() -> Iterator[None]:
         sys.setswitchinterval(before)
 
 
-class Silence:
+class SkinWatchdog:
     """Whether skin that once sent has fallen silent, while the joints go on: then nobody feels a touch."""
 
     def __init__(self, robot: Robot, *, stale_after: float, keep_alive: float | None = None) -> None:
@@ -73,7 +73,7 @@ class Silence:
         return f"the skin of {self._quiet} has sent nothing for {silent * 1e3:.0f} ms"
 
 
-class Standstill:
+class StallDetector:
     """Whether this process stood still: frozen, swapped out, starved. What was sent to it meanwhile waits in
     sockets and looks new, so the robot holds until that has been read.
 

@@ -21,7 +21,7 @@ _EARLY = 1e-6
 """Share of a period that a frame may be early by rounding."""
 
 
-class ChangedFrames:
+class SendOnDelta:
     """The sender's side: which frames to send."""
 
     def __init__(self, keep_alive: float) -> None:
@@ -45,7 +45,7 @@ class ChangedFrames:
         return True
 
 
-class FilledFrames:
+class HoldLast:
     """The receiver's side: the latest frame of every patch, with those that were left out."""
 
     def __init__(self, robot: Robot, keep_alive: float) -> None:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from tci.body.generic_body import Body
+from tci.body.generic_body import GenericBody
 from tci.body.places import Place
 from tci.capabilities.capability import Capability
 from tci.drivers.driver import Driver
@@ -210,7 +210,7 @@ class Session:
 
     def _watch(self) -> None:
         """A robot that nobody commands from here."""
-        body = Body(self.robot, keep_alive=self.driver.keep_alive)
+        body = GenericBody(self.robot, keep_alive=self.driver.keep_alive)
         for now in self.driver.ticks():
             reading = self.driver.read()
             perception = body.perceive(reading, now)

@@ -16,7 +16,7 @@ import pytest
 from drivers.naoqi.living_nao import cut
 from drivers.naoqi.still_nao import StillNao
 from drivers.served import Served
-from tci.body.generic_body import Body
+from tci.body.generic_body import GenericBody
 from tci.clock import ManualClock
 from tci.drivers.diagnosis import Level
 from tci.drivers.driver import Driver
@@ -128,7 +128,7 @@ def test_head_and_hands_are_patches_of_switches() -> None:
         assert frame(driver.read(), "right_hand").values.tolist() == [0.0, 0.0, 0.0]
         before = frame(driver.read(), "head").sequence
         wait_for(lambda: frame(driver.read(), "head").sequence > before + 2)
-        contacts = Body(ROBOT).perceive(driver.read(), driver.clock.now()).contacts
+        contacts = GenericBody(ROBOT).perceive(driver.read(), driver.clock.now()).contacts
         assert {(contact.patch, *contact.taxels.tolist()) for contact in contacts} == {
             ("head", 0), ("left_hand", 2),
         }  # fmt: skip
@@ -143,7 +143,7 @@ def test_bumpers_of_the_feet_are_patches_of_switches() -> None:
         memory.insertData(key.format("RFoot", "Right"), 1.0)
         wait_for(lambda: frame(driver.read(), "right_bumper").values[1] == 1.0)
         wait_for(lambda: frame(driver.read(), "left_bumper").values[0] == 1.0)
-        contacts = Body(robot).perceive(driver.read(), driver.clock.now()).contacts
+        contacts = GenericBody(robot).perceive(driver.read(), driver.clock.now()).contacts
         assert {(contact.patch, contact.part, *contact.taxels.tolist()) for contact in contacts} == {
             ("left_bumper", "left_leg", 0), ("right_bumper", "right_leg", 1),
         }  # fmt: skip

@@ -10,7 +10,7 @@ from gate.gate_checks import Driven, make_robot, reading
 from tci.drivers.yarp.board import DIRECT, Stream
 from tci.drivers.yarp.served_board import ServedBoard
 from tci.gate.bounds import bounds_of
-from tci.gate.trajectory import Limiter
+from tci.gate.trajectory import OnlineTrajectory
 
 PERIOD = 0.005
 
@@ -23,7 +23,7 @@ def test_whatever_streams_the_gate_keeps_its_limits() -> None:
     board = ServedBoard("arm", driven.robot.servos)
     board.set_modes(None, [DIRECT] * 6)
     bounds, _ = bounds_of(driven.robot, range(6), speed_share=1.0)
-    sender, told, kind, every = Limiter(bounds, np.zeros(6), PERIOD), np.zeros(6), 0, 3
+    sender, told, kind, every = OnlineTrajectory(bounds, np.zeros(6), PERIOD), np.zeros(6), 0, 3
     for cycle in range(cycles):
         if cycle % 150 == 0:
             kind, every = int(random.integers(6)), int(random.integers(1, 9))

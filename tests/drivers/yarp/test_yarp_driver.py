@@ -114,7 +114,7 @@ def test_modes_are_switched_by_order_and_reported(show: Show) -> None:
         pytest.skip("did not run: this robot has no velocity mode")
     with driver_to(show) as driver:
         for mode in (Mode.VELOCITY, Mode.POSITION):
-            body = tci.Body(driver.robot)
+            body = tci.GenericBody(driver.robot)
             pending = list(body.to_platform((SwitchMode(part, mode),), driver.read().joints))
             end = time.monotonic() + 20
             reported: set[object] = set()

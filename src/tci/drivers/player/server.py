@@ -46,7 +46,7 @@ from tci.drivers.player.wire import (
     to_blob,
     to_floats,
 )
-from tci.drivers.remote.controllers import Controllers, Once, values_order
+from tci.drivers.remote.controllers import Once, PartControllers, values_order
 from tci.drivers.remote.encoding import frame_bytes, state_bytes, to_orders
 from tci.drivers.remote.protocol import Orders, SessionFrame, State
 from tci.drivers.remote.server import RemoteServer
@@ -111,7 +111,7 @@ class PlayerServer(RemoteServer):
         self._frames = {patch.name: FRAMES + n for n, patch in enumerate(driver.robot.patches)}
         own = [STATES, *self._frames.values()]
         self._offered = [*self._devices, *((OPAQUE, index) for index in own)]
-        self._controllers = Controllers(driver.robot, self.number, of="a Player client")
+        self._controllers = PartControllers(driver.robot, self.number, of="a Player client")
         self._position = initial_position(driver.robot)
         self._states, self._is_due = Every(1.0 / driver.robot.binding("player").rate), False
         self._arrived: deque[bytes] = deque(maxlen=64)

@@ -33,7 +33,7 @@ class _Member:
     """Joints that only it may command."""
 
 
-class Commanders:
+class CommandArbiter:
     """All processes that command one robot.
 
     A message counts only when it answers a state of this session that is at most `silence` [s] old, and that

@@ -51,7 +51,7 @@ class Once:
         return found
 
 
-class Controllers:
+class PartControllers:
     """All controllers of one robot."""
 
     def __init__(self, robot: Robot, session: int, *, of: str) -> None:

@@ -46,7 +46,7 @@ class RemoteDriver(Driver):
 
     def __init__(self, robot: Robot, *, middleware: str, place: str, arm: bool) -> None:
         """`place` says where the robot is, for people. Raises UnknownNameError without a binding."""
-        settings = GateSettings(self_collision=None, watch=None)
+        settings = GateSettings(self_collision=None, monitor=None)
         super().__init__(robot, middleware=middleware, clock=MonotonicClock(), armed=arm, settings=settings)
         self.place = place
         self.client = secrets.randbits(62) + 1

@@ -8,7 +8,7 @@ from abc import abstractmethod
 from collections.abc import Iterable, Sequence
 
 from tci.drivers.driver import Driver
-from tci.drivers.remote.commanders import Commanders
+from tci.drivers.remote.commanders import CommandArbiter
 from tci.drivers.remote.protocol import Orders, State
 from tci.drivers.server import Server
 from tci.gate.safe_command import SafeCommand
@@ -27,7 +27,7 @@ class RemoteServer(Server):
         self.number = secrets.randbits(62) + 1
         """Number of this start."""
         silence = driver.robot.binding(middleware).stale_after
-        self.commanders = Commanders(driver.robot, self.number, silence)
+        self.commanders = CommandArbiter(driver.robot, self.number, silence)
         """Who commands now."""
         self._sequence = 0
         self._shown: dict[str, int] = {}

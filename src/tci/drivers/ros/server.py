@@ -15,7 +15,7 @@ import numpy as np
 
 from tci.clock import Every
 from tci.drivers.driver import Driver
-from tci.drivers.remote.controllers import Controllers, Once, values_order
+from tci.drivers.remote.controllers import Once, PartControllers, values_order
 from tci.drivers.remote.encoding import frame_bytes, state_bytes, to_orders
 from tci.drivers.remote.protocol import Orders, SessionFrame, State
 from tci.drivers.remote.server import RemoteServer
@@ -66,7 +66,7 @@ class RosServer(RemoteServer):
                 patch.name: PatchTopics(robot, number, node, names, kinematics, period)
                 for number, patch in enumerate(robot.patches)
             }
-            self._controllers = Controllers(robot, self.number, of="a ROS node")
+            self._controllers = PartControllers(robot, self.number, of="a ROS node")
             for part in names.parts():
                 node.subscribe(names.trajectory(part), TRAJECTORY, partial(self._follow, part))
                 node.subscribe(names.values(part), VALUES, partial(self._take, part))

@@ -4,7 +4,7 @@ The names follow the paper's Listing 2: a *servo* is a joint of the robot (DS in
 servo* one joint of a generic part (GS), `scale` is gamma and `offset` sigma.
 """
 
-from tci.robot.description.base import Vector, Words
+from tci.robot.description.base import Description, Vector
 from tci.robot.description.binding import Address, Binding
 from tci.robot.description.part import GenericPart, GenericServo, Segment, Term
 from tci.robot.description.patch import SOLE, Patch, Table, TriangularModules, TruncatedCone
@@ -17,6 +17,7 @@ __all__ = [
     "Address",
     "Binding",
     "Coupling",
+    "Description",
     "GenericPart",
     "GenericServo",
     "Limits",
@@ -31,5 +32,4 @@ __all__ = [
     "TriangularModules",
     "TruncatedCone",
     "Vector",
-    "Words",
 ]

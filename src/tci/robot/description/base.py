@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict
 Vector = tuple[float, float, float]
 
 
-class Words(BaseModel):
+class Description(BaseModel):
     """Base of all types here: frozen, no unknown fields, finite numbers only."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from tci.robot.description.base import Words
+from tci.robot.description.base import Description
 
 
-class Address(Words):
+class Address(Description):
     """Where a middleware finds one thing of the robot."""
 
     of: str
@@ -14,7 +14,7 @@ class Address(Words):
     """Its port, topic, key or name there."""
 
 
-class Binding(Words):
+class Binding(Description):
     """How one middleware reaches the robot."""
 
     middleware: str

@@ -7,10 +7,10 @@ from typing import Literal
 
 from tci.errors import UnknownNameError
 from tci.frames import Array, read_only, rotation_rpy
-from tci.robot.description.base import Vector, Words
+from tci.robot.description.base import Description, Vector
 
 
-class Term(Words):
+class Term(Description):
     """One servo's share in a coupled generic joint."""
 
     servo: int
@@ -19,7 +19,7 @@ class Term(Words):
     """d generic / d servo."""
 
 
-class GenericServo(Words):
+class GenericServo(Description):
     """One joint of a generic part: GS = scale * DS + offset (eq. 1), or by another transform."""
 
     id: int
@@ -58,7 +58,7 @@ class GenericServo(Words):
         return self.table[-1][1] - self.table[0][1] if self.table else self.scale
 
 
-class Segment(Words):
+class Segment(Description):
     """A piece of a limb, on which skin sits: its proximal point, its length."""
 
     name: str
@@ -71,7 +71,7 @@ class Segment(Words):
     """Length [m]; u is 1 here."""
 
 
-class GenericPart(Words):
+class GenericPart(Description):
     """A part that every humanoid has (eq. 2)."""
 
     name: str

@@ -6,11 +6,11 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from tci.robot.description.base import Vector, Words
+from tci.robot.description.base import Description, Vector
 from tci.robot.description.sensor import Sensor
 
 
-class TruncatedCone(Words):
+class TruncatedCone(Description):
     """Taxels on a truncated cone, ring by ring (eqs 3-4, Fig. 4)."""
 
     kind: Literal["truncated_cone"] = "truncated_cone"
@@ -31,7 +31,7 @@ class TruncatedCone(Words):
     """Taxels in each ring; every second ring is turned by half a step."""
 
 
-class TriangularModules(Words):
+class TriangularModules(Description):
     """Triangular modules of ten taxels (and two thermal pads), each at a frame of the model."""
 
     kind: Literal["triangular_modules"] = "triangular_modules"
@@ -43,7 +43,7 @@ class TriangularModules(Words):
     """Angle [rad] of each module about its frame's z axis, which points outward; empty: all zero."""
 
 
-class Table(Words):
+class Table(Description):
     """Taxels from a file beside the description."""
 
     kind: Literal["table"] = "table"
@@ -64,7 +64,7 @@ SOLE = "foot"
 """Segment of a leg whose skin stands on the ground."""
 
 
-class Patch(Words):
+class Patch(Description):
     """A piece of skin on one link."""
 
     name: str

@@ -9,14 +9,14 @@ import numpy as np
 
 from tci.errors import UnknownNameError
 from tci.frames import Array, read_only, rotation_rpy, transform
-from tci.robot.description.base import Vector, Words
+from tci.robot.description.base import Description, Vector
 from tci.robot.description.binding import Binding
 from tci.robot.description.part import GenericPart, Segment
 from tci.robot.description.patch import Patch
 from tci.robot.description.servo import Coupling, Servo
 
 
-class Model(Words):
+class Model(Description):
     """Where the kinematic model is, and where the torso is in it."""
 
     format: Literal["urdf", "mjcf"]
@@ -37,7 +37,7 @@ class Model(Words):
         return read_only(transform(rotation_rpy(*self.torso_rpy), np.array(self.torso_xyz)))
 
 
-class Robot(Words):
+class Robot(Description):
     """A robot: data only. Robots serve as keys, so their hash is quick; equality looks at everything."""
 
     name: str

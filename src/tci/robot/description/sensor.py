@@ -7,10 +7,10 @@ from typing import Literal
 import numpy as np
 
 from tci.frames import Array
-from tci.robot.description.base import Words
+from tci.robot.description.base import Description
 
 
-class Sensor(Words):
+class Sensor(Description):
     """How raw values become pressure: (raw - rest) * pascal_per_count, or by a response curve; at least 0."""
 
     rest: float

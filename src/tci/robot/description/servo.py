@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from tci.messages import Mode
-from tci.robot.description.base import Words
+from tci.robot.description.base import Description
 
 
-class Limits(Words):
+class Limits(Description):
     """What a servo may do. None: nobody said, so the gate refuses commands that need it."""
 
     lower: float | None = None
@@ -25,7 +25,7 @@ class Limits(Words):
     """Names of the fields above whose figure no maker published: it is ours."""
 
 
-class Servo(Words):
+class Servo(Description):
     """A joint of the robot, in the robot's own terms."""
 
     index: int
@@ -44,7 +44,7 @@ class Servo(Words):
     """Control modes that it can be switched to; the first is the one it starts in."""
 
 
-class Coupling(Words):
+class Coupling(Description):
     """A linear inequality between servos: lower <= sum(coefficient * angle) <= upper."""
 
     name: str

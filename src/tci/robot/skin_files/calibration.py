@@ -7,13 +7,13 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from tci.errors import DescriptionError, Fault, TciError
-from tci.robot.description import Words
+from tci.robot.description import Description
 
 SUFFIX = ".skin.json"
 _LARGEST = 16 * 2**20
 
 
-class PatchCalibration(Words):
+class PatchCalibration(Description):
     """One patch."""
 
     rest: tuple[float, ...]
@@ -35,7 +35,7 @@ class PatchCalibration(Words):
             raise TciError("a calibration's response must have two points or more that rise from 0, 0")
 
 
-class SkinCalibration(Words):
+class SkinCalibration(Description):
     """A robot's skin."""
 
     robot: str

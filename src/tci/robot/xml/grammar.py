@@ -13,6 +13,7 @@ from tci.messages import CONTROL_MODES
 from tci.robot.xml.values import (
     Angle,
     Choice,
+    Choices,
     Factor,
     Integer,
     Name,
@@ -20,7 +21,6 @@ from tci.robot.xml.values import (
     RelativePath,
     Three,
     Value,
-    Words,
 )
 
 
@@ -87,7 +87,7 @@ LIMITS: dict[str, Element] = {
 
 ROBOT_PART = Element(
     needs={"name": NAME},
-    may={"modes": Words(tuple(mode.value for mode in CONTROL_MODES))},
+    may={"modes": Choices(tuple(mode.value for mode in CONTROL_MODES))},
     some={"servo": Element(needs={"id": ID, "name": NAME}, may={"joint": NAME}, once=LIMITS)},
 )
 

@@ -75,7 +75,7 @@ class Choice(Value):
 
 
 @dataclass(frozen=True)
-class Words(Value):
+class Choices(Value):
     """One or more of some words, each once, with spaces between them."""
 
     valid: tuple[str, ...]

@@ -19,7 +19,7 @@ from tci.gate.gate import GateState
 from tci.messages import GenericCommand, Mode
 from tci.runtime.loop import Tick
 from tci.runtime.loop_report import LoopReport
-from tci.runtime.reasons import Reasons
+from tci.runtime.reasons import ReasonCounter
 
 COLOURS = {GateState.RUN: "green", GateState.HOLD: "yellow", GateState.STOP: "bold red"}
 MEANING = {
@@ -33,7 +33,7 @@ STILL = 1e-6
 """Commanded speed [rad/s] that is only rounding."""
 
 
-class Teller:
+class RunLog:
     """Prints what changes, and keeps one line about now."""
 
     def __init__(self, driver: Driver, report: LoopReport, live: Live | None) -> None:
@@ -41,7 +41,7 @@ class Teller:
         """All that was told: time [s], kind and words."""
         self.worst = GateState.RUN
         """STOP once there was one, else HOLD once there was one."""
-        self.refused, self.clamped = Reasons(), Reasons()
+        self.refused, self.clamped = ReasonCounter(), ReasonCounter()
         self._driver, self._report, self._live = driver, report, live
         self._state = (GateState.RUN, "")
         self._begun: list[tuple[float, FaultPlan]] = []

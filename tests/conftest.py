@@ -24,6 +24,7 @@ LIVE = [
     "test_examples.py",
     "experiments/test_remote_trial.py",
     "viewer",
+    "yarpwire",
 ]
 """Tests with other processes, in real time. On a busy machine a robot holds, rightly: few run at once."""
 

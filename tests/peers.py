@@ -11,8 +11,8 @@ from types import ModuleType
 
 import pytest
 
-from tci.drivers.yarp.bindings.module import load, version
 from tci.errors import MissingExtraError
+from yarpwire.bindings.module import load, version
 
 ROOT = Path(__file__).parent.parent
 DEBIAN_PYTHON = "/usr/bin/python3"

@@ -28,13 +28,13 @@ from tci.drivers.own_sockets import Watch, listening
 from tci.drivers.player.client import Client
 from tci.drivers.player.server import PlayerServer
 from tci.drivers.simulated import SimulatedDriver
-from tci.drivers.visitors import MOST, PATIENCE, Visitor, Visitors, surplus
-from tci.drivers.yarp.dialect import V3
-from tci.drivers.yarp.name_server import NameServer
-from tci.drivers.yarp.names import END, Names
-from tci.drivers.yarp.port import Port
 from tci.drivers.zenoh.session import close_session, open_session, parse_address
 from tci.viewer.guard import close_server, open_server
+from yarpwire.dialect import V3
+from yarpwire.name_server import NameServer
+from yarpwire.names import END, Names
+from yarpwire.port import Port
+from yarpwire.visitors import MOST, PATIENCE, Visitor, Visitors, surplus
 
 pytestmark = pytest.mark.timeout(180)
 Again = Callable[[], object]

@@ -27,12 +27,12 @@ from tci.drivers.ros.ros1 import Ros1Node
 from tci.drivers.ros.ros2_dds import DdsNode
 from tci.drivers.ros.rosbridge import RosbridgeNode, parse
 from tci.drivers.simulated import SimulatedDriver
-from tci.drivers.yarp.carrier import FAST_TCP
-from tci.drivers.yarp.names import Names
-from tci.drivers.yarp.names import parse_address as parse_names
-from tci.drivers.yarp.outgoing import dial
 from tci.drivers.zenoh.session import close_session, open_session, parse_address
 from tci.errors import DriverError
+from yarpwire.carrier import FAST_TCP
+from yarpwire.names import Names
+from yarpwire.names import parse_address as parse_names
+from yarpwire.outgoing import dial
 
 SERVED = Path(__file__).with_name("patient.py")
 

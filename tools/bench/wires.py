@@ -16,12 +16,12 @@ from time import perf_counter as wall
 import numpy as np
 from measured import ROUNDS, Measured, row
 
-from tci.drivers.yarp.carrier import FAST_TCP, TCP
-from tci.drivers.yarp.dialect import V3
-from tci.drivers.yarp.incoming import Delivery
-from tci.drivers.yarp.name_server import NameServer
-from tci.drivers.yarp.names import Names
-from tci.drivers.yarp.port import Port
+from yarpwire.carrier import FAST_TCP, TCP
+from yarpwire.dialect import V3
+from yarpwire.incoming import Delivery
+from yarpwire.name_server import NameServer
+from yarpwire.names import Names
+from yarpwire.port import Port
 
 CASES = ((768, TCP.name), (768, FAST_TCP.name), (4000, FAST_TCP.name))
 CALLS = 200
@@ -29,9 +29,9 @@ MOST = 2.5
 """Ratio to the raw socket that 768 doubles may have."""
 YARP = """
 import sys, time
-from tci.drivers.yarp.dialect import V3
-from tci.drivers.yarp.names import Names
-from tci.drivers.yarp.port import Port
+from yarpwire.dialect import V3
+from yarpwire.names import Names
+from yarpwire.port import Port
 names = Names((sys.argv[1], int(sys.argv[2])))
 back = Port("/echo:o", names, V3)
 def echo(delivery):

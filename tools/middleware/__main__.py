@@ -29,8 +29,8 @@ from round_trip import round_trip
 import tci
 from drivers.ros_robots import here_only, roscore
 from drivers.wires import PEERS, Peer, free_port, lcm_url
-from tci.drivers.yarp.name_server import NameServer
 from tci.gate.safe_command import GateState
+from yarpwire.name_server import NameServer
 
 TABLE = ROOT / "docs" / "tables" / "middleware.md"
 CONTRACT = "tests/drivers/test_driver.py"

@@ -24,10 +24,10 @@ from tci.drivers.ros.node import RosNode
 from tci.drivers.ros.ros1 import Ros1Node
 from tci.drivers.ros.ros2 import open_node
 from tci.drivers.ros.rosbridge import RosbridgeNode
-from tci.drivers.yarp.dialect import DIALECTS
-from tci.drivers.yarp.names import Names
-from tci.drivers.yarp.port import Port
 from tci.messages import SkinFrame
+from yarpwire.dialect import DIALECTS
+from yarpwire.names import Names
+from yarpwire.port import Port
 
 TCP = """
 import socket, sys

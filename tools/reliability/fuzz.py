@@ -125,11 +125,11 @@ def lcm() -> tuple[Target, Iterable[bytes]]:
 
 def yarp() -> tuple[Target, Iterable[bytes]]:
     """Bottles, vectors and messages in both of YARP's dialects."""
-    from tci.drivers.yarp.bottle import decode_bottle, decode_vector, encode_bottle
-    from tci.drivers.yarp.dialect import V3, V4
-    from tci.drivers.yarp.message import read_message
-    from tci.drivers.yarp.source import Memory
     from tci.errors import TciError
+    from yarpwire.bottle import decode_bottle, decode_vector, encode_bottle
+    from yarpwire.dialect import V3, V4
+    from yarpwire.message import read_message
+    from yarpwire.source import Memory
 
     def target(data: bytes) -> None:
         for dialect in (V3, V4):
@@ -174,7 +174,7 @@ def main() -> None:
     for module in pkgutil.iter_modules(kernels.__path__, f"{kernels.__name__}."):
         importlib.import_module(module.name)
 
-    with atheris.instrument_imports(include=["tci"]):
+    with atheris.instrument_imports(include=["tci", "yarpwire"]):
         target, seeds = TARGETS[name]()
     from tci.errors import TciError
 

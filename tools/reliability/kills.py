@@ -23,7 +23,7 @@ from tci.gate.gate import GateState
 
 NAMES = """
 import sys, threading
-from tci.drivers.yarp.name_server import NameServer
+from yarpwire.name_server import NameServer
 NameServer(sys.argv[1], int(sys.argv[2]))
 print("ready", flush=True)
 threading.Event().wait()

@@ -8,20 +8,20 @@ import time
 
 from row import Row
 
-from tci.drivers.yarp.dialect import V3
-from tci.drivers.yarp.feed import Feed
-from tci.drivers.yarp.name_server import NameServer
-from tci.drivers.yarp.names import Names
+from yarpwire.dialect import V3
+from yarpwire.feed import Feed
+from yarpwire.name_server import NameServer
+from yarpwire.names import Names
 
 TAXELS, RATE = 4000, 1000
 WRITER = """
 import sys, time
 import numpy as np
 from tci.clock import MonotonicClock, ticks
-from tci.drivers.yarp.dialect import V3
-from tci.drivers.yarp.message import Stamp
-from tci.drivers.yarp.names import Names
-from tci.drivers.yarp.port import Port
+from yarpwire.dialect import V3
+from yarpwire.message import Stamp
+from yarpwire.names import Names
+from yarpwire.port import Port
 host, number, taxels, rate, seconds = sys.argv[1], *map(int, sys.argv[2:])
 port = Port("/skin", Names((host, number)), V3)
 print("ready", flush=True)

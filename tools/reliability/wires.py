@@ -15,9 +15,8 @@ from row import Row
 
 from drivers.player_exchange import said
 from drivers.test_remote_cdr import NAO, READ, WHOLE
-from drivers.yarp.captures import DIALECTS, binary
 from drivers.yarp.hostile import strange_messages
-from drivers.yarp.test_bottle import mutated
+from mutated import mutated
 from tci.drivers.lcm.datagrams import Datagrams
 from tci.drivers.naoqi import words
 from tci.drivers.player import wire
@@ -27,13 +26,6 @@ from tci.drivers.ros.names import Names
 from tci.drivers.ros.native import NativeRobot
 from tci.drivers.ros.node import Hear, Publish, RosNode
 from tci.drivers.ros.tree import Trees
-from tci.drivers.yarp import message
-from tci.drivers.yarp.bottle import decode_bottle, decode_vector
-from tci.drivers.yarp.dialect import V3
-from tci.drivers.yarp.name_server import NameServer
-from tci.drivers.yarp.names import Names as YarpNames
-from tci.drivers.yarp.port import Port
-from tci.drivers.yarp.source import Memory
 from tci.errors import DriverError, FrameError, WireError
 from tci.recording.schemas import CLOUD, JOINTS, SKIN, joints_values, skin_values
 from tci.robot.kinematics import Kinematics
@@ -41,6 +33,14 @@ from tci.rosmsg.cdr import MessageType, decode, encode
 from tci.runtime.heartbeat import decode as to_beat
 from tci.runtime.heartbeat import encode as beat
 from tci.skin.surfaces import build_surface
+from yarp_captures import DIALECTS, binary
+from yarpwire import message
+from yarpwire.bottle import decode_bottle, decode_vector
+from yarpwire.dialect import V3
+from yarpwire.name_server import NameServer
+from yarpwire.names import Names as YarpNames
+from yarpwire.port import Port
+from yarpwire.source import Memory
 
 JOB = 50_000
 """Frames of one job at full size."""

@@ -15,7 +15,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from tci.drivers.visitors import MOST, Visitor, surplus
+from yarpwire.visitors import MOST, Visitor, surplus
 
 try:
     import resource

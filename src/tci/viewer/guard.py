@@ -28,8 +28,8 @@ from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers, MultipleValuesError
 from websockets.http11 import Request, Response
 
-from tci.drivers.visitors import PATIENCE, Visitors
 from tci.errors import DriverError, TciError
+from yarpwire.visitors import PATIENCE, Visitors
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
 ALIVE = "/alive"

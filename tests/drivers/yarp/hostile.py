@@ -10,22 +10,22 @@ from contextlib import suppress
 from typing import Any
 
 import tci
-from tci.drivers.yarp.bottle import decode_bottle, encode_bottle
-from tci.drivers.yarp.calls_v3 import answer_v3
-from tci.drivers.yarp.calls_v4 import CALLS, answer_v4
-from tci.drivers.yarp.dialect import DIALECTS, V3, V4, Dialect
-from tci.drivers.yarp.incoming import Delivery
-from tci.drivers.yarp.message import ADMIN, Command
 from tci.drivers.yarp.order_book import OrderBook
-from tci.drivers.yarp.port import Port
 from tci.drivers.yarp.served_board import ServedBoard
 from tci.drivers.yarp.skin_events import decode_events
-from tci.drivers.yarp.state import BoardState, decode_state, encode_state
-from tci.drivers.yarp.streams import obey
-from tci.drivers.yarp.text import from_text, to_text
-from tci.drivers.yarp.values import Dict, Float32, Int8, Int64, Vocab, Vocab64
 from tci.errors import CommandError, WireError
 from tci.messages import Order
+from yarpwire.bottle import decode_bottle, encode_bottle
+from yarpwire.calls_v3 import answer_v3
+from yarpwire.calls_v4 import CALLS, answer_v4
+from yarpwire.dialect import DIALECTS, V3, V4, Dialect
+from yarpwire.incoming import Delivery
+from yarpwire.message import ADMIN, Command
+from yarpwire.port import Port
+from yarpwire.state import BoardState, decode_state, encode_state
+from yarpwire.streams import obey
+from yarpwire.text import from_text, to_text
+from yarpwire.values import Dict, Float32, Int8, Int64, Vocab, Vocab64
 
 HOSTILE: tuple[Any, ...] = (
     math.inf, -math.inf, math.nan, 1e300, 0.5, -1, 99, 1 << 31, 1 << 40, -(1 << 63), (1 << 63) - 1,

@@ -9,12 +9,12 @@ from collections.abc import Callable
 
 from drivers.patient import patient
 from tci.drivers.simulated import SimulatedDriver
-from tci.drivers.yarp.dialect import Dialect
-from tci.drivers.yarp.incoming import Delivery
-from tci.drivers.yarp.names import Names
-from tci.drivers.yarp.port import Port
 from tci.drivers.yarp.server import YarpServer
 from tci.runtime.serve import Served, serve
+from yarpwire.dialect import Dialect
+from yarpwire.incoming import Delivery
+from yarpwire.names import Names
+from yarpwire.port import Port
 
 
 def until(condition: Callable[[], bool], *, within: float = 40.0) -> bool:

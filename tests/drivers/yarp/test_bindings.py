@@ -14,11 +14,11 @@ import pytest
 import tci
 from tci.drivers.diagnosis import Level
 from tci.drivers.yarp.address import parse
-from tci.drivers.yarp.bindings.module import reader, to_bottle
-from tci.drivers.yarp.bindings.network import Bindings
 from tci.drivers.yarp.driver import YarpDriver
-from tci.drivers.yarp.values import Float32, Int8, Int16, Int64, Vocab
 from tci.errors import DriverError, MissingExtraError, WireError
+from yarpwire.bindings.module import reader, to_bottle
+from yarpwire.bindings.network import Bindings
+from yarpwire.values import Float32, Int8, Int16, Int64, Vocab
 
 
 @pytest.fixture

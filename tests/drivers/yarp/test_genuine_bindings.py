@@ -19,19 +19,19 @@ from drivers.wires import bindings_configured
 from drivers.yarp.show import Show, until
 from peers import needs_yarp_bindings
 from tci.drivers.yarp.address import parse
-from tci.drivers.yarp.bindings.network import Bindings
-from tci.drivers.yarp.board import find_board
-from tci.drivers.yarp.dialect import DIALECTS, Dialect
 from tci.drivers.yarp.driver import YarpDriver
-from tci.drivers.yarp.incoming import Delivery
-from tci.drivers.yarp.message import Stamp
-from tci.drivers.yarp.name_server import NameServer
-from tci.drivers.yarp.names import PATIENCE, parse_address
-from tci.drivers.yarp.network import Network
-from tci.drivers.yarp.values import Vocab
-from tci.drivers.yarp.wire import Wire
 from tci.errors import DriverError, UnknownNameError
 from tci.gate.gate import GateState
+from yarpwire.bindings.network import Bindings
+from yarpwire.board import find_board
+from yarpwire.dialect import DIALECTS, Dialect
+from yarpwire.incoming import Delivery
+from yarpwire.message import Stamp
+from yarpwire.name_server import NameServer
+from yarpwire.names import PATIENCE, parse_address
+from yarpwire.network import Network
+from yarpwire.values import Vocab
+from yarpwire.wire import Wire
 
 SPOKEN = DIALECTS[needs_yarp_bindings()]
 ITEMS = [Vocab("set"), 1, -2.5e-7, "two words, \u00e9", [3, 4.5, [Vocab("ok")]], 1 << 40]

@@ -13,20 +13,20 @@ import tci
 from drivers.yarp.hostile import strange_messages
 from drivers.yarp.show import until
 from tci.drivers.simulated import SimulatedDriver
-from tci.drivers.yarp import message, outgoing
-from tci.drivers.yarp.bottle import encode_bottle
-from tci.drivers.yarp.carrier import TCP, TEXT
-from tci.drivers.yarp.dialect import DIALECTS, V3, V4
-from tci.drivers.yarp.incoming import Delivery
-from tci.drivers.yarp.name_server import NameServer
-from tci.drivers.yarp.names import Names, parse_contact
-from tci.drivers.yarp.port import Port
-from tci.drivers.yarp.rpc import Rpc
 from tci.drivers.yarp.served_board import ServedBoard
 from tci.drivers.yarp.server import YarpServer
-from tci.drivers.yarp.text import from_text
-from tci.drivers.yarp.values import Vocab
 from tci.errors import CommandError, DriverError
+from yarpwire import message, outgoing
+from yarpwire.bottle import encode_bottle
+from yarpwire.carrier import TCP, TEXT
+from yarpwire.dialect import DIALECTS, V3, V4
+from yarpwire.incoming import Delivery
+from yarpwire.name_server import NameServer
+from yarpwire.names import Names, parse_contact
+from yarpwire.port import Port
+from yarpwire.rpc import Rpc
+from yarpwire.text import from_text
+from yarpwire.values import Vocab
 
 INFINITE, NO_NUMBER = float("inf"), float("nan")
 

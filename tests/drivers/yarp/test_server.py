@@ -17,22 +17,23 @@ from drivers.yarp.show import Show, until
 from tci.authoring.dense_skin import with_skin_rate
 from tci.body.places import find_place
 from tci.drivers.simulated import SimulatedDriver
-from tci.drivers.yarp import names, served_board, server
-from tci.drivers.yarp.board import COMPLIANT, DIRECT, POSITION, VELOCITY, Stream, find_board
-from tci.drivers.yarp.dialect import DIALECTS, V3, V4
-from tci.drivers.yarp.incoming import Delivery
-from tci.drivers.yarp.name_server import NameServer
-from tci.drivers.yarp.names import Names
-from tci.drivers.yarp.port import Port
-from tci.drivers.yarp.rpc import Rpc
+from tci.drivers.yarp import served_board, server
 from tci.drivers.yarp.served_board import ServedBoard
 from tci.drivers.yarp.server import YarpServer
 from tci.drivers.yarp.skin_events import decode_events
-from tci.drivers.yarp.state import decode_state
-from tci.drivers.yarp.values import Vocab
 from tci.errors import CommandError, DriverError
 from tci.messages import Mode, PlatformCommand, PlatformSwitch
 from tci.runtime.serve import serve
+from yarpwire import names
+from yarpwire.board import COMPLIANT, DIRECT, POSITION, VELOCITY, Stream, find_board
+from yarpwire.dialect import DIALECTS, V3, V4
+from yarpwire.incoming import Delivery
+from yarpwire.name_server import NameServer
+from yarpwire.names import Names
+from yarpwire.port import Port
+from yarpwire.rpc import Rpc
+from yarpwire.state import decode_state
+from yarpwire.values import Vocab
 
 ELBOW = 3
 

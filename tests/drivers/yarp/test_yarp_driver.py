@@ -17,18 +17,18 @@ from tci.body.places import Place, find_place
 from tci.capabilities.fields import default_fields
 from tci.drivers.diagnosis import Level
 from tci.drivers.yarp import driver as yarp_driver
-from tci.drivers.yarp.board import Stream
 from tci.drivers.yarp.board_driver import BoardDriver
-from tci.drivers.yarp.dialect import DIALECTS, V3, V4
 from tci.drivers.yarp.driver import YarpDriver
-from tci.drivers.yarp.name_server import NameServer
-from tci.drivers.yarp.names import Names
 from tci.errors import CommandError, DriverError, UnknownNameError
 from tci.frames import Array
 from tci.gate.gate import GateState, SafeCommand
 from tci.messages import Mode, Order, PlatformCommand, PlatformOrder, PlatformSwitch, SwitchMode
 from tci.robot.description import Limits, Robot
 from tci.runtime.loop import Tick
+from yarpwire.board import Stream
+from yarpwire.dialect import DIALECTS, V3, V4
+from yarpwire.name_server import NameServer
+from yarpwire.names import Names
 
 PATIENCE = 5
 """Pokes until one is answered: on a busy machine the gate holds at times."""

@@ -50,12 +50,12 @@ from tci.drivers.remote.controllers import Once, PartControllers, values_order
 from tci.drivers.remote.encoding import frame_bytes, state_bytes, to_orders
 from tci.drivers.remote.protocol import Orders, SessionFrame, State
 from tci.drivers.remote.server import RemoteServer
-from tci.drivers.visitors import Visitor, Visitors
 from tci.errors import CommandError, DriverError, FrameError
 from tci.exports.facts import query
 from tci.gate.safe_command import SafeCommand
 from tci.messages import Perception, Reading, SkinFrame
 from tci.robot.joint_map import initial_position
+from yarpwire.visitors import Visitor, Visitors
 
 BACKLOG = 128
 """Connections that are looked at in one period. Ours."""

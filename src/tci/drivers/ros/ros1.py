@@ -29,10 +29,10 @@ from tci.drivers.ros.driver import WAIT, RosDriver
 from tci.drivers.ros.node import Hear, Publish, RosNode, namespace_of
 from tci.drivers.ros.server import RosServer
 from tci.drivers.ros.tree import Trees
-from tci.drivers.visitors import MOST
 from tci.errors import DriverError, MissingExtraError
 from tci.robot.description import Robot
 from tci.rosmsg.cdr import MessageType
+from yarpwire.visitors import MOST
 
 PLACES = ("/opt/ros/noetic/lib/python3/dist-packages", "/usr/lib/python3/dist-packages")
 """Where ROS 1 and Debian put their Python packages."""

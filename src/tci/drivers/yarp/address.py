@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
-from tci.drivers.yarp.bindings.network import Bindings
-from tci.drivers.yarp.carrier import CARRIERS, FAST_TCP, TEXT, TEXT_ACK
-from tci.drivers.yarp.dialect import DIALECTS, Dialect
-from tci.drivers.yarp.names import parse_address
-from tci.drivers.yarp.network import Network
-from tci.drivers.yarp.wire import Wire
 from tci.errors import DriverError
 from tci.robot.description import Robot
+from yarpwire.bindings.network import Bindings
+from yarpwire.carrier import CARRIERS, FAST_TCP, TEXT, TEXT_ACK
+from yarpwire.dialect import DIALECTS, Dialect
+from yarpwire.names import parse_address
+from yarpwire.network import Network
+from yarpwire.wire import Wire
 
 BINDINGS = "bindings"
 

@@ -6,7 +6,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from tci.drivers.yarp.board import (
+from tci.errors import DriverError, WireError
+from tci.frames import Array
+from tci.gate.safe_command import SafeCommand
+from tci.messages import Mode
+from tci.robot.description import Servo
+from yarpwire.board import (
     COMPLIANT,
     DIRECT,
     POSITION,
@@ -18,17 +23,12 @@ from tci.drivers.yarp.board import (
     Stream,
     find_board,
 )
-from tci.drivers.yarp.dialect import Dialect
-from tci.drivers.yarp.feed import Feed
-from tci.drivers.yarp.incoming import Delivery
-from tci.drivers.yarp.network import Network, Writer
-from tci.drivers.yarp.state import BoardState, decode_state
-from tci.drivers.yarp.values import Vocab
-from tci.errors import DriverError, WireError
-from tci.frames import Array
-from tci.gate.safe_command import SafeCommand
-from tci.messages import Mode
-from tci.robot.description import Servo
+from yarpwire.dialect import Dialect
+from yarpwire.feed import Feed
+from yarpwire.incoming import Delivery
+from yarpwire.network import Network, Writer
+from yarpwire.state import BoardState, decode_state
+from yarpwire.values import Vocab
 
 MOVING: Mapping[int, Mode] = {
     POSITION: Mode.POSITION, DIRECT: Mode.POSITION, Vocab("mix"): Mode.POSITION,

@@ -11,14 +11,14 @@ import numpy as np
 from tci.drivers.diagnosis import Finding, Level
 from tci.drivers.yarp import address as addresses
 from tci.drivers.yarp.address import patch_port
-from tci.drivers.yarp.bindings.module import importable
-from tci.drivers.yarp.board import find_board
 from tci.drivers.yarp.board_driver import BoardDriver
-from tci.drivers.yarp.dialect import Dialect
-from tci.drivers.yarp.feed import Feed
-from tci.drivers.yarp.network import Network
 from tci.errors import MissingExtraError, TciError
 from tci.robot.description import Robot
+from yarpwire.bindings.module import importable
+from yarpwire.board import find_board
+from yarpwire.dialect import Dialect
+from yarpwire.feed import Feed
+from yarpwire.network import Network
 
 NEAR = 0.5
 """Limits that differ by no more [deg] count as the same. Ours."""

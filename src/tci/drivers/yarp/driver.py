@@ -20,16 +20,16 @@ from tci.drivers.yarp import address as addresses
 from tci.drivers.yarp.address import patch_port
 from tci.drivers.yarp.board_driver import AHEAD, BoardDriver
 from tci.drivers.yarp.diagnose import examine, probe
-from tci.drivers.yarp.dialect import Dialect
-from tci.drivers.yarp.feed import Feed
-from tci.drivers.yarp.incoming import Delivery
-from tci.drivers.yarp.network import Network
 from tci.drivers.yarp.skin_events import SkinEvent, decode_events
 from tci.errors import DriverError, UnknownNameError, WireError
 from tci.frames import read_only
 from tci.gate.gate import SafeCommand
 from tci.messages import JointReading, Mode, Reading, SkinFrame
 from tci.robot.description import Patch, Robot
+from yarpwire.dialect import Dialect
+from yarpwire.feed import Feed
+from yarpwire.incoming import Delivery
+from yarpwire.network import Network
 
 FIRST = 3.0
 """How long [s] a port may take for its first message when the driver is opened. Ours."""

@@ -13,14 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from tci.drivers.yarp.board import COMPLIANT, DIRECT, IDLE, POSITION, STIFF, TORQUE, VELOCITY, Stream
 from tci.drivers.yarp.order_book import OrderBook
-from tci.drivers.yarp.state import BoardState
-from tci.drivers.yarp.values import Vocab
 from tci.errors import CommandError, WireError
 from tci.frames import Array
 from tci.messages import JointReading, Mode, Order, PlatformCommand, PlatformSwitch
 from tci.robot.description import Servo
+from yarpwire.board import COMPLIANT, DIRECT, IDLE, POSITION, STIFF, TORQUE, VELOCITY, Stream
+from yarpwire.state import BoardState
+from yarpwire.values import Vocab
 
 FULL_STIFFNESS = 1.0
 """Stiffness [N m/deg] that counts as all that a servo has. Ours."""

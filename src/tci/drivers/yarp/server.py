@@ -19,22 +19,22 @@ from tci.drivers.driver import Driver
 from tci.drivers.server import Server
 from tci.drivers.yarp import address as addresses
 from tci.drivers.yarp.address import YarpAddress, patch_port
-from tci.drivers.yarp.calls_v3 import answer_v3
-from tci.drivers.yarp.calls_v4 import answer_v4
-from tci.drivers.yarp.dialect import V3, V4, Dialect
-from tci.drivers.yarp.incoming import Answer, Delivery
-from tci.drivers.yarp.message import CALL, Stamp
-from tci.drivers.yarp.name_server import NameServer
-from tci.drivers.yarp.names import config_file, namespace, read_key
-from tci.drivers.yarp.network import NamedPort, Network
 from tci.drivers.yarp.served_board import ServedBoard
 from tci.drivers.yarp.skin_events import encode_events
-from tci.drivers.yarp.state import encode_state
-from tci.drivers.yarp.streams import obey
 from tci.errors import CommandError, DriverError
 from tci.frames import Array
 from tci.gate.safe_command import SafeCommand
 from tci.messages import Order, Perception, Reading, SkinFrame
+from yarpwire.calls_v3 import answer_v3
+from yarpwire.calls_v4 import answer_v4
+from yarpwire.dialect import V3, V4, Dialect
+from yarpwire.incoming import Answer, Delivery
+from yarpwire.message import CALL, Stamp
+from yarpwire.name_server import NameServer
+from yarpwire.names import config_file, namespace, read_key
+from yarpwire.network import NamedPort, Network
+from yarpwire.state import encode_state
+from yarpwire.streams import obey
 
 PERIOD = 0.01
 """Time [s] between two states of a board, as on iCub."""

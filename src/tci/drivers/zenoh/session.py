@@ -9,8 +9,8 @@ from typing import Literal
 import zenoh
 
 from tci.drivers.remote.address import RemoteAddress, parse_remote
-from tci.drivers.visitors import PATIENCE
 from tci.errors import DriverError
+from yarpwire.visitors import PATIENCE
 
 ENDPOINT = "tcp/127.0.0.1:7447"
 """Where a robot is served unless the address says otherwise: this machine only."""

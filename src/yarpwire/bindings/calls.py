@@ -1,0 +1,117 @@
+"""Calls to somebody's port, made by YARP."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections import deque
+from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
+from typing import Any
+
+from tci.errors import DriverError
+from yarpwire.bindings.module import (
+    RESTED,
+    close_port,
+    closes_at_rest,
+    connect,
+    open_port,
+    to_bottle,
+)
+from yarpwire.carrier import TCP
+from yarpwire.names import PATIENCE
+from yarpwire.text import from_text, to_text
+
+_lines = itertools.count()
+
+
+class BindingsCaller:
+    """Calls through a line that is opened when it is needed, and a new one after a failure."""
+
+    def __init__(self, yarp: Any, target: str, sender: str) -> None:
+        self._yarp, self._target, self._sender = yarp, target, sender
+        self._line: Line | None = None
+        self._asked: deque[Future[list[Any]]] = deque()
+
+    def call(self, *items: Any, patience: float = PATIENCE) -> list[Any]:
+        self._asked.clear()  # who asked has lost interest
+        return self._result(self._submit(items), patience)
+
+    def ask(self, *items: Any) -> None:
+        self._asked.append(self._submit(items))
+
+    def answered(self, patience: float) -> bool:
+        return not self._asked or bool(wait([self._asked[0]], patience).done)
+
+    def hear(self) -> list[Any]:
+        if not self._asked:
+            raise DriverError(f"{self._target}: the connection was closed")
+        return self._result(self._asked.popleft(), 0.0)
+
+    def close(self) -> None:
+        wait([self._let_go()], PATIENCE)
+
+    def _let_go(self) -> Future[None]:
+        self._asked.clear()
+        line, self._line = self._line, None
+        if line is not None:
+            return line.close()
+        done: Future[None] = Future()
+        done.set_result(None)
+        return done
+
+    def _submit(self, items: Sequence[Any]) -> Future[list[Any]]:
+        if self._line is None:
+            self._line = Line(self._yarp, self._target, f"{self._sender}/{next(_lines)}")
+        return self._line.submit(items)
+
+    def _result(self, found: Future[list[Any]], patience: float) -> list[Any]:
+        try:
+            return found.result(patience)
+        except DriverError:
+            self._let_go()
+            raise
+        except TimeoutError:
+            self._let_go()
+            raise DriverError(f"{self._target} does not answer in time") from None
+
+
+class Line:
+    """A port for calls, and the one thread that makes them: YARP waits for the reply."""
+
+    def __init__(self, yarp: Any, target: str, sender: str) -> None:
+        self._yarp, self._target, self._sender = yarp, target, sender
+        self._port: Any = None
+        self._used = 0.0
+        self._closes = closes_at_rest()
+        self._thread = ThreadPoolExecutor(1, thread_name_prefix=f"yarp {sender}")
+
+    def submit(self, items: Sequence[Any]) -> Future[list[Any]]:
+        """Make a call; the future has its reply, or a DriverError."""
+        return self._thread.submit(self._exchange, items)
+
+    def close(self) -> Future[None]:
+        """Let go, when the call that is being made has ended."""
+        done = self._thread.submit(self._hang_up)
+        self._thread.shutdown(wait=False)
+        return done
+
+    def _exchange(self, items: Sequence[Any]) -> list[Any]:
+        now = time.monotonic()
+        if self._closes and now - self._used > RESTED:
+            self._hang_up()
+        self._used = now
+        if self._port is None:
+            self._port = self._yarp.Port()
+            self._port.setTimeout(PATIENCE)
+            open_port(self._yarp, self._port, self._sender)
+            connect(self._yarp, self._sender, self._target, TCP.name)
+        reply = self._yarp.Bottle()
+        if not self._port.write(to_bottle(self._yarp, items), reply):
+            raise DriverError(f"{self._target} does not answer {to_text(items)[:80]}")
+        return from_text(reply.toString())
+
+    def _hang_up(self) -> None:
+        port, self._port = self._port, None
+        if port is not None:
+            close_port(port)

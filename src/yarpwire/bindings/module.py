@@ -1,0 +1,126 @@
+"""The `yarp` module: where it is found, and what it needs of Python objects."""
+
+from __future__ import annotations
+
+import atexit
+import importlib
+import os
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from tci.errors import DriverError, MissingExtraError, WireError
+from yarpwire.dialect import DIALECTS, Dialect
+from yarpwire.names import PATIENCE, read_key
+from yarpwire.values import FALSE, TRUE, Float32, Int8, Int16, Int64, Vocab
+
+HOW = (
+    "conda has it (conda install -c conda-forge yarp-python), or YARP is built with "
+    "-DYARP_COMPILE_BINDINGS=ON -DCREATE_PYTHON=ON; PyPI's yarp is something else. "
+    "Without `bindings` TCI speaks YARP by itself"
+)
+ADDERS: dict[type, str] = {
+    int: "addInt32", float: "addFloat64", str: "addString", Vocab: "addVocab32",
+    Int8: "addInt8", Int16: "addInt16", Int64: "addInt64", Float32: "addFloat32",
+}  # fmt: skip
+RESTED = 1.0
+"""After so long [s] a connection that may be closed at rest is made anew. Ours."""
+_open: dict[int, Any] = {}
+
+
+def load() -> Any:
+    """The module, silent about what goes well. Raises MissingExtraError that says how to get it."""
+    os.environ.setdefault("YARP_QUIET", "1")
+    try:
+        yarp = importlib.import_module("yarp")
+    except (ImportError, OSError) as error:
+        raise MissingExtraError("yarp:bindings", f"YARP's own module ({error})", HOW) from error
+    if not hasattr(yarp, "NetworkBase"):
+        raise MissingExtraError("yarp:bindings", f"YARP's own module ({yarp.__file__} is another yarp)", HOW)
+    return yarp
+
+
+def version(yarp: Any) -> tuple[str, Dialect]:
+    """Version of the bindings and what they speak. Raises DriverError for one that is not known."""
+    dialect = DIALECTS.get(str(yarp.YARP_VERSION_MAJOR))
+    if dialect is None:
+        raise DriverError(f"bindings of YARP {yarp.YARP_VERSION}; valid: {' and '.join(DIALECTS)}.x")
+    return str(yarp.YARP_VERSION), dialect
+
+
+def importable() -> str:
+    """What can be imported, for people; empty where nothing can."""
+    try:
+        name, dialect = version(load())
+    except (DriverError, MissingExtraError):
+        return ""
+    return f"YARP's bindings {name}, dialect {dialect.name}"
+
+
+def open_port(yarp: Any, port: Any, name: str) -> None:
+    """Open a port of YARP's. Raises DriverError when YARP refuses."""
+    if not port.open(name):
+        raise DriverError(f"YARP does not open a port {name!r}; valid: a free name that begins with /")
+    _open[id(port)] = port
+
+
+def close_port(port: Any) -> None:
+    """Let go of it. A second call does nothing."""
+    if _open.pop(id(port), None) is not None:
+        port.interrupt()
+        port.close()
+
+
+@atexit.register
+def _close_all() -> None:
+    """YARP's threads must not call into a Python that ends."""
+    for port in list(_open.values()):
+        close_port(port)
+
+
+def closes_at_rest() -> bool:
+    """Whether ports authenticate: then they close a connection on which nothing came for 2 s."""
+    return read_key() is not None
+
+
+def connect(yarp: Any, source: str, target: str, carrier: str) -> None:
+    """As `yarp connect`. Raises DriverError."""
+    style = yarp.ContactStyle()
+    style.quiet, style.timeout, style.carrier = True, PATIENCE, carrier
+    if not yarp.NetworkBase.connect(source, target, style):
+        raise DriverError(f"{source} does not connect to {target} by {carrier}")
+
+
+def to_bottle(yarp: Any, items: Sequence[Any], into: Any = None) -> Any:
+    """A Bottle of YARP's. Raises WireError for what it can't hold."""
+    bottle = yarp.Bottle() if into is None else into
+    for item in items:
+        if isinstance(item, np.ndarray | np.generic):
+            item = item.tolist()
+        if isinstance(item, bool):
+            item = TRUE if item else FALSE
+        if isinstance(item, list | tuple):
+            to_bottle(yarp, item, bottle.addList())
+            continue
+        name = ADDERS.get(type(item))
+        if name is None:
+            raise WireError(f"the yarp bindings can't put {item!r} into a Bottle")
+        if name == "addInt32" and not -(1 << 31) <= item < 1 << 31:
+            name = "addInt64"
+        plain: type = next(kind for kind in (str, float, int) if isinstance(item, kind))
+        getattr(bottle, name)(plain(item))
+    return bottle
+
+
+def reader(yarp: Any, read: Callable[[Any], bool]) -> Any:
+    """An object that YARP calls for each message, from threads of its own; False ends the connection."""
+
+    class Reader(yarp.PortReader):  # type: ignore[misc] # SWIG's class has no types
+        def read(self, connection: Any) -> bool:
+            try:
+                return read(connection)
+            except Exception:  # it must not pass through C++
+                return False
+
+    return Reader()

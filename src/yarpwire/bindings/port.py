@@ -1,0 +1,161 @@
+"""A port of YARP's own. What comes in goes to the same readers as on TCI's wire: YARP hands over bytes."""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from tci.errors import DriverError
+from tci.frames import Array
+from yarpwire.bindings.module import (
+    RESTED,
+    close_port,
+    closes_at_rest,
+    connect,
+    open_port,
+    reader,
+    to_bottle,
+)
+from yarpwire.bottle import encode_bottle
+from yarpwire.carrier import FAST_TCP
+from yarpwire.dialect import Dialect
+from yarpwire.incoming import Answer, Delivery
+from yarpwire.listener import told
+from yarpwire.message import CALL, DATA, Command, Stamp
+from yarpwire.source import LONGEST
+
+KEPT = 16
+"""Messages that are kept when they are sent: YARP calls them once more from a thread of its own. Ours."""
+SENT = 0.001
+"""How long [s] a message waits for the one before it to be sent, once; then new ones are dropped. Ours."""
+
+
+class BindingsPort:
+    """Reads and writes; a write waits for no reader."""
+
+    def __init__(
+        self, yarp: Any, name: str, dialect: Dialect, receive: Callable[[Delivery], Answer] | None = None
+    ) -> None:
+        """Raises DriverError when YARP refuses the name."""
+        self.name = name
+        self.last_error = ""
+        self.dropped = 0
+        """Messages that its readers were too slow for."""
+        self._yarp, self._dialect, self._receive = yarp, dialect, receive
+        self._sending: deque[Any] = deque(maxlen=KEPT)
+        self._stuck = False
+        self._port = yarp.Port()
+        self._port.enableBackgroundWrite(True)
+        if receive is not None:
+            self._reader = reader(yarp, self._read)
+            self._port.setReader(self._reader)
+        open_port(yarp, self._port, name)
+
+    @property
+    def outputs(self) -> Sequence[str]:
+        count: int = self._port.getOutputCount()
+        return ("?",) * count
+
+    def register(self) -> None:
+        self._yarp.NetworkBase.registerContact(self._port.where())
+
+    def listen_to(self, source: str, carrier: str) -> None:
+        connect(self._yarp, source, self.name, carrier)
+
+    def write(self, value: Array | Sequence[Any], stamp: Stamp | None = None) -> None:
+        if not self._is_free():
+            self.dropped += 1
+            return
+        if stamp is not None:
+            self._port.setEnvelope(self._yarp.Stamp(stamp.count, stamp.time))
+        if isinstance(value, np.ndarray):
+            message = self._yarp.Vector(value.tolist())
+        else:
+            message = to_bottle(self._yarp, value)
+        self._sending.append(message)
+        self._port.write(message)
+
+    def close(self) -> None:
+        close_port(self._port)
+
+    def _is_free(self) -> bool:
+        """Whether the message before is sent: it may be of this very period."""
+        until = time.monotonic() + (0.0 if self._stuck else SENT)
+        while self._port.isWriting():
+            self._stuck = time.monotonic() >= until
+            if self._stuck:
+                return False
+        self._stuck = False
+        return True
+
+    def _read(self, connection: Any) -> bool:
+        if self._receive is None or not connection.isValid():
+            return False
+        arrived, size = time.monotonic(), connection.getSize()
+        if connection.isTextMode() or not 0 < size <= LONGEST:
+            self.last_error = f"text, or a message of {size} bytes; valid: 1 to {LONGEST} bytes"
+            return False
+        connection.pushInt(size)
+        # A string of YARP's holds any bytes; SWIG makes those that are no UTF-8 into surrogates.
+        body = connection.expectString().encode("utf-8", errors="surrogateescape")
+        writer = connection.getWriter()
+        sender = connection.getRemoteContact().getName()
+        command = Command(DATA if writer is None else CALL, self._envelope())
+        try:
+            answer = self._receive(Delivery(command, sender, arrived, body))
+        except Exception as error:  # it must not pass through C++
+            self.last_error = f"{sender}: {told(error)}"
+            return False
+        if writer is not None and answer is not None:
+            self._answer(writer, answer)
+        return True
+
+    def _answer(self, writer: Any, answer: Sequence[Any] | str | bytes) -> None:
+        """Word for word: a Bottle of YARP's could not say all that replies of 4.x have."""
+        if not isinstance(answer, bytes):
+            answer = encode_bottle([answer] if isinstance(answer, str) else answer, self._dialect)
+        words, rest = divmod(len(answer), 4)
+        for word in struct.unpack_from(f"<{words}i", answer):
+            writer.appendInt32(word)
+        for byte in struct.unpack_from(f"<{rest}b", answer, 4 * words):
+            writer.appendInt8(byte)
+
+    def _envelope(self) -> str:
+        stamp = self._yarp.Stamp()
+        there = self._port.getEnvelope(stamp) and stamp.isValid()
+        return f"{stamp.getCount()} {stamp.getTime()!r}" if there else ""
+
+
+class BindingsWriter:
+    """A port that sends to one other."""
+
+    def __init__(self, yarp: Any, target: str, sender: str, dialect: Dialect) -> None:
+        """Raises DriverError."""
+        self._target = target
+        self._closes, self._used = closes_at_rest(), time.monotonic()
+        self._port = BindingsPort(yarp, sender, dialect)
+        try:
+            connect(yarp, sender, target, FAST_TCP.name)
+        except DriverError:
+            self._port.close()
+            raise
+
+    def offer(self, value: Array | Sequence[Any], dialect: Dialect, stamp: Stamp | None = None) -> bool:
+        if self.is_over():
+            raise DriverError(f"{self._target} is gone")
+        self._used = time.monotonic()
+        before = self._port.dropped
+        self._port.write(value, stamp)
+        return self._port.dropped == before
+
+    def is_over(self) -> bool:
+        rested = self._closes and time.monotonic() - self._used > RESTED
+        return rested or not self._port.outputs
+
+    def close(self) -> None:
+        self._port.close()

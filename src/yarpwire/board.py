@@ -1,0 +1,279 @@
+"""A control board seen from a client: what it has, what it may do, and how it is commanded.
+
+Calls differ between the dialects; the commands that stream to `command:i` nearly do not. Degrees.
+"""
+
+from __future__ import annotations
+
+import time
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+from tci.errors import DriverError, UnknownNameError
+from tci.frames import Array
+from yarpwire.dialect import V3, V4, Dialect
+from yarpwire.names import PATIENCE, Contact
+from yarpwire.network import Network
+from yarpwire.values import Int16, Vocab
+
+IDLE, POSITION, DIRECT = Vocab("idl"), Vocab("pos"), Vocab("posd")
+VELOCITY, TORQUE = Vocab("vel"), Vocab("torq")
+STIFF, COMPLIANT = Vocab("stif"), Vocab("comp")
+OK = Vocab("ok")
+
+
+class Stream(Enum):
+    """What a streamed command sets."""
+
+    POSITION = ("ipod", "dpog")
+    """Angles [deg] to be at: position-direct."""
+    VELOCITY = ("ivel", "vmog")
+    """Velocities [deg/s]."""
+    TORQUE = ("itrq", "dtqg")
+    """Torques [N m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class AxisLimits:
+    """What a board lets a joint do."""
+
+    lower: float
+    """[deg]"""
+    upper: float
+    """[deg]"""
+
+
+def find_board(network: Network, prefix: str, sender: str, dialect: Dialect | None = None) -> Board:
+    """The board whose ports begin with `prefix`, in the dialect that it speaks: its call port's name tells.
+
+    Raises UnknownNameError when there is none, DriverError when the name server doesn't answer.
+    """
+    there = {contact.name: contact for contact in network.list()}
+    for kind in (BoardV3, BoardV4):
+        contact = there.get(prefix + kind.port)
+        if contact is not None and dialect in (None, kind.dialect):
+            return kind(prefix, network, contact, sender)
+    boards = [
+        name.removesuffix(port)
+        for name in there
+        for port in (BoardV4.port, BoardV3.port)
+        if name.endswith(port)
+    ]
+    spoken = f" of YARP {dialect.name}" if dialect is not None else ""
+    raise UnknownNameError(f"control board{spoken}", prefix, sorted(set(boards)))
+
+
+class Board(ABC):
+    """Calls to one control board. All raise DriverError when it does not answer or refuses."""
+
+    dialect: Dialect
+    port: str
+    """What the name of its call port ends with."""
+
+    def __init__(self, prefix: str, network: Network, contact: Contact, sender: str) -> None:
+        self.prefix = prefix
+        """Its ports' common beginning: `/icub/left_arm`."""
+        self._rpc = network.caller(contact, sender, self.dialect)
+        self._asked: deque[tuple[Sequence[Any], float]] = deque()
+        self._refusal: DriverError | None = None
+
+    def close(self) -> None:
+        """Let go of the connection."""
+        self._rpc.close()
+
+    @abstractmethod
+    def axes(self) -> int:
+        """How many joints it has."""
+
+    @abstractmethod
+    def name(self, joint: int) -> str:
+        """Its name of a joint."""
+
+    @abstractmethod
+    def limits(self, joint: int) -> AxisLimits:
+        """How far a joint may go."""
+
+    @abstractmethod
+    def impedance(self, joint: int) -> tuple[float, float]:
+        """Stiffness [N m/deg] and damping [N m s/deg] of a joint when it is compliant."""
+
+    @abstractmethod
+    def modes_call(self, joints: Sequence[int], mode: Vocab) -> list[Any]:
+        """The call that switches joints to a control mode."""
+
+    @abstractmethod
+    def interaction_call(self, joint: int, mode: Vocab) -> list[Any]:
+        """The call that makes a joint stiff or compliant."""
+
+    @abstractmethod
+    def check(self, call: Sequence[Any], answer: Sequence[Any]) -> Sequence[Any]:
+        """What an answer says. Raises DriverError for one that refuses."""
+
+    def set_modes(self, joints: Sequence[int], mode: Vocab) -> None:
+        """Switch joints to a control mode."""
+        self.call(self.modes_call(joints, mode))
+
+    def set_interaction(self, joint: int, mode: Vocab) -> None:
+        """Make a joint stiff or compliant."""
+        self.call(self.interaction_call(joint, mode))
+
+    def call(self, call: Sequence[Any]) -> Sequence[Any]:
+        """Make a call and wait for what it says."""
+        return self.check(call, self._rpc.call(*call))
+
+    def ask(self, call: Sequence[Any]) -> None:
+        """Make a call without waiting for its answer."""
+        self._rpc.ask(*call)
+        self._asked.append((call, time.monotonic()))
+
+    def settle(self, patience: float = 0.0) -> bool:
+        """Whether all that was asked is answered, at the latest after `patience` [s] for each. Raises
+        DriverError when something was refused, or not answered in time."""
+        while self._asked:
+            call, since = self._asked[0]
+            if not self._rpc.answered(patience) and time.monotonic() - since < PATIENCE:
+                return False
+            self._asked.popleft()
+            try:
+                answer = self._rpc.hear()
+            except DriverError:
+                self._asked.clear()
+                raise
+            try:
+                self.check(call, answer)
+            except DriverError as error:
+                self._refusal = error
+        refusal, self._refusal = self._refusal, None
+        if refusal is not None:
+            raise refusal
+        return True
+
+    @abstractmethod
+    def set_impedance(self, joint: int, stiffness: float, damping: float) -> None:
+        """Set stiffness [N m/deg] and damping [N m s/deg] of a joint."""
+
+    @abstractmethod
+    def stop(self) -> None:
+        """Let all joints stay where they are, whatever they were told."""
+
+    @abstractmethod
+    def head(self, stream: Stream, joints: Sequence[int]) -> list[Any]:
+        """What a streamed command to some joints begins with. No joint that isn't named is touched."""
+
+    def command(self, stream: Stream, joints: Sequence[int], values: Array) -> list[Any]:
+        """A streamed command: its head and its numbers."""
+        return [self.head(stream, joints), values]
+
+    def _numbers(self, found: Sequence[Any], count: int, what: Sequence[Any]) -> list[float]:
+        if len(found) != count or not all(isinstance(value, int | float) for value in found):
+            raise DriverError(f"{self.prefix} answers {str(found)[:80]} to {what}; valid: {count} numbers")
+        return [float(value) for value in found]
+
+
+class BoardV3(Board):
+    """YARP 3.12: calls of vocabularies. `[is] [x] data [tsta] n t [ok]`, `[fail]` or `[nak]`."""
+
+    dialect = V3
+    port = "/rpc:i"
+
+    def axes(self) -> int:
+        return int(self._numbers(self._get("axes"), 1, ("axes",))[0])
+
+    def name(self, joint: int) -> str:
+        return " ".join(str(item) for item in self._get("name", joint))
+
+    def limits(self, joint: int) -> AxisLimits:
+        return AxisLimits(*self._numbers(self._get("llim", joint), 2, ("llim", joint)))
+
+    def impedance(self, joint: int) -> tuple[float, float]:
+        found = self._get("iimp", "ipr", joint)
+        pair = found[0] if len(found) == 1 and isinstance(found[0], list) else found
+        stiffness, damping = self._numbers(pair, 2, ("iimp", "ipr", joint))
+        return stiffness, damping
+
+    def modes_call(self, joints: Sequence[int], mode: Vocab) -> list[Any]:
+        return _words("set", "icmd", "cmog", len(joints), list(joints), [mode] * len(joints))
+
+    def interaction_call(self, joint: int, mode: Vocab) -> list[Any]:
+        return _words("set", "intm", "mode", joint, mode)
+
+    def set_impedance(self, joint: int, stiffness: float, damping: float) -> None:
+        self._set("iimp", "ipr", joint, [float(stiffness), float(damping)])
+
+    def stop(self) -> None:
+        self._set("stos")
+
+    def head(self, stream: Stream, joints: Sequence[int]) -> list[Any]:
+        return [Vocab(stream.value[1]), len(joints), list(joints)]
+
+    def _get(self, *words: Any) -> list[Any]:
+        """Data in the answer, without its words and its time."""
+        answer = self.call(_words("get", *words))
+        if answer[0] != Vocab("is") or len(answer) < 6 or answer[-4] != Vocab("tsta"):
+            raise DriverError(
+                f"{self.prefix} answers {str(answer)[:80]} to {words}; valid: [is] ... [tsta] n t [ok]"
+            )
+        return list(answer[2:-4])
+
+    def _set(self, *words: Any) -> None:
+        self.call(_words("set", *words))
+
+    def check(self, call: Sequence[Any], answer: Sequence[Any]) -> Sequence[Any]:
+        if not answer or answer[-1] != OK:
+            raise DriverError(f"{self.prefix} refuses {call}: {answer or 'no answer'}")
+        return answer
+
+
+def _words(*items: Any) -> list[Any]:
+    return [Vocab(item) if isinstance(item, str) else item for item in items]
+
+
+class BoardV4(Board):
+    """YARP 4.0: calls by name. `([ok]) data`, `[ok]`, or another vocabulary for a failure."""
+
+    dialect = V4
+    port = "/nws/rpc:i"
+
+    def axes(self) -> int:
+        return int(self._numbers(self._call("getAxesRPC"), 1, ("getAxesRPC",))[0])
+
+    def name(self, joint: int) -> str:
+        return " ".join(str(item) for item in self._call("getAxisNameRPC", joint))
+
+    def limits(self, joint: int) -> AxisLimits:
+        found = self._call("getPosLimitsRPC", Int16(joint))
+        return AxisLimits(*self._numbers(found, 2, ("getPosLimitsRPC", joint)))
+
+    def impedance(self, joint: int) -> tuple[float, float]:
+        found = self._call("getImpedanceRPC", joint)
+        stiffness, damping = self._numbers(found, 2, ("getImpedanceRPC", joint))
+        return stiffness, damping
+
+    def modes_call(self, joints: Sequence[int], mode: Vocab) -> list[Any]:
+        return ["setControlModeGroupRPC", list(joints), [int(mode)] * len(joints)]
+
+    def interaction_call(self, joint: int, mode: Vocab) -> list[Any]:
+        return ["setInteractionModeOneRPC", joint, int(mode)]
+
+    def set_impedance(self, joint: int, stiffness: float, damping: float) -> None:
+        self._call("setImpedanceRPC", joint, float(stiffness), float(damping))
+
+    def stop(self) -> None:
+        self._call("stopAllRPC")
+
+    def head(self, stream: Stream, joints: Sequence[int]) -> list[Any]:
+        interface, word = stream.value
+        return [Vocab(interface), Vocab(word), len(joints), list(joints)]
+
+    def _call(self, *call: Any) -> list[Any]:
+        return list(self.call(call))
+
+    def check(self, call: Sequence[Any], answer: Sequence[Any]) -> Sequence[Any]:
+        head = answer[0] if answer else None
+        if head != OK and head != [OK]:
+            raise DriverError(f"{self.prefix} refuses {call[0]} {call[1:]}: {answer or 'no answer'}")
+        return answer[1:]

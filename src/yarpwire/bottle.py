@@ -1,0 +1,207 @@
+"""Bottle and Vector as bytes, in either dialect.
+
+bottle = int32 256|subtag, int32 count, items      subtag: the items' tag when all have one primitive type
+item   = int32 tag (not when there is a subtag), value
+vector = int32 256|float64, int32 count, doubles
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.errors import WireError
+from tci.frames import Array
+from yarpwire.dialect import DIALECTS, Dialect
+from yarpwire.source import Memory, Source
+from yarpwire.values import (
+    FALSE,
+    TRUE,
+    Dict,
+    Float32,
+    Int8,
+    Int16,
+    Int64,
+    Loose,
+    Value,
+    Vocab,
+    Vocab64,
+)
+
+LIST, DICT = 256, 512
+GROUP = LIST | DICT
+DEEPEST = 32
+"""Deepest nesting that is read. Ours."""
+
+INT8, INT16, INT32, INT64, VOCAB32, STRING, BLOB = 32, 64, 1, 17, 9, 4, 12
+PACKS: dict[type, tuple[int, str]] = {
+    Int8: (INT8, "b"), Int16: (INT16, "h"), Int64: (INT64, "q"), Vocab: (VOCAB32, "i"),
+}  # fmt: skip
+WORD, HEAD = struct.Struct("<i"), struct.Struct("<ii")
+DOUBLE = np.dtype("<f8")
+
+
+def _formats(dialect: Dialect) -> dict[int, tuple[str, int, type]]:
+    formats: dict[int, tuple[str, int, type]] = {
+        INT8: ("b", 1, Int8), INT16: ("h", 2, Int16), INT32: ("i", 4, int), INT64: ("q", 8, Int64),
+        VOCAB32: ("i", 4, Vocab), dialect.float64: ("d", 8, float), dialect.float32: ("f", 4, Float32),
+    }  # fmt: skip
+    if dialect.vocab64 is not None:
+        formats[dialect.vocab64] = ("q", 8, Vocab64)
+    return formats
+
+
+FORMATS = {name: _formats(dialect) for name, dialect in DIALECTS.items()}
+
+
+def encode_bottle(items: Sequence[Any], dialect: Dialect) -> bytes:
+    """A Bottle as bytes. Raises WireError for what a Bottle can't hold."""
+    sub, body = _body(items, dialect)
+    return WORD.pack(LIST | sub) + body
+
+
+def encode_vector(values: Array, dialect: Dialect) -> tuple[bytes, bytes]:
+    """Numbers (n,) as a Vector: its head and its doubles, the two blocks that YARP sends."""
+    return HEAD.pack(LIST | dialect.float64, len(values)), np.asarray(values, DOUBLE).tobytes()
+
+
+def decode_bottle(data: bytes, dialect: Dialect) -> list[Any]:
+    """What a Bottle holds. Raises WireError, also for bytes that are left over."""
+    source = Memory(data)
+    items = read_bottle(source, dialect)
+    if source.left():
+        raise WireError(
+            f"{source.left()} bytes after the Bottle of YARP {dialect.name}; {_hint(data, dialect)}"
+        )
+    return items
+
+
+def read_bottle(source: Source, dialect: Dialect) -> list[Any]:
+    """A Bottle from its first to its last byte and no further: a reply has no length of its own."""
+    code = _word(source)
+    if code & LIST == 0 or code < 0:
+        raise WireError(f"a Bottle begins with {code}; valid: {LIST} + the tag of its items")
+    return _items(source, code & ~GROUP, dialect, DEEPEST)
+
+
+def decode_vector(data: bytes, dialect: Dialect) -> NDArray[np.float64]:
+    """The numbers (n,) of a Vector. Raises WireError for anything else, the other dialect above all."""
+    if len(data) < 8:
+        raise WireError(f"a Vector of {len(data)} bytes; valid: 8 + 8 per number")
+    code, count = HEAD.unpack_from(data)
+    if code != LIST | dialect.float64 or len(data) != 8 + 8 * count:
+        raise WireError(
+            f"{len(data)} bytes with tag {code} and count {count} are no Vector of YARP {dialect.name}; "
+            + _hint(data, dialect)
+        )
+    return np.frombuffer(data, DOUBLE, -1, 8)
+
+
+def dialect_of_vector(data: bytes) -> Dialect | None:
+    """The dialect in which these bytes are a Vector of doubles; None for none, or for no numbers at all."""
+    if len(data) <= 8:
+        return None
+    code, count = HEAD.unpack_from(data)
+    if len(data) != 8 + 8 * count:
+        return None
+    return next((dialect for dialect in DIALECTS.values() if code == LIST | dialect.float64), None)
+
+
+def _hint(data: bytes, dialect: Dialect) -> str:
+    other = dialect_of_vector(data)
+    if other is not None and other is not dialect:
+        return f"they are one of YARP {other.name}: choose that dialect"
+    return "a peer of the other dialect, or a damaged message"
+
+
+def _word(source: Source) -> int:
+    word: int = WORD.unpack(source.take(4))[0]
+    return word
+
+
+def _items(source: Source, sub: int, dialect: Dialect, deepest: int) -> list[Any]:
+    count = _word(source)
+    formats = FORMATS[dialect.name]
+    if sub in formats:
+        format, size, kind = formats[sub]
+        if count < 0 or count * size > source.left():
+            raise WireError(f"a list of {count} items; valid: 0 to {source.left() // size}")
+        values = struct.unpack(f"<{count}{format}", source.take(count * size))
+        return list(values) if kind in (int, float) else [kind(value) for value in values]
+    if count < 0 or count * 4 > source.left():
+        raise WireError(f"a list of {count} items; valid: 0 to {source.left() // 4}")
+    if sub:
+        return [_value(source, sub, dialect, deepest) for _ in range(count)]
+    items = [_value(source, _word(source), dialect, deepest) for _ in range(count)]
+    same = len({type(item) for item in items}) == 1 and not isinstance(items[0], list)
+    return Loose(items) if same else items
+
+
+def _value(source: Source, tag: int, dialect: Dialect, deepest: int) -> Value:
+    if tag in (STRING, BLOB):
+        data = source.take(_word(source))
+        return data.decode("utf-8", errors="surrogateescape") if tag == STRING else data
+    known = FORMATS[dialect.name].get(tag)
+    if known is not None:
+        format, size, kind = known
+        value: Value = kind(struct.unpack(f"<{format}", source.take(size))[0])
+        return value
+    if tag < 0 or tag & GROUP == 0:
+        raise WireError(f"tag {tag} is none of YARP {dialect.name}")
+    if deepest == 0:
+        raise WireError(f"lists nested deeper than {DEEPEST}")
+    items = _items(source, tag & ~GROUP, dialect, deepest - 1)
+    return Dict(items) if tag & DICT else items
+
+
+def _body(items: Sequence[Any], dialect: Dialect) -> tuple[int, bytes]:
+    """The tag that all items share, or 0, and count and items as bytes."""
+    if isinstance(items, np.ndarray):
+        items = items.tolist()
+    if items and not isinstance(items, Loose) and all(type(item) is float for item in items):
+        return dialect.float64, struct.pack(f"<i{len(items)}d", len(items), *items)
+    packed = [_pack(item, dialect) for item in items]
+    tags = {tag for tag, _ in packed}
+    sub = tags.pop() if len(tags) == 1 and not isinstance(items, Loose) else 0
+    if sub & GROUP:
+        sub = 0
+    parts = [WORD.pack(len(items))]
+    for tag, data in packed:
+        parts += [data] if sub else [WORD.pack(tag), data]
+    return sub, b"".join(parts)
+
+
+def _pack(item: Any, dialect: Dialect) -> tuple[int, bytes]:
+    try:
+        if isinstance(item, bool | np.bool_):
+            item = TRUE if item else FALSE
+        elif isinstance(item, np.integer | np.floating):
+            item = item.item()
+        kind = type(item)
+        if kind in PACKS:
+            tag, format = PACKS[kind]
+            return tag, struct.pack(f"<{format}", item)
+        if kind is Vocab64 and dialect.vocab64 is not None:
+            return dialect.vocab64, struct.pack("<q", item)
+        if kind is int:
+            small = -(1 << 31) <= item < 1 << 31
+            return (INT32, WORD.pack(item)) if small else (INT64, struct.pack("<q", item))
+        if kind is float:
+            return dialect.float64, struct.pack("<d", item)
+        if kind is Float32:
+            return dialect.float32, struct.pack("<f", item)
+    except (struct.error, OverflowError) as error:
+        raise WireError(f"{item!r} does not fit its type: {error}") from None
+    if isinstance(item, str | bytes):
+        data = item.encode("utf-8", errors="surrogateescape") if isinstance(item, str) else item
+        return STRING if isinstance(item, str) else BLOB, WORD.pack(len(data)) + data
+    if isinstance(item, np.ndarray):
+        item = item.tolist()
+    if isinstance(item, list | tuple):
+        sub, body = _body(item, dialect)
+        return LIST | (DICT if isinstance(item, Dict) else 0) | sub, body
+    raise WireError(f"a Bottle of YARP {dialect.name} can't hold {item!r}")

@@ -1,0 +1,157 @@
+"""Calls to a served control board in YARP 3.12's words: `[get] [encs]`, `[set] [pos] 0 12.5`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from tci.drivers.yarp.served_board import FULL_DAMPING, FULL_STIFFNESS, ServedBoard
+from tci.errors import CommandError, TciError
+from yarpwire.board import Stream
+from yarpwire.values import Vocab
+
+PROTOCOL = (1, 9, 0)
+"""Version that 3.12's control boards answer."""
+OK, FAIL, IS = Vocab("ok"), Vocab("fail"), Vocab("is")
+Words = Sequence[Any]
+
+
+def answer_v3(board: ServedBoard, items: Words) -> list[Any]:
+    """What 3.12 answers to a call: `[fail]` for anything that it can't do."""
+    words = [item.word if isinstance(item, Vocab) else item for item in items]
+    try:
+        if words[:2] == ["get", "prot"]:
+            return [Vocab("prot"), *PROTOCOL, OK]
+        if words[:1] == ["set"]:
+            board.book.begin()
+            _set(board, words[1], words[2:])
+            board.book.settle()
+            return [OK]
+        if words[:1] != ["get"]:
+            return [Vocab("nak")] if words == ["help"] else [FAIL]
+        found = _get(board, words[1], words[2:])
+    except (TciError, ArithmeticError, LookupError, TypeError, ValueError):
+        return [FAIL]
+    board.counter += 1
+    return [*found, Vocab("tsta"), board.counter - 1, board.stamp, OK]
+
+
+def _set(board: ServedBoard, word: str, rest: Words) -> None:
+    if word == "icmd":
+        _set_words(rest, {"cmod": 1, "cmog": 2, "cmds": 3}, board.set_modes)
+    elif word == "intm":
+        _set_words(rest, {"mode": 1, "modg": 2, "mods": 3}, board.set_interactions)
+    elif word == "iimp" and rest[0] == "ipr":
+        board.set_impedance(rest[1], rest[2][0], rest[2][1])
+    elif word == "torq" and rest[0] in ("ref", "refs"):
+        one = rest[0] == "ref"
+        board.stream(Stream.TORQUE, [rest[1]] if one else None, [rest[2]] if one else rest[1])
+    elif word == "vmos":
+        board.stream(Stream.VELOCITY, None, rest[0])
+    elif word in ("sto", "stos", "stog"):
+        board.stop({"sto": rest[:1], "stos": None, "stog": rest[1] if len(rest) > 1 else []}[word])
+    else:
+        stem, kind = (word[:-1], word[-1]) if word[-1] in "sg" and len(word) == 4 else (word, "")
+        joints, values = _targets(kind, rest)
+        if stem in ("pos", "rel"):
+            board.move(joints, values, relative=stem == "rel")
+        elif stem in ("vel", "acc"):
+            (board.set_speeds if stem == "vel" else board.set_accelerations)(joints, values)
+        else:
+            raise CommandError(f"[set] [{word}] is not known")
+
+
+def _targets(kind: str, rest: Words) -> tuple[Sequence[int] | None, Sequence[float]]:
+    """Joints and values of one joint, of all (`s`), or of some (`g`)."""
+    if kind == "s":
+        return None, rest[0]
+    return (rest[1], rest[2]) if kind == "g" else ([rest[0]], [rest[1]])
+
+
+def _set_words(
+    rest: Words, kinds: dict[str, int], act: Callable[[Sequence[int] | None, Sequence[int]], None]
+) -> None:
+    match kinds[rest[0]]:
+        case 1:
+            act([rest[1]], [rest[2]])
+        case 2:
+            act(rest[2], rest[3])
+        case _:
+            act(None, rest[1])
+
+
+def _get(board: ServedBoard, word: str, rest: Words) -> list[Any]:
+    head = [IS, Vocab(word)]
+    state = board.state
+    if word == "icmd" or word == "intm":
+        return _get_words(board, word, rest)
+    if word == "iimp":
+        joint = board.joints([rest[1]])[0]
+        if rest[0] == "ipr":
+            return [*head, board.impedance(joint).tolist()]
+        if rest[0] == "llim":
+            return [*head, [0.0, FULL_STIFFNESS, 0.0, FULL_DAMPING]]
+        raise KeyError(rest[0])
+    if word == "torq":
+        return [*head, *_torque(board, rest)]
+    one = {"enc": state.position, "esp": state.velocity, "vel": board.speeds, "acc": board.accelerations,
+           "eac": np.zeros(board.count)}  # fmt: skip
+    if word in one:
+        return [*head, float(_array(one[word])[board.joints([rest[0]])[0]])]
+    if word[:-1] in one and word.endswith("s"):
+        return [*head, _array(one[word[:-1]]).tolist()]
+    joint = board.joints([rest[0]])[0] if rest and isinstance(rest[0], int) else 0
+    match word:
+        case "axes":
+            return [*head, board.count]
+        case "name":
+            return [*head, board.servos[board.joints([rest[0]])[0]].name]
+        case "type":
+            return [*head, int(Vocab("atrv"))]
+        case "llim":
+            return [*head, *board.limits(joint)]
+        case "vlim":
+            return [*head, 0.0, board.speed_limit(joint)]
+        case "don":
+            return [*head, int(board.is_done([rest[0]]))]
+        case "dons":
+            return [*head, int(board.is_done(None))]
+        case "dong":
+            return [*head, int(board.is_done(rest[1]))]
+    raise KeyError(word)
+
+
+def _get_words(board: ServedBoard, word: str, rest: Words) -> list[Any]:
+    modes = board.state.modes if word == "icmd" else board.state.interactions
+    words = [Vocab(mode) for mode in modes or ()]
+    head = [IS, Vocab(rest[0])] if word == "icmd" else []
+    if rest[0] in ("cmod", "mode"):
+        joint = board.joints([rest[1]])[0]
+        return [IS, joint, words[joint]] if word == "icmd" else [words[joint]]
+    if rest[0] in ("cmog", "modg"):
+        return [*head, [words[joint] for joint in board.joints(rest[2])]]
+    return [*head, words]
+
+
+def _torque(board: ServedBoard, rest: Words) -> list[Any]:
+    torque = board.state.torque
+    match rest[0]:
+        case "trq":
+            return [float(_array(torque)[board.joints([rest[1]])[0]])]
+        case "trqs":
+            return [_array(torque).tolist()]
+        case "rng":
+            most = board.torque_limit(rest[1])
+            return [-most, most]
+        case "rngs":
+            most_all = [board.torque_limit(joint) for joint in range(board.count)]
+            return [[-most for most in most_all], most_all]
+    raise KeyError(rest[0])
+
+
+def _array(values: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
+    if values is None:
+        raise CommandError("the robot does not say")
+    return np.asarray(values, dtype=float)

@@ -1,0 +1,90 @@
+"""A TCP port that others connect to: one thread that accepts, one per connection; `visitors` bounds them."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import threading
+from collections.abc import Callable
+from functools import partial
+
+from tci.errors import DriverError, TciError
+from yarpwire.visitors import MOST, Visitor, Visitors
+
+
+class Listener:
+    """Accepts connections and gives each to `serve(socket, visitor)`, in a thread of its own."""
+
+    def __init__(
+        self, host: str, port: int, serve: Callable[[socket.socket, Visitor], None], *, name: str
+    ) -> None:
+        """Raises DriverError when the port is taken."""
+        self._name, self._serve = name, serve
+        self._visitors = Visitors()
+        self._wrong = 0
+        self.last_error = ""
+        """Why the last of them was dropped."""
+        try:
+            self._socket = socket.create_server((host, port), backlog=MOST)
+        except OSError as error:
+            raise DriverError(
+                f"{name} can't listen at {host}:{port}: {error.strerror or error}; valid: a free port"
+            ) from error
+        bound = self._socket.getsockname()
+        self.address: tuple[str, int] = (str(bound[0]), int(bound[1]))
+        """Host and port."""
+        self._closed = False
+        threading.Thread(target=self._accept, name=f"yarp accept {name}", daemon=True).start()
+
+    @property
+    def dropped(self) -> int:
+        """Connections that ended because what came was not allowed, or that had to go for others."""
+        return self._wrong + self._visitors.ended
+
+    def close(self) -> None:
+        """Let go of the port and of every connection; shut down first, for the number is given out again."""
+        self._closed = True
+        with contextlib.suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
+        self._socket.close()
+        self._visitors.end_all()
+
+    def _accept(self) -> None:
+        while not self._closed:
+            try:
+                sock, address = self._socket.accept()
+            except OSError:
+                if self._closed:
+                    return
+                continue
+            visitor = self._visitors.welcome(partial(_end, sock), str(address[0]))
+            if self._closed:  # and may not know of this one
+                _end(sock)
+            threading.Thread(
+                target=self._run, args=(sock, visitor), name=f"yarp serve {self._name}", daemon=True
+            ).start()
+
+    def _run(self, sock: socket.socket, visitor: Visitor) -> None:
+        try:
+            sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._serve(sock, visitor)
+        except (EOFError, TimeoutError, ConnectionError):
+            pass
+        except Exception as error:  # beyond this thread it would end the process
+            if not self._closed:
+                self._wrong += 1
+                self.last_error = told(error)
+        finally:
+            self._visitors.leave(visitor)
+            sock.close()
+
+
+def _end(sock: socket.socket) -> None:
+    """Who waits for it is told, which closing alone would not do."""
+    with contextlib.suppress(OSError):
+        sock.shutdown(socket.SHUT_RDWR)
+
+
+def told(error: Exception) -> str:
+    """What is said of it: the kind too, of what nobody foresaw."""
+    return str(error) if isinstance(error, TciError | OSError) else f"{type(error).__name__}: {error}"

@@ -1,0 +1,160 @@
+"""How YARP packs what is said, as bytes. All integers are little-endian.
+
+number   `YA` int32 `RP`
+header   number 7777 + carrier, int32 length, sender's name and NUL
+index    number 10, blocks (1 byte), 1, FF x 8, int32 length of each block, int32 0
+command  int32 0 `~` c 00 01, or int32 length `~` 00 00 01, text and NUL: the first of the blocks
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+
+from tci.errors import WireError
+from yarpwire.source import LONGEST, Source
+
+INDEX = struct.Struct("<2si2sBB8x")
+MAGIC = 7777
+LONGEST_NAME = 1000
+"""Longest name [bytes] in a header, NUL included; as in YARP."""
+MOST_BLOCKS = 255
+DATA, CALL, ADMIN, QUIT = "D", "d", "a", "q"
+"""What a command says: data, data that wants a reply, an order to the port, the end."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stamp:
+    """The envelope of a message."""
+
+    count: int
+    """Counts up with each message."""
+    time: float
+    """When it was measured [s], on the sender's clock."""
+
+    def __str__(self) -> str:
+        return f"{self.count} {self.time:.15g}"
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """What comes before the body of a message."""
+
+    kind: str
+    """DATA, CALL, ADMIN, QUIT, or another letter of YARP's text commands."""
+    rest: str = ""
+    """What follows the letter: the envelope of data."""
+
+    @property
+    def stamp(self) -> Stamp | None:
+        """The envelope, where it is a Stamp."""
+        words = self.rest.split()
+        try:
+            stamp = Stamp(int(words[0]), float(words[1]))
+        except (ValueError, IndexError):
+            return None
+        return stamp if math.isfinite(stamp.time) and len(words) == 2 else None
+
+
+COMMAND = struct.Struct("<ixc")
+LETTERS = {letter.encode(): Command(letter) for letter in (DATA, CALL, ADMIN)}
+
+
+_FILL = b"\xff" * 8
+
+
+def number(value: int) -> bytes:
+    """A yarp number."""
+    return struct.pack("<2si2s", b"YA", value, b"RP")
+
+
+_TEN = number(10)
+
+
+def read_number(source: Source) -> int:
+    """The value of a yarp number. Raises WireError for anything else."""
+    head, value, tail = struct.unpack("<2si2s", source.take(8))
+    if (head, tail) != (b"YA", b"RP"):
+        raise WireError(f"{head!r} ... {tail!r} where a yarp number begins with b'YA' and ends with b'RP'")
+    return int(value)
+
+
+def header(code: int, name: str) -> bytes:
+    """How a connection begins, with its carrier's code and its sender's name."""
+    text = name.encode() + b"\0"
+    if len(text) > LONGEST_NAME:
+        raise WireError(f"a name of {len(text)} bytes; valid: below {LONGEST_NAME}")
+    return number(MAGIC + code) + struct.pack("<i", len(text)) + text
+
+
+def read_name(source: Source) -> str:
+    """The sender's name, after the number of the header."""
+    length = struct.unpack("<i", source.take(4))[0]
+    if not 1 <= length <= LONGEST_NAME:
+        raise WireError(f"a sender's name of {length} bytes; valid: 1 to {LONGEST_NAME}")
+    return source.take(length).split(b"\0")[0].decode("utf-8", errors="replace")
+
+
+def pack_message(blocks: Sequence[bytes]) -> bytes:
+    """An index and its blocks."""
+    if len(blocks) > MOST_BLOCKS:
+        raise WireError(f"a message of {len(blocks)} blocks; valid: up to {MOST_BLOCKS}")
+    count = len(blocks)
+    lengths = _words(count + 1).pack(*map(len, blocks), 0)
+    return b"".join((_TEN, bytes((count, 1)), _FILL, lengths, *blocks))
+
+
+def read_message(source: Source) -> list[bytes]:
+    """The blocks of a message. Raises WireError for lengths that can't be."""
+    return [source.take(length) for length in _lengths(source)]
+
+
+def read_payload(source: Source) -> bytes:
+    """The same in one piece: boundaries of blocks carry no meaning."""
+    return source.take(sum(_lengths(source)))
+
+
+def _lengths(source: Source) -> tuple[int, ...]:
+    head, size, tail, blocks, replies = INDEX.unpack(source.take(INDEX.size))
+    if head != b"YA" or size != 10 or tail != b"RP":
+        raise WireError(f"{head!r} {size} {tail!r} where an index begins with b'YA' 10 b'RP'")
+    count = blocks + replies
+    lengths: tuple[int, ...] = _words(count).unpack(source.take(4 * count))
+    if count and (min(lengths) < 0 or sum(lengths) > min(LONGEST, source.left())):
+        most = min(LONGEST, source.left())
+        raise WireError(f"blocks of {lengths[:4]} ... bytes; valid: 0 to {most} in all")
+    return lengths[:blocks]
+
+
+@cache
+def _words(count: int) -> struct.Struct:
+    """That many integers; there are at most 2 x 255."""
+    return struct.Struct(f"<{count}i")
+
+
+def pack_command(kind: str, rest: str = "") -> bytes:
+    """A command, alone as its letter or with text after it. QUIT always is text."""
+    if not rest and kind != QUIT:
+        return b"\0\0\0\0~" + kind.encode() + b"\0\1"
+    text = f"{kind} {rest}".rstrip().encode() + b"\0"
+    return struct.pack("<i4s", len(text), b"~\0\0\1") + text
+
+
+def unpack_command(payload: bytes) -> tuple[Command, bytes]:
+    """The command that a message begins with, and its body."""
+    if len(payload) < 8 or payload[4:5] != b"~":
+        raise WireError(
+            f"a message begins with {payload[:8]!r}; valid: a command, 8 bytes with '~' as the fifth"
+        )
+    length, letter = COMMAND.unpack_from(payload)
+    if length == 0:
+        return LETTERS.get(letter) or Command(letter.decode("latin-1")), payload[8:]
+    if not 1 <= length <= len(payload) - 8 or letter != b"\0":
+        raise WireError(f"a command of {length} bytes; valid: 1 to {len(payload) - 8}")
+    text = payload[8 : 8 + length].split(b"\0")[0].decode("utf-8", errors="replace")
+    if not text:
+        raise WireError("an empty command")
+    return Command(text[0], text[1:].strip()), payload[8 + length :]

@@ -1,0 +1,127 @@
+"""A name server of our own, for machines without YARP: enough for YARP's tools and devices, and for us."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import socket
+import threading
+
+from tci.errors import DriverError, WireError
+from yarpwire import auth
+from yarpwire.listener import Listener
+from yarpwire.names import END, PATIENCE, ROOT, Contact
+from yarpwire.source import SocketSource
+from yarpwire.visitors import Visitor
+
+FIRST_PORT = 2
+"""Ports are given out from the server's own number plus this, as YARP does."""
+MOST_NAMES = 10_000
+"""Names that it keeps at most. Ours."""
+
+
+class NameServer:
+    """Answers `NAME_SERVER ...` lines over TCP."""
+
+    def __init__(
+        self, host: str = "127.0.0.1", port: int = 0, *, key: bytes | None = None, space: str = ROOT
+    ) -> None:
+        """Listen at once; port 0 takes a free one. Raises DriverError for a port that is taken."""
+        self._lock = threading.Lock()
+        self._contacts: dict[str, Contact] = {}
+        self._properties: dict[str, dict[str, list[str]]] = {}
+        self._key = key
+        self._listener = Listener(host, port, self._serve, name="the YARP name server")
+        self.address = self._listener.address
+        """Host and port."""
+        self._next = self.address[1] + FIRST_PORT
+        self._contacts[space] = Contact(space, *self.address)
+
+    def close(self) -> None:
+        """Stop answering."""
+        self._listener.close()
+
+    def __enter__(self) -> NameServer:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _serve(self, sock: socket.socket, visitor: Visitor) -> None:
+        source = SocketSource(sock)
+        sock.settimeout(PATIENCE)
+        if self._key is not None:
+            auth.accept(sock, source, self._key)
+        while True:
+            source.allow()
+            answer = self.answer(source.line(), visitor.host)
+            visitor.hear()
+            sock.settimeout(60.0)
+            sock.sendall(answer.encode())
+
+    def answer(self, line: str, peer: str = "127.0.0.1") -> str:
+        """What it says to one request that came from host `peer`."""
+        words = re.split(r'["\s]+', line.strip())
+        if words[0] != "NAME_SERVER":
+            raise WireError(f"{line[:40]!r} is no request to a name server")
+        verb, arguments = (words[1:2] or [""])[0], [word for word in words[2:] if word]
+        if verb == "announce":
+            return "[ok]\r\n"
+        with self._lock:
+            lines = self._lines(verb, arguments, peer)
+        return "".join(f"{line}\r\n" for line in [*lines, END])
+
+    def _lines(self, verb: str, words: list[str], peer: str) -> list[str]:
+        name = words[0] if words else ""
+        match verb:
+            case "register" if words:
+                return [self._register(name, [*words[1:], "...", "...", "..."], peer).line()]
+            case "query":
+                return [self._contacts[name].line()] if name in self._contacts else []
+            case "unregister":
+                self._contacts.pop(name, None)
+                self._properties.pop(name, None)
+            case "list":
+                return [self._contacts[key].line() for key in sorted(self._contacts)]
+            case "set" if len(words) > 1 and name in self._contacts:
+                self._properties.setdefault(name, {})[words[1]] = sorted(set(words[2:]))
+                return [f"port {name} property {words[1]} = {' '.join(self._property(name, words[1]))}"]
+            case "get" if len(words) > 1:
+                return [f"port {name} property {words[1]} = {' '.join(self._property(name, words[1]))}"]
+            case "check" if len(words) > 2:
+                present = str(words[2] in self._property(name, words[1])).lower()
+                return [f"port {name} property {words[1]} value {words[2]} present {present}"]
+        return []
+
+    def _property(self, name: str, key: str) -> list[str]:
+        return self._properties.get(name, {}).get(key, [])
+
+    def _register(self, name: str, words: list[str], peer: str) -> Contact:
+        if name not in self._contacts and len(self._contacts) >= MOST_NAMES:
+            raise WireError(f"more than {MOST_NAMES} names")
+        if name == "...":
+            name = f"/tmp/port/{self._next}"  # YARP's own name for a port that asks for none; no path
+        port = int(words[2]) if re.fullmatch(r"-?\d{1,5}", words[2]) else 0
+        carrier = words[0] if words[0] != "..." else "tcp"
+        host = words[1] if words[1] != "..." else peer
+        if not 0 < port < 65536:
+            known = self._contacts.get(name)
+            port = known.port if known is not None and known.host == host else self._free()
+        contact = self._contacts[name] = Contact(name, host, port, carrier)
+        return contact
+
+    def _free(self) -> int:
+        taken = {contact.port for contact in self._contacts.values()}
+        for _ in range(50_000):
+            port, self._next = self._next, self._next + 1 if self._next < 65000 else 10002
+            if port not in taken and _is_free(port):
+                return port
+        raise DriverError("no free port is left")
+
+
+def _is_free(port: int) -> bool:
+    with contextlib.suppress(OSError), socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        probe.bind(("", port))
+        return True
+    return False

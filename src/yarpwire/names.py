@@ -1,0 +1,193 @@
+"""Who is where: the name server's client, and the files that say where the name server is.
+
+$YARP_CONFIG_HOME/yarp.conf, else $XDG_CONFIG_HOME/yarp/yarp.conf, else ~/.config/yarp/yarp.conf
+holds `127.0.0.1 10000 yarp`; another namespace than /root has a file of its own name.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import socket
+import struct
+import time
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from tci.errors import DriverError, UnknownNameError, WireError
+from yarpwire import auth
+from yarpwire.source import SocketSource
+
+END = "*** end of message"
+ROOT = "/root"
+GROUP = ("224.2.1.1", 10000)
+"""Where name servers listen for those who look for one."""
+PATIENCE = 2.0
+"""How long [s] a peer may take to answer. Ours."""
+RECORD = re.compile(r"registration name (\S+) ip (\S+) port ([0-9]{1,5}|none) type (\S+)")
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """Where a port is."""
+
+    name: str
+    host: str
+    port: int
+    carrier: str = "tcp"
+
+    def line(self) -> str:
+        """As name servers say it."""
+        return f"registration name {self.name} ip {self.host} port {self.port} type {self.carrier}"
+
+
+def parse_contact(line: str) -> Contact | None:
+    """The contact in a name server's line; None where there is none."""
+    found = RECORD.match(line)
+    if found is None or found[3] == "none" or not 0 < int(found[3]) < 65536:
+        return None
+    return Contact(found[1], found[2], int(found[3]), found[4])
+
+
+def config_folder() -> Path:
+    """Where YARP keeps its configuration."""
+    if home := os.environ.get("YARP_CONFIG_HOME"):
+        return Path(home)
+    return Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config") / "yarp"
+
+
+def namespace() -> str:
+    """The namespace of this user, `/root` unless YARP_NAMESPACE says otherwise."""
+    return (os.environ.get("YARP_NAMESPACE") or ROOT).split()[0]
+
+
+def config_file(space: str) -> Path:
+    """The file that says where the name server of a namespace is."""
+    return config_folder() / ("yarp.conf" if space == ROOT else re.sub(r"[^0-9A-Za-z]", "_", space) + ".conf")
+
+
+def parse_address(text: str, *, port: int = 10000) -> tuple[str, int]:
+    """`HOST:PORT` or `HOST`. Raises DriverError."""
+    host, _, digits = text.partition(":")
+    if digits and not (digits.isascii() and digits.isdigit() and 0 <= int(digits[:6]) < 65536):
+        raise DriverError(
+            f"port {digits!r} in {text!r}; valid: HOST:PORT, port 1 to 65535, 0 to serve at a free one"
+        )
+    return host, int(digits) if digits else port
+
+
+def read_key() -> bytes | None:
+    """The key of `auth.conf`, group AUTH; None where authentication is off. Raises DriverError for no key."""
+    path = config_folder() / "auth.conf"
+    if not path.is_file():
+        return None
+    text = path.read_text(encoding="utf-8", errors="replace")
+    group = re.search(r"^\s*\[AUTH\]\s*$(.*?)(?=^\s*\[|\Z)", text, re.MULTILINE | re.DOTALL)
+    found = re.search(r'^\s*key\s+("?)([^"\n]+?)\1\s*$', group[1], re.MULTILINE) if group else None
+    if found is None:
+        raise DriverError(f"{path} has no key; valid: a line [AUTH] and below it: key THE_SECRET")
+    return found[2].encode()
+
+
+def find_server(space: str | None = None) -> tuple[str, int]:
+    """Host and port of the name server, from the file, else by asking the network.
+
+    Raises DriverError that says what to do when there is neither.
+    """
+    space = space or namespace()
+    path = config_file(space)
+    if path.is_file():
+        words = path.read_text(encoding="utf-8", errors="replace").split()
+        if len(words) < 2 or not words[1].isdigit():
+            raise DriverError(f"{path} says {' '.join(words)[:60]!r}; valid: HOST PORT yarp")
+        return words[0], int(words[1])
+    found = detect(space)
+    if found is None:
+        raise DriverError(
+            f"no YARP name server: {path} is not there and nobody answers for {space}; start one "
+            "(yarpserver, or tci serve ROBOT --via yarp), or give its address: --via yarp:HOST:PORT"
+        )
+    return found
+
+
+def detect(space: str, *, wait: float = 0.3) -> tuple[str, int] | None:
+    """Ask the network for the name server of a namespace, as `yarp detect` does; None when nobody answers."""
+    line = f"NAME_SERVER query {space}\n".encode()
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            sock.bind(("", GROUP[1]))
+            member = socket.inet_aton(GROUP[0]) + socket.inet_aton("0.0.0.0")
+            sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
+            sock.sendto(struct.pack("<Ii", zlib.crc32(line), 0) + line, GROUP)
+            until = time.monotonic() + wait
+            while (left := until - time.monotonic()) > 0:
+                sock.settimeout(left)
+                contact = parse_contact(sock.recv(2048)[8:].decode(errors="replace"))
+                if contact is not None:
+                    return contact.host, contact.port
+    except OSError:
+        return None
+    return None
+
+
+class Names:
+    """A name server, seen from a client. Each question is a connection of its own."""
+
+    def __init__(self, address: tuple[str, int], *, key: bytes | None = None) -> None:
+        self.address = address
+        self.key = key
+        """Key of the authentication; None where it is off."""
+
+    def ask(self, *words: str) -> list[str]:
+        """Lines of the answer to a request. Raises DriverError when nobody answers, and for what is no
+        line."""
+        host, port = self.address
+        line = f"NAME_SERVER {' '.join(words)}"
+        if not line.isprintable():
+            raise DriverError(f"{line[:80]!r} is no question to a name server; valid: one line of text")
+        lines: list[str] = []
+        try:
+            with socket.create_connection(self.address, timeout=PATIENCE) as sock:
+                source = SocketSource(sock)
+                if self.key is not None:
+                    auth.connect(sock, source, self.key)
+                sock.sendall(f"{line}\n".encode())
+                try:
+                    while (said := source.line()) != END:
+                        lines.append(said)
+                        if words[0] == "announce" or len(lines) > 100_000:
+                            break
+                except EOFError:
+                    if words[0] != "announce":  # which has no end; what came may be half of it, or a nonce
+                        raise WireError("it hung up; does it want a key (auth.conf)?") from None
+        except (OSError, WireError) as error:
+            raise DriverError(f"the YARP name server at {host}:{port} does not answer: {error}") from error
+        return lines
+
+    def query(self, name: str) -> Contact:
+        """Where a port is. Raises UnknownNameError for one that is not registered, DriverError as `ask`."""
+        for line in self.ask("query", name):
+            if (contact := parse_contact(line)) is not None:
+                return contact
+        raise UnknownNameError("YARP port", name, sorted(contact.name for contact in self.list()))
+
+    def list(self) -> list[Contact]:
+        """All ports."""
+        return [contact for line in self.ask("list") if (contact := parse_contact(line)) is not None]
+
+    def register(self, contact: Contact, properties: dict[str, str] | None = None) -> None:
+        """Tell that a port is there."""
+        lines = self.ask("register", contact.name, contact.carrier, contact.host, str(contact.port))
+        if not any(parse_contact(line) for line in lines):
+            raise DriverError(
+                f"the name server at {self.address[0]} did not register {contact.name}: {lines}"
+            )
+        for name, value in (properties or {}).items():
+            self.ask("set", contact.name, name, value)
+        self.ask("announce", contact.name)
+
+    def unregister(self, name: str) -> None:
+        """Tell that a port is gone."""
+        self.ask("unregister", name)

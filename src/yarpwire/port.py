@@ -1,0 +1,259 @@
+"""A port: others connect to it and are connected to, and say which by orders to it."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import threading
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+from tci.errors import DriverError, UnknownNameError
+from tci.frames import Array
+from yarpwire import message, outgoing
+from yarpwire.carrier import FAST_TCP, TCP, find_carrier
+from yarpwire.dialect import Dialect
+from yarpwire.incoming import Answer, Delivery, Incoming
+from yarpwire.listener import Listener, told
+from yarpwire.message import Stamp
+from yarpwire.names import Contact, Names
+from yarpwire.outgoing import Outgoing
+from yarpwire.values import Vocab
+from yarpwire.visitors import MOST, Visitor
+
+SPOKEN = "tcp fast_tcp udp text text_ack"
+"""Carriers that our ports offer and accept."""
+
+
+class Port:
+    """A named port. `receive` gets each message of data and each call, whose reply it returns.
+
+    It is called from the connection's own thread. What it raises ends that connection, and no more.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        names: Names,
+        dialect: Dialect,
+        *,
+        receive: Callable[[Delivery], Answer] | None = None,
+        host: str | None = None,
+    ) -> None:
+        """Listen and register. Raises DriverError when the name server doesn't answer or the port is
+        taken."""
+        if not name.startswith("/") or any(letter.isspace() for letter in name):
+            raise DriverError(f"port name {name!r}; valid: it begins with / and has no spaces")
+        self.name, self.dialect, self.names = name, dialect, names
+        self.wrong = 0
+        """Messages that were not understood."""
+        self.last_error = ""
+        """What was wrong with the last of them."""
+        self._receive = receive
+        self._lock = threading.Lock()
+        self._inputs: dict[str, Incoming] = {}
+        self._served: set[Incoming] = set()
+        self._closed = False
+        self._outputs: dict[str, Outgoing] = {}
+        host = host if host is not None else own_host(names.address)
+        self._listener = Listener(host, 0, self._serve, name=f"the port {name}")
+        self.contact = Contact(name, *self._listener.address)
+        """Where it is."""
+        try:
+            self.register()
+        except DriverError:
+            self._listener.close()
+            raise
+
+    def register(self) -> None:
+        """Tell the name server, again after it restarted. Raises DriverError."""
+        properties = {
+            "offers": SPOKEN,
+            "accepts": SPOKEN,
+            "ips": self.contact.host,
+            "process": str(os.getpid()),
+        }
+        self.names.register(self.contact, properties)
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the ports that send to this one."""
+        return tuple(self._inputs)
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Names of the ports that this one sends to."""
+        return tuple(self._outputs)
+
+    @property
+    def dropped(self) -> int:
+        """Messages that its readers were too slow for, and connections that were ended for what they sent."""
+        return self._listener.dropped + sum(output.dropped for output in list(self._outputs.values()))
+
+    def write(self, value: Array | Sequence[Any], stamp: Stamp | None = None) -> None:
+        """Send a Vector (an array) or a Bottle (a list) to all readers. It never waits; nothing queues."""
+        for name, output in list(self._outputs.items()):
+            try:
+                output.offer(value, self.dialect, stamp)
+            except DriverError as error:
+                self.last_error = str(error)
+                with self._lock:
+                    if self._outputs.get(name) is output:
+                        del self._outputs[name]
+                output.drop()
+
+    def connect(self, target: str, carrier: str = FAST_TCP.name) -> None:
+        """Send to a port from now on. Raises DriverError, UnknownNameError."""
+        if target not in self._outputs and len(self._outputs) >= MOST:
+            raise DriverError(f"{self.name} sends to {MOST} ports already; valid: at most {MOST}")
+        found = Outgoing(self.names.query(target), self.name, find_carrier(carrier), self.names.key)
+        with self._lock:
+            old, self._outputs[target] = self._outputs.get(target), found
+        if old is not None:
+            old.drop()  # the reader has ended it, as the second of a name
+
+    def listen_to(self, source: str, carrier: str = FAST_TCP.name) -> None:
+        """Have a port send to this one. Raises DriverError when it refuses, UnknownNameError."""
+        contact = self.names.query(source)
+        url = f"{find_carrier(carrier).name}:/{self.name}"
+        said = outgoing.order(contact, [Vocab("add"), url], self.names.key)
+        if source not in self._inputs and not said.startswith("0"):
+            raise DriverError(f"{source} does not connect to {self.name} by {carrier}: {said.strip()[:120]}")
+
+    def close(self) -> None:
+        """Unregister and let go of every connection. A second call does nothing."""
+        with contextlib.suppress(DriverError):
+            self.names.unregister(self.name)
+        with self._lock:
+            self._closed = True
+            connections: set[Incoming | Outgoing] = {*self._served, *self._outputs.values()}
+            self._inputs, self._outputs = {}, {}
+        self._listener.close()
+        for connection in connections:
+            connection.close()
+
+    def _serve(self, sock: socket.socket, visitor: Visitor) -> None:
+        incoming = Incoming(sock, visitor, dialect=self.dialect, deliver=self._deliver)
+        with self._lock:
+            if self._closed:  # and would not be ended
+                return
+            self._served.add(incoming)
+        visitor.end = partial(self._let_go, incoming)
+        try:
+            incoming.greet(self.names.key, lambda name: self._add(name, incoming))
+            visitor.hear()
+            self._run(incoming)
+        finally:
+            with self._lock:
+                self._served.discard(incoming)
+                if self._inputs.get(incoming.sender) is incoming:
+                    del self._inputs[incoming.sender]
+
+    def _run(self, incoming: Incoming) -> None:
+        try:
+            incoming.run()
+        except (EOFError, OSError):
+            raise
+        except Exception as error:
+            self.wrong += 1
+            self.last_error = f"{incoming.sender}: {told(error)}"
+            raise
+
+    def _let_go(self, incoming: Incoming) -> None:
+        """Make room: nothing tells that a sender over udp is dead, and others may never say a word."""
+        if not self._closed:
+            self.last_error = f"{incoming.sender or 'one without a name'}, silent the longest, had to go"
+        incoming.close()
+
+    def _add(self, name: str, incoming: Incoming) -> None:
+        """As YARP does: a second connection of the same sender ends the first."""
+        if not name.startswith("/"):
+            return
+        with self._lock:
+            old, self._inputs[name] = self._inputs.get(name), incoming
+        if old is not None:
+            old.close()
+
+    def _remove(self, name: str) -> bool:
+        with self._lock:
+            found = self._outputs.pop(name, None)
+        if found is not None:
+            found.close()
+        return found is not None
+
+    def _deliver(self, delivery: Delivery) -> Answer:
+        kind = delivery.command.kind
+        if kind == message.ADMIN:
+            return self._order(delivery.items(self.dialect))
+        if kind == "*":
+            return self._describe()
+        if kind == "~":
+            with self._lock:
+                source = self._inputs.pop(delivery.command.rest, None)
+            if source is not None:
+                source.close()
+            return f"Removing connection from {delivery.command.rest} to {self.name}"
+        if kind in (message.DATA, message.CALL) and self._receive is not None:
+            return self._receive(delivery)
+        return None
+
+    def _order(self, items: list[Any]) -> Answer:
+        """Orders to the port itself, as `yarp connect` and others give them."""
+        verb = items[0] if items else Vocab(0)
+        target = str(items[-1]) if len(items) > 1 else ""
+        if verb == Vocab("ver"):
+            return [Vocab("ver"), 1, 2, 3]
+        if verb == Vocab("add"):
+            carrier, _, name = target.rpartition(":/")
+            return self._answer_add(name if carrier else target, carrier or TCP.name)
+        if verb == Vocab("del"):
+            found = self._remove(target)
+            there = "Removed connection from" if found else "Could not find an outgoing connection from"
+            return [0 if found else -1, f"{there} {self.name} to {target}\r\n"]
+        if verb == Vocab("list"):
+            inward = len(items) > 1 and items[1] == Vocab("in")
+            if len(items) < 3:
+                return list(self.inputs if inward else self.outputs)
+            output = self._outputs.get(target)
+            if inward or output is None:
+                return []
+            return [["from", self.name], ["to", target], ["carrier", output.carrier.name]]
+        return [Vocab("fail"), "valid: [ver], [add] CARRIER://PORT, [del] PORT, [list] [out] or [in]"]
+
+    def _answer_add(self, name: str, carrier: str) -> Answer:
+        name = name if name.startswith("/") else f"/{name}"
+        try:
+            self.connect(name, carrier)
+        except (DriverError, UnknownNameError) as error:
+            return [-1, f"Cannot connect from {self.name} to {name}: {error}\r\n"]
+        return [0, f"Added connection from {self.name} to {carrier}:/{name}\r\n"]
+
+    def _describe(self) -> str:
+        lines = [f"This is {self.name} at tcp://{self.contact.host}:{self.contact.port}/"]
+        with self._lock:
+            outputs, inputs = dict(self._outputs), dict(self._inputs)
+        for name, output in outputs.items():
+            lines.append(
+                f"There is an output connection from {self.name} to {name} using {output.carrier.name}"
+            )
+        for name, incoming in inputs.items():
+            lines.append(
+                f"There is an input connection from {name} to {self.name} using {incoming.carrier.name}"
+            )
+        if not outputs:
+            lines.append("There are no outgoing connections")
+        if not inputs:
+            lines.append("There are no incoming connections")
+        return "\r\n".join(lines)
+
+
+def own_host(server: tuple[str, int]) -> str:
+    """The address of ours that a name server's machine sees: the loopback for one on this machine."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(server)
+        except OSError as error:
+            raise DriverError(f"the name server's address {server[0]} can't be reached: {error}") from error
+        return str(probe.getsockname()[0])

@@ -1,0 +1,139 @@
+"""Calls to somebody's port, and their replies."""
+
+from __future__ import annotations
+
+import select
+import socket
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from tci.errors import DriverError, WireError
+from yarpwire import message
+from yarpwire.bottle import encode_bottle, read_bottle
+from yarpwire.carrier import TCP, Carrier
+from yarpwire.dialect import Dialect
+from yarpwire.names import PATIENCE, Contact
+from yarpwire.outgoing import dial, is_over
+from yarpwire.source import SocketSource
+from yarpwire.text import from_text, to_text
+
+SOON = 0.05
+"""How long [s] a reply that has begun to come may take. Ours."""
+
+
+class Rpc:
+    """Calls to a port. The connection is made when it is needed, again after a failure."""
+
+    def __init__(
+        self,
+        contact: Contact,
+        sender: str,
+        dialect: Dialect,
+        *,
+        key: bytes | None = None,
+        carrier: Carrier = TCP,
+    ) -> None:
+        self.contact, self.dialect = contact, dialect
+        self._sender, self._key, self._carrier = sender, key, carrier
+        self._open: tuple[socket.socket, SocketSource] | None = None
+        self._asked = 0
+        self._lock = threading.Lock()
+
+    def call(self, *items: Any, patience: float = PATIENCE) -> list[Any]:
+        """The reply to a call; empty where the other end says nothing.
+
+        Raises DriverError when nobody is there or no answer comes within `patience` [s], and when what comes
+        is no reply. There is no second try: who calls decides that.
+        """
+        with self._lock, self._told(items):
+            while self._asked:
+                self._hear(patience)  # who asked has lost interest
+            sock, source = self._connect(patience)
+            self._send(sock, items)
+            return self._reply(source)
+
+    def ask(self, *items: Any) -> None:
+        """Send a call without waiting for its reply; `hear` gets it. Raises DriverError."""
+        with self._lock, self._told(items):
+            self._send(self._connect(PATIENCE)[0], items)
+            self._asked += 1
+
+    def answered(self, patience: float) -> bool:
+        """Whether the reply to the oldest call that was asked begins to come within `patience` [s]."""
+        if self._open is None:
+            return True  # `hear` tells why
+        sock, source = self._open
+        try:
+            return source.waiting() or bool(select.select([sock], [], [], patience)[0])
+        except (OSError, ValueError):  # closed meanwhile
+            return True
+
+    def hear(self, patience: float = SOON) -> list[Any]:
+        """The reply to the oldest call that was asked. Raises DriverError as `call`."""
+        with self._lock, self._told(()):
+            return self._hear(patience)
+
+    def close(self) -> None:
+        """Let go of the connection."""
+        if self._open is not None:
+            self._open[0].close()
+            self._open = None
+
+    @contextmanager
+    def _told(self, items: Sequence[Any]) -> Iterator[None]:
+        """What fails inside is a DriverError, and the end of the connection."""
+        try:
+            yield
+        except (OSError, EOFError, WireError) as error:
+            self.close()
+            self._asked = 0
+            what = "does not answer" if isinstance(error, TimeoutError) else "failed at"
+            raise DriverError(f"{self.contact.name} {what} {to_text(items)[:80]}: {error}") from error
+
+    def _connect(self, patience: float) -> tuple[socket.socket, SocketSource]:
+        if self._open is not None and not self._asked and is_over(self._open[0]):
+            self.close()  # ports that authenticate close after 2 s without a call
+        sock, source = self._open or self._dial(patience)
+        sock.settimeout(patience)
+        source.allow()
+        return sock, source
+
+    def _send(self, sock: socket.socket, items: Sequence[Any]) -> None:
+        if self._carrier.code is None:
+            sock.sendall(f"d\r\n{to_text(items)}\r\n".encode())
+            return
+        call = message.pack_command(message.CALL)
+        sock.sendall(message.pack_message([call, encode_bottle(items, self.dialect)]))
+
+    def _hear(self, patience: float) -> list[Any]:
+        if self._open is None:
+            self._asked = 0
+            raise EOFError("the connection was closed")
+        sock, source = self._open
+        sock.settimeout(patience)
+        source.allow()
+        self._asked = max(0, self._asked - 1)
+        return self._reply(source)
+
+    def _dial(self, patience: float) -> tuple[socket.socket, SocketSource]:
+        sock, source, _ = dial(self.contact, self._sender, self._carrier, self._key, patience=patience)
+        self._open = sock, source
+        return self._open
+
+    def _reply(self, source: SocketSource) -> list[Any]:
+        if self._carrier.code is None:
+            return self._reply_text(source)
+        reply: list[Any] = []
+        if source.peek(2) != b"YA":
+            reply = read_bottle(source, self.dialect)
+        if self._carrier.acknowledged:
+            message.read_number(source)
+        return reply
+
+    def _reply_text(self, source: SocketSource) -> list[Any]:
+        reply = source.line()
+        if self._carrier.acknowledged and reply != "<ACK>" and (end := source.line()) != "<ACK>":
+            raise WireError(f"{end[:40]!r} in the place of an acknowledgement")
+        return [] if reply == "<ACK>" else from_text(reply)

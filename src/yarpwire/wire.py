@@ -1,0 +1,43 @@
+"""YARP's network by TCI's own library, in pure Python."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from yarpwire.carrier import FAST_TCP
+from yarpwire.dialect import Dialect
+from yarpwire.incoming import Answer, Delivery
+from yarpwire.names import Contact, Names, find_server, read_key
+from yarpwire.network import Network
+from yarpwire.outgoing import Outgoing
+from yarpwire.port import Port
+from yarpwire.rpc import Rpc
+
+
+class Wire(Network):
+    """Speaks both dialects and needs nothing installed."""
+
+    title = "TCI's own YARP library"
+
+    def __init__(self, server: tuple[str, int] | None = None) -> None:
+        """`server` is host and port of the name server; None for the one of yarp.conf.
+
+        Raises DriverError when nothing says where the name server is.
+        """
+        self.names = Names(server or find_server(), key=read_key())
+        self.address = self.names.address
+
+    def list(self) -> list[Contact]:
+        return self.names.list()
+
+    def query(self, name: str) -> Contact:
+        return self.names.query(name)
+
+    def port(self, name: str, dialect: Dialect, receive: Callable[[Delivery], Answer] | None = None) -> Port:
+        return Port(name, self.names, dialect, receive=receive)
+
+    def writer(self, target: str, sender: str) -> Outgoing:
+        return Outgoing(self.names.query(target), sender, FAST_TCP, self.names.key)
+
+    def caller(self, target: Contact, sender: str, dialect: Dialect) -> Rpc:
+        return Rpc(target, sender, dialect, key=self.names.key)

@@ -51,7 +51,7 @@ def test_26_a_host_by_two_names_has_one_commander() -> None:
         server = RecordedServer()  # it has one client
         try:
             with tci.connect(narrow(), f"player:{host}:{server.port}") as driver:
-                names.append(driver.lease_name.replace(str(server.port), "6665"))
+                names.append(driver.info.lease_name.replace(str(server.port), "6665"))
         finally:
             server.close()
     with lease(names[0]), pytest.raises(DriverError, match="one commander at a time"), lease(names[1]):

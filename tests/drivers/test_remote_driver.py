@@ -21,9 +21,8 @@ class Wire(RemoteDriver):
     """A driver whose robot's process is the test."""
 
     def __init__(self) -> None:
-        super().__init__(tci.load_robot("nao"), middleware="zenoh", place="here", arm=True)
         self.time = ManualClock(100.0)
-        self.clock = self.time
+        super().__init__(tci.load_robot("nao"), middleware="zenoh", place="here", arm=True, clock=self.time)
         self.inbox: list[State | SessionFrame] = []
         self.said: list[Orders] = []
         self.sequence = 0

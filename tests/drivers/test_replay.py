@@ -40,7 +40,7 @@ def test_another_process_decides_the_same_bit_for_bit(robot: str, tmp_path: Path
 def test_a_skin_that_sends_changes_only_decides_the_same(tmp_path: Path) -> None:
     ticks = record_poke(tmp_path / "a.mcap", keep_alive=0.25)
     with ReplayDriver(load_robot("nao"), str(tmp_path / "a.mcap")) as driver:
-        assert driver.keep_alive == 0.25
+        assert driver.info.keep_alive == 0.25
         seen: list[Tick] = []
         run(driver, WithdrawalReflex(), observe=seen.append)
         assert (driver.compared, driver.different) == (len(ticks), [])

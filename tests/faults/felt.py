@@ -11,8 +11,9 @@ from tci.capabilities.withdrawal import WithdrawalMemory
 from tci.clock import ManualClock
 from tci.drivers.driver import Driver
 from tci.drivers.faults.fault_injector import FaultInjector, FaultPlan
+from tci.drivers.info import DriverInfo
 from tci.frames import Array, read_only
-from tci.gate.gate import Gate, GateSettings
+from tci.gate.gate import GateSettings
 from tci.gate.safe_command import SafeCommand
 from tci.messages import JointReading, Order, Perception, Reading, SkinFrame
 from tci.robot.joint_map import initial_position
@@ -36,17 +37,15 @@ class NoisySkin(Driver):
         """`body`: whether the gate keeps links apart, which takes most of the time."""
         binding = ROBOT.binding("sim").model_copy(update={"rate": RATE})
         super().__init__(
-            ROBOT.model_copy(update={"bindings": (binding,)}),
-            middleware="sim",
-            clock=ManualClock(),
-            armed=True,
-        )
-        if not body:
-            settings = GateSettings(self_collision=None)
-            self.gate = Gate(
-                self.robot, period=self.period, stale_after=binding.stale_after, settings=settings
+            DriverInfo.of(
+                ROBOT.model_copy(update={"bindings": (binding,)}),
+                "sim",
+                clock=ManualClock(),
+                armed=True,
+                lease_name=f"felt:{os.getpid()}:{id(self)}",
+                settings=None if body else GateSettings(self_collision=None),
             )
-        self.lease_name = f"felt:{os.getpid()}:{id(self)}"
+        )
         self.angles, self.count = np.array(initial_position(ROBOT)), 0
         self.noise, self.random = noise, np.random.default_rng(3)
         self.touches: list[tuple[float, float, str, np.ndarray, float]] = []

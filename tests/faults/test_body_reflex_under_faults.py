@@ -17,8 +17,9 @@ from tci.capabilities.body_withdrawal import BodyMemory, BodyWithdrawal
 from tci.clock import ManualClock
 from tci.drivers.driver import Driver
 from tci.drivers.faults.fault_injector import FaultInjector, FaultPlan
+from tci.drivers.info import DriverInfo
 from tci.frames import Array, read_only
-from tci.gate.gate import Gate, GateSettings, GateState
+from tci.gate.gate import GateSettings, GateState
 from tci.gate.safe_command import SafeCommand
 from tci.messages import JointReading, Order, Perception, Reading, SkinFrame
 from tci.robot.description import Robot
@@ -54,11 +55,14 @@ class NoisyBody(Driver):
     press of half a second on the field's middle."""
 
     def __init__(self, kind: str, touches: tuple[float, ...] = ()) -> None:
-        super().__init__(wearing(kind), middleware="sim", clock=ManualClock(), armed=True)
-        # Keeping drivers apart takes most of the time and plays no part here.
-        settings, stale = GateSettings(self_collision=None), self.robot.binding("sim").stale_after
-        self.gate = Gate(self.robot, period=self.period, stale_after=stale, settings=settings)
-        self.lease_name = f"felt:{os.getpid()}:{id(self)}"
+        super().__init__(
+            DriverInfo.of(
+                wearing(kind), "sim", clock=ManualClock(), armed=True,
+                lease_name=f"felt:{os.getpid()}:{id(self)}",
+                # Keeping links apart takes most of the time and plays no part here.
+                settings=GateSettings(self_collision=None),
+            )
+        )  # fmt: skip
         self.angles, self.count = np.array(initial_position(self.robot)), 0
         self.random, self.touches = np.random.default_rng(3), touches
         part, patch, place = PLACES[kind]

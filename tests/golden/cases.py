@@ -89,7 +89,9 @@ def record(name: str) -> None:
         if case.fault or case.flicker:
             plans = [FaultPlan(case.fault, AT)] if case.fault else []
             driver = FaultInjector(simulated, plans, flicker=case.flicker)
-        with Recorder(path, driver.robot, period=driver.period, keep_alive=driver.keep_alive) as recorder:
+        with Recorder(
+            path, driver.robot, period=driver.period, keep_alive=driver.info.keep_alive
+        ) as recorder:
             if case.poke is not None:
                 case.poke(simulated)
 

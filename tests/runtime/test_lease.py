@@ -150,7 +150,7 @@ def test_26_who_is_quicker_than_the_holder_of_a_removed_file_commands_alone(
             folder.rename(folder.with_name("elsewhere"))
         else:
             file_in(folder).unlink()
-        with lease(driver.lease_name) as second:
+        with lease(driver.info.lease_name) as second:
             for _ in range(2):
                 safe = driver.gate.step((), driver.read().joints, driver.clock.now())
                 with pytest.raises(DriverError, match=f"commanded by process {os.getpid()} already"):

@@ -16,6 +16,7 @@ import pytest
 
 import tci
 from tci.drivers.driver import Driver
+from tci.drivers.info import DriverInfo
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError, DriverError
 from tci.gate.gate import GateState, SafeCommand
@@ -590,7 +591,7 @@ def test_41_every_period_counts_once_wherever_in_it_the_loop_wakes() -> None:
             return
 
     random, report = np.random.default_rng(1), LoopReport()
-    driver = Standing(tci.load_robot("nao"), middleware="sim", clock=Shaky(70_000.0), armed=True)
+    driver = Standing(DriverInfo.of(tci.load_robot("nao"), "sim", clock=Shaky(70_000.0), armed=True))
     run(driver, Swing(), duration=2000 * driver.period, report=report)
     assert report.missed > 100
     assert report.ticks + report.missed == 2000

@@ -14,6 +14,7 @@ from pipeline import Pipeline
 import tci
 from tci.clock import MonotonicClock
 from tci.drivers.driver import Driver
+from tci.drivers.info import DriverInfo
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.robot.joint_map import initial_position
 from tci.runtime.loop_report import LoopReport
@@ -40,7 +41,7 @@ class Echo(Driver):
         robot = parts.robot
         binding = robot.binding("sim").model_copy(update={"rate": 1000.0})
         robot = robot.model_copy(update={"bindings": (binding,)})
-        super().__init__(robot, middleware="sim", clock=MonotonicClock(), armed=True)
+        super().__init__(DriverInfo.of(robot, "sim", clock=MonotonicClock(), armed=True))
         self._values = parts.values
         self._angles, self._count = np.array(initial_position(robot)), 0
         self._still = np.zeros(len(self._angles))

@@ -22,6 +22,7 @@ import tci
 from tci.capabilities.fields import default_fields
 from tci.clock import MonotonicClock
 from tci.drivers.driver import Driver
+from tci.drivers.info import DriverInfo
 from tci.errors import TciError
 from tci.frames import frozen
 from tci.messages import Reading, SkinFrame
@@ -57,10 +58,12 @@ class Touched(Driver):
         robot = tci.load_robot("nao")
         binding = robot.binding("sim").model_copy(update={"rate": 1.0 / PERIOD})
         super().__init__(
-            robot.model_copy(update={"bindings": (binding,)}),
-            middleware="sim",
-            clock=MonotonicClock(tail=0.9 * PERIOD),  # the processor is the loop's own
-            armed=True,
+            DriverInfo.of(
+                robot.model_copy(update={"bindings": (binding,)}),
+                "sim",
+                clock=MonotonicClock(tail=0.9 * PERIOD),  # the processor is the loop's own
+                armed=True,
+            )
         )
         self.angles, self.count, self.busy = np.array(initial_position(robot)), 0, 0.0
         self._start, self._number = self.clock.now(), -1

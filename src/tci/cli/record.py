@@ -22,8 +22,8 @@ def recorder_for(path: Path, driver: Driver, via: str, about: Mapping[str, str])
         driver.robot,
         middleware=middleware,
         period=driver.period,
-        keep_alive=driver.keep_alive,
-        about={**driver.about, **about},
+        keep_alive=driver.info.keep_alive,
+        about={**driver.info.about, **about},
     )
 
 

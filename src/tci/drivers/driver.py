@@ -11,8 +11,9 @@ import numpy as np
 
 from tci.clock import Clock, ticks
 from tci.drivers.diagnosis import Finding
+from tci.drivers.info import DriverInfo
 from tci.errors import CommandError, DriverError, UnknownNameError
-from tci.gate.gate import Gate, GateSettings, SafeCommand
+from tci.gate.gate import Gate, SafeCommand
 from tci.messages import JointReading, Mode, PlatformCommand, Reading
 from tci.robot.description import Robot, Servo
 
@@ -27,39 +28,36 @@ class Driver(ABC):
     before_write: Callable[[], None] | None = None
     """Raises DriverError where this process may no longer command the robot; asked before each command."""
 
-    def __init__(
-        self,
-        robot: Robot,
-        *,
-        middleware: str,
-        clock: Clock,
-        armed: bool,
-        settings: GateSettings | None = None,
-        period: float | None = None,
-    ) -> None:
-        """`settings` are the gate's; `period` [s] from one command to the next is the binding's if not given.
-
-        Raises UnknownNameError for a robot without a binding to it.
-        """
-        binding = robot.binding(middleware)
-        self.robot = robot
-        self.clock = clock
-        self.armed = armed
-        self.period = period or 1.0 / binding.rate
-        """Time between two commands [s]."""
-        self.gate = Gate(robot, period=self.period, stale_after=binding.stale_after, settings=settings)
-        """The only maker of what `write` takes."""
-        self.lease_name = f"{middleware}:{robot.name}"
-        """Links of the same name reach the same robot; only one of them commands it at a time."""
-        self.keep_alive: float | None = None
-        """Longest time [s] without a frame of a patch, where the skin's senders send changes only; None: they
-        send every frame."""
-        self.about: Mapping[str, str] = {}
-        """What a recording says of this driver, so that its run can be done again: seed and step of
-        physics."""
-        self.recorded = False
-        """Whether this replays a recording: nothing moves by what is written, and what is read is gone."""
+    def __init__(self, info: DriverInfo) -> None:
+        """Every subclass calls this first; `DriverInfo.of` makes the `info` of most drivers."""
+        self.info = info
+        """Facts about the connection. Only a driver that learns more while it connects replaces them."""
         self._open = True
+
+    @property
+    def robot(self) -> Robot:
+        """Description of the robot."""
+        return self.info.robot
+
+    @property
+    def clock(self) -> Clock:
+        """Clock of all stamps."""
+        return self.info.clock
+
+    @property
+    def gate(self) -> Gate:
+        """The only maker of what `write` takes."""
+        return self.info.gate
+
+    @property
+    def period(self) -> float:
+        """Time from one command to the next [s]."""
+        return self.info.gate.period
+
+    @property
+    def armed(self) -> bool:
+        """Whether it may write."""
+        return self.info.armed
 
     @abstractmethod
     def _receive(self) -> Reading:

@@ -12,6 +12,7 @@ import os
 from collections.abc import Iterator
 
 from tci.drivers.driver import Driver
+from tci.drivers.info import DriverInfo
 from tci.errors import DriverError
 from tci.gate.gate import SafeCommand
 from tci.messages import Reading
@@ -69,16 +70,18 @@ class ReplayDriver(Driver):
             )
         self._clock = ReplayClock()
         super().__init__(
-            robot,
-            middleware=about.get("middleware", ""),
-            clock=self._clock,
-            armed=arm,
-            period=self.recording.period or None,
+            DriverInfo.of(
+                robot,
+                about.get("middleware", ""),
+                clock=self._clock,
+                armed=arm,
+                lease_name=f"replay:{robot.name}:{os.getpid()}:{id(self)}",
+                period=self.recording.period or None,
+                keep_alive=self.recording.keep_alive,
+                about={key: about[key] for key in ("seed", "step_s") if key in about},
+                recorded=True,
+            )
         )
-        self.recorded = True
-        self.keep_alive = self.recording.keep_alive
-        self.about = {key: about[key] for key in ("seed", "step_s") if key in about}
-        self.lease_name = f"replay:{robot.name}:{os.getpid()}:{id(self)}"
         self.compared = 0
         """Decisions that were compared with those of then."""
         self.different: list[float] = []

@@ -10,6 +10,7 @@ import numpy as np
 
 from tci.clock import MonotonicClock
 from tci.drivers.driver import Driver
+from tci.drivers.info import DriverInfo
 from tci.errors import DriverError, UnknownNameError
 from tci.gate.gate import SafeCommand
 from tci.messages import Mode, Reading, SkinFrame
@@ -90,12 +91,15 @@ class SimulatedDriver(Driver):
         self.world = world or World(robot, period=period, **options)
         """The simulated world: poke its `finger`, look at its physics."""
         clock = PacedWorldClock(self.world) if paced else WorldClock(self.world)
-        super().__init__(robot, middleware="sim", clock=clock, armed=arm, period=period)
-        self.keep_alive = keep_alive
-        self.about = {"seed": str(self.world.seed), "step_s": repr(self.world.step)}
+        super().__init__(
+            DriverInfo.of(
+                robot, "sim", clock=clock, armed=arm, period=period, keep_alive=keep_alive,
+                lease_name=f"sim:{robot.name}:{os.getpid()}:{id(self.world)}",
+                about={"seed": str(self.world.seed), "step_s": repr(self.world.step)},
+            )
+        )  # fmt: skip
         self._events = None if keep_alive is None else SendOnDelta(keep_alive)
         self._sent: dict[str, SkinFrame] = {}
-        self.lease_name = f"sim:{robot.name}:{os.getpid()}:{id(self.world)}"
 
     def _receive(self) -> Reading:
         skin = self.world.frames()

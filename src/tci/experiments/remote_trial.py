@@ -21,6 +21,7 @@ from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.drivers.driver import Driver
 from tci.drivers.registry import connect, open_server
 from tci.drivers.simulated import SimulatedDriver
+from tci.drivers.wrapper import DriverWrapper
 from tci.errors import DriverError
 from tci.messages import CONTROL_MODES, Mode, Order, PlatformCommand
 from tci.robot.catalogue import load_robot
@@ -36,7 +37,7 @@ APPEARING = 10.0
 """Time [s] that the served robot has to answer whoever connects. Ours."""
 
 
-class TrialDriver(SimulatedDriver):
+class TrialDriver(DriverWrapper):
     """A simulation in real time whose loop ends at a time that is known only later."""
 
     until = float("inf")
@@ -87,7 +88,7 @@ class RemoteTrial:
 
         Raises DriverError when the other process says that it can't, or ends.
         """
-        driver = TrialDriver(world.robot, world=world, paced=True)
+        driver = TrialDriver(SimulatedDriver(world.robot, world=world, paced=True))
         asked = time.monotonic()
         with real_time_where_permitted(), open_server(driver, self.via) as server:
             self._ask(server.reach())

@@ -145,7 +145,7 @@ def commanding(driver: Driver) -> Iterator[None]:
 
     Raises DriverError as `Lease` does.
     """
-    with lease(driver.lease_name) as held:
+    with lease(driver.info.lease_name) as held:
         driver.before_write = held.check
         try:
             yield

@@ -140,14 +140,14 @@ class _Loop(Generic[Memory]):
         self.sensed: Callable[[Reading], None] | None = None
         self.report = report
         self.write = write
-        self.body = GenericBody(driver.robot, keep_alive=driver.keep_alive)
+        self.body = GenericBody(driver.robot, keep_alive=driver.info.keep_alive)
         self.memory = capability.init()
         self.account = Account(driver)
         self._begun = False
         self._before: float | None = None
         self._start = 0.0
         self._silence = SkinWatchdog(
-            driver.robot, stale_after=driver.gate.stale_after, keep_alive=driver.keep_alive
+            driver.robot, stale_after=driver.gate.stale_after, keep_alive=driver.info.keep_alive
         )
         self._misfit: float | None = None
         self._perception: Perception | None = None
@@ -254,7 +254,7 @@ class _Loop(Generic[Memory]):
         if self._sent is None or not _moves(self._sent):
             return
         gate = self.driver.gate
-        self.report.cut_short = self.write and not self.driver.recorded
+        self.report.cut_short = self.write and not self.driver.info.recorded
         self._rest(lambda: gate.hold("the run has ended"))
         for sent in self._writes():
             if sent.state is not GateState.HOLD:
@@ -277,7 +277,7 @@ class _Loop(Generic[Memory]):
     def _writes(self, halt: Callable[[], None] | None = None) -> Iterator[SafeCommand]:
         """Write once per period what the gate makes of no commands, for `REST` at most."""
         driver = self.driver
-        if not self.write or not driver.armed or driver.recorded or self._joints is None:
+        if not self.write or not driver.armed or driver.info.recorded or self._joints is None:
             return
         begin = driver.clock.now()
         for now in driver.ticks(duration=REST):

@@ -162,14 +162,14 @@ class Session:
 
     def record(self, path: Path) -> None:
         """Record from now on. Raises RecordingError."""
-        about = {"recorded_by": "tci view", **self.driver.about, **self._about}
+        about = {"recorded_by": "tci view", **self.driver.info.about, **self._about}
         middleware = self._about.get("middleware", "sim")
         self.recorder = Recorder(
             path,
             self.robot,
             middleware=middleware,
             period=self.driver.period,
-            keep_alive=self.driver.keep_alive,
+            keep_alive=self.driver.info.keep_alive,
             about=about,
         )
         self.say(f"recording to {path}")
@@ -210,7 +210,7 @@ class Session:
 
     def _watch(self) -> None:
         """A robot that nobody commands from here."""
-        body = GenericBody(self.robot, keep_alive=self.driver.keep_alive)
+        body = GenericBody(self.robot, keep_alive=self.driver.info.keep_alive)
         for now in self.driver.ticks():
             reading = self.driver.read()
             perception = body.perceive(reading, now)

@@ -337,8 +337,8 @@ def test_two_drivers_of_one_process_share_no_robot_twice() -> None:
         by_name = nao.via.replace("127.0.0.1", "127.1")
         assert by_name != nao.via
         with connect(ROBOT, by_name) as two:
-            assert one.lease_name == two.lease_name
-        assert str(os.getpid()) not in one.lease_name
+            assert one.info.lease_name == two.info.lease_name
+        assert str(os.getpid()) not in one.info.lease_name
 
 
 @pytest.mark.parametrize("strict", [True, False], ids=["refuses unknown keys", "answers nothing"])

@@ -6,7 +6,7 @@ rehearse with their own behaviours what the tests rehearse with ours (docs/relia
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,9 +14,9 @@ import numpy as np
 from tci.drivers.driver import Driver
 from tci.drivers.faults.fault_list import FAULTS
 from tci.drivers.faults.injectors import INJECTORS, Injector
+from tci.drivers.wrapper import DriverWrapper
 from tci.errors import CommandError, UnknownNameError
 from tci.frames import read_only
-from tci.gate.gate import SafeCommand
 from tci.messages import Reading, SkinFrame
 
 SWITCH = 16
@@ -59,24 +59,20 @@ def parse_fault(text: str) -> FaultPlan:
     return plan
 
 
-class FaultInjector(Driver):
+class FaultInjector(DriverWrapper):
     """Another driver, with faults. It shares that driver's gate, clock and lease."""
 
     def __init__(self, inner: Driver, plans: Sequence[FaultPlan], *, flicker: float = 0.0) -> None:
         """Each raw value of the skin flickers by `flicker` counts (standard deviation), as real ones do and
         simulated ones do not: where nothing flickers, nobody can tell a dead taxel from one at rest."""
-        self.inner = inner
+        super().__init__(inner)
         self._flicker, self._random = flicker, np.random.default_rng(0)
         self._frames: dict[str, SkinFrame] = {}
-        self.robot, self.clock, self.armed = inner.robot, inner.clock, inner.armed
-        self.period, self.gate, self.lease_name = inner.period, inner.gate, inner.lease_name
-        self.keep_alive, self.about, self.recorded = inner.keep_alive, inner.about, inner.recorded
         self.begun: list[FaultPlan] = []
         """Faults that have happened until now, in their order."""
         self._waiting = sorted(plans, key=lambda plan: plan.at)
         self._active: list[tuple[FaultPlan, Injector]] = []
         self._start: float | None = None
-        self._open = True
 
     def inject(self, plan: FaultPlan) -> None:
         """One more fault; its time counts from now on. Call it from the loop's own thread."""
@@ -88,9 +84,6 @@ class FaultInjector(Driver):
     def active(self) -> tuple[FaultPlan, ...]:
         """Faults that go on now."""
         return tuple(plan for plan, _ in self._active)
-
-    def ticks(self, *, duration: float | None = None, start: float | None = None) -> Iterator[float]:
-        return self.inner.ticks(duration=duration, start=start)
 
     def _receive(self) -> Reading:
         reading = self.inner.read()
@@ -124,12 +117,6 @@ class FaultInjector(Driver):
             values = np.clip(np.rint(frame.values.astype(float) + noise), sensor.lowest, sensor.highest)
             last = self._frames[frame.patch] = replace(frame, values=read_only(values))
         return last
-
-    def _send(self, safe: SafeCommand) -> None:
-        self.inner._send(safe)
-
-    def _halt(self) -> None:
-        self.inner._halt()
 
     def _close(self) -> None:
         for _, injector in self._active:

@@ -12,6 +12,7 @@ import numpy as np
 from tci.clock import MonotonicClock
 from tci.drivers.diagnosis import Finding, Level
 from tci.drivers.driver import Driver
+from tci.drivers.info import DriverInfo
 from tci.drivers.naoqi import autonomy, words
 from tci.drivers.naoqi.diagnose import examine
 from tci.drivers.naoqi.poller import Poller
@@ -49,8 +50,10 @@ class NaoqiDriver(Driver):
         Raises DriverError when the robot can't be reached, is another one, or moves by itself.
         """
         self.where = parse_address(address)
-        clock = MonotonicClock()
-        super().__init__(robot, middleware=words.MIDDLEWARE, clock=clock, armed=arm)
+        clock, lease_name = MonotonicClock(), f"naoqi:{numeric(self.where.host)}:{self.where.port}"
+        super().__init__(
+            DriverInfo.of(robot, words.MIDDLEWARE, clock=clock, armed=arm, lease_name=lease_name)
+        )
         self._switched: dict[object, autonomy.Mover] = {}
         self._may_move: list[str] = []
         self._lookout: autonomy.Lookout | None = None
@@ -59,7 +62,6 @@ class NaoqiDriver(Driver):
         self._poller = Poller(
             robot, self.where, clock, joints=joints, skin=skin, greet=self._greet, glance=self._glance
         )
-        self.lease_name = f"naoqi:{numeric(self.where.host)}:{self.where.port}"
         try:
             self._stream = self._open_stream() if joints else None
             if arm:

@@ -33,7 +33,6 @@ from tci.drivers.remote.protocol import Orders, SessionFrame, State
 from tci.drivers.remote.source_clock import SourceClock
 from tci.drivers.remote.whole_parts import WholeParts
 from tci.errors import DriverError, FrameError
-from tci.gate.gate import Gate
 from tci.gate.safe_command import SafeCommand
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.robot.description import Robot
@@ -80,8 +79,7 @@ class PlayerDriver(RemoteDriver):
             offered = self._client.devices()
             self.is_native = (OPAQUE, STATES) not in offered
             if self.is_native:
-                self.gate = Gate(robot, period=self.period, stale_after=self.gate.stale_after)  # the only one
-                self.lease_name = f"player:{numeric(host)}:{port}:{robot.name}"
+                self._be_only_gate(f"player:{numeric(host)}:{port}:{robot.name}")
                 self._open_devices(offered)
                 self._wait_for_joints(wait)
             else:

@@ -13,13 +13,14 @@ from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import replace
 
-from tci.clock import MonotonicClock
+from tci.clock import Clock, MonotonicClock
 from tci.drivers.diagnosis import Finding, Level
 from tci.drivers.driver import Driver
+from tci.drivers.info import DriverInfo
 from tci.drivers.remote.commanders import LEASE
 from tci.drivers.remote.protocol import MOST_ORDERS, Commander, Orders, SessionFrame, State
 from tci.errors import DriverError
-from tci.gate.gate import GateSettings
+from tci.gate.gate import Gate, GateSettings
 from tci.gate.safe_command import GateState, SafeCommand
 from tci.messages import PlatformOrder, Reading, SkinFrame
 from tci.robot.description import Robot
@@ -44,14 +45,20 @@ class RemoteDriver(Driver):
     Stamps are on this process's clock: time on the way counts as age.
     """
 
-    def __init__(self, robot: Robot, *, middleware: str, place: str, arm: bool) -> None:
+    def __init__(
+        self, robot: Robot, *, middleware: str, place: str, arm: bool, clock: Clock | None = None
+    ) -> None:
         """`place` says where the robot is, for people. Raises UnknownNameError without a binding."""
-        settings = GateSettings(self_collision=None, monitor=None)
-        super().__init__(robot, middleware=middleware, clock=MonotonicClock(), armed=arm, settings=settings)
-        self.place = place
         self.client = secrets.randbits(62) + 1
         """Number of this driver."""
-        self.lease_name = f"{middleware}:{robot.name}:{self.client}"  # the lease is there
+        super().__init__(
+            DriverInfo.of(
+                robot, middleware, clock=MonotonicClock() if clock is None else clock, armed=arm,
+                lease_name=f"{middleware}:{robot.name}:{self.client}",  # the robot's own lease is there
+                settings=GateSettings(self_collision=None, monitor=None),
+            )
+        )  # fmt: skip
+        self.place = place
         self.name = f"{socket.gethostname()}, process {os.getpid()}"
         self.refusals: deque[str] = deque(maxlen=100)
         """What the robot's process refused, latest last."""
@@ -75,6 +82,11 @@ class RemoteDriver(Driver):
     @abstractmethod
     def _put(self, orders: Orders) -> None:
         """Send orders to the robot's process."""
+
+    def _be_only_gate(self, lease_name: str) -> None:
+        """Turns to a robot that no TCI process owns: gate and lease are here, in full."""
+        gate = Gate(self.robot, period=self.period, stale_after=self.gate.stale_after)
+        self.info = replace(self.info, gate=gate, lease_name=lease_name)
 
     def _starting(self) -> bool:
         """Whether the robot's process is known to be there, so that it pays to wait for it."""

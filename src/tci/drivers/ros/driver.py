@@ -21,7 +21,6 @@ from tci.drivers.ros.names import Names
 from tci.drivers.ros.native import NativeRobot
 from tci.drivers.ros.node import Hear, Publish, RosNode
 from tci.errors import DriverError, FrameError
-from tci.gate.gate import Gate
 from tci.gate.safe_command import SafeCommand
 from tci.messages import Reading
 from tci.recording.schemas import JOINTS
@@ -57,10 +56,8 @@ class RosDriver(RemoteDriver):
             self._out: Publish | None = None
             self._why = ""
             if not self._is_tci(wait):
-                stale_after = self.gate.stale_after
-                self.gate = Gate(robot, period=self.period, stale_after=stale_after)  # the only one
+                self._be_only_gate(f"{middleware}:{namespace}:{robot.name}")
                 self._native = NativeRobot(robot, node, names, arm=arm, period=self.period, now=now)
-                self.lease_name = f"{middleware}:{namespace}:{robot.name}"
                 self._wait_for_joints(wait)
             elif arm:
                 self._out = node.advertise(names.orders, BYTES)

@@ -7,6 +7,7 @@ import itertools
 import os
 import threading
 import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from tci.clock import MonotonicClock
 from tci.drivers.diagnosis import Finding
 from tci.drivers.driver import Driver
+from tci.drivers.info import DriverInfo
 from tci.drivers.remote.hosts import numeric
 from tci.drivers.yarp import address as addresses
 from tci.drivers.yarp.address import patch_port
@@ -62,11 +64,11 @@ class YarpDriver(Driver):
         """
         options = addresses.parse(address)
         clock = MonotonicClock()
-        super().__init__(robot, middleware="yarp", clock=clock, armed=arm)
+        super().__init__(DriverInfo.of(robot, "yarp", clock=clock, armed=arm))
         self.network: Network = options.network()
         self.prefix = options.robot or robot.name
         host, port = self.network.address
-        self.lease_name = f"yarp:{numeric(host)}:{port}/{self.prefix}"
+        self.info = replace(self.info, lease_name=f"yarp:{numeric(host)}:{port}/{self.prefix}")
         own = f"/tci/{os.getpid()}/{next(_numbers)}"
         self.boards: dict[str, BoardDriver] = {}
         self.skin: dict[str, Feed[NDArray[np.float64]]] = {}

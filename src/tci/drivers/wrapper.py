@@ -1,0 +1,42 @@
+"""A driver around another one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+from tci.drivers.diagnosis import Finding
+from tci.drivers.driver import Driver, NativePart
+from tci.gate.gate import SafeCommand
+from tci.messages import Reading
+
+
+class DriverWrapper(Driver):
+    """A driver around another one. Every method forwards to `inner`; subclasses override what they change."""
+
+    def __init__(self, inner: Driver, **changed: Any) -> None:
+        """`changed` are fields of `DriverInfo` in which the wrapper differs from `inner`."""
+        super().__init__(replace(inner.info, **changed))
+        self.inner = inner
+
+    def ticks(self, *, duration: float | None = None, start: float | None = None) -> Iterator[float]:
+        return self.inner.ticks(duration=duration, start=start)
+
+    def diagnose(self) -> tuple[Finding, ...]:
+        return self.inner.diagnose()
+
+    def native(self, robot_part: str) -> NativePart:
+        return self.inner.native(robot_part)
+
+    def _receive(self) -> Reading:
+        return self.inner.read()
+
+    def _send(self, safe: SafeCommand) -> None:
+        self.inner._send(safe)
+
+    def _halt(self) -> None:
+        self.inner._halt()
+
+    def _close(self) -> None:
+        self.inner.close()

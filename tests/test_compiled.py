@@ -62,3 +62,45 @@ def test_the_second_process_loads_what_the_first_compiled(tmp_path: Path) -> Non
         for _ in range(2)
     ]
     assert answers == [["0", "1"], ["1", "0"]]
+
+
+LOOPS = """
+from numba import float64
+from tci.compiled import compiled
+
+@compiled(float64(float64))
+def twice(x):
+    return 2.0 * x
+
+@compiled(float64(float64))
+def half(x):
+    return 0.5 * x
+"""
+USE = """
+from tci.loops import half, twice
+print(*(sum(one.stats.cache_hits.values()) for one in (half, twice)))
+"""
+
+
+def test_the_first_process_compiles_side_by_side_and_says_so(tmp_path: Path) -> None:
+    package = tmp_path / "tci"
+    (package / "robot").mkdir(parents=True)
+    for file in ("compiled.py", "compile_ahead.py", "robot/limb.py"):
+        (package / file).write_bytes((compiled.HERE / file).read_bytes())
+    (package / "__init__.py").touch()
+    (package / "loops.py").write_text(LOOPS)
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}
+    first, second = (
+        subprocess.run(
+            [sys.executable, "-c", USE], env=environment, capture_output=True, text=True, check=True
+        )
+        for _ in range(2)
+    )
+    assert first.stdout.split() == second.stdout.split() == ["1", "1"]
+    assert "compiling its loops for this processor, once after installing it: done in" in first.stderr
+    assert second.stderr == ""
+    package.joinpath("loops.py").write_text(LOOPS.replace("2.0", "3.0"))
+    third = subprocess.run(
+        [sys.executable, "-c", USE], env=environment, capture_output=True, text=True, check=True
+    )
+    assert "compiling" in third.stderr

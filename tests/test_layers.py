@@ -12,7 +12,7 @@ import tci
 
 ROOT = Path(tci.__file__).parent
 LAYERS = (
-    "errors installed clock frames compiled engine",
+    "errors installed clock frames compile_ahead compiled engine",
     "messages",
     "rosmsg",
     "robot",

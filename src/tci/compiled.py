@@ -19,6 +19,8 @@ from typing import Any
 
 from numba import float64, njit, types
 
+from tci.compile_ahead import compile_ahead, is_worker, waiting
+
 HERE = Path(__file__).parent
 
 
@@ -40,6 +42,13 @@ def compiled(
             pass
         else:
             function._cache._cache_file._source_stamp = _stamp(Path(loop.__code__.co_filename), calls)
+            if is_worker():
+                waiting.append((function, signatures))
+                return function
+            if loop.__module__.startswith("tci."):
+                compile_ahead(
+                    Path(function._cache.cache_path), lambda: not function._cache._cache_file._load_index()
+                )
         for signature in signatures:
             function.compile(signature)
         function.disable_compile()

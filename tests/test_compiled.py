@@ -6,37 +6,50 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from types import ModuleType
+
+import pytest
 
 from tci import compiled
 from tci.capabilities import answer, discounts
 from tci.skin.kernels import condition, nearest, whole
 
 
-def test_the_stamp_follows_every_source(tmp_path: Path) -> None:
-    called, own = tmp_path / "called.py", tmp_path / "own.py"
-    called.write_text("A = 1\n")
-    own.write_text("B = 1\n")
-    module = ModuleType("called")
-    module.__file__ = str(called)
-    first = compiled._stamp(own, (module,))
-    assert compiled._stamp(own, (module,)) == first
-    called.write_text("A = 2\n")
-    second = compiled._stamp(own, (module,))
-    own.write_text("B = 2\n")
-    assert len({first, second, compiled._stamp(own, (module,))}) == 3
+def test_the_stamp_follows_every_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its own file, what that imports, and what that imports in turn; no other."""
+    monkeypatch.setattr(compiled, "HERE", tmp_path)
+    (tmp_path / "kernels").mkdir()
+    files = {
+        "own.py": "from tci.kernels import (\n    near,\n    other_name,\n)\n",
+        "kernels/near.py": "from tci.kernels.far import A\n",
+        "kernels/far.py": "A = 1\n",
+        "kernels/strange.py": "",
+    }
+
+    def stamp() -> str:
+        compiled._stamp.cache_clear()
+        compiled._imported.cache_clear()
+        return compiled._stamp(tmp_path / "own.py")
+
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    seen = [stamp()]
+    for name, text in files.items():
+        (tmp_path / name).write_text(text + "B = 2\n")
+        seen.append(stamp())
+    assert len(set(seen)) == 4
+    assert seen[-1] == seen[-2]  # of what it does not import
 
 
 def test_numba_compares_our_stamp() -> None:
     """It does so through a name of its own: a version without it must not go unnoticed."""
-    for loop, module, calls in (
-        (condition.condition, condition, ()),
-        (whole.describe_all, whole, ()),
-        (answer.find_answers, answer, (discounts,)),
+    for loop, module, made_of in (
+        (condition.condition, condition, condition),
+        (whole.describe_all, whole, nearest),
+        (answer.find_answers, answer, discounts),
     ):
-        stamp = compiled._stamp(Path(module.__file__), calls)
-        assert loop._cache._cache_file._source_stamp == stamp
-    assert Path(nearest.__file__) in set(compiled.HERE.glob("*/kernels/*.py"))
+        file = Path(str(module.__file__))
+        assert loop._cache._cache_file._source_stamp == compiled._stamp(file)
+        assert Path(str(made_of.__file__)) in compiled._sources(file)
 
 
 PROGRAM = """

@@ -3,7 +3,8 @@
 Loops are compiled once and kept on disk, until any source that they are made of changes.
 
 Numba looks only at the file of the loop itself, and at its date: after an update of a file that the loop
-calls into, it would run the old machine code. So what it compares is the content of all these files here.
+calls into, it would run the old machine code. So what it compares here is the content of that file and of all
+that it imports.
 
 Numba counts who uses an array, with locked instructions: that was most of what a small loop did. A loop that
 makes no array need not count (`_nrt`, which numba's own loops use too).
@@ -12,9 +13,10 @@ makes no array need not count (`_nrt`, which numba's own loops use too).
 from __future__ import annotations
 
 import hashlib
+import re
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from numba import float64, njit, types
@@ -22,16 +24,14 @@ from numba import float64, njit, types
 from tci.compile_ahead import compile_ahead, is_worker, waiting
 
 HERE = Path(__file__).parent
+IMPORT = re.compile(r"^from (tci[\w.]*) import (?:\(([^)]*)\)|(.*))$", re.MULTILINE)
 
 
-def compiled(
-    *signatures: Any, calls: tuple[ModuleType, ...] = (), allocates: bool = False
-) -> Callable[[Callable[..., Any]], Any]:
+def compiled(*signatures: Any, allocates: bool = False) -> Callable[[Callable[..., Any]], Any]:
     """Compile a loop for these signatures now, or load what was compiled before.
 
-    `calls` are modules outside all folders `kernels` that it calls or takes constants from. One that makes or
-    copies arrays `allocates`: numba raises "NRT required" for another that does. Where nothing can be
-    written, neither beside the source nor in the user's cache, it is compiled each time.
+    One that makes or copies arrays `allocates`: numba raises "NRT required" for another that does. Where
+    nothing can be written, neither beside the source nor in the user's cache, it is compiled each time.
     """
 
     def decorate(loop: Callable[..., Any]) -> Any:
@@ -41,7 +41,7 @@ def compiled(
         except RuntimeError:  # numba finds no folder to write to
             pass
         else:
-            function._cache._cache_file._source_stamp = _stamp(Path(loop.__code__.co_filename), calls)
+            function._cache._cache_file._source_stamp = _stamp(Path(loop.__code__.co_filename))
             if is_worker():
                 waiting.append((function, signatures))
                 return function
@@ -70,14 +70,34 @@ def _jit(loop: Callable[..., Any], **options: bool) -> Any:
     return njit(**untyped)(loop)
 
 
-def _stamp(own: Path, calls: tuple[ModuleType, ...]) -> str:
-    """A hash of all the sources."""
-    files = {own, Path(__file__), HERE / "robot" / "limb.py", *HERE.glob("*/kernels/*.py")}
-    files |= {Path(str(module.__file__)) for module in calls}
+@cache
+def _stamp(file: Path) -> str:
+    """A hash of the file and of all files of TCI that it imports, and they."""
     digest = hashlib.sha256()
-    for file in sorted(files):
-        digest.update(file.read_bytes())
+    for one in sorted(_sources(file)):
+        digest.update(one.read_bytes())
     return digest.hexdigest()
+
+
+def _sources(file: Path) -> set[Path]:
+    """Files that a loop may be made of: it takes loops and constants from no others."""
+    found, new = {Path(__file__)}, [file]
+    while new:
+        found.add(one := new.pop())
+        new += _imported(one) - found
+    return found
+
+
+@cache
+def _imported(file: Path) -> frozenset[Path]:
+    names = [
+        f"{module}.{name.strip()}"
+        for module, several, line in IMPORT.findall(file.read_text())
+        for name in (several or line).split(",")
+    ]
+    files = {HERE.joinpath(*name.split(".")[1:]).with_suffix(".py") for name in names}
+    files |= {one.parent.with_suffix(".py") for one in files}
+    return frozenset(one for one in files if one.is_file())
 
 
 def reads(dimensions: int, dtype: Any = float64) -> Any:

@@ -68,7 +68,6 @@ def _squares(fields: Array, segment: float, u: float, y: float, z: float, square
         reads(2), boolean, reads(1, int64), views(1, int64), views(1, int64), reads(2), reads(2), writes(1),
         writes(1, int64), writes(1),
     ),
-    calls=(discounts,),
 )  # fmt: skip
 def find_answers(
     fields: Array,

@@ -8,7 +8,6 @@ from numba import int64
 
 from tci.compiled import compiled, inlined, reads, returns, writes
 from tci.frames import Array
-from tci.simulation import kernel
 from tci.simulation.kernel import REACH, ROWS, SHARE, share_into, within
 
 SLOTS = 16
@@ -216,7 +215,7 @@ def feel(patch: int, step: int, skin: Arrays) -> int:
     return int(found)
 
 
-@compiled(int64(int64, int64, SKIN), calls=(kernel,))
+@compiled(int64(int64, int64, SKIN))
 def feel_now(patch: int, step: int, skin: Arrays) -> int:
     """`feel`, for the first frame, and for those who ask between steps."""
     return feel(patch, step, skin)

@@ -15,7 +15,6 @@ from numba import float64, int64, types
 from tci.compiled import compiled, inlined, reads, returns, views, writes
 from tci.engine import mujoco
 from tci.frames import Array
-from tci.simulation import feeling, kernel
 from tci.simulation.feeling import DUE, SKIN, SLOTS, Arrays, feel
 
 SETPOINT, STRIDE, LAG, LEAD = range(4)
@@ -176,7 +175,6 @@ def _take_step(model: int, data: int, number: int, moved: Arrays, here: Array, w
         int64, int64, int64, int64, float64, MOVED, writes(1), writes(1), writes(1, int64), writes(2),
         reads(2, int64), reads(2), writes(1), writes(2), SKIN,
     ),
-    calls=(kernel, feeling),
 )  # fmt: skip
 def march(
     model: int,

@@ -2,7 +2,8 @@
 
     python tools/bench [CASE ...]
 
-Each case runs in a process of its own. A table for people, and out/bench.json ($OUT) for machines.
+Each case runs in a process of its own. A table for people, and out/bench.json ($OUT) for machines. A whole
+run also makes docs/tables/performance.md anew.
 """
 
 from __future__ import annotations
@@ -13,7 +14,9 @@ import os
 import platform
 import subprocess
 import sys
+import time
 from dataclasses import asdict
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -21,21 +24,25 @@ HERE = Path(__file__).parent
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # it threads small matrices, to no good
 sys.path[:0] = [str(HERE), str(HERE.parents[1] / "tests")]
 
+from page import write_page
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
 CASES = {
-    "kernel_30": "frame:kernel_30",
+    "pipeline": "pipeline:pipeline",
+    "scale": "pipeline:scale",
+    "whole_body": "whole_body:whole_body",
+    "loop": "loop:loop",
+    "real_time_factor": "touch:real_time_factor",
+    "learning": "learning:learning",
+    "start": "start:start",
+    "demo": "start:demo",
+    "memory": "start:memory",
     "kernel_230": "frame:kernel_230",
-    "kernel_768": "frame:kernel_768",
     "kernel_4000": "frame:kernel_4000",
-    "kernel_10000": "frame:kernel_10000",
     "kernel_100000": "frame:kernel_100000",
     "kernel_1000000": "frame:kernel_1000000",
-    "pipeline": "pipeline:pipeline",
-    "pipeline_1000000": "pipeline:pipeline_1000000",
-    "own_skin": "own_skin:own_skin",
     "events": "pipeline:events",
     "contacts": "parts:contacts",
     "gate": "parts:gate",
@@ -43,16 +50,14 @@ CASES = {
     "inverse": "parts:inverse",
     "touch": "touch:touch",
     "touch_hand": "touch:touch_hand",
-    "real_time_factor": "touch:real_time_factor",
     "worlds": "touch:worlds",
-    "loop": "loop:loop",
     "drivers": "wires:wires",
     "networks": "networks:networks",
-    "start": "start:start",
     "viewer": "looked_at:viewer",
 }
 """Module and function of each case; a function returns rows."""
 MARK = "bench rows: "
+PACKAGES = ("tci", "numpy", "scipy", "numba", "ruckig", "mujoco")
 
 
 def child(case: str) -> None:
@@ -96,6 +101,30 @@ def _cold(value: float | None) -> str:
     return "" if value is None else f"{value:.4g}"
 
 
+def conditions() -> dict[str, Any]:
+    """What was measured, where and with what."""
+    describe = ["git", "describe", "--always", "--dirty", "--abbrev=10"]
+    answer = subprocess.run(describe, capture_output=True, text=True, check=False, cwd=HERE)
+    return {
+        "commit": answer.stdout.strip() or "unknown",
+        "date": time.strftime("%Y-%m-%d"),
+        "processor": processor(),
+        "cores": os.cpu_count(),
+        "load": os.getloadavg()[0],
+        "system": f"{platform.system()} {platform.release()}",
+        "python": platform.python_version(),
+        "versions": {name: version(name) for name in PACKAGES},
+    }
+
+
+def processor() -> str:
+    """Its name, which Linux tells in a file."""
+    cpuinfo = Path("/proc/cpuinfo")
+    lines = cpuinfo.read_text().splitlines() if cpuinfo.is_file() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()
+
+
 def main() -> None:
     cases = sys.argv[1:] or list(CASES)
     unknown = [case for case in cases if case not in CASES]
@@ -106,15 +135,12 @@ def main() -> None:
     show(rows)
     out = Path(os.environ.get("OUT", "out"))
     out.mkdir(parents=True, exist_ok=True)
-    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else None
-    machine = {
-        "load": load,
-        "machine": platform.machine(),
-        "cores": os.cpu_count(),
-        "python": platform.python_version(),
-    }
-    (out / "bench.json").write_text(json.dumps({"on": machine, "rows": rows}, indent=2) + "\n")
-    if failed := [case for case in cases if not found[case]]:
+    failed = [case for case in cases if not found[case]]
+    figures = {"on": conditions(), "rows": rows}
+    (out / "bench.json").write_text(json.dumps(figures, indent=2) + "\n")
+    if not sys.argv[1:] and not failed:
+        write_page(figures)
+    if failed:
         raise SystemExit(f"not measured: {', '.join(failed)}")
 
 

@@ -262,12 +262,12 @@ def kernel(
             frame.called(), frame.ours(2), peer()
         label = f"kernel, {frame.n} taxels, idle" if what == "idle" else f"{name}, {what}"
         pairs = _inner(frame, peer, taxels, repeats)
-        rows.append(row(label, "C -O3", pairs, most=limit, most_ratio=most_ratio))
+        rows.append(row(label, "C -O3", pairs, most_ratio=most_ratio))
         if flicker:
             continue
         colds = cold(frame.called), cold(peer)
         label = label.removesuffix(", hot") + ", loops called from Python"
-        rows.append(row(label, "C called by ctypes", in_turn(frame.called, peer), colds=colds))
+        rows.append(row(label, "C called by ctypes", in_turn(frame.called, peer), most=limit, colds=colds))
         if small and what == "hot":
             rows.append(
                 row(
@@ -289,10 +289,7 @@ def _inner(frame: Frame, peer: InC, taxels: int, repeats: int) -> list[tuple[flo
     return pairs
 
 
-kernel_30 = partial(kernel, 30, 5, 1, most=None)
 kernel_230 = partial(kernel, 230, 5, 1, most=4.0)
-kernel_768 = partial(kernel, 768, 5, 5, most=None)
 kernel_4000 = partial(kernel, 4000, 16, 30, most=25.0, idle_most=5.0)
-kernel_10000 = partial(kernel, 10_000, 64, 30, most=None)
 kernel_100000 = partial(kernel, 100_000, 64, 30, most=None)
 kernel_1000000 = partial(kernel, 1_000_000, 64, 30, most=1000.0)

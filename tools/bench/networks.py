@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import zenoh
 from measured import ROUNDS, Measured, each, row
+from wires import RAW, child, line
 
 import tci
-from drivers import RAW, child, line
 from tci.drivers.lcm import encoding as remote_lcm
 from tci.drivers.lcm.driver import _Bus
 from tci.drivers.remote import encoding as remote_cdr
@@ -113,7 +113,8 @@ def networks() -> list[Measured]:
         ours = partial(there_and_back, codec, robot, frame, send, receive)
         np.testing.assert_array_equal(ours().frame.values, values)
         peer()
-        pairs = [(each(ours, calls=CALLS), each(peer, calls=CALLS)) for _ in range(ROUNDS)]
+        wall = partial(each, calls=CALLS, clock=time.perf_counter)
+        pairs = [(wall(ours), wall(peer)) for _ in range(ROUNDS)]
         note = f"{values.nbytes} bytes each way; both ends poll, encode, check and decode"
         rows.append(row(f"{name}, {SIZE} doubles, there and back", "raw TCP", pairs, note=note))
         close()

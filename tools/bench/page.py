@@ -1,49 +1,41 @@
-"""Put the rows of bench.json files into the table of docs/performance.md: `page.py FILE ...`.
-
-Rows that were measured take the place of those with the same name and peer; the others stay.
-"""
+"""docs/tables/performance.md, made anew of one whole run: no row of another run stays beside its rows."""
 
 from __future__ import annotations
 
-import json
-import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-PAGE = Path(__file__).parents[2] / "docs" / "performance.md"
-HEAD = "| what | ours | cold | peer | its | cold | unit | ratio | spread | target |"
+PAGE = Path(__file__).parents[2] / "docs" / "tables" / "performance.md"
+HEAD = ("what", "ours", "cold", "peer", "its", "cold", "unit", "ratio", "spread", "target", "note")
+MET = {True: ": met", False: ": missed", None: ""}
 
 
-def about(line: str) -> tuple[str, str]:
-    """What a row of the page compares: its name and the peer."""
-    cells = [cell.strip() for cell in line.split("|")]
-    return cells[1], cells[4]
+def write_page(figures: Mapping[str, Any]) -> None:
+    """Write what a whole run found, `figures` as in bench.json."""
+    on = figures["on"]
+    versions = ", ".join(f"{name} {version}" for name, version in on["versions"].items())
+    about = (
+        f"Measured on {on['date']} at commit `{on['commit']}`: {on['cores']} cores of {on['processor']}, "
+        f"{on['system']}, Python {on['python']}, {versions}; load at the end {on['load']:.1f}."
+    )
+    lines = [about, "", _line(HEAD), _line(["---"] * len(HEAD)), *map(_row, figures["rows"])]
+    PAGE.write_text("\n".join(lines) + "\n")
 
 
-def line(row: dict[str, Any]) -> str:
-    def number(value: float | None) -> str:
-        if value is None:
-            return ""
-        return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
+def _row(row: Mapping[str, Any]) -> str:
+    return _line([
+        row["name"], _number(row["ours"]), _number(row["cold"]), row["peer"], _number(row["theirs"]),
+        _number(row["theirs_cold"]), row["unit"], f"{row['ratio']:.3g}",
+        f"{row['ratio_min']:.3g}-{row['ratio_max']:.3g}", row["target"] + MET[row["met"]], row["note"],
+    ])  # fmt: skip
 
-    met = {True: ": met", False: ": missed", None: ""}[row["met"]]
-    cells = [
-        row["name"], number(row["ours"]), number(row["cold"]), row["peer"], number(row["theirs"]),
-        number(row["theirs_cold"]), row["unit"],
-        f"{row['ratio']:.3g}", f"{row['ratio_min']:.3g}-{row['ratio_max']:.3g}", f"{row['target']}{met}",
-    ]  # fmt: skip
+
+def _line(cells: Any) -> str:
     return f"| {' | '.join(cells)} |"
 
 
-def main() -> None:
-    rows = [row for file in sys.argv[1:] for row in json.loads(Path(file).read_text())["rows"]]
-    lines = PAGE.read_text().splitlines()
-    start = lines.index(HEAD) + 2
-    end = next(i for i in range(start, len(lines)) if not lines[i].startswith("|"))
-    table = {about(old): old for old in lines[start:end]}
-    table |= {about(new): new for new in map(line, rows)}
-    PAGE.write_text("\n".join([*lines[:start], *table.values(), *lines[end:]]) + "\n")
-
-
-if __name__ == "__main__":
-    main()
+def _number(value: float | None) -> str:
+    if value is None:
+        return ""
+    return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"

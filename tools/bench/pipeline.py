@@ -1,86 +1,187 @@
-"""Raw frames to a safe command, through public parts only: Body, WithdrawalReflex, Gate."""
+"""Raw frames to a safe command, through public parts only: GenericBody, WithdrawalReflex, Gate."""
 
 from __future__ import annotations
 
 import itertools
+import statistics
+import time
 from collections.abc import Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 from frame import Frame, InC
-from measured import Measured, cold, in_turn, row
+from measured import ROUNDS, Measured, cold, in_turn, row
 
 import tci
 from tci.authoring.dense_skin import with_dense_skin
-from tci.messages import JointReading, Reading, SkinFrame
+from tci.messages import Command, GenericCommand, JointReading, Mode, Perception, Reading, SkinFrame
+from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
 from tci.skin.send_on_delta import HoldLast
 
 PERIOD = 0.002
+TURN = 40
+"""Frames in which the arm is told to go from one end to the other: it never arrives."""
+SWING = np.deg2rad([15.0, 10.0, 15.0, 15.0, 15.0])
+AWAY = np.array([0.0, 0.3, 0.0, 0.3, 0.0])
+"""From the initial posture to the middle of the swing [rad]: clear of the body."""
+RARE = 200
+"""Frames from one new command to the next where it comes seldom."""
+FACES = 0.5
+"""Least cosine of skin that faces a direction."""
+BELOW = (0.0, 0.0, -1.0)
+"""Touches from there are answered by both arms; touches all around are refused, and judged in each frame."""
+WARM = 1000
+"""Frames until a reflex has come to rest."""
+STILL = 1e-6
+"""Speed [rad/s] that is none."""
+SEEN = 60
+"""Commands of that kind in a round."""
+
+
+def touched(
+    robot: Robot, contacts: int, *, dtype: type = np.uint8, towards: Sequence[float] | None = None
+) -> list[dict[str, np.ndarray]]:
+    """Two frames of all patches, which take turns: so many touches, as far from each other as can be, and
+    the larger a patch the more. The values of what is touched differ by one count.
+
+    `towards` (3,) a direction in the torso: only skin that faces it at first is touched.
+    """
+    skin = tci.Skin(robot)
+    surfaces, posture = skin.surfaces, np.array(initial_position(robot))
+    poses = skin.kinematics.poses(posture, [patch.link for patch in robot.patches])
+    touches = dict.fromkeys(surfaces, 0)
+    for _ in range(contacts):
+        touches[max(surfaces, key=lambda name: len(surfaces[name].positions) / (touches[name] + 1))] += 1
+    frames: list[dict[str, np.ndarray]] = [{}, {}]
+    for patch in robot.patches:
+        surface, values = surfaces[patch.name], np.full(patch.channels, patch.sensor.rest, dtype)
+        pitch, apart = float(np.sqrt(surface.areas.mean())), np.full(len(surface.positions), np.inf)
+        if towards is not None:
+            facing = surface.normals @ poses[patch.link][:3, :3].T @ np.array(towards)
+            apart[facing < FACES] = 0.0
+        for _ in range(touches[patch.name]):
+            middle = surface.positions[int(apart.argmax())]
+            distance = np.linalg.norm(surface.positions - middle, axis=1)
+            values[surface.channels[distance < 1.6 * pitch]] = 120
+            apart = np.minimum(apart, distance)
+        for less, frame in enumerate(frames):
+            frame[patch.name] = values - (values < 200).astype(dtype) * dtype(less)
+    return frames
+
+
+Memory = tuple[int, Any]
+
+
+class Swinging(tci.Capability[Memory]):
+    """The withdrawal reflex, and in every so many frames an order that swings the left arm to and fro."""
+
+    def __init__(self, robot: Robot, every: int) -> None:
+        self.reflex, self.every = tci.WithdrawalReflex(), every
+        self._middle = np.array(robot.part("left_arm").initial_posture) + AWAY
+
+    def init(self) -> Memory:
+        return 0, self.reflex.init()
+
+    def step(self, memory: Memory, perception: Perception) -> tuple[tuple[Command, ...], Memory]:
+        count, own = memory[0] + 1, memory[1]
+        commands, own = self.reflex.step(own, perception)
+        if self.every and count % self.every == 0:
+            target = self._middle + SWING * np.cos(np.pi * count / TURN)
+            commands = (*commands, GenericCommand("left_arm", Mode.POSITION, target))
+        return commands, (count, own)
 
 
 class Pipeline:
-    """A robot with so many taxels; every call is the next frame of all patches."""
+    """A robot that is touched; every call is the next frame of all patches.
 
-    def __init__(self, taxels: int, patches: int, contacts: int) -> None:
+    The reflex sees each of them, and soon rests; unless orders come in `every` so many frames.
+    """
+
+    def __init__(
+        self, taxels: int, patches: int, contacts: int, *, every: int = 0, dtype: type = np.uint8,
+        towards: Sequence[float] | None = BELOW,
+    ) -> None:  # fmt: skip
         self.robot = with_dense_skin(tci.load_robot("icub"), max(taxels, 9 * patches), patches=patches)
         self.body = tci.GenericBody(self.robot)
         self.gate = tci.Gate(self.robot, period=PERIOD, stale_after=0.1)
-        self.reflex = tci.WithdrawalReflex()
-        self.memory = self.reflex.init()
-        self.values = {}
-        for number, patch in enumerate(self.robot.patches):
-            surface = self.body.skin.surfaces[patch.name]
-            values = np.full(patch.channels, patch.sensor.rest, np.uint8)
-            pitch, apart = float(np.sqrt(surface.areas.mean())), np.full(len(surface.positions), np.inf)
-            for _ in range(contacts // patches + (number < contacts % patches)):
-                middle = surface.positions[int(apart.argmax())]
-                distance = np.linalg.norm(surface.positions - middle, axis=1)
-                values[surface.channels[distance < 1.6 * pitch]] = 120
-                apart = np.minimum(apart, distance)
-            self.values[patch.name] = values
-        later = {name: values - (values < 200).astype(np.uint8) for name, values in self.values.items()}
-        self.frames = (self.values, later)  # what is touched differs from frame to frame
+        self.capability = Swinging(self.robot, every)
+        self.memory = self.capability.init()
+        self.frames = touched(self.robot, contacts, dtype=dtype, towards=towards)
         self.position = np.array(initial_position(self.robot))
-        self.count = itertools.count(1)
+        self.every, self.count, self.moved = every, 0, 0
         self.taxels = sum(patch.channels for patch in self.robot.patches)
-        self()
-        self.found = len(self.seen.contacts)
+        for _ in range(WARM):
+            self()
+        self.moved = 0
+        for _ in range(RARE):
+            self()
+        moved = self.moved / RARE
+        assert moved > 0.9 if 0 < every <= TURN else every or not moved, moved
+        self.contacts = len(self.seen.contacts)
 
     def __call__(self) -> object:
-        k = next(self.count)
+        self.count = k = self.count + 1
         now = PERIOD * k
         joints = JointReading(now, k, self.position.copy(), np.zeros(len(self.position)))
         skin = tuple(SkinFrame(name, now, k, values) for name, values in self.frames[k % 2].items())
         self.seen = self.body.perceive(Reading(joints, skin), now)
-        commands, self.memory = self.reflex.step(self.memory, self.seen)
+        commands, self.memory = self.capability.step(self.memory, self.seen)
         safe = self.gate.step(self.body.to_platform(commands, joints), joints, now)
         self.position[safe.servos] = safe.position
+        self.moved += bool(np.any(np.abs(safe.velocity) > STILL))
         return safe
 
+    def rare(self) -> float:
+        """Median microseconds of the ticks with a command, which come seldom."""
+        times = []
+        while len(times) < SEEN:
+            timed = (self.count + 1) % self.every == 0
+            begin = time.thread_time()
+            self()
+            if timed:
+                times.append(time.thread_time() - begin)
+        return 1e6 * statistics.median(times)
 
-SIZES = ((40, 4, 1), (230, 4, 1), (768, 4, 5), (4000, 16, 30), (4000, 16, 0), (100_000, 16, 30))
-"""Taxels, patches and touches, as far from each other as can be; one where few taxels are is several."""
+
+STATES = {"at rest": (0, 100.0), "moving": (TURN, 110.0), "a new command in each frame": (1, 130.0)}
+"""From one command to the next [frames], and the bar [us]."""
 
 
-def pipeline(sizes: Sequence[tuple[int, int, int]] = SIZES) -> list[Measured]:
+def pipeline() -> list[Measured]:
+    rows: list[Measured] = []
+    robot_of = partial(Pipeline, 4000, 16, 30)
+    for state, (every, most) in STATES.items():
+        ours, other = robot_of(every=every), robot_of(every=every, dtype=np.float64)
+        peer = InC(Frame(ours.taxels, 5, ours.contacts))
+        name = f"frame to safe command, {ours.taxels} taxels, {ours.contacts} contacts, {state}"
+        colds = cold(ours), cold(peer)
+        rows.append(row(name, "C kernel, no gate", in_turn(ours, peer), most=most, colds=colds))
+        pairs = in_turn(other, ours)
+        rows.append(row(f"{name}, frames of float64", "frames of uint8", pairs, most_ratio=1.3))
+    seldom = robot_of(every=RARE)
+    pairs = [(seldom.rare(), 120.0) for _ in range(ROUNDS)]
+    name = f"frame to safe command, the tick in {RARE} that has a new command"
+    rows.append(row(name, "the target", pairs, most=120.0))
+    around, below = robot_of(towards=None), robot_of()
+    name = f"frame to safe command, {around.contacts} contacts all around, judged anew in each frame"
+    return [*rows, row(name, "contacts from below", in_turn(around, below))]
+
+
+SIZES = ((230, 4, 1), (4000, 16, 0), (100_000, 16, 30), (1_000_000, 16, 30))
+"""Taxels, patches and touches; one where few taxels are is several."""
+
+
+def scale(sizes: Sequence[tuple[int, int, int]] = SIZES) -> list[Measured]:
+    """The same with less and more skin, while the arm moves."""
     rows = []
     for taxels, patches, contacts in sizes:
-        ours = Pipeline(taxels, patches, contacts)
+        ours = Pipeline(taxels, patches, contacts, every=TURN)
         peer = InC(Frame(ours.taxels, 5, contacts))
-        rows.append(
-            row(
-                f"frame to safe command, {ours.taxels} taxels in {patches} patches, {ours.found} contacts",
-                "C kernel, no gate",
-                in_turn(ours, peer),
-                most=100.0 if taxels == 4000 and ours.found >= 30 else None,
-                colds=(cold(ours), cold(peer)),
-            )
-        )
+        name = f"frame to safe command, {ours.taxels} taxels, {ours.contacts} contacts, moving"
+        rows.append(row(name, "C kernel, no gate", in_turn(ours, peer)))
     return rows
-
-
-pipeline_1000000 = partial(pipeline, ((1_000_000, 16, 30),))
 
 
 def events() -> list[Measured]:

@@ -1,0 +1,36 @@
+"""The Gymnasium environment: steps per second of one core."""
+
+from __future__ import annotations
+
+import time
+
+import gymnasium
+import numpy as np
+from measured import Measured, row
+
+import tci.learning.withdrawal_env  # noqa: F401 - registers it
+
+EPISODES = 6
+LEAST = 2500.0
+"""Steps per second."""
+
+
+def learning() -> list[Measured]:
+    """Random targets: the arm moves in every step, and each episode is a new poke."""
+    environment = gymnasium.make("tci/Withdrawal-v0")
+    environment.action_space.seed(0)
+    pairs, touched, steps = [], 0, 0
+    for seed in range(EPISODES + 1):
+        environment.reset(seed=seed)
+        middle = np.array(environment.action_space.sample())
+        start, count, over = time.thread_time(), 0, False
+        while not over:
+            action = 0.9 * middle + 0.1 * environment.action_space.sample()
+            *_, over, info = environment.step(action)
+            touched += bool(info["force"] > 0.0)
+            count += 1
+        pairs.append((count / (time.thread_time() - start), LEAST))
+        steps += count
+    note = f"steps of 20 ms; in contact {touched / steps:.0%} of them"
+    name = "Gymnasium environment, steps per second of a core"
+    return [row(name, "the target", pairs[1:], unit="1/s", least_ratio=1.0, note=note)]

@@ -1,17 +1,17 @@
-"""The same loop with every step in sight, and a finger that pokes the simulated forearm."""
+"""The loop of `tci.run` by hand. `run` adds: begin, fault, watchdogs, lease, signals, coming to rest."""
 
 import tci
 
 robot = tci.load_robot("nao")
-reflex = tci.WithdrawalReflex()
+body, reflex = tci.GenericBody(robot), tci.WithdrawalReflex()
 with tci.connect(robot, "sim") as driver:
     driver.world.finger.poke("left_forearm", 100, speed=0.2, depth=0.008)
-    body, memory = tci.GenericBody(robot), reflex.init()
+    perceiver, memory = tci.Perceiver(body), reflex.init(body)
     for now in driver.ticks(duration=1.0):
         reading = driver.read()
-        seen = body.perceive(reading, now)
-        commands, memory = reflex.step(memory, seen)
-        platform = body.to_platform(commands, reading.joints)
-        sent = driver.write(driver.gate.step(platform, reading.joints, now))
+        perception = perceiver.step(reading, now)
+        commands, memory = reflex.step(memory, perception, body)
+        orders, refused = body.to_platform(commands, reading.joints)
+        driver.write(driver.gate.step(orders, reading.joints, now, refused=refused))
         for command in commands:
             print(f"{now:.3f} s: {command.part} withdraws")

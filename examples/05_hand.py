@@ -4,18 +4,18 @@ import numpy as np
 
 import tci
 from tci.body.cartesian import reach_of
-from tci.body.generic_body import GenericBody
 from tci.messages import CartesianCommand
 
 TARGET = np.array([0.55, 0.10, -0.55])  # forward, left, up, in the arm's mount frame
 
 robot = tci.load_robot("nao")
-body = GenericBody(robot)
+body = tci.GenericBody(robot)
 with tci.connect(robot, "sim") as driver:
     for now in driver.ticks(duration=1.5):
         joints = driver.read().joints
         wanted = [CartesianCommand("left_arm", TARGET)] if now == 0.0 else []
-        driver.write(driver.gate.step(body.to_platform(wanted, joints), joints, now))
+        orders, refused = body.to_platform(wanted, joints)
+        driver.write(driver.gate.step(orders, joints, now, refused=refused))
     reach = reach_of(robot, "left_arm", "hand")
     missed = np.linalg.norm(reach.place(driver.read().joints.position) - TARGET) * reach.length
     print(f"{robot.name}: {1e3 * missed:.2f} mm from its target")

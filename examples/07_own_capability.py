@@ -16,10 +16,10 @@ class Shrug(tci.Capability[dict[str, tuple[np.ndarray, float]]]):
     lift: float = np.deg2rad(20.0)  # [rad] of shoulder roll
     wait: float = 0.4  # [s] after the last touch
 
-    def init(self):
+    def init(self, body):
         return {}
 
-    def step(self, memory, perception):
+    def step(self, memory, perception, body):
         memory, commands = dict(memory), []
         touched = {c.part for c in perception.contacts if c.part in self.parts and c.force > self.threshold}
         for part, posture in perception.posture.items():

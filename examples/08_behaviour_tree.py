@@ -15,10 +15,10 @@ from tci.messages import Mode
 class LookAround(Capability[int]):
     """Turns the head to one side and the other."""
 
-    def init(self) -> int:
+    def init(self, body) -> int:
         return 0
 
-    def step(self, memory, perception):
+    def step(self, memory, perception, body):
         side = 0.4 if memory // 250 % 2 == 0 else -0.4  # [rad], a new side every 250 periods
         turn = tci.GenericCommand("head", Mode.POSITION, np.array([side, 0.0, 0.0]))
         return ((turn,) if memory % 250 == 0 else ()), memory + 1

@@ -7,7 +7,7 @@ import tci
 robot = tci.load_robot("nao")
 posture = robot.part("left_arm").initial_posture.copy()
 posture[0] += np.deg2rad(30.0)
-order = tci.to_platform(robot, tci.GenericCommand("left_arm", tci.Mode.POSITION, posture))
+wanted, body = tci.GenericCommand("left_arm", tci.Mode.POSITION, posture), tci.GenericBody(robot)
 
 
 def at_rest(sent: tci.SafeCommand) -> bool:
@@ -18,8 +18,9 @@ def at_rest(sent: tci.SafeCommand) -> bool:
 for rate in (50.0, 100.0, 1000.0):
     with tci.connect(robot, "sim", rate=rate) as driver:
         for now in driver.ticks(duration=2.0):
-            orders = [order] if now == 0.0 else []
-            sent = driver.write(driver.gate.step(orders, driver.read().joints, now))
+            joints = driver.read().joints
+            orders, _ = body.to_platform([wanted] if now == 0.0 else [], joints)
+            sent = driver.write(driver.gate.step(orders, joints, now))
             if now > 0.05 and at_rest(sent):
                 break
         print(f"loop at {rate:.0f} Hz: 30 degrees in {now:.2f} s")
@@ -28,8 +29,9 @@ for rate in (50.0, 100.0, 1000.0):
 with tci.connect(robot, "sim") as driver:
     often = round(0.02 / driver.period)
     for tick, now in enumerate(driver.ticks(duration=2.0)):
-        orders = [order] if tick % often == 0 else []  # 50 times per second
-        sent = driver.write(driver.gate.step(orders, driver.read().joints, now))
+        joints = driver.read().joints
+        orders, _ = body.to_platform([wanted] if tick % often == 0 else [], joints)  # 50 times per second
+        sent = driver.write(driver.gate.step(orders, joints, now))
         if now > 0.05 and at_rest(sent):
             break
     print(f"decisions at 50 Hz, steps at {1.0 / driver.period:.0f} Hz: 30 degrees in {now:.2f} s")

@@ -6,15 +6,16 @@ import tci
 from tci.testing import TouchedRobot, perception
 
 reflex = tci.WithdrawalReflex()
+body = tci.GenericBody(tci.load_robot("nao"))
 
-nothing, memory = reflex.step(reflex.init(), perception("nao"))
+nothing, memory = reflex.step(reflex.init(body), perception("nao"), body)
 assert nothing == ()
 
-(command,), memory = reflex.step(memory, perception("nao", "left_forearm", force=4.0))
+(command,), memory = reflex.step(memory, perception("nao", "left_forearm", force=4.0), body)
 assert command.part == "left_arm"
 print("touched on its left forearm it wants", np.round(np.rad2deg(command.values), 1), "degrees")
 
-commands, _ = reflex.step(reflex.init(), perception("nao", "head"))
+commands, _ = reflex.step(reflex.init(body), perception("nao", "head"), body)
 assert commands == (), "it knows nothing of heads, and passes over the touch"
 
 robot = TouchedRobot("nao", posture={"right_arm": np.deg2rad([40.0, 20.0, 0.0, 70.0, 0.0])})

@@ -14,6 +14,7 @@ import numpy as np
 
 import tci
 from tci.body.generic_body import GenericBody
+from tci.body.perceiver import Perceiver
 from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.capabilities.capability import Capability
 from tci.capabilities.soft_reaction import SoftReaction
@@ -58,11 +59,8 @@ def press(
     surface = world.surfaces[patch]
     place = surface.positions[taxel], surface.normals[taxel]
     world.finger.poke(patch, *place, speed=0.25, depth=depth, gap=0.002)
-    driver, body, memory = (
-        SimulatedDriver(world.robot, world=world),
-        GenericBody(world.robot),
-        capability.init(),
-    )
+    driver, body = SimulatedDriver(world.robot, world=world), GenericBody(world.robot)
+    perceiver, memory = Perceiver(body), capability.init(body)
     first, before, rise, notes = None, 0.0, 0.0, dict[str, None]()
     with driver:
         for now in driver.ticks(duration=RESTS + 0.1 + watch):
@@ -71,16 +69,18 @@ def press(
                     break
                 rise = max(rise, world.finger.force - before)
             reading = driver.read()
-            seen = body.perceive(reading, now)
+            seen = perceiver.step(reading, now)
             orders: Sequence[Any] = ()
             if now >= RESTS:
-                orders = capability.begin(seen) if not notes and first is None else ()
-                more, memory = capability.step(memory, seen)
+                orders = capability.begin(seen, body) if not notes and first is None else ()
+                more, memory = capability.step(memory, seen, body)
                 orders = (*orders, *more)
                 notes |= dict.fromkeys(capability.notes(memory))
                 if first is None and any(_moves(order) for order in more):
                     first, before = now, world.finger.force
-            driver.write(driver.gate.step(body.to_platform(orders, reading.joints), reading.joints, now))
+            platform, refused = body.to_platform(orders, reading.joints)
+            assert not refused
+            driver.write(driver.gate.step(platform, reading.joints, now))
     return Touched(first is not None, tuple(notes), rise)
 
 

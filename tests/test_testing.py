@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import tci
+from tci.body.generic_body import GenericBody
 from tci.errors import CommandError, UnknownNameError
 from tci.messages import Landmark
 from tci.testing import PERIOD, TouchedRobot, perception
@@ -53,11 +54,11 @@ def test_a_touch_keeps_its_identity_until_it_ends() -> None:
 
 def test_a_perception_answers_what_one_of_a_robot_answers() -> None:
     posture = np.deg2rad([20.0, 30.0, 10.0, 50.0, 0.0])
-    seen = perception(NAO, "left_forearm", posture={"left_arm": posture})
+    seen, body = perception(NAO, "left_forearm", posture={"left_arm": posture}), GenericBody(NAO)
     np.testing.assert_allclose(seen.posture["left_arm"], posture, atol=1e-6)
-    assert seen.jacobian(seen.contacts[0]).shape == (3, 5)
-    assert 0.0 < seen.apart(seen.contacts[0], Landmark("forearm", (1.0, 0.0, 0.0))) < 0.5
-    assert seen.movable["head"].tolist() == [1.0, 0.0, 1.0]
+    assert body.jacobian(seen, seen.contacts[0]).shape == (3, 5)
+    assert 0.0 < body.distance(seen.contacts[0], Landmark("forearm", (1.0, 0.0, 0.0))) < 0.5
+    assert body.has_joint("head").tolist() == [True, False, True]
 
 
 def test_three_axis_skin_feels_it_along_its_normal() -> None:

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 from tci.learning.registration import register_when_imported as _register_when_imported
 
 if TYPE_CHECKING:
+    from tci.body.generic_body import BodySettings as BodySettings
     from tci.body.generic_body import GenericBody as GenericBody
-    from tci.body.posture import home as home
-    from tci.body.posture import to_platform as to_platform
+    from tci.body.perceiver import Perceiver as Perceiver
     from tci.capabilities.capability import Capability as Capability
     from tci.capabilities.withdrawal import WithdrawalReflex as WithdrawalReflex
     from tci.clock import ManualClock as ManualClock
@@ -39,14 +39,11 @@ if TYPE_CHECKING:
     from tci.robot.catalogue import load_robot as load_robot
     from tci.robot.catalogue import robot_names as robot_names
     from tci.robot.description import Robot as Robot
-    from tci.robot.joint_map import generic_posture as generic_posture
     from tci.robot.joint_map import initial_position as initial_position
     from tci.runtime.loop import Tick as Tick
     from tci.runtime.loop import run as run
     from tci.runtime.reasons import Notice as Notice
     from tci.runtime.result import RunResult as RunResult
-    from tci.skin.contacts import find_contacts as find_contacts
-    from tci.skin.skin import Skin as Skin
 
 __version__ = "0.1.0"
 
@@ -55,11 +52,9 @@ _NAMES = {
     "tci.capabilities.withdrawal": ("WithdrawalReflex",),
     "tci.clock": ("ManualClock", "MonotonicClock", "ticks"),
     "tci.errors": ("TciError",),
-    "tci.body.generic_body": ("GenericBody",),
-    "tci.skin.contacts": ("find_contacts",),
+    "tci.body.generic_body": ("BodySettings", "GenericBody"),
+    "tci.body.perceiver": ("Perceiver",),
     "tci.gate.gate": ("Gate", "SafeCommand"),
-    "tci.body.posture": ("home", "to_platform"),
-    "tci.skin.skin": ("Skin",),
     "tci.messages": (
         "Contact",
         "GenericCommand",
@@ -74,7 +69,7 @@ _NAMES = {
     "tci.drivers.driver": ("Driver",),
     "tci.robot.catalogue": ("load_robot", "robot_names"),
     "tci.robot.description": ("Robot",),
-    "tci.robot.joint_map": ("generic_posture", "initial_position"),
+    "tci.robot.joint_map": ("initial_position",),
     "tci.runtime.loop": ("Tick", "run"),
     "tci.runtime.reasons": ("Notice",),
     "tci.drivers.registry": ("connect", "driver_names"),

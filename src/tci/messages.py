@@ -13,15 +13,14 @@ One way for the data (docs/architecture.md):
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from enum import Enum
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.errors import CommandError, TciError, UnknownNameError
+from tci.errors import CommandError, UnknownNameError
 from tci.frames import Array, read_only
 
 
@@ -128,6 +127,8 @@ class SkinState:
     """State of each patch by name."""
     link_poses: Mapping[str, Array]
     """`T_TL` (4, 4) of each link that carries skin, seen from the torso, by link name."""
+    masked: NDArray[np.bool_] | None = None
+    """Taxels (n,) of the whole skin, patch by patch, that are not trusted; None if there are none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -192,21 +193,16 @@ class Landmark:
     up."""
 
 
-def _no_skin(contact: Contact, spot: Landmark) -> float:
-    raise TciError(f"no distance of the contact on {contact.patch}: this perception comes without a robot")
+@dataclass(frozen=True, slots=True)
+class LimbPlace:
+    """A point of a limb's skin on any robot, by its coordinates on the generic limb (eq. 4)."""
 
-
-def _no_kinematics(contact: Contact) -> Array:
-    raise TciError(f"no Jacobian of the contact on {contact.patch}: this perception comes without a robot")
-
-
-def _no_motion(contacts: Sequence[Contact], part: str, target: Array, mode: Mode) -> Array:
-    raise TciError(f"nothing is known of a motion of {part}: this perception comes without a robot")
-
-
-Covered = Callable[[str, str, float, float, float], float]
-"""Of a part and segment, the share 0..1 of the taxels around u, theta [rad] that are used, within a radius
-[limb lengths]."""
+    segment: str
+    """Segment of the part: `upper_arm`, `forearm`."""
+    u: float
+    """Place along the segment: 0 at its proximal, 1 at its distal joint."""
+    theta: float
+    """Angle around the segment [rad]: 0 flexor, +pi/2 lateral, pi extensor, -pi/2 medial."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,34 +218,24 @@ class Support:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Perception:
-    """All that a capability sees: nothing in it depends on the robot."""
+    """Everything a capability perceives at one instant. Plain data of the same form for every robot.
+
+    Questions about it that need the robot are answered by `GenericBody`.
+    """
 
     stamp: float
-    """Time now [s]."""
+    """Time now [s], on the driver's clock."""
     posture: Mapping[str, Array]
-    """Generic joint angles (n,) [rad] of each generic part, by name (eqs 1-2)."""
+    """Generic joint angles (n,) [rad] of each generic part, by name (eqs. 1-2)."""
     contacts: Sequence[Contact]
     """Contacts in the latest frames of the skin."""
     ended: tuple[int, ...] = ()
-    """Identities of contacts that were in the perception before this one and are no more."""
-    jacobian: Callable[[Contact], Array] = _no_kinematics
-    """Of one of them: how its point moves (3, n) [m/rad], seen from the torso, with each generic joint of
-    its part. Worked out when asked for."""
-    retreat: Callable[[Sequence[Contact], str, Array, Mode], Array] = _no_motion
-    """Of some of them (c,): how far [m] the point of each would be from where it is, (0, k, c) along its
-    inward normal, below 0 where it is pressed, and (1, k, c) across it, at k moments while a part goes to
-    generic angles (n,) in a mode, as the robot's limits let it. Worked out when asked for."""
-    apart: Callable[[Contact, Landmark], float] = _no_skin
-    """Geodesic distance [m] along the skin of one of them from a spot of its part; infinite where the spot is
-    on other skin. Worked out when asked for."""
-    movable: Mapping[str, Array] = field(default_factory=lambda: MappingProxyType({}))
-    """1 for each generic joint (n,) of a part that the robot has, else 0, by name; a part may be absent."""
-    covered: Covered | None = None
-    """How much of a place its skin still feels; None while no taxel is masked."""
-    felt: Callable[[str, Landmark, float], float] | None = None
-    """The same of the skin of a part that is nearer to a spot than a geodesic radius [m]."""
-    support: Callable[[str, Array], Support] | None = None
-    """Of a leg that went to generic angles (n,) [rad]; None where nothing is known of the robot."""
+    """Identities of contacts that were in the previous perception and are gone."""
+    skin: SkinState | None = None
+    """Pressure on the whole skin; None where a perception was made without a robot."""
+    joints: JointReading | None = None
+    """The robot's own joints, for the methods of `GenericBody`; a capability that reads them here is not
+    generic. None where a perception was made without a robot."""
 
 
 def _take_mode(command: GenericCommand | SwitchMode | PlatformSwitch | PlatformCommand) -> None:

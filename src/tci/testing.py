@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from tci.body.generic_body import GenericBody
+from tci.body.perceiver import Perceiver
 from tci.body.posture import to_platform
 from tci.errors import CommandError, UnknownNameError
 from tci.frames import Array, read_only
@@ -53,6 +54,8 @@ class TouchedRobot:
         """
         self.robot = robot if isinstance(robot, Robot) else load_robot(robot)
         self.body = GenericBody(self.robot)
+        """Answers questions about the perceptions."""
+        self._perceiver = Perceiver(self.body)
         self._position = np.array(initial_position(self.robot))
         for part, angles in (posture or {}).items():
             command = GenericCommand(part, Mode.POSITION, read_only(angles))
@@ -80,7 +83,7 @@ class TouchedRobot:
         frames = (SkinFrame(name, now, self._count, read_only(raw)) for name, raw in values.items())
         still = read_only(np.zeros(len(self._position)))
         joints = JointReading(now, self._count, read_only(self._position), still)
-        return self.body.perceive(Reading(joints, tuple(frames)), now)
+        return self._perceiver.step(Reading(joints, tuple(frames)), now)
 
     def _press(self, values: Array, patch: Patch, taxel: int | None, force: float) -> None:
         """Adds a touch to the raw `values` (channels,) of a patch."""

@@ -8,15 +8,18 @@ import numpy as np
 import pytest
 
 from tci.body.generic_body import GenericBody
+from tci.body.perceiver import Perceiver
 from tci.capabilities.fields import default_fields
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.frames import Array
-from tci.messages import JointReading, Perception, Reading, SkinFrame
+from tci.messages import JointReading, Landmark, LimbPlace, Perception, Reading, SkinFrame
 from tci.robot.catalogue import load_robot
 from tci.robot.joint_map import joint_map
 from tci.robot.limb import generic_limb_distance
+from tci.testing import perception
 
 ROBOT = load_robot("icub")
+BODY = GenericBody(ROBOT)
 PATCH = next(patch for patch in ROBOT.patches if (patch.part, patch.segment) == ("left_arm", "forearm"))
 FIELD = next(field for field in default_fields() if field.name == "forearm_extensor")
 
@@ -33,36 +36,34 @@ class Feeling:
     """A body whose forearm flickers, and some taxels far more than the others."""
 
     def __init__(self, spoilt: np.ndarray) -> None:
-        self.body, self.tick, self.random = GenericBody(ROBOT), 0, np.random.default_rng(3)
+        self.perceiver, self.tick, self.random = Perceiver(BODY), 0, np.random.default_rng(3)
         self.spoilt = spoilt
 
     def perceive(self, pronation: float) -> Perception:
         """One frame, 0.1 s after the one before."""
         self.tick += 1
         values = np.rint(PATCH.sensor.rest + self.random.standard_normal(PATCH.channels))
-        values[self.body.skin.surfaces[PATCH.name].channels[self.spoilt]] += (
-            60.0 * self.random.standard_normal(len(self.spoilt))
+        values[BODY.skin.surfaces[PATCH.name].channels[self.spoilt]] += 60.0 * self.random.standard_normal(
+            len(self.spoilt)
         )
         position, now = turned(pronation), 0.1 * self.tick
         octets = np.clip(values, PATCH.sensor.lowest, PATCH.sensor.highest).astype(np.uint8)
         frame = SkinFrame(PATCH.name, now, self.tick, octets)
         joints = JointReading(now, self.tick, position, np.zeros_like(position))
-        return self.body.perceive(Reading(joints, (frame,)), now)
+        return self.perceiver.step(Reading(joints, (frame,)), now)
 
 
 def inside(pronation: float) -> np.ndarray:
     """Which taxels (n,) of the forearm lie in the field."""
     position = turned(pronation)
-    u, theta, _ = GenericBody(ROBOT).skin.limb(
-        PATCH.name, JointReading(0.0, 0, position, np.zeros_like(position))
-    )
+    u, theta, _ = BODY.skin.limb(PATCH.name, JointReading(0.0, 0, position, np.zeros_like(position)))
     here: np.ndarray = generic_limb_distance(u, theta, FIELD.u, FIELD.theta) < FIELD.radius
     return here
 
 
 def share(seen: Perception) -> float:
-    assert seen.covered is not None
-    return seen.covered(PATCH.part, PATCH.segment, FIELD.u, FIELD.theta, FIELD.radius)
+    place = LimbPlace(PATCH.segment, FIELD.u, FIELD.theta)
+    return float(BODY.coverage(seen, PATCH.part, [place], np.array([FIELD.radius]))[0])
 
 
 def test_it_is_told_for_where_the_arm_is_now() -> None:
@@ -72,33 +73,40 @@ def test_it_is_told_for_where_the_arm_is_now() -> None:
     for _ in range(902):
         seen = feeling.perceive(-60.0)
     assert share(seen) == 1.0
-    assert "forearm_extensor" not in reflex.fault(seen)
+    assert "forearm_extensor" not in reflex.fault(seen, BODY)
     for pronation in (60.0, 0.0, -60.0, 59.0):
         seen = feeling.perceive(pronation)
         field = inside(pronation)
         assert share(seen) == pytest.approx(1.0 - gone[field].mean())
     assert share(seen) < 0.5
-    assert "forearm_extensor of left_arm is blind" in reflex.fault(seen)
+    assert "forearm_extensor of left_arm is blind" in reflex.fault(seen, BODY)
 
 
-def test_angles_that_are_no_numbers_change_nothing() -> None:
-    gone = inside(60.0)
-    feeling = Feeling(np.flatnonzero(gone))
-    for _ in range(902):
-        seen = feeling.perceive(60.0)
-    coverage = feeling.body._coverage
-    position = np.full(len(ROBOT.servos), np.nan)
-    told = coverage.step(JointReading(91.0, 901, position, position))
-    assert told is not None
-    assert share(replace(seen, covered=told)) == 0.0
+def test_a_landmark_is_covered_by_the_skin_around_it() -> None:
+    robot = load_robot("nao-whole")
+    body, landmark = GenericBody(robot), Landmark("", (1.0, 0.0, 0.0))
+    seen = perception(robot)
+    assert seen.skin is not None
+    assert seen.skin.masked is None
+    assert body.coverage(seen, "head", [landmark], np.array([0.03])).tolist() == [1.0]
+    sizes = [len(body.skin.surfaces[patch.name].positions) for patch in robot.patches]
+    begins = dict(zip([patch.name for patch in robot.patches], np.cumsum([0, *sizes]).tolist(), strict=False))
+    place, surface = body.landmark("head", landmark), body.skin.surfaces["head_skin"]
+    near = np.flatnonzero(np.linalg.norm(surface.positions - place.p_L, axis=1) < 0.02)
+    masked = np.zeros(sum(sizes), dtype=bool)
+    masked[begins["head_skin"] + near] = True
+    blind = replace(seen, skin=replace(seen.skin, masked=masked))
+    shares = body.coverage(blind, "head", [landmark] * 3, np.array([0.015, 0.04, 1e-6]))
+    assert shares[0] == 0.0
+    assert 0.0 < shares[1] < 1.0
+    assert shares[2] == 1.0, "no taxel is that near"
+    assert body.coverage(blind, "head", [Landmark("tail", (1.0, 0.0, 0.0))], np.array([1.0])).tolist() == [
+        1.0
+    ]
 
 
-def test_nothing_is_worked_out_while_the_arm_stands_still_or_nothing_is_masked() -> None:
+def test_it_is_known_only_while_a_taxel_is_masked() -> None:
     feeling = Feeling(np.zeros(0, dtype=int))
-    assert all(feeling.perceive(10.0 * tick).covered is None for tick in range(5))
-    feeling = Feeling(np.flatnonzero(inside(60.0)))
-    for _ in range(902):
-        feeling.perceive(60.0)
-    seen = feeling.perceive(60.0)  # the masks of the latest lesson
-    assert feeling.perceive(60.5).covered is seen.covered
-    assert feeling.perceive(62.0).covered is not seen.covered
+    seen = [feeling.perceive(10.0 * tick) for tick in range(5)]
+    assert all(one.skin is not None and one.skin.masked is None for one in seen)
+    assert share(seen[-1]) == 1.0

@@ -33,7 +33,7 @@ def test_distances_around_a_head_are_those_of_its_circumference(name: str) -> No
     assert isinstance(cone, TruncatedCone)
     radius = (cone.r1 + cone.r2) / 2.0
     surface = body.skin.surfaces["head_skin"]
-    spot = body.spots.place("head", FRONT)
+    spot = body.landmark("head", FRONT)
     middle = surface.positions.mean(axis=0)
     across = spot.p_L - middle
     axis = rotation_rpy(*cone.rpy)[:, 2]
@@ -42,7 +42,7 @@ def test_distances_around_a_head_are_those_of_its_circumference(name: str) -> No
     side *= np.linalg.norm(across) / np.linalg.norm(side)
     for angle in np.deg2rad([40, 80, 120, 160]):
         point = middle + np.cos(angle) * across + np.sin(angle) * side
-        found = body.spots.distance(contact_at(body, "head_skin", point), FRONT)
+        found = body.distance(contact_at(body, "head_skin", point), FRONT)
         assert found == pytest.approx(radius * angle, rel=0.05), np.rad2deg(angle)
         chord = 2.0 * radius * np.sin(angle / 2.0)
         assert found > chord - 0.002
@@ -75,7 +75,7 @@ def test_distances_are_those_of_the_unrolled_cone(name: str, patch: str, spot: L
     words = body.robot.patch(patch)
     cone = words.surface
     assert isinstance(cone, TruncatedCone)
-    place = body.spots.place(words.part, spot)
+    place = body.landmark(words.part, spot)
     surface = body.skin.surfaces[patch]
     (start,) = unrolled(cone, place.p_L[None])
     slope = (cone.r2 - cone.r1) / cone.length
@@ -85,7 +85,7 @@ def test_distances_are_those_of_the_unrolled_cone(name: str, patch: str, spot: L
         apart = abs(start[1] - end[1]) % sector
         angle = min(apart, sector - apart)
         exact = np.sqrt(start[0] ** 2 + end[0] ** 2 - 2.0 * start[0] * end[0] * np.cos(angle))
-        found = body.spots.distance(contact_at(body, patch, surface.positions[taxel]), spot)
+        found = body.distance(contact_at(body, patch, surface.positions[taxel]), spot)
         assert found == pytest.approx(exact, rel=0.03, abs=0.001), (taxel, exact)
 
 
@@ -100,7 +100,7 @@ def test_spots_lie_where_they_are_said_to(name: str) -> None:
         ("right_leg", Landmark("thigh", (0.0, 1.0, 0.0)), 1, -1.0),
         ("left_leg", Landmark("foot", (0.0, 0.0, -1.0)), 2, -1.0),
     ):
-        place = body.spots.place(part, spot)
+        place = body.landmark(part, spot)
         link = body.robot.patch(place.patch).link
         position = np.array(start)
         legs = [part for part in body.robot.parts if part.kind == "leg"]
@@ -111,24 +111,24 @@ def test_spots_lie_where_they_are_said_to(name: str) -> None:
 
 def test_a_contact_is_at_no_distance_from_its_own_place_and_none_from_other_skin() -> None:
     body = BODIES["icub-whole"]
-    place = body.spots.place("left_leg", Landmark("shank", (1.0, 0.0, 0.0)))
+    place = body.landmark("left_leg", Landmark("shank", (1.0, 0.0, 0.0)))
     contact = contact_at(body, place.patch, place.p_L)
-    assert body.spots.distance(contact, Landmark("shank", (1.0, 0.0, 0.0))) < 1e-6
-    assert body.spots.distance(contact, Landmark("thigh", (1.0, 0.0, 0.0))) == np.inf
+    assert body.distance(contact, Landmark("shank", (1.0, 0.0, 0.0))) < 1e-6
+    assert body.distance(contact, Landmark("thigh", (1.0, 0.0, 0.0))) == np.inf
 
 
 def test_a_part_without_skin_there_is_told() -> None:
     body = BODIES["nao-whole"]
     with pytest.raises(TciError, match="no skin on tail of head"):
-        body.spots.place("head", Landmark("tail", (1.0, 0.0, 0.0)))
+        body.landmark("head", Landmark("tail", (1.0, 0.0, 0.0)))
 
 
 def test_the_sole_is_a_sheet() -> None:
     body = BODIES["icub-whole"]
     spot = Landmark("foot", (0.0, 0.0, -1.0))
-    place = body.spots.place("left_leg", spot)
+    place = body.landmark("left_leg", spot)
     surface = body.skin.surfaces[place.patch]
     for taxel in range(0, len(surface.positions), 40):
         straight = float(np.linalg.norm(surface.positions[taxel] - place.p_L))
-        found = body.spots.distance(contact_at(body, place.patch, surface.positions[taxel]), spot)
+        found = body.distance(contact_at(body, place.patch, surface.positions[taxel]), spot)
         assert straight - 1e-9 <= found <= 1.25 * straight + 0.005

@@ -12,6 +12,8 @@ from py_trees.common import ParallelPolicy, Status
 from py_trees.composites import Parallel, Selector, Sequence
 
 import tci
+from capabilities.touches import BODY
+from tci.body.generic_body import GenericBody
 from tci.capabilities.behaviour_tree import BehaviourTree, Reflex, Task
 from tci.capabilities.capability import Capability
 from tci.drivers.simulated import SimulatedDriver
@@ -29,13 +31,13 @@ class Go(Capability[int]):
     where: tuple[float, ...]
     mode: Mode | None = None
 
-    def init(self) -> int:
+    def init(self, body: GenericBody) -> int:
         return 0
 
-    def begin(self, perception: Perception) -> tuple[Order, ...]:
+    def begin(self, perception: Perception, body: GenericBody) -> tuple[Order, ...]:
         return () if self.mode is None else (SwitchMode(self.part, self.mode),)
 
-    def step(self, memory: int, perception: Perception) -> tuple[tuple[Order, ...], int]:
+    def step(self, memory: int, perception: Perception, body: GenericBody) -> tuple[tuple[Order, ...], int]:
         wanted = GenericCommand(self.part, Mode.POSITION, np.array(self.where))
         return ((wanted,) if memory == 0 else ()), memory + 1
 
@@ -44,10 +46,10 @@ class Go(Capability[int]):
 class Startle(Capability[bool]):
     """Moves the left arm while anything touches it."""
 
-    def init(self) -> bool:
+    def init(self, body: GenericBody) -> bool:
         return False
 
-    def step(self, memory: bool, perception: Perception) -> tuple[tuple[Order, ...], bool]:
+    def step(self, memory: bool, perception: Perception, body: GenericBody) -> tuple[tuple[Order, ...], bool]:
         touched = bool(perception.contacts)
         away = GenericCommand("left_arm", Mode.POSITION, np.zeros(5))
         return ((away,) if touched and not memory else ()), touched
@@ -77,10 +79,10 @@ def interruptible() -> Behaviour:
 
 def test_a_reflex_interrupts_a_task_and_hands_back() -> None:
     tree = BehaviourTree(interruptible)
-    memory = tree.init()
+    memory = tree.init(BODY)
     told, statuses = [], []
     for touched in (False, False, True, True, False, False, False):
-        orders, memory = tree.step(memory, seen(touched=touched))
+        orders, memory = tree.step(memory, seen(touched=touched), BODY)
         told.append(values(orders))
         statuses.append(memory.children[1].status)
     high, away = [list(HIGH)], [[0.0] * 5]
@@ -96,10 +98,10 @@ def test_a_task_that_is_done_starts_anew_when_it_is_ticked_again() -> None:
         return Sequence("wave", memory=True, children=children)
 
     tree = BehaviourTree(both)
-    memory = tree.init()
+    memory = tree.init(BODY)
     told = []
     for _ in range(6):
-        orders, memory = tree.step(memory, seen())
+        orders, memory = tree.step(memory, seen(), BODY)
         told += values(orders)
     assert told == [list(HIGH), list(LOW), list(HIGH), list(LOW)]
 
@@ -112,7 +114,7 @@ def test_the_first_leaf_moves_a_part_that_two_want() -> None:
         return Parallel("both", policy=ParallelPolicy.SuccessOnAll(), children=children)
 
     tree = BehaviourTree(both)
-    assert values(tree.step(tree.init(), seen())[0]) == [list(HIGH)]
+    assert values(tree.step(tree.init(BODY), seen(), BODY)[0]) == [list(HIGH)]
 
 
 def test_leaves_begin_in_one_mode_per_part() -> None:
@@ -122,9 +124,9 @@ def test_leaves_begin_in_one_mode_per_part() -> None:
             lambda: Sequence("s", memory=True, children=[Task(n, go, done=steps(1)) for n, go in leaves])
         )
 
-    assert len(modes(Mode.VELOCITY, Mode.VELOCITY).begin(seen())) == 1
+    assert len(modes(Mode.VELOCITY, Mode.VELOCITY).begin(seen(), BODY)) == 1
     with pytest.raises(TciError, match="leaf 1 wants left_arm in impedance mode"):
-        modes(Mode.VELOCITY, Mode.IMPEDANCE).begin(seen())
+        modes(Mode.VELOCITY, Mode.IMPEDANCE).begin(seen(), BODY)
 
 
 def test_a_tree_without_leaves_and_a_leaf_without_a_tree_are_refused() -> None:

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from capabilities.touches import away, touch
+from capabilities.touches import BODY, away, body_that, touch
+from tci.body.generic_body import GenericBody
 from tci.capabilities.body_fields import JOINTS, BodyFields, default_body_fields, load_body_fields
 from tci.capabilities.body_withdrawal import BodyMemory, BodyWithdrawal
 from tci.errors import DescriptionError, TciError
 from tci.frames import Array
-from tci.messages import Contact, GenericCommand, Landmark, Perception
+from tci.messages import Contact, GenericCommand, Landmark, Perception, Support
 
 POSTURE = {"head": np.zeros(3), "torso": np.zeros(3), "left_leg": np.zeros(6), "left_arm": np.zeros(5)}
 FACE = default_body_fields().field[0]
@@ -22,13 +24,17 @@ SHIN = next(field for field in default_body_fields().field if field.name == "sha
 
 def see(
     *contacts: Contact, stamp: float = 0.0, at: Landmark = FACE.spot, distance: float = 0.0,
-    movable: dict[str, Array] | None = None,
-) -> Perception:  # fmt: skip
-    """What is seen when every contact lies `distance` [m] from one spot and on no other."""
-    return Perception(
-        stamp=stamp, posture=POSTURE, contacts=contacts, movable=movable or {}, retreat=away,
-        apart=lambda contact, spot: distance if spot == at else np.inf,
-    )  # fmt: skip
+    joints: Mapping[str, Array] | None = None, posture: Mapping[str, Array] = POSTURE,
+) -> tuple[Perception, GenericBody]:  # fmt: skip
+    """What is seen when every contact lies `distance` [m] from one landmark and on no other, and a body with
+    all joints, or with some."""
+    body = body_that(
+        retreat=away,
+        distance=lambda contact, landmark: distance if landmark == at else np.inf,
+        support=lambda perception, leg, target: Support({}, -np.inf),
+        has_joint=lambda part: (joints or {}).get(part, np.ones(len(POSTURE[part]), bool)),
+    )
+    return Perception(stamp, posture, contacts), body
 
 
 def press(part: str, force: float, *, segment: str = "", sequence: int = 0) -> Contact:
@@ -36,9 +42,9 @@ def press(part: str, force: float, *, segment: str = "", sequence: int = 0) -> C
 
 
 def step(
-    reflex: BodyWithdrawal, perception: Perception, memory: BodyMemory | None = None
+    reflex: BodyWithdrawal, view: tuple[Perception, GenericBody], memory: BodyMemory | None = None
 ) -> tuple[list[GenericCommand], BodyMemory]:
-    orders, after = reflex.step(memory or reflex.init(), perception)
+    orders, after = reflex.step(memory or reflex.init(BODY), *view)
     commands = [order for order in orders if isinstance(order, GenericCommand)]
     assert len(commands) == len(orders)
     return commands, after
@@ -82,10 +88,10 @@ def test_one_touch_is_answered_once() -> None:
 @pytest.mark.parametrize(("refractory", "period"), [(0.5, 0.6), (0.005, 0.01)])
 def test_a_lasting_touch_is_answered_once_however_rarely_it_is_seen(refractory: float, period: float) -> None:
     reflex = BodyWithdrawal(refractory=refractory)
-    memory, moments = reflex.init(), []
+    memory, moments = reflex.init(BODY), []
     for tick in range(20):
         posture = POSTURE | {"head": np.full(3, 0.1 * tick)}
-        seen = replace(see(press("head", 5.0), stamp=period * tick), posture=posture)
+        seen = see(press("head", 5.0), stamp=period * tick, posture=posture)
         commands, memory = step(reflex, seen, memory)
         moments += [tick for _ in commands]
     assert moments == [0]
@@ -98,7 +104,7 @@ def test_a_withdrawal_in_the_place_of_one_that_is_over_is_sent() -> None:
     _, memory = step(reflex, see(press("head", 5.0), stamp=0.0))
     nothing, memory = step(reflex, see(stamp=0.3), memory)
     assert not nothing
-    elsewhere = replace(see(press("head", 5.0), stamp=0.6), posture=POSTURE | {"head": np.full(3, 0.1)})
+    elsewhere = see(press("head", 5.0), stamp=0.6, posture=POSTURE | {"head": np.full(3, 0.1)})
     again, memory = step(reflex, elsewhere, memory)
     np.testing.assert_allclose(again[0].values, 0.1 + np.array(FACE.motion), atol=1e-12)
     assert memory["head"].started == 0.6
@@ -107,14 +113,12 @@ def test_a_withdrawal_in_the_place_of_one_that_is_over_is_sent() -> None:
 def test_a_touch_that_a_leg_has_answered_is_not_answered_again_after_a_refusal() -> None:
     reflex = BodyWithdrawal(stance="supported")
     shank, sole = press("left_leg", 5.0, segment="shank"), press("right_leg", 20.0, segment="foot")
-    memory, moments = reflex.init(), []
+    memory, moments = reflex.init(BODY), []
     for tick in range(100):
         stands = 10 <= tick < 60
         contacts = (shank, sole) if stands else (shank,)
-        seen = replace(
-            see(*contacts, stamp=0.02 * tick, at=SHIN.spot),
-            posture=POSTURE | {"left_leg": np.full(6, 0.01 * tick)},
-        )
+        posture = POSTURE | {"left_leg": np.full(6, 0.01 * tick)}
+        seen = see(*contacts, stamp=0.02 * tick, at=SHIN.spot, posture=posture)
         commands, memory = step(reflex, seen, memory)
         moments += [tick for _ in commands]
         assert ("left_leg" in memory.refused) == stands
@@ -163,9 +167,9 @@ def test_other_parts_answer_while_the_legs_carry() -> None:
 
 
 def test_a_part_without_the_joint_does_not_answer() -> None:
-    head = see(press("head", 5.0), movable={"head": np.array([0.0, 1.0, 1.0])})
+    head = see(press("head", 5.0), joints={"head": np.array([False, True, True])})
     assert not step(BodyWithdrawal(), head)[0]
-    head = see(press("head", 5.0), movable={"head": np.array([1.0, 0.0, 0.0])})
+    head = see(press("head", 5.0), joints={"head": np.array([True, False, False])})
     assert step(BodyWithdrawal(), head)[0]
 
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import pytest
 
-from capabilities.touches import POSTURE, see, touch
+from capabilities.touches import BODY, POSTURE, see, touch
+from tci.body.generic_body import GenericBody
 from tci.body.places import find_place
 from tci.capabilities.capability import Capability
 from tci.capabilities.contact_stop import ContactStop
@@ -30,22 +31,24 @@ class Raise(Capability[bool]):
     mode: Mode = Mode.POSITION
     target: tuple[float, ...] = tuple(TARGET)
 
-    def init(self) -> bool:
+    def init(self, body: GenericBody) -> bool:
         return False
 
-    def begin(self, perception: Perception) -> tuple[Command, ...]:
+    def begin(self, perception: Perception, body: GenericBody) -> tuple[Command, ...]:
         return () if self.mode is Mode.POSITION else (SwitchMode("left_arm", self.mode),)
 
-    def step(self, memory: bool, perception: Perception) -> tuple[tuple[Command, ...], bool]:
+    def step(
+        self, memory: bool, perception: Perception, body: GenericBody
+    ) -> tuple[tuple[Command, ...], bool]:
         if memory and self.mode is Mode.POSITION:
             return (), True
         return (GenericCommand("left_arm", self.mode, read_only(self.target)),), True
 
 
 def play(behaviour: ContactStop[bool], *moments: Perception) -> list[tuple[Command, ...]]:
-    memory, all_commands = behaviour.init(), []
+    memory, all_commands = behaviour.init(BODY), []
     for moment in moments:
-        commands, memory = behaviour.step(memory, moment)
+        commands, memory = behaviour.step(memory, moment, BODY)
         all_commands.append(commands)
     return all_commands
 
@@ -96,10 +99,12 @@ class Reach(Capability[bool]):
 
     always: bool
 
-    def init(self) -> bool:
+    def init(self, body: GenericBody) -> bool:
         return False
 
-    def step(self, memory: bool, perception: Perception) -> tuple[tuple[Command, ...], bool]:
+    def step(
+        self, memory: bool, perception: Perception, body: GenericBody
+    ) -> tuple[tuple[Command, ...], bool]:
         place = CartesianCommand("left_arm", read_only([0.5, 0.0, -0.5]))
         return ((place,) if self.always or not memory else ()), True
 

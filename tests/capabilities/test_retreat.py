@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from capabilities.touches import POSTURE, one_field, poke, see
+from capabilities.touches import BODY, POSTURE, body_that, one_field, poke, see
+from tci.body.generic_body import GenericBody
 from tci.capabilities.soft_reaction import SoftReaction
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.frames import Array
@@ -24,9 +25,9 @@ class Room:
     away: Mapping[int, Sequence[float]]
     across: float = 0.0
 
-    def retreat(self, contacts: Sequence[Contact], part: str, target: Array, mode: Mode) -> Array:
-        """As `Perception.retreat`."""
-        inwards = np.array([self.away[contact.identity] for contact in contacts]).T
+    def retreat(self, perception: Perception, part: str, target: Array, mode: Mode) -> Array:
+        """As `GenericBody.retreat`."""
+        inwards = np.array([self.away[contact.identity] for contact in perception.contacts]).T
         return np.stack([inwards, np.full_like(inwards, self.across)])
 
 
@@ -35,9 +36,11 @@ def touches(*identities: int, force: float = 5.0) -> list[Contact]:
     return [replace(poke(FIELD, force), identity=one) for one in identities]
 
 
-def seen(room: Room, *contacts: Contact, stamp: float = 0.0, posture: Array = POSTURE) -> Perception:
-    """What a capability sees of them."""
-    return replace(see(*contacts, stamp=stamp, posture={"left_arm": posture}), retreat=room.retreat)
+def seen(
+    room: Room, *contacts: Contact, stamp: float = 0.0, posture: Array = POSTURE
+) -> tuple[Perception, GenericBody]:
+    """What a capability sees of them, and the body."""
+    return see(*contacts, stamp=stamp, posture={"left_arm": posture}), body_that(retreat=room.retreat)
 
 
 def test_a_motion_into_the_touch_is_refused_and_told() -> None:
@@ -46,13 +49,13 @@ def test_a_motion_into_the_touch_is_refused_and_told() -> None:
         ((0.001, -0.02), "press left_arm_forearm 20 mm"),
         ((0.0, 0.0001), "would take left_arm_forearm 0.1 mm away from what touches it; valid: 1 mm"),
     ):
-        commands, memory = REFLEX.step(REFLEX.init(), seen(Room({1: away}), *touches(1)))
+        commands, memory = REFLEX.step(REFLEX.init(BODY), *seen(Room({1: away}), *touches(1)))
         assert commands == ()
         assert not memory
         (note,) = REFLEX.notes(memory)
         assert note.startswith("left_arm was touched and stays: its motion would")
         assert told in note
-    commands, memory = REFLEX.step(REFLEX.init(), seen(Room({1: (0.001, 0.02)}), *touches(1)))
+    commands, memory = REFLEX.step(REFLEX.init(BODY), *seen(Room({1: (0.001, 0.02)}), *touches(1)))
     assert len(commands) == 1
     assert not REFLEX.notes(memory)
 
@@ -60,14 +63,14 @@ def test_a_motion_into_the_touch_is_refused_and_told() -> None:
 def test_a_motion_along_the_skin_is_no_withdrawal() -> None:
     for across, given in ((0.09, True), (0.11, False)):
         room = Room({1: (0.02, 0.02)}, across)
-        commands, memory = REFLEX.step(REFLEX.init(), seen(room, *touches(1)))
+        commands, memory = REFLEX.step(REFLEX.init(BODY), *seen(room, *touches(1)))
         assert bool(commands) is given
         assert ("drag left_arm_forearm" in "".join(REFLEX.notes(memory))) is not given
 
 
 def test_of_two_touches_at_opposite_sides_none_is_answered() -> None:
     commands, memory = REFLEX.step(
-        REFLEX.init(), seen(Room({1: (0.001, 0.02), 2: (-0.001, -0.02)}), *touches(1, 2))
+        REFLEX.init(BODY), *seen(Room({1: (0.001, 0.02), 2: (-0.001, -0.02)}), *touches(1, 2))
     )
     assert commands == ()
     assert "press" in memory.refused["left_arm"].reason
@@ -76,12 +79,12 @@ def test_of_two_touches_at_opposite_sides_none_is_answered() -> None:
 def test_many_touches_of_one_field_take_one_look() -> None:
     room, looks = Room(dict.fromkeys(range(30), (-0.01,))), []
 
-    def counted(contacts: Sequence[Contact], part: str, target: Array, mode: Mode) -> Array:
+    def counted(perception: Perception, part: str, target: Array, mode: Mode) -> Array:
         looks.append(part)
-        return room.retreat(contacts, part, target, mode)
+        return room.retreat(perception, part, target, mode)
 
-    view = replace(seen(room, *touches(*range(30))), retreat=counted)
-    commands, memory = REFLEX.step(REFLEX.init(), view)
+    view, _ = seen(room, *touches(*range(30)))
+    commands, memory = REFLEX.step(REFLEX.init(BODY), view, body_that(retreat=counted))
     assert commands == ()
     assert "press" in memory.refused["left_arm"].reason
     assert len(looks) == 1
@@ -90,15 +93,17 @@ def test_many_touches_of_one_field_take_one_look() -> None:
 def test_a_touch_that_lasts_is_judged_anew_when_the_skin_tells_something_new_or_after_a_while() -> None:
     room, looks = Room({1: (-0.01,)}), []
 
-    def counted(contacts: Sequence[Contact], part: str, target: Array, mode: Mode) -> Array:
+    def counted(perception: Perception, part: str, target: Array, mode: Mode) -> Array:
         looks.append(part)
-        return room.retreat(contacts, part, target, mode)
+        return room.retreat(perception, part, target, mode)
 
-    frames, memory, when = [tuple(touches(1)), tuple(touches(1))], REFLEX.init(), []
+    body = body_that(retreat=counted)
+    frames, memory, when = [tuple(touches(1)), tuple(touches(1))], REFLEX.init(BODY), []
     for tick in range(60):
-        view = replace(seen(room, stamp=tick / 1024), contacts=frames[tick >= 5], retreat=counted)
+        view = see(stamp=tick / 1024, posture={"left_arm": POSTURE})
+        view = replace(view, contacts=frames[tick >= 5])
         before = len(looks)
-        commands, memory = REFLEX.step(memory, view)
+        commands, memory = REFLEX.step(memory, view, body)
         when += [tick] * (len(looks) - before)
         assert commands == ()
         assert "press" in memory.refused["left_arm"].reason
@@ -109,35 +114,35 @@ def test_of_several_touches_one_must_get_away() -> None:
     for away, given in ((0.02, True), (0.0, False)):
         hard, light = *touches(1), *touches(2, force=2.0)
         view = seen(Room({1: (0.0,), 2: (away,)}), hard, light)
-        commands, _ = REFLEX.step(REFLEX.init(), view)
+        commands, _ = REFLEX.step(REFLEX.init(BODY), *view)
         assert bool(commands) is given
 
 
 def test_a_touch_that_flickers_for_long_is_not_remembered_for_long() -> None:
-    memory = REFLEX.init()
+    memory = REFLEX.init(BODY)
     for one in range(300):
         view = seen(Room({one: (0.01,)}), *touches(one), stamp=0.01 * one)
-        _, memory = REFLEX.step(memory, view)
+        _, memory = REFLEX.step(memory, *view)
     assert len(memory["left_arm"].met) == 1
 
 
 def test_a_withdrawal_ends_where_it_meets_something_and_stays_there_until_nothing_touches() -> None:
     free, blocked = Room({1: (0.01, 0.02)}), Room({1: (0.01, 0.02), 2: (-0.01, -0.02)})
-    memory, sent = REFLEX.init(), []
+    memory, sent = REFLEX.init(BODY), []
     for tick, (room, contacts) in enumerate(
         [(free, touches(1))] * 2 + [(blocked, touches(1, 2))] * 3 + [(free, touches(1, force=2.0))] * 3
     ):
         here = POSTURE + 0.01 * tick
-        commands, memory = REFLEX.step(memory, seen(room, *contacts, stamp=0.01 * tick, posture=here))
+        commands, memory = REFLEX.step(memory, *seen(room, *contacts, stamp=0.01 * tick, posture=here))
         sent += [(tick, command.values) for command in commands]
     assert [tick for tick, _ in sent] == [0, 2]
     np.testing.assert_allclose(sent[1][1], POSTURE + 0.02)
     assert "left_arm was touched and stays" in REFLEX.notes(memory)[0]
     for stamp in (1.0, 2.0):
-        commands, memory = REFLEX.step(memory, seen(free, stamp=stamp))
+        commands, memory = REFLEX.step(memory, *seen(free, stamp=stamp))
         assert not commands
     assert not memory
-    again, memory = REFLEX.step(memory, seen(free, *touches(1), stamp=3.0))
+    again, memory = REFLEX.step(memory, *seen(free, *touches(1), stamp=3.0))
     assert len(again) == 1
     assert not REFLEX.notes(memory)
 
@@ -145,15 +150,15 @@ def test_a_withdrawal_ends_where_it_meets_something_and_stays_there_until_nothin
 def test_in_velocity_mode_an_ended_withdrawal_drives_no_further() -> None:
     reflex = replace(REFLEX, mode=Mode.VELOCITY)
     free, blocked = Room({1: (0.01, 0.02)}), Room({1: (0.01, 0.02), 2: (-0.01, -0.02)})
-    _, memory = reflex.step(reflex.init(), seen(free, *touches(1)))
-    ((command,), memory) = reflex.step(memory, seen(blocked, *touches(1, 2), stamp=0.01))
+    _, memory = reflex.step(reflex.init(BODY), *seen(free, *touches(1)))
+    ((command,), memory) = reflex.step(memory, *seen(blocked, *touches(1, 2), stamp=0.01))
     assert not command.values.any()
 
 
 def test_a_withdrawal_does_not_grow_into_a_touch() -> None:
     free, blocked = Room({1: (0.01, 0.02)}), Room({1: (0.01, -0.02)})
-    first, memory = REFLEX.step(REFLEX.init(), seen(free, *touches(1, force=2.0)))
-    more, after = REFLEX.step(memory, seen(blocked, *touches(1), stamp=0.01))
+    first, memory = REFLEX.step(REFLEX.init(BODY), *seen(free, *touches(1, force=2.0)))
+    more, after = REFLEX.step(memory, *seen(blocked, *touches(1), stamp=0.01))
     assert len(first) == 1
     assert not more
     assert after["left_arm"].gain == memory["left_arm"].gain
@@ -165,7 +170,8 @@ def test_a_soft_arm_between_two_touches_stays_and_says_so() -> None:
     for mode in (Mode.VELOCITY, Mode.TORQUE):
         reaction = SoftReaction(parts=("left_arm",), mode=mode)
         for room, moves in ((Room({1: (0.01,), 2: (0.01,)}), True), (Room({1: (0.01,), 2: (-0.01,)}), False)):
-            view = replace(seen(room, *touches(1, 2)), jacobian=lambda contact: jacobian)
-            ((command,), memory) = reaction.step({}, view)
+            view, _ = seen(room, *touches(1, 2))
+            body = body_that(retreat=room.retreat, jacobian=lambda perception, contact: jacobian)
+            ((command,), memory) = reaction.step({}, view, body)
             assert bool(command.values.any()) is moves
             assert bool(reaction.notes(memory)) is not moves

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from capabilities.touches import BOTH_ARMS, see, touch
+from capabilities.touches import BOTH_ARMS, away, body_that, see, touch
 from tci.body.generic_body import GenericBody
 from tci.body.posture import to_platform
 from tci.capabilities.fields import default_fields
@@ -25,11 +23,12 @@ from tci.simulation.world import World
 SITE = next(field for field in default_fields() if field.name == "forearm_extensor")
 SLOW = Stimulus(speed=0.05, depth=0.02, duration=0.8)
 JACOBIAN = np.array([[0.1, 0.0, 0.0, 0.2, 0.0], [0.0, 0.3, 0.0, 0.0, 0.0], [0.0, 0.0, 0.1, 0.0, 0.0]])
+BODY = body_that(retreat=away, jacobian=lambda perception, contact: JACOBIAN)
 
 
 def seen(*contacts: Contact, stamp: float = 0.0, posture: Array | None = None):
     arms = BOTH_ARMS if posture is None else {**BOTH_ARMS, "left_arm": posture}
-    return replace(see(*contacts, stamp=stamp, posture=arms), jacobian=lambda contact: JACOBIAN)
+    return see(*contacts, stamp=stamp, posture=arms), BODY
 
 
 def values(commands: object, part: str = "left_arm") -> Array:
@@ -39,31 +38,31 @@ def values(commands: object, part: str = "left_arm") -> Array:
 
 def test_velocity_is_the_transposed_jacobian_times_the_force() -> None:
     reaction = SoftReaction(mobility=2.0)
-    commands, _ = reaction.step({}, seen(touch(0.5, 0.0, [4.0])))
+    commands, _ = reaction.step({}, *seen(touch(0.5, 0.0, [4.0])))
     np.testing.assert_allclose(values(commands), 2.0 * JACOBIAN.T @ [-4.0, 0.0, 0.0])
     assert not values(commands, "right_arm").any()
 
 
 def test_forces_of_several_contacts_add_up_and_weak_ones_do_not_count() -> None:
     reaction = SoftReaction(threshold=1.0)
-    one, _ = reaction.step({}, seen(touch(0.5, 0.0, [4.0])))
-    three, _ = reaction.step({}, seen(*[touch(0.5, 0.0, [force]) for force in (4.0, 4.0, 0.9)]))
+    one, _ = reaction.step({}, *seen(touch(0.5, 0.0, [4.0])))
+    three, _ = reaction.step({}, *seen(*[touch(0.5, 0.0, [force]) for force in (4.0, 4.0, 0.9)]))
     np.testing.assert_allclose(values(three), 2.0 * values(one))
 
 
 def test_torque_mode_holds_where_the_last_touch_left_the_arm() -> None:
     reaction = SoftReaction(mode=Mode.TORQUE, stiffness=5.0, damping=0.0)
     bent = read_only(BOTH_ARMS["left_arm"] + 0.2)
-    _, memory = reaction.step({}, seen(touch(0.5, 0.0, [4.0]), posture=bent))
-    commands, _ = reaction.step(memory, seen(stamp=0.01, posture=read_only(bent - 0.1)))
+    _, memory = reaction.step({}, *seen(touch(0.5, 0.0, [4.0]), posture=bent))
+    commands, _ = reaction.step(memory, *seen(stamp=0.01, posture=read_only(bent - 0.1)))
     np.testing.assert_allclose(values(commands), 0.5)
 
 
 def test_torque_mode_damps() -> None:
     reaction = SoftReaction(mode=Mode.TORQUE, stiffness=0.0, damping=0.5)
-    _, memory = reaction.step({}, seen())
+    _, memory = reaction.step({}, *seen())
     moved = read_only(BOTH_ARMS["left_arm"] + 0.02)
-    commands, _ = reaction.step(memory, seen(stamp=0.01, posture=moved))
+    commands, _ = reaction.step(memory, *seen(stamp=0.01, posture=moved))
     np.testing.assert_allclose(values(commands), -0.5 * 2.0)
 
 
@@ -80,7 +79,7 @@ def test_the_jacobian_of_a_contact_is_the_kinematics_own(name: str, side: str) -
 
     poke(world, part, SITE, Stimulus(duration=0.05), reflex=WithdrawalReflex(fields=()), seed=0, watch=note)
     contact, tick = contacts[-1]
-    jacobian = tick.perception.jacobian(contact)
+    jacobian = body.jacobian(tick.perception, contact)
     assert jacobian.shape == (3, 5)
     posture = tick.perception.posture[part]
     points = []
@@ -130,4 +129,4 @@ def test_settings_and_parts_are_checked() -> None:
     with pytest.raises(TciError, match="mobility -1"):
         SoftReaction(mobility=-1.0)
     with pytest.raises(TciError, match="soft reaction of 'tail'; this robot has left_arm, right_arm"):
-        SoftReaction(parts=("tail",)).step({}, seen())
+        SoftReaction(parts=("tail",)).step({}, *seen())

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capabilities.touches import BOTH_ARMS, POSTURE, one_field, poke, see, touch
+from capabilities.touches import BODY, BOTH_ARMS, POSTURE, one_field, poke, see, touch
 from tci.body.posture import to_platform
 from tci.capabilities.fields import ReceptiveField, default_fields
 from tci.capabilities.withdrawal import WithdrawalMemory, WithdrawalReflex
@@ -43,7 +43,7 @@ contacts = st.builds(
 
 def motion(reflex: WithdrawalReflex, *touches: Contact, part: str = "left_arm") -> Array:
     """Generic motion (5,) [rad] that the touches provoke in an arm at rest."""
-    commands, _ = reflex.step(reflex.init(), see(*touches))
+    commands, _ = reflex.step(reflex.init(BODY), see(*touches), BODY)
     target = {command.part: command.values for command in commands}.get(part, POSTURE)
     return np.asarray(target - POSTURE)
 
@@ -55,9 +55,9 @@ def gain_of(reflex: WithdrawalReflex, contact: Contact) -> float:
 
 def play(reflex: WithdrawalReflex, *frames: Perception) -> list[tuple[str, Array]]:
     """All commands, as part and target, over successive frames."""
-    memory, seen = reflex.init(), []
+    memory, seen = reflex.init(BODY), []
     for frame in frames:
-        commands, memory = reflex.step(memory, frame)
+        commands, memory = reflex.step(memory, frame, BODY)
         seen += [(command.part, command.values) for command in commands]
     return seen
 
@@ -202,7 +202,7 @@ def test_7_the_gate_keeps_posture_plus_motion_within_the_limits(
     joints = JointReading(0.0, 0, position, np.zeros(len(position)))
     reflex = WithdrawalReflex()
     commands, _ = reflex.step(
-        reflex.init(), see(poke(field, 10.0, part=part), posture=generic_posture(NAO, joints))
+        reflex.init(BODY), see(poke(field, 10.0, part=part), posture=generic_posture(NAO, joints)), BODY
     )
     assert [command.part for command in commands] == [part]
     gate = Gate(NAO, period=0.02, stale_after=10.0)
@@ -232,7 +232,7 @@ def test_7_the_gate_keeps_posture_plus_motion_within_the_limits(
 @pytest.mark.parametrize("measure", ["weighted", "sum", "peak"])
 def test_8_no_response_without_a_force_at_a_place(contact: Contact, measure: str) -> None:
     reflex = WithdrawalReflex(fields=(one_field(measure=measure),))
-    commands, memory = reflex.step(reflex.init(), see(contact))
+    commands, memory = reflex.step(reflex.init(BODY), see(contact), BODY)
     assert commands == ()
     assert not memory
 
@@ -327,7 +327,7 @@ def test_the_same_frame_seen_again_changes_nothing() -> None:
 
 
 def test_a_command_is_the_posture_at_the_trigger_plus_the_gain_times_the_base_motion() -> None:
-    ((command,), memory) = REFLEX.step(REFLEX.init(), see(poke(FIELD, 2.0), stamp=3.0))
+    ((command,), memory) = REFLEX.step(REFLEX.init(BODY), see(poke(FIELD, 2.0), stamp=3.0), BODY)
     assert (command.part, command.mode) == ("left_arm", Mode.POSITION)
     np.testing.assert_allclose(command.values, POSTURE + 0.5 * THETA, atol=1e-15)
     assert not command.values.flags.writeable
@@ -370,12 +370,12 @@ def bits(memory: WithdrawalMemory) -> dict[str, tuple[object, ...]]:
 def test_the_same_inputs_give_the_same_outputs_bit_for_bit(course: list[list[Contact]]) -> None:
     """Also in another object with the same settings, and from a memory that was stored."""
     reflex, twin = WithdrawalReflex(), WithdrawalReflex()
-    memory = reflex.init()
+    memory = reflex.init(BODY)
     for tick, touches in enumerate(course):
         perception = see(*touches, stamp=0.1 * tick)
         before = bits(memory)
-        commands, after = reflex.step(memory, perception)
-        again, after_again = twin.step(pickle.loads(pickle.dumps(memory)), perception)
+        commands, after = reflex.step(memory, perception, BODY)
+        again, after_again = twin.step(pickle.loads(pickle.dumps(memory)), perception, BODY)
         assert bits(memory) == before
         assert bits(after) == bits(after_again)
         assert [(c.part, c.values.tobytes()) for c in commands] == [
@@ -403,4 +403,4 @@ def test_wrong_settings_are_refused() -> None:
 
 def test_a_part_that_is_no_generic_arm_is_refused() -> None:
     with pytest.raises(CommandError, match="left_arm has 4 joints"):
-        REFLEX.step(REFLEX.init(), see(poke(FIELD, 5.0), posture={"left_arm": np.zeros(4)}))
+        REFLEX.step(REFLEX.init(BODY), see(poke(FIELD, 5.0), posture={"left_arm": np.zeros(4)}), BODY)

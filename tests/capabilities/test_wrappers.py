@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from capabilities.touches import see
+from capabilities.touches import BODY, body_that, see
+from tci.body.generic_body import GenericBody
 from tci.capabilities.behaviour_tree import BehaviourTree, Reflex
 from tci.capabilities.body_withdrawal import BodyMemory, BodyWithdrawal
 from tci.capabilities.capability import Capability
@@ -18,41 +19,47 @@ from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.capabilities.withdrawing import Refusal
 from tci.errors import CommandError
 from tci.gestures.gesture import Gesture, fit
-from tci.messages import GenericCommand, Mode, Order, Perception, SwitchMode
+from tci.messages import GenericCommand, Mode, Order, Perception, SkinState, SwitchMode
 from tci.robot.catalogue import load_robot
 from tci.viewer.steered import Steered
 
 T = np.linspace(0.0, 1.0, 21)
 STILL = Gesture(T, {"left_arm": np.deg2rad(np.array([25.0, 25, 0, 60, 0]) + np.zeros((21, 1)))})
 
+MASKED = replace(see(), skin=SkinState({}, {}, np.ones(1, bool)))
+BLIND = body_that(coverage=lambda perception, part, places, radius: np.zeros(len(places)))
+"""A body that trusts no taxel."""
+
 
 class Refusing(BodyWithdrawal):
     """A reflex that has refused something from the beginning."""
 
-    def init(self) -> BodyMemory:
+    def init(self, body: GenericBody) -> BodyMemory:
         return BodyMemory({}, {"left_leg": Refusal("it carries", (), 0.0)})
 
-    def step(self, memory: BodyMemory, perception: Perception) -> tuple[tuple[Order, ...], BodyMemory]:
+    def step(
+        self, memory: BodyMemory, perception: Perception, body: GenericBody
+    ) -> tuple[tuple[Order, ...], BodyMemory]:
         return (), memory
 
 
 class Nod(Capability[dict[str, int]]):
     """Answers with one command in place of a tuple of one; its memory is empty, as a reflex' is at rest."""
 
-    def init(self) -> dict[str, int]:
+    def init(self, body: GenericBody) -> dict[str, int]:
         return {}
 
-    def begin(self, perception: Perception) -> Any:
+    def begin(self, perception: Perception, body: GenericBody) -> Any:
         return SwitchMode("head", Mode.POSITION)
 
-    def step(self, memory: dict[str, int], perception: Perception) -> Any:
+    def step(self, memory: dict[str, int], perception: Perception, body: GenericBody) -> Any:
         return GenericCommand("head", Mode.POSITION, np.zeros(3)), memory
 
 
 class Sleepy(Nod):
     """Forgets to answer."""
 
-    def step(self, memory: dict[str, int], perception: Perception) -> Any:
+    def step(self, memory: dict[str, int], perception: Perception, body: GenericBody) -> Any:
         return None
 
 
@@ -70,32 +77,31 @@ def wrapped(reflex: Capability[Any]) -> dict[str, Capability[Any]]:
 def test_a_blind_field_is_a_fault_of_what_runs_the_reflex(name: str) -> None:
     reflex = WithdrawalReflex()
     capability = wrapped(reflex)[name]
-    blind = replace(see(), covered=lambda *_: 0.0)
-    assert "is blind: 0%" in reflex.fault(blind)
-    assert capability.fault(blind) == reflex.fault(blind)
-    assert capability.fault(see()) == ""
+    assert "is blind: 0%" in reflex.fault(MASKED, BLIND)
+    assert capability.fault(MASKED, BLIND) == reflex.fault(MASKED, BLIND)
+    assert capability.fault(see(), BODY) == ""
 
 
 @pytest.mark.parametrize("name", wrapped(Refusing()))
 def test_notes_are_those_of_the_reflex(name: str) -> None:
     capability = wrapped(Refusing())[name]
-    _, memory = capability.step(capability.init(), see())
+    _, memory = capability.step(capability.init(BODY), see(), BODY)
     assert capability.notes(memory) == ("left_leg was touched and stays: it carries",)
 
 
 def test_a_gesture_without_a_reflex_needs_no_skin() -> None:
     play = PlayGesture(fit(load_robot("icub"), STILL))
-    assert play.fault(replace(see(), covered=lambda *_: 0.0)) == ""
-    assert play.notes(play.init()) == ()
+    assert play.fault(MASKED, BLIND) == ""
+    assert play.notes(play.init(BODY)) == ()
 
 
 @pytest.mark.parametrize("name", wrapped(Nod()))
 def test_one_command_of_what_runs_inside_counts_as_a_tuple_of_one(name: str) -> None:
     capability = wrapped(Nod())[name]
-    (begun,) = capability.begin(see())
+    (begun,) = capability.begin(see(), BODY)
     assert isinstance(begun, SwitchMode)
     assert begun.part == "head"
-    commands, _ = capability.step(capability.init(), see())
+    commands, _ = capability.step(capability.init(BODY), see(), BODY)
     assert [command.part for command in commands if isinstance(command, GenericCommand)][:1] == ["head"]
 
 
@@ -103,4 +109,4 @@ def test_one_command_of_what_runs_inside_counts_as_a_tuple_of_one(name: str) -> 
 def test_what_is_no_answer_is_refused_by_the_name_of_what_gave_it(name: str) -> None:
     capability = wrapped(Sleepy())[name]
     with pytest.raises(CommandError, match="Sleepy: step gave NoneType; valid: its commands, and the mem"):
-        capability.step(capability.init(), see())
+        capability.step(capability.init(BODY), see(), BODY)

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
 
+from tci.body.generic_body import GenericBody
 from tci.capabilities.fields import ReceptiveField
 from tci.frames import Array, read_only
 from tci.messages import Contact, Mode, Perception
+from tci.robot.catalogue import load_robot
 
 POSTURE = read_only(np.deg2rad([25.0, 25.0, 0.0, 60.0, 0.0]))
 BOTH_ARMS = {"left_arm": POSTURE, "right_arm": POSTURE}
@@ -56,14 +59,33 @@ def poke(field: ReceptiveField, force: float, *, part: str = "left_arm", sequenc
     return touch(field.u, field.theta, [force], part=part, segment=field.segment, sequence=sequence)
 
 
-def away(contacts: Sequence[Contact], part: str, target: Array, mode: Mode) -> Array:
-    """`Perception.retreat` where every motion leads away from all contacts."""
-    return np.ones((2, 1, len(contacts)))
+@cache
+def _body(robot: str) -> GenericBody:
+    return GenericBody(load_robot(robot))
+
+
+def body_that(robot: str = "nao", **answers: Callable[..., Any]) -> GenericBody:
+    """A robot's body some of whose methods answer as they are told to."""
+    body = object.__new__(GenericBody)
+    body.__dict__.update(vars(_body(robot)))
+    for name, answer in answers.items():
+        assert hasattr(body, name)
+        object.__setattr__(body, name, answer)
+    return body
+
+
+def away(perception: Perception, part: str, target: Array, mode: Mode) -> Array:
+    """`GenericBody.retreat` where every motion leads away from all contacts."""
+    return np.ones((2, 1, len(perception.contacts)))
+
+
+BODY = body_that(retreat=away)
+"""A NAO all of whose motions lead away."""
 
 
 def see(*contacts: Contact, stamp: float = 0.0, posture: Mapping[str, Array] = BOTH_ARMS) -> Perception:
-    """What a capability sees at `stamp` [s], on a robot all of whose motions lead away."""
-    return Perception(stamp=stamp, posture=posture, contacts=contacts, retreat=away)
+    """What a capability sees at `stamp` [s]."""
+    return Perception(stamp=stamp, posture=posture, contacts=contacts)
 
 
 def one_field(**changes: Any) -> ReceptiveField:

@@ -29,10 +29,10 @@ OWN = """
 import tci
 
 class Shrug(tci.Capability):
-    def init(self):
+    def init(self, body):
         return 7
 
-    def step(self, memory, perception):
+    def step(self, memory, perception, body):
         return (), memory
 """
 
@@ -182,4 +182,4 @@ def test_a_capability_runs_from_a_file_beside_the_user(
     (tmp_path / "shrugging.py").write_text(OWN)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))
-    assert load_capability("shrugging:Shrug").init() == 7
+    assert load_capability("shrugging:Shrug").init(tci.GenericBody(tci.load_robot("nao"))) == 7

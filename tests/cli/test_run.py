@@ -77,10 +77,12 @@ def test_a_person_sees_what_happened_and_why_the_robot_holds() -> None:
 class Nod(tci.Capability[None]):
     """Orders its head in every period."""
 
-    def init(self) -> None:
+    def init(self, body: tci.GenericBody) -> None:
         return None
 
-    def step(self, memory: None, perception: tci.Perception) -> tuple[tuple[tci.Order, ...], None]:
+    def step(
+        self, memory: None, perception: tci.Perception, body: tci.GenericBody
+    ) -> tuple[tuple[tci.Order, ...], None]:
         return (tci.GenericCommand("head", tci.Mode.POSITION, np.array([0.1, 0.0, 0.0])),), None
 
 
@@ -96,14 +98,18 @@ def test_what_is_refused_while_the_robot_is_away_is_told_once(capsys: pytest.Cap
 class Lost(Nod):
     """Is refused in every period."""
 
-    def step(self, memory: None, perception: tci.Perception) -> tuple[tuple[tci.Order, ...], None]:
+    def step(
+        self, memory: None, perception: tci.Perception, body: tci.GenericBody
+    ) -> tuple[tuple[tci.Order, ...], None]:
         return (tci.GenericCommand("head", tci.Mode.POSITION, np.array([np.nan, 0.0, 0.0])),), None
 
 
 class Far(Nod):
     """Is clamped in every period."""
 
-    def step(self, memory: None, perception: tci.Perception) -> tuple[tuple[tci.Order, ...], None]:
+    def step(
+        self, memory: None, perception: tci.Perception, body: tci.GenericBody
+    ) -> tuple[tuple[tci.Order, ...], None]:
         return (tci.GenericCommand("head", tci.Mode.POSITION, np.array([1.5, 0.0, 0.0])),), None
 
 
@@ -183,15 +189,15 @@ OWN = """import tci
 
 
 class Fails(tci.Capability):
-    def init(self):
+    def init(self, body: tci.GenericBody):
         return None
 
-    def step(self, memory, perception):
+    def step(self, memory, perception, body):
         return {"no": "key"}["memory"]
 
 
 class Forgets(Fails):
-    def step(self, memory, perception):
+    def step(self, memory, perception, body):
         pass
 """
 
@@ -244,7 +250,7 @@ def test_why_a_touched_leg_stays_is_told_once(
 ) -> None:
     def poke_the_shin(driver: Driver) -> None:
         assert isinstance(driver, SimulatedDriver)
-        place = GenericBody(driver.robot).spots.place("left_leg", Landmark("shank", (1.0, 0.0, 0.0)))
+        place = GenericBody(driver.robot).landmark("left_leg", Landmark("shank", (1.0, 0.0, 0.0)))
         driver.world.finger.poke(place.patch, place.p_L, place.n_L)
 
     monkeypatch.setattr("tci.cli.run.poke_forearm", poke_the_shin)

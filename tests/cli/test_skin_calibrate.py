@@ -23,7 +23,7 @@ from tci.robot.joint_map import initial_position
 from tci.robot.skin_files.calibration import read_calibration
 from tci.robot.xml import read_robot
 from tci.simulation.world import World
-from tci.skin.skin import Skin
+from tci.skin.live_skin import LiveSkin
 
 NAO = Path(tci.robot.__file__).parent / "robots" / "nao"
 WRONG = 1.4
@@ -113,7 +113,7 @@ def test_a_force_sensor_beside_the_skin_finds_the_wrong_response(
 
 def felt(description: Path) -> float:
     world = pressed()
-    state = Skin(read_robot(description)).update(Reading(world.joints(), world.frames()))
+    state = LiveSkin(read_robot(description)).update(Reading(world.joints(), world.frames()))
     return float(state.patches["left_forearm"].force.sum())
 
 
@@ -182,4 +182,4 @@ def test_a_place_where_nothing_can_be_written_is_known_before_anybody_lifts_a_we
 def test_a_damaged_calibration_beside_a_description_is_one_error(description: Path) -> None:
     (description.parent / "robot.skin.json").write_text('{"robot": "nao", "date": 5}')
     with pytest.raises(DescriptionError, match="date"):
-        Skin(read_robot(description))
+        LiveSkin(read_robot(description))

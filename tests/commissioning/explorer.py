@@ -10,6 +10,7 @@ import numpy as np
 import tci
 from faults.felt import NoisySkin
 from gate.hostile import Judge
+from tci.body.generic_body import GenericBody
 from tci.drivers.faults.fault_injector import FaultInjector, FaultPlan
 from tci.drivers.faults.injectors import INJECTORS
 from tci.errors import CommandError
@@ -42,10 +43,10 @@ class Restless(tci.Capability[None]):
     def __init__(self, random: np.random.Generator) -> None:
         self.random = random
 
-    def init(self) -> None:
+    def init(self, body: GenericBody) -> None:
         return None
 
-    def step(self, memory: None, perception: Perception) -> tuple[tuple[Order, ...], None]:
+    def step(self, memory: None, perception: Perception, body: GenericBody) -> tuple[tuple[Order, ...], None]:
         random, orders = self.random, []
         for part, posture in perception.posture.items():
             if random.random() < 0.02:

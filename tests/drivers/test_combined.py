@@ -10,6 +10,7 @@ import pytest
 
 from drivers.naoqi.still_nao import StillNao
 from drivers.served import Served
+from tci.body.generic_body import GenericBody
 from tci.capabilities.capability import Capability
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.drivers.combined import CombinedDriver
@@ -34,10 +35,12 @@ def wait_for(what: Callable[[], bool]) -> None:
 class Bend(Capability[None]):
     """Moves an elbow, slowly."""
 
-    def init(self) -> None:
+    def init(self, body: GenericBody) -> None:
         return None
 
-    def step(self, memory: None, perception: Perception) -> tuple[tuple[PlatformOrder, ...], None]:
+    def step(
+        self, memory: None, perception: Perception, body: GenericBody
+    ) -> tuple[tuple[PlatformOrder, ...], None]:
         elbow = np.array([ELBOW])
         return (PlatformCommand(Mode.POSITION, elbow, np.array([-1.2]), np.array([0.3])),), None
 

@@ -14,6 +14,7 @@ import pytest
 
 from drivers.held import left_behind
 from drivers.wires import BINDINGS, PEERS, Peer
+from tci.body.generic_body import GenericBody
 from tci.body.posture import home, to_platform
 from tci.capabilities.capability import Capability
 from tci.drivers.driver import Driver
@@ -203,10 +204,12 @@ class Once(Capability[bool]):
     def __init__(self, order: PlatformOrder) -> None:
         self.order = order
 
-    def init(self) -> bool:
+    def init(self, body: GenericBody) -> bool:
         return False
 
-    def step(self, memory: bool, perception: Perception) -> tuple[tuple[PlatformOrder, ...], bool]:
+    def step(
+        self, memory: bool, perception: Perception, body: GenericBody
+    ) -> tuple[tuple[PlatformOrder, ...], bool]:
         return () if memory else (self.order,), True
 
 

@@ -38,7 +38,7 @@ def test_a_standing_robot_keeps_its_legs(name: str) -> None:
     reflex = BodyWithdrawal()
     field = next(field for field in reflex.fields.field if field.name == "shank_front")
     assert answerable(body, field) == ["left_leg", "right_leg"]
-    place = body.spots.place("left_leg", field.spot)
+    place = body.landmark("left_leg", field.spot)
     trace = poke_place(world, place, Stimulus(), reflex=reflex, seed=1)
     assert trace.first_contact is not None
     assert trace.contact_lost is None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from tci.body.generic_body import GenericBody
 from tci.body.places import find_place
 from tci.capabilities.fields import default_fields
 from tci.capabilities.play_gesture import Phase, PlayGesture
@@ -121,7 +122,7 @@ def test_the_reflex_interrupts_and_the_gesture_goes_on() -> None:
 class GoesBlind(WithdrawalReflex):
     """A reflex whose skin is gone after a while."""
 
-    def fault(self, perception: Perception) -> str:
+    def fault(self, perception: Perception, body: GenericBody) -> str:
         return "the field is blind" if perception.stamp > 0.3 else ""
 
 

@@ -11,6 +11,7 @@ import pytest
 
 from tci.authoring.dense_skin import with_skin_rate
 from tci.body.generic_body import GenericBody
+from tci.body.perceiver import Perceiver
 from tci.body.places import find_place
 from tci.body.posture import to_platform
 from tci.capabilities.fields import default_fields
@@ -111,6 +112,7 @@ def test_random_pokes_anywhere_on_the_skin(name: str) -> None:
     """200 pokes: a taxel of any patch, and up to half a pitch (3.3 mm) beside it."""
     robot = load_robot(name)
     world, body = World(robot, seed=1), GenericBody(robot)
+    perceiver = Perceiver(body)
     random = np.random.default_rng(11)
     errors, ratios, covered = [], [], 0
     driver = SimulatedDriver(robot, world=world)
@@ -132,7 +134,7 @@ def test_random_pokes_anywhere_on_the_skin(name: str) -> None:
             continue
         world.advance(world.time + 0.24)
         truth = world.contact_truth(patch)
-        contacts = [c for c in body.perceive(driver.read(), world.time).contacts if c.patch == patch]
+        contacts = [c for c in perceiver.step(driver.read(), world.time).contacts if c.patch == patch]
         assert contacts, (patch, taxel)
         contact = max(contacts, key=lambda contact: contact.force)
         error = contact.p_T - truth.center

@@ -10,6 +10,7 @@ import pytest
 
 from pressing import with_pad
 from tci.authoring.proposal import propose
+from tci.body.generic_body import GenericBody
 from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.experiments.measure import measure
@@ -74,8 +75,8 @@ def test_a_wrong_sign_is_found_out() -> None:
 class Jumpy(WithdrawalReflex):
     """It moves a little before it is touched, and withdraws when it is."""
 
-    def step(self, memory: Any, perception: Perception) -> tuple[tuple[Order, ...], Any]:
-        orders, memory = super().step(memory, perception)
+    def step(self, memory: Any, perception: Perception, body: GenericBody) -> tuple[tuple[Order, ...], Any]:
+        orders, memory = super().step(memory, perception, body)
         early = perception.stamp < 0.003
         goal = perception.posture["left_arm"] + 0.02 * np.array(self.fields[0].motion)
         return ((GenericCommand("left_arm", Mode.POSITION, goal),) if early else orders), memory

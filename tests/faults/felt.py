@@ -7,6 +7,7 @@ import os
 import numpy as np
 
 import tci
+from tci.body.generic_body import GenericBody
 from tci.capabilities.withdrawal import WithdrawalMemory
 from tci.clock import ManualClock
 from tci.drivers.driver import Driver
@@ -113,20 +114,20 @@ class Counted(tci.Capability[WithdrawalMemory]):
         self.reflex = tci.WithdrawalReflex()
         self.answers: dict[str, list[float]] = {"left_arm": [], "right_arm": []}
 
-    def init(self) -> WithdrawalMemory:
-        return self.reflex.init()
+    def init(self, body: GenericBody) -> WithdrawalMemory:
+        return self.reflex.init(body)
 
     def step(
-        self, memory: WithdrawalMemory, perception: Perception
+        self, memory: WithdrawalMemory, perception: Perception, body: GenericBody
     ) -> tuple[tuple[Order, ...], WithdrawalMemory]:
-        commands, memory = self.reflex.step(memory, perception)
+        commands, memory = self.reflex.step(memory, perception, body)
         for part, withdrawal in memory.items():
             if withdrawal.started not in self.answers[part]:
                 self.answers[part].append(withdrawal.started)
         return commands, memory
 
-    def fault(self, perception: Perception) -> str:
-        return self.reflex.fault(perception)
+    def fault(self, perception: Perception, body: GenericBody) -> str:
+        return self.reflex.fault(perception, body)
 
 
 class Felt:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 import tci
+from tci.body.generic_body import GenericBody
 from tci.drivers.faults.fault_injector import FaultInjector, FaultPlan
 from tci.drivers.simulated import SimulatedDriver
 from tci.gate.gate import GateState
@@ -27,14 +28,16 @@ class Sway(tci.Capability[None]):
     def __init__(self, mode: Mode = Mode.POSITION) -> None:
         self.mode = mode
 
-    def init(self) -> None:
+    def init(self, body: GenericBody) -> None:
         return None
 
-    def begin(self, perception: Perception) -> tuple[Order, ...]:
+    def begin(self, perception: Perception, body: GenericBody) -> tuple[Order, ...]:
         self.home = {name: np.array(angles) for name, angles in perception.posture.items()}
         return () if self.mode is Mode.POSITION else tuple(SwitchMode(part, self.mode) for part in ARMS)
 
-    def step(self, memory: None, perception: Perception) -> tuple[tuple[GenericCommand, ...], None]:
+    def step(
+        self, memory: None, perception: Perception, body: GenericBody
+    ) -> tuple[tuple[GenericCommand, ...], None]:
         swing = math.sin(6.0 * perception.stamp)
         commands = []
         for part in ARMS:

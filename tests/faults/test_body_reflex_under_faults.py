@@ -12,6 +12,7 @@ import pytest
 
 import tci
 from tci.body.generic_body import GenericBody
+from tci.body.perceiver import Perceiver
 from tci.capabilities.body_fields import BodyField, default_body_fields
 from tci.capabilities.body_withdrawal import BodyMemory, BodyWithdrawal
 from tci.clock import ManualClock
@@ -67,9 +68,9 @@ class NoisyBody(Driver):
         self.random, self.touches = np.random.default_rng(3), touches
         part, patch, place = PLACES[kind]
         body = GenericBody(self.robot)
-        found = body.spots.around(part, place.spot, 0.015)
-        assert found is not None
-        self.pressed = body.skin.surfaces[patch].channels[found[1]]
+        surface = body.skin.surfaces[patch]
+        near = np.linalg.norm(surface.positions - body.landmark(part, place.spot).p_L, axis=1) < 0.015
+        self.pressed = surface.channels[near]
 
     def _receive(self) -> Reading:
         self.count += 1
@@ -97,16 +98,18 @@ class Counted(tci.Capability[BodyMemory]):
     reflex: BodyWithdrawal = field(default_factory=lambda: BodyWithdrawal(stance="supported"))
     answers: list[tuple[float, str]] = field(default_factory=list)
 
-    def init(self) -> BodyMemory:
-        return self.reflex.init()
+    def init(self, body: GenericBody) -> BodyMemory:
+        return self.reflex.init(body)
 
-    def step(self, memory: BodyMemory, perception: Perception) -> tuple[tuple[Order, ...], BodyMemory]:
-        orders, after = self.reflex.step(memory, perception)
+    def step(
+        self, memory: BodyMemory, perception: Perception, body: GenericBody
+    ) -> tuple[tuple[Order, ...], BodyMemory]:
+        orders, after = self.reflex.step(memory, perception, body)
         self.answers += [(perception.stamp, part) for part in after if part not in memory]
         return orders, after
 
-    def fault(self, perception: Perception) -> str:
-        return self.reflex.fault(perception)
+    def fault(self, perception: Perception, body: GenericBody) -> str:
+        return self.reflex.fault(perception, body)
 
 
 def felt(
@@ -185,7 +188,7 @@ def test_07_the_weight_of_a_robot_that_stands_is_no_step_of_the_baseline(name: s
     body, reflex = GenericBody(robot), BodyWithdrawal(stance="supported")
     soles = [patch for patch in robot.patches if patch.name.endswith("_sole")]
     position = np.zeros(len(robot.servos))
-    memory, frequency = reflex.init(), 20.0
+    perceiver, memory, frequency = Perceiver(body), reflex.init(body), 20.0
     for tick in range(int(150.0 * frequency)):
         now = tick / frequency
         frames = []
@@ -198,8 +201,8 @@ def test_07_the_weight_of_a_robot_that_stands_is_no_step_of_the_baseline(name: s
             )
             frames.append(SkinFrame(patch.name, now, tick, raw))
         joints = JointReading(now, tick, position, position)
-        seen = body.perceive(Reading(joints, tuple(frames)), now)
-        orders, memory = reflex.step(memory, seen)
+        seen = perceiver.step(Reading(joints, tuple(frames)), now)
+        orders, memory = reflex.step(memory, seen, body)
         assert not orders, f"a leg moves at {now} s"
         if now > 5.0:
             assert {contact.part for contact in seen.contacts} == {"left_leg", "right_leg"}, f"at {now} s"

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 import tci
-from capabilities.touches import one_field, see, touch
+from capabilities.touches import BODY, one_field, see, touch
 from faults.felt import OTHER, PATCH, Felt, NoisySkin
 from tci.drivers.faults.fault_injector import FaultInjector, FaultPlan
 from tci.gate.gate import GateState
-from tci.skin.skin import Skin
+from tci.messages import LimbPlace
+from tci.skin.live_skin import LiveSkin
 
 LEARNT = 5.0
 """Time [s] after which noise and rest are learnt."""
@@ -28,7 +29,7 @@ def test_01_a_taxel_that_sticks_high_is_answered_once_at_most() -> None:
     felt = Felt(driver, "taxel-stuck-high", at=LEARNT, duration=LEARNT + 84.0)
     assert len(felt.answers(PATCH.part)) <= 1
     assert felt.answers(OTHER.part) == [pytest.approx(80.0, abs=0.1)]
-    assert felt.ticks[-1].perception.covered is not None, "it is masked"
+    assert felt.ticks[-1].skin.masked is not None, "it is masked"
     assert held(felt) == {GateState.RUN}
 
 
@@ -44,9 +45,10 @@ def test_02_beside_a_taxel_that_sticks_low_a_touch_is_still_answered() -> None:
     driver.touch(LEARNT + 80.0, LEARNT + 81.0)
     felt = Felt(driver, "taxel-stuck-low", at=LEARNT, duration=LEARNT + 84.0)
     assert felt.answers(PATCH.part) == [pytest.approx(80.0, abs=0.1)]
-    covered = felt.ticks[-1].perception.covered
-    assert covered is not None
-    assert 0.9 < covered(PATCH.part, PATCH.segment, 0.5, 0.0, 10.0) < 1.0
+    place = LimbPlace(PATCH.segment, 0.5, 0.0)
+    seen = felt.ticks[-1].perception
+    (share,) = tci.GenericBody(driver.robot).coverage(seen, PATCH.part, [place], np.array([10.0]))
+    assert 0.9 < share < 1.0
 
 
 def test_03_a_dead_patch_stops_the_robot_since_its_fields_are_blind() -> None:
@@ -60,7 +62,7 @@ def test_03_a_dead_patch_stops_the_robot_since_its_fields_are_blind() -> None:
 def test_04_values_that_are_no_number_are_dropped_and_counted() -> None:
     driver = NoisySkin(noise=0.0)
     driver.touch(1.0, 9.0)
-    faulty, skin = FaultInjector(driver, [FaultPlan("nan-taxel", 2.0, 1.0)]), Skin(driver.robot)
+    faulty, skin = FaultInjector(driver, [FaultPlan("nan-taxel", 2.0, 1.0)]), LiveSkin(driver.robot)
     for now in driver.ticks(duration=4.0):
         reading = faulty.read()
         (frame,) = (frame for frame in reading.skin if frame.patch == PATCH.name)
@@ -146,12 +148,12 @@ def test_27_a_touch_during_a_withdrawal_is_the_same_one_and_the_limits_hold() ->
 
 def test_08_a_contact_without_any_force_moves_nothing() -> None:
     reflex = tci.WithdrawalReflex(fields=(one_field(radius=0.1),))
-    memory = reflex.init()
+    memory = reflex.init(BODY)
     for stamp in (0.0, 0.1, 0.2):
         none = see(touch(0.5, 0.0, [0.0, 0.0, 0.0], offsets=[0.01, 0.0, -0.01]), stamp=stamp)
-        commands, memory = reflex.step(memory, none)
+        commands, memory = reflex.step(memory, none, BODY)
         assert commands == ()
-    (command,), _ = reflex.step(memory, see(touch(0.5, 0.0, [50.0]), stamp=0.3))
+    (command,), _ = reflex.step(memory, see(touch(0.5, 0.0, [50.0]), stamp=0.3), BODY)
     assert np.isfinite(command.values).all(), "and a touch is felt after it"
 
 
@@ -159,8 +161,8 @@ def test_09_taxels_that_have_no_weight_move_nothing() -> None:
     reflex = tci.WithdrawalReflex(fields=(one_field(radius=0.1),))
     far = touch(0.5, 0.0, [50.0, 50.0], offsets=[0.4, -0.4])
     near = touch(0.5, 0.0, [50.0, 50.0, 4.0], offsets=[0.4, -0.4, 0.0])
-    assert reflex.step(reflex.init(), see(far))[0] == ()
-    (command,), memory = reflex.step(reflex.init(), see(near))
+    assert reflex.step(reflex.init(BODY), see(far), BODY)[0] == ()
+    (command,), memory = reflex.step(reflex.init(BODY), see(near), BODY)
     assert memory["left_arm"].gain == pytest.approx(1.0), "the far ones don't count, nor with a minus"
     assert np.isfinite(command.values).all()
 

@@ -86,9 +86,7 @@ def test_a_touch_and_how_long_its_answers_took(poked: Poked) -> None:
 def test_two_touches_are_told_apart(poked: Poked) -> None:
     periods = list(perceive(Recording(poked.path), poked.robot))
     later = [
-        type(period)(
-            period.now + 1.0, period.reading, period.perception, period.skin, period.commands, period.decision
-        )
+        type(period)(period.now + 1.0, period.reading, period.perception, period.commands, period.decision)
         for period in periods
     ]
     assert len(find_touches([*periods, *later])) == 2

@@ -15,7 +15,7 @@ from tci.robot.skin_files.calibration import (
     read_calibration,
     write_calibration,
 )
-from tci.skin.skin import Skin
+from tci.skin.live_skin import LiveSkin
 
 
 def made(taxels: int, *, robot: str = "small", patch: str = "left_arm_forearm") -> SkinCalibration:
@@ -50,7 +50,7 @@ def test_absent_file(tmp_path: Path) -> None:
 
 def test_skin_takes_its_rest_values_from_it(tmp_path: Path) -> None:
     robot = small_robot.build(tmp_path)
-    skin = Skin(robot, calibration=made(small_robot.TAXELS))
+    skin = LiveSkin(robot, calibration=made(small_robot.TAXELS))
     name = "left_arm_forearm"
     state = skin.update(small_robot.reading(small_robot.frame(name, {7: 20})))
     felt = state.patches[name].pressure
@@ -61,8 +61,8 @@ def test_skin_takes_its_rest_values_from_it(tmp_path: Path) -> None:
 def test_calibration_of_another_skin_is_refused(tmp_path: Path) -> None:
     robot = small_robot.build(tmp_path)
     with pytest.raises(TciError, match="'nao'"):
-        Skin(robot, calibration=made(small_robot.TAXELS, robot="nao"))
+        LiveSkin(robot, calibration=made(small_robot.TAXELS, robot="nao"))
     with pytest.raises(UnknownNameError, match="tail"):
-        Skin(robot, calibration=made(small_robot.TAXELS, patch="tail"))
+        LiveSkin(robot, calibration=made(small_robot.TAXELS, patch="tail"))
     with pytest.raises(TciError, match="3 taxels"):
-        Skin(robot, calibration=made(3))
+        LiveSkin(robot, calibration=made(3))

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import tci
+from tci.body.generic_body import GenericBody
 from tci.drivers.driver import Driver
 from tci.drivers.info import DriverInfo
 from tci.drivers.simulated import SimulatedDriver
@@ -35,10 +36,12 @@ class Swing(tci.Capability[int]):
     def __init__(self, at: int = -1, what: Callable[[], object] = int) -> None:
         self.at, self.what = at, what
 
-    def init(self) -> int:
+    def init(self, body: GenericBody) -> int:
         return 0
 
-    def step(self, memory: int, perception: Perception) -> tuple[tuple[GenericCommand, ...], int]:
+    def step(
+        self, memory: int, perception: Perception, body: GenericBody
+    ) -> tuple[tuple[GenericCommand, ...], int]:
         if memory == self.at:
             self.what()
         target = perception.posture["head"].copy()
@@ -50,7 +53,9 @@ class Swing(tci.Capability[int]):
 class Still(Swing):
     """Asks for nothing."""
 
-    def step(self, memory: int, perception: Perception) -> tuple[tuple[GenericCommand, ...], int]:
+    def step(
+        self, memory: int, perception: Perception, body: GenericBody
+    ) -> tuple[tuple[GenericCommand, ...], int]:
         return (), memory + 1
 
 
@@ -197,10 +202,12 @@ def test_42_more_signals_do_not_interrupt_the_stop(
 class Spin(Swing):
     """Drives the head at a velocity, in every step."""
 
-    def begin(self, perception: Perception) -> tuple[SwitchMode, ...]:
+    def begin(self, perception: Perception, body: GenericBody) -> tuple[SwitchMode, ...]:
         return (SwitchMode("head", Mode.VELOCITY),)
 
-    def step(self, memory: int, perception: Perception) -> tuple[tuple[GenericCommand, ...], int]:
+    def step(
+        self, memory: int, perception: Perception, body: GenericBody
+    ) -> tuple[tuple[GenericCommand, ...], int]:
         velocity = np.zeros(perception.posture["head"].size)
         velocity[0] = 0.4
         return (GenericCommand("head", Mode.VELOCITY, velocity),), memory + 1
@@ -274,7 +281,9 @@ def test_a_robot_that_does_not_come_to_rest_is_not_waited_for(
 @pytest.mark.parametrize("answer", [None, [(), 1], ((), 1, 2)], ids=["nothing", "a list", "three"])
 def test_a_step_that_gives_no_pair_is_told_what_to_give(driver: SimulatedDriver, answer: object) -> None:
     class Odd(Swing):
-        def step(self, memory: int, perception: Perception) -> tuple[tuple[Order, ...], int]:
+        def step(
+            self, memory: int, perception: Perception, body: GenericBody
+        ) -> tuple[tuple[Order, ...], int]:
             return answer  # type: ignore[return-value]
 
     with pytest.raises(CommandError, match=f"Odd: step gave {type(answer).__name__}; valid: its commands"):
@@ -455,7 +464,7 @@ def test_the_run_ends_when_the_memory_is_as_wanted(driver: SimulatedDriver) -> N
 
 def test_a_fault_that_the_capability_sees_stops_the_robot(driver: SimulatedDriver) -> None:
     class Blind(Swing):
-        def fault(self, perception: Perception) -> str:
+        def fault(self, perception: Perception, body: GenericBody) -> str:
             return "I see nothing" if perception.stamp > 0.1 else ""
 
     run(driver, Blind(), duration=0.5)
@@ -466,7 +475,7 @@ def test_a_fault_that_the_capability_sees_stops_the_robot(driver: SimulatedDrive
 
 def test_a_capability_that_cannot_begin_is_an_error_and_nothing_moves(driver: SimulatedDriver) -> None:
     class Eager(Swing):
-        def begin(self, perception: Perception) -> tuple[GenericCommand, ...]:
+        def begin(self, perception: Perception, body: GenericBody) -> tuple[GenericCommand, ...]:
             return (GenericCommand("head", Mode.TORQUE, np.zeros(3)),)
 
     before = driver.read().joints.position
@@ -479,8 +488,10 @@ def test_an_order_that_does_not_fit_is_told_with_the_refusals_and_the_others_pas
     driver: SimulatedDriver,
 ) -> None:
     class Wrong(Swing):
-        def step(self, memory: int, perception: Perception) -> tuple[tuple[GenericCommand, ...], int]:
-            good, memory = super().step(memory, perception)
+        def step(
+            self, memory: int, perception: Perception, body: GenericBody
+        ) -> tuple[tuple[GenericCommand, ...], int]:
+            good, memory = super().step(memory, perception, body)
             return (GenericCommand("head", Mode.POSITION, np.zeros(7)), *good), memory
 
     ticks: list[Tick] = []
@@ -527,9 +538,11 @@ def test_15_skin_that_does_not_fit_is_not_seen_and_stops_the_robot_only_if_that_
         return replace(reading, skin=tuple(replace(frame, values=frame.values[1:]) for frame in reading.skin))
 
     class Watch(Swing):
-        def step(self, memory: int, perception: Perception) -> tuple[tuple[GenericCommand, ...], int]:
+        def step(
+            self, memory: int, perception: Perception, body: GenericBody
+        ) -> tuple[tuple[GenericCommand, ...], int]:
             steps.append(driver.world.time)
-            return super().step(memory, perception)
+            return super().step(memory, perception, body)
 
     def observe(tick: Tick) -> None:
         states.append(tick.sent.state)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import tci
+from tci.body.generic_body import GenericBody
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import DriverError
 from tci.frames import read_only
@@ -25,13 +26,15 @@ END = 0.05
 class Push(tci.Capability[None]):
     """Pushes one joint until the gate brakes it, and on."""
 
-    def init(self) -> None:
+    def init(self, body: GenericBody) -> None:
         return None
 
-    def begin(self, perception: Perception) -> tuple[PlatformOrder, ...]:
+    def begin(self, perception: Perception, body: GenericBody) -> tuple[PlatformOrder, ...]:
         return (PlatformSwitch(np.array([ELBOW]), Mode.TORQUE),)
 
-    def step(self, memory: None, perception: Perception) -> tuple[tuple[PlatformOrder, ...], None]:
+    def step(
+        self, memory: None, perception: Perception, body: GenericBody
+    ) -> tuple[tuple[PlatformOrder, ...], None]:
         return (PlatformCommand(Mode.TORQUE, np.array([ELBOW]), np.array([2.0]), np.ones(1)),), None
 
 

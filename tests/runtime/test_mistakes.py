@@ -28,10 +28,10 @@ class Ask(tci.Capability[int]):
     def __init__(self, answer: Any = ()) -> None:
         self.answer = answer
 
-    def init(self) -> int:
+    def init(self, body: tci.GenericBody) -> int:
         return 0
 
-    def step(self, memory: int, perception: tci.Perception) -> Any:
+    def step(self, memory: int, perception: tci.Perception, body: tci.GenericBody) -> Any:
         return self.answer, memory + 1
 
 
@@ -169,7 +169,7 @@ def test_8_a_list_in_place_of_an_array(driver: SimulatedDriver) -> None:
 
 def test_9_one_command_in_place_of_a_tuple(driver: SimulatedDriver) -> None:
     class Begins(Ask):
-        def begin(self, perception: tci.Perception) -> Any:
+        def begin(self, perception: tci.Perception, body: tci.GenericBody) -> Any:
             return tci.SwitchMode("head", tci.Mode.POSITION)
 
     command = head(0.1, 0.0, 0.0)
@@ -178,7 +178,7 @@ def test_9_one_command_in_place_of_a_tuple(driver: SimulatedDriver) -> None:
         assert tci.run(driver, Begins(answer), duration=0.004, observe=ticks.append).accepted == 1
         assert ticks[1].commands == (command,)
     joints = driver.read().joints
-    (own,) = GenericBody(driver.robot).to_platform(command, joints)
+    ((own,), _) = GenericBody(driver.robot).to_platform(command, joints)
     assert driver.gate.step(own, joints, driver.clock.now()).orders == (own,)
 
 
@@ -193,7 +193,7 @@ def test_9_what_is_no_command(driver: SimulatedDriver, answer: Any, words: str) 
 
 def test_9_two_commands_and_no_memory(driver: SimulatedDriver) -> None:
     class Forgets(Ask):
-        def step(self, memory: int, perception: tci.Perception) -> Any:
+        def step(self, memory: int, perception: tci.Perception, body: tci.GenericBody) -> Any:
             return head(0.1, 0.0, 0.0), head(0.2, 0.0, 0.0)
 
     with pytest.raises(
@@ -204,7 +204,9 @@ def test_9_two_commands_and_no_memory(driver: SimulatedDriver) -> None:
 
 def test_9_a_generic_command_for_the_gate(driver: SimulatedDriver) -> None:
     sent = driver.gate.step([head(0.1, 0.0, 0.0)], driver.read().joints, driver.clock.now())
-    assert sent.refusals == ("a GenericCommand is in no robot's joints; valid: what tci.to_platform gives",)
+    assert sent.refusals == (
+        "a GenericCommand is in no robot's joints; valid: what GenericBody.to_platform gives",
+    )
 
 
 @pytest.mark.parametrize("duration", [-1.0, float("nan"), float("inf")])
@@ -237,6 +239,9 @@ def test_12_a_touch_of_a_part_that_a_capability_does_not_know(name: str) -> None
     touches = {patch: robot.perceive(patch, force=5.0) for patch in (one.name for one in robot.robot.patches)}
     assert {contact.part for seen in touches.values() for contact in seen.contacts} >= {"head", "left_arm"}
     for capability in [*capabilities, ContactStop(tci.WithdrawalReflex()), shrug()]:
-        answers = {patch: capability.step(capability.init(), seen)[0] for patch, seen in touches.items()}
+        answers = {
+            patch: capability.step(capability.init(robot.body), seen, robot.body)[0]
+            for patch, seen in touches.items()
+        }
         known = "head_skin" if isinstance(capability, BodyWithdrawal) else "left_forearm"
         assert known not in answers or answers[known]

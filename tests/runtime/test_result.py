@@ -22,10 +22,12 @@ class Ask(tci.Capability[int]):
     def __init__(self, command: Callable[[int], tci.GenericCommand]) -> None:
         self.command = command
 
-    def init(self) -> int:
+    def init(self, body: tci.GenericBody) -> int:
         return 0
 
-    def step(self, memory: int, perception: tci.Perception) -> tuple[tuple[tci.GenericCommand, ...], int]:
+    def step(
+        self, memory: int, perception: tci.Perception, body: tci.GenericBody
+    ) -> tuple[tuple[tci.GenericCommand, ...], int]:
         return (self.command(memory),), memory + 1
 
 

@@ -9,6 +9,7 @@ import pytest
 
 import tci
 from drivers.served import needs_qi
+from tci.body.generic_body import GenericBody
 from tci.clock import Every, ManualClock, ticks
 from tci.drivers.registry import open_server, server_names
 from tci.drivers.simulated import SimulatedDriver
@@ -21,10 +22,12 @@ from tci.simulation.world import World
 class Nod(tci.Capability[int]):
     """Nods once, then counts."""
 
-    def init(self) -> int:
+    def init(self, body: GenericBody) -> int:
         return 0
 
-    def step(self, memory: int, perception: Perception) -> tuple[tuple[GenericCommand, ...], int]:
+    def step(
+        self, memory: int, perception: Perception, body: GenericBody
+    ) -> tuple[tuple[GenericCommand, ...], int]:
         posture = perception.posture["head"].copy()
         posture[0] += 0.2
         commands = () if memory else (GenericCommand("head", Mode.POSITION, posture),)

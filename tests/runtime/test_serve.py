@@ -63,7 +63,7 @@ def test_generic_orders_and_those_in_the_robots_joints_reach_it(driver: Simulate
     done = serve(Desk(driver, {1: [own, turn_head(0.3)]}), duration=1.5, clock=driver.clock)
     joints = driver.read().joints
     assert driver.native("LArm").positions(joints)["LElbowRoll"] == pytest.approx(-1.2, abs=0.01)
-    assert tci.generic_posture(driver.robot, joints)["head"][0] == pytest.approx(0.3, abs=0.01)
+    assert tci.GenericBody(driver.robot).posture(joints)["head"][0] == pytest.approx(0.3, abs=0.01)
     assert (done.orders, sum(done.refusals.counts.values())) == (2, 0)
 
 
@@ -87,7 +87,7 @@ def test_a_server_that_misses_its_commander_holds_the_robot(driver: SimulatedDri
     done = serve(desk, duration=0.5, clock=desk.driver.clock)
     assert (done.orders, desk.refused) == (1, [])
     assert {sent.state.value for sent in desk.shown} == {"hold"}
-    assert abs(tci.generic_posture(driver.robot, driver.read().joints)["head"][0]) < 0.01
+    assert abs(tci.GenericBody(driver.robot).posture(driver.read().joints)["head"][0]) < 0.01
 
 
 def test_28_34_a_process_that_stood_still_holds_from_its_first_period_and_takes_nothing_old(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tci.body.generic_body import GenericBody
+from tci.body.perceiver import Perceiver
 from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError
@@ -43,16 +44,17 @@ def tilt(world: World) -> float:
 def poke_the_shin(world: World, reflex: BodyWithdrawal, part: str) -> tuple[set[str], str]:
     """Poke a leg's shin for a second; parts that were commanded, and why the leg stays."""
     robot = world.robot
-    place = GenericBody(robot).spots.place(part, SHIN)
+    body = GenericBody(robot)
+    place = body.landmark(part, SHIN)
     world.finger.poke(place.patch, place.p_L, place.n_L, depth=0.006)
     moved: set[str] = set()
     why = ""
-    memory = reflex.init()
+    memory = reflex.init(body)
 
     def see(tick: Tick) -> None:
         nonlocal why, memory
         moved.update(command.part for command in tick.commands if hasattr(command, "part"))
-        memory = reflex.step(memory, tick.perception)[1]
+        memory = reflex.step(memory, tick.perception, body)[1]
         if refusal := memory.refused.get(part):
             why = refusal.reason
 
@@ -66,7 +68,7 @@ def test_the_soles_feel_the_weight_where_the_physics_has_it(name: str) -> None:
     world = standing(name)
     link = SimulatedDriver(world.robot, world=world)
     reading = link.read()
-    contacts = GenericBody(world.robot).perceive(reading, world.time).contacts
+    contacts = Perceiver(GenericBody(world.robot)).step(reading, world.time).contacts
     total, moment = 0.0, np.zeros(3)
     for patch in ("left_sole", "right_sole"):
         own = [contact for contact in contacts if contact.patch == patch]
@@ -100,7 +102,9 @@ def test_a_poked_sole_knows_where(name: str) -> None:
         world.finger.poke("left_sole", point, surface.normals[corners].mean(axis=0))
         world.advance(0.3)
         (contact,) = (
-            GenericBody(robot).perceive(SimulatedDriver(robot, world=world).read(), world.time).contacts
+            Perceiver(GenericBody(robot))
+            .step(SimulatedDriver(robot, world=world).read(), world.time)
+            .contacts
         )
         truth = world.contact_truth("left_sole")
         off: Array = contact.p_T - truth.center
@@ -148,10 +152,10 @@ def test_where_the_centre_of_mass_would_be_is_told() -> None:
     """NAO with little weight on the left foot, but not over the right one: it would fall."""
     world = standing("nao-whole", lean=np.deg2rad(11.0))
     reading = SimulatedDriver(world.robot, world=world).read()
-    perception = GenericBody(world.robot).perceive(reading, world.time)
-    assert perception.support is not None
+    body = GenericBody(world.robot)
+    perception = Perceiver(body).step(reading, world.time)
     posture = generic_posture(world.robot, reading.joints)["left_leg"]
-    support = perception.support("left_leg", posture)
+    support = body.support(perception, "left_leg", posture)
     assert support.forces["right_leg"] > 2.0 * support.forces["left_leg"] > 0.0
     assert -0.01 < support.margin < 0.01
     moved, why = poke_the_shin(world, BodyWithdrawal(), "left_leg")

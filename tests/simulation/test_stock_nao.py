@@ -7,7 +7,8 @@ import pytest
 
 import tci
 from tci.body.generic_body import GenericBody
-from tci.messages import Contact, Reading
+from tci.body.perceiver import Perceiver
+from tci.messages import Perception, Reading
 from tci.simulation.world import World
 
 SWITCHES = ("head", "left_hand", "right_hand")
@@ -29,18 +30,18 @@ def whole() -> World:
     return World(tci.load_robot("nao-whole"), skin=(*SWITCHES, *BUMPERS))
 
 
-def pressed(world: World, patch: str, taxel: int) -> tuple[Contact, ...]:
-    """Contacts while a finger presses a switch."""
+def pressed(world: World, patch: str, taxel: int) -> Perception:
+    """Perception while a finger presses a switch."""
     world.reset()
     world.finger.poke(patch, taxel, speed=0.1, depth=0.004)
-    body = GenericBody(world.robot)
-    body.perceive(Reading(world.joints(), world.frames()), world.time)
+    perceiver = Perceiver(GenericBody(world.robot))
+    perceiver.step(Reading(world.joints(), world.frames()), world.time)
     world.advance(0.3)
-    return body.perceive(Reading(world.joints(), world.frames()), world.time).contacts
+    return perceiver.step(Reading(world.joints(), world.frames()), world.time)
 
 
 def check_press(world: World, patch: str, taxel: int) -> None:
-    (contact,) = pressed(world, patch, taxel)
+    (contact,) = pressed(world, patch, taxel).contacts
     assert (contact.patch, contact.segment, contact.taxels.tolist()) == (patch, "", [taxel])
     assert contact.part == PARTS[patch]
     truth = world.contact_truth(patch)
@@ -76,24 +77,23 @@ def test_bumpers_are_at_the_tips_of_the_feet_the_left_one_on_the_left() -> None:
 
 
 def test_a_bumper_pushes_with_the_jacobian_of_its_leg(whole: World) -> None:
-    (contact,) = pressed(whole, "right_bumper", 0)
-    jacobian = GenericBody(whole.robot).jacobian(contact, whole.joints().position)
+    seen = pressed(whole, "right_bumper", 0)
+    jacobian = GenericBody(whole.robot).jacobian(seen, seen.contacts[0])
     assert jacobian.shape == (3, 6)
     assert np.linalg.norm(jacobian[:, 0]) > 0.1  # the hip's pitch moves the foot, the hip's yaw is held
     assert not jacobian[:, 2].any()
 
 
 def test_it_pushes_with_a_jacobian_and_no_arm_field_answers(world: World) -> None:
-    (contact,) = pressed(world, "left_hand", 1)
-    body = GenericBody(world.robot)
-    assert body.jacobian(contact, world.joints().position).shape == (3, 5)
-    perception = body.perceive(Reading(world.joints(), world.frames()), world.time)
+    seen, body = pressed(world, "left_hand", 1), GenericBody(world.robot)
+    assert body.jacobian(seen, seen.contacts[0]).shape == (3, 5)
     reflex = tci.WithdrawalReflex()
-    commands, _ = reflex.step(reflex.init(), perception)
+    commands, _ = reflex.step(reflex.init(body), seen, body)
     assert commands == ()
 
 
 def test_a_robot_without_sleeves_sends_no_frames_of_them(world: World) -> None:
     assert {frame.patch for frame in world.frames()} == set(SWITCHES)
-    state = GenericBody(world.robot).skin.update(Reading(world.joints(), world.frames()))
-    assert set(state.patches) == set(SWITCHES)
+    seen = Perceiver(GenericBody(world.robot)).step(Reading(world.joints(), world.frames()), world.time)
+    assert seen.skin is not None
+    assert set(seen.skin.patches) == set(SWITCHES)

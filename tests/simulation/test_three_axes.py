@@ -7,6 +7,7 @@ import pytest
 
 import tci
 from tci.body.generic_body import GenericBody
+from tci.body.perceiver import Perceiver
 from tci.messages import Reading
 from tci.robot.description import Robot
 from tci.simulation.world import World
@@ -32,8 +33,8 @@ def test_the_force_of_a_contact_has_the_physics_direction(robot: Robot, servo: s
     """A finger presses, then the arm moves a little below it."""
     world = World(robot)
     world.finger.poke(PATCH, 130, speed=0.1, depth=0.01)
-    body = GenericBody(robot)
-    body.perceive(Reading(world.joints(), world.frames()), world.time)
+    perceiver = Perceiver(GenericBody(robot))
+    perceiver.step(Reading(world.joints(), world.frames()), world.time)
     world.advance(0.25)
     if servo:
         index = [one.name for one in robot.servos].index(servo)
@@ -41,7 +42,7 @@ def test_the_force_of_a_contact_has_the_physics_direction(robot: Robot, servo: s
     most = 0.0
     for frame in range(1, 16):
         world.advance(0.25 + 0.01 * frame)
-        (contact,) = body.perceive(Reading(world.joints(), world.frames()), world.time).contacts
+        (contact,) = perceiver.step(Reading(world.joints(), world.frames()), world.time).contacts
         truth = world.contact_truth(PATCH)
         sideways = truth.vector - (truth.vector @ truth.normal) * truth.normal
         most = max(most, float(np.linalg.norm(sideways)) / truth.force)
@@ -52,11 +53,13 @@ def test_the_force_of_a_contact_has_the_physics_direction(robot: Robot, servo: s
 
 def test_it_is_felt_by_an_untouched_skin_as_nothing(robot: Robot) -> None:
     world = World(robot, noise=3.0)
-    body = GenericBody(robot)
+    perceiver = Perceiver(GenericBody(robot))
     for period in range(1, 50):
         world.advance(0.01 * period)
-        assert body.perceive(Reading(world.joints(), world.frames()), world.time).contacts == ()
-    vector = body.skin.state.patches[PATCH].vector
+        seen = perceiver.step(Reading(world.joints(), world.frames()), world.time)
+        assert seen.contacts == ()
+    assert seen.skin is not None
+    vector = seen.skin.patches[PATCH].vector
     assert vector is not None
     assert np.abs(vector).max() < 0.01
 

@@ -27,7 +27,7 @@ from tci.skin.contacts import (
     find_contacts,
     weighted_force,
 )
-from tci.skin.skin import Skin
+from tci.skin.live_skin import LiveSkin
 
 PATCH = "left_arm_forearm"
 SETTINGS = ContactSettings()
@@ -40,12 +40,12 @@ pressures = hnp.arrays(
 
 
 @pytest.fixture(scope="module")
-def skin(tmp_path_factory: pytest.TempPathFactory) -> Skin:
-    return Skin(small_robot.build(tmp_path_factory.mktemp("robot")))
+def skin(tmp_path_factory: pytest.TempPathFactory) -> LiveSkin:
+    return LiveSkin(small_robot.build(tmp_path_factory.mktemp("robot")))
 
 
 def contacts_at(
-    skin: Skin, pressure: np.ndarray, *, position: np.ndarray | None = None
+    skin: LiveSkin, pressure: np.ndarray, *, position: np.ndarray | None = None
 ) -> tuple[Contact, ...]:
     """Contacts of the left forearm at these pressures (taxels,) [Pa]."""
     at = joints(np.zeros(10) if position is None else position)
@@ -54,7 +54,7 @@ def contacts_at(
     return find_contacts(skin, SkinState({PATCH: felt}, poses), generic_posture(skin.robot, at))
 
 
-def press(skin: Skin, *pokes: tuple[float, float, float]) -> np.ndarray:
+def press(skin: LiveSkin, *pokes: tuple[float, float, float]) -> np.ndarray:
     """Pressures (taxels,) [Pa] of pokes (u, theta [rad], force [N]), spread as in the simulated skin."""
     surface = skin.surfaces[PATCH]
     pressure = np.zeros(TAXELS)
@@ -65,7 +65,7 @@ def press(skin: Skin, *pokes: tuple[float, float, float]) -> np.ndarray:
     return pressure
 
 
-def in_counts(skin: Skin, pressure: np.ndarray) -> np.ndarray:
+def in_counts(skin: LiveSkin, pressure: np.ndarray) -> np.ndarray:
     """The same pressures [Pa] from a sensor of 8 bits that resolves 0.026 N."""
     areas = skin.surfaces[PATCH].areas
     return np.clip(np.round(pressure * areas / NEWTON_PER_COUNT), 0, 240) * NEWTON_PER_COUNT / areas
@@ -105,7 +105,7 @@ def test_taxels_without_neighbours_do_not_cluster_together() -> None:
 
 
 @given(pressures)
-def test_clusters_are_disjoint_seeded_and_complete(skin: Skin, pressure: np.ndarray) -> None:
+def test_clusters_are_disjoint_seeded_and_complete(skin: LiveSkin, pressure: np.ndarray) -> None:
     forces = pressure * skin.surfaces[PATCH].areas
     clusters = find_clusters(forces, skin.surfaces[PATCH].neighbours, SETTINGS)
     taxels = np.concatenate([*clusters, np.empty(0, np.intp)])
@@ -116,7 +116,7 @@ def test_clusters_are_disjoint_seeded_and_complete(skin: Skin, pressure: np.ndar
 
 
 @given(theta=st.floats(-np.pi, np.pi), u=st.floats(0.2, 0.7))
-def test_touches_on_both_sides_of_a_thin_limb_stay_two(skin: Skin, u: float, theta: float) -> None:
+def test_touches_on_both_sides_of_a_thin_limb_stay_two(skin: LiveSkin, u: float, theta: float) -> None:
     """25 mm of radius: their common centre would be on the axis, inside the limb."""
     found = contacts_at(skin, press(skin, (u, theta, 6.0), (u, theta + np.pi, 6.0)))
     assert len(found) == 2
@@ -129,15 +129,15 @@ def test_touches_on_both_sides_of_a_thin_limb_stay_two(skin: Skin, u: float, the
 
 
 @pytest.mark.parametrize("newton", [0.0, np.nan, 0.005, 0.099])
-def test_no_contact(skin: Skin, newton: float) -> None:
+def test_no_contact(skin: LiveSkin, newton: float) -> None:
     assert contacts_at(skin, newton / skin.surfaces[PATCH].areas) == ()
 
 
-def test_no_patch_no_contact(skin: Skin) -> None:
+def test_no_patch_no_contact(skin: LiveSkin) -> None:
     assert find_contacts(skin, SkinState({}, {}), {}) == ()
 
 
-def test_NaN_beside_a_touch_is_left_out(skin: Skin) -> None:
+def test_NaN_beside_a_touch_is_left_out(skin: LiveSkin) -> None:
     pressure = press(skin, (0.4, 0.0, 6.0))
     (before,) = contacts_at(skin, pressure)
     pressure[before.taxels[before.taxel_forces < before.peak_force]] = np.nan
@@ -145,7 +145,7 @@ def test_NaN_beside_a_touch_is_left_out(skin: Skin) -> None:
     assert contact.force == before.peak_force
 
 
-def test_posture_that_lacks_the_touched_part(skin: Skin) -> None:
+def test_posture_that_lacks_the_touched_part(skin: LiveSkin) -> None:
     felt = PatchState(PATCH, 0.0, 0, np.full(TAXELS, 5000.0), np.ones(TAXELS))
     with pytest.raises(UnknownNameError, match=r"left_arm.*valid: head"):
         find_contacts(skin, SkinState({PATCH: felt}, {}), {"head": np.zeros(2)})
@@ -161,7 +161,7 @@ def test_impossible_settings_are_refused(touch: float, floor: float) -> None:
 
 
 @given(pokes)
-def test_nothing_of_a_touch_is_lost(skin: Skin, poke: tuple[float, float, float]) -> None:
+def test_nothing_of_a_touch_is_lost(skin: LiveSkin, poke: tuple[float, float, float]) -> None:
     """Each count that a coarse sensor shows is in the contact, also at its weak edge."""
     pressure = in_counts(skin, press(skin, poke))
     (contact,) = contacts_at(skin, pressure)
@@ -172,7 +172,7 @@ def test_nothing_of_a_touch_is_lost(skin: Skin, poke: tuple[float, float, float]
     assert (contact.stamp, contact.sequence, contact.segment) == (0.25, 7, "forearm")
 
 
-def test_force_of_random_pokes_is_within_two_percent(skin: Skin) -> None:
+def test_force_of_random_pokes_is_within_two_percent(skin: LiveSkin) -> None:
     random = np.random.default_rng(0)
     for u, theta, force in random.uniform((0.15, -np.pi, 5.0), (0.7, np.pi, 9.0), (200, 3)):
         (contact,) = contacts_at(skin, in_counts(skin, press(skin, (u, theta, force))))
@@ -181,7 +181,7 @@ def test_force_of_random_pokes_is_within_two_percent(skin: Skin) -> None:
 
 @given(pokes, hnp.arrays(np.float64, 10, elements=st.floats(-1.5, 1.5)))
 def test_centre_is_where_the_finger_is(
-    skin: Skin, poke: tuple[float, float, float], position: np.ndarray
+    skin: LiveSkin, poke: tuple[float, float, float], position: np.ndarray
 ) -> None:
     """In the link the place of the poke, on the limb turned by pronation, which this skin follows."""
     (contact,) = contacts_at(skin, press(skin, poke), position=position)
@@ -196,14 +196,14 @@ def test_centre_is_where_the_finger_is(
 
 
 @given(pressures)
-def test_centre_lies_on_the_surface(skin: Skin, pressure: np.ndarray) -> None:
+def test_centre_lies_on_the_surface(skin: LiveSkin, pressure: np.ndarray) -> None:
     for contact in contacts_at(skin, pressure):
         again, _ = skin.surfaces[PATCH].project(contact.p_L[None])
         np.testing.assert_allclose(again[0], contact.p_L, atol=1e-9)
         assert np.linalg.norm(contact.n_L) == pytest.approx(1.0)
 
 
-def test_wide_touch_does_not_sink_into_the_limb(skin: Skin) -> None:
+def test_wide_touch_does_not_sink_into_the_limb(skin: LiveSkin) -> None:
     """Half of the limb is held: the mean of eq. 7 is 9 mm below the skin."""
     surface = skin.surfaces[PATCH]
     pressure = np.where(surface.positions[:, 0] > 0.0, 5000.0, 0.0)
@@ -213,10 +213,10 @@ def test_wide_touch_does_not_sink_into_the_limb(skin: Skin) -> None:
     assert np.hypot(*contact.p_L[:2]) == pytest.approx(RADIUS, abs=0.001)
 
 
-def shuffle(skin: Skin, order: np.ndarray) -> Skin:
+def shuffle(skin: LiveSkin, order: np.ndarray) -> LiveSkin:
     """The same skin with taxel `order[i]` at place i."""
     surface, place = skin.surfaces[PATCH], np.argsort(order)
-    shuffled = Skin(skin.robot)
+    shuffled = LiveSkin(skin.robot)
     shuffled.surfaces = {
         PATCH: replace(
             surface,
@@ -233,7 +233,7 @@ def shuffle(skin: Skin, order: np.ndarray) -> Skin:
 
 @settings(max_examples=50)
 @given(pressures, st.permutations(range(TAXELS)))
-def test_order_of_the_taxels_does_not_matter(skin: Skin, pressure: np.ndarray, places: list[int]) -> None:
+def test_order_of_the_taxels_does_not_matter(skin: LiveSkin, pressure: np.ndarray, places: list[int]) -> None:
     order = np.array(places)
     one, other = contacts_at(skin, pressure), contacts_at(shuffle(skin, order), pressure[order])
     same = {frozenset(contact.taxels.tolist()): contact for contact in one}
@@ -249,7 +249,7 @@ def test_order_of_the_taxels_does_not_matter(skin: Skin, pressure: np.ndarray, p
 @settings(max_examples=50)
 @given(pokes, st.randoms(use_true_random=False))
 def test_order_of_the_taxels_does_not_move_the_centre(
-    skin: Skin, poke: tuple[float, float, float], random: Random
+    skin: LiveSkin, poke: tuple[float, float, float], random: Random
 ) -> None:
     order = np.array(random.sample(range(TAXELS), TAXELS))
     pressure = press(skin, poke)
@@ -259,12 +259,12 @@ def test_order_of_the_taxels_does_not_move_the_centre(
     assert weighted_force(one, 0.2) == pytest.approx(weighted_force(other, 0.2))
 
 
-def test_strongest_contact_comes_first(skin: Skin) -> None:
+def test_strongest_contact_comes_first(skin: LiveSkin) -> None:
     found = contacts_at(skin, press(skin, (0.2, 0.0, 5.0), (0.6, 1.5, 9.0), (0.5, -2.0, 7.0)))
     assert [round(contact.force) for contact in found] == [9, 7, 5]
 
 
-def test_nobody_can_change_a_contact(skin: Skin) -> None:
+def test_nobody_can_change_a_contact(skin: LiveSkin) -> None:
     (contact,) = contacts_at(skin, press(skin, (0.4, 0.0, 6.0)))
     for name in ("taxels", "taxel_forces", "p_L", "n_L", "p_T", "n_T", "taxel_u", "taxel_theta"):
         assert not getattr(contact, name).flags.writeable, name
@@ -339,7 +339,7 @@ def test_unknown_measure_lists_the_valid_ones() -> None:
 
 
 @given(pressures, st.floats(0.01, 2.0))
-def test_weighted_force_is_a_mean(skin: Skin, pressure: np.ndarray, radius: float) -> None:
+def test_weighted_force_is_a_mean(skin: LiveSkin, pressure: np.ndarray, radius: float) -> None:
     for contact in contacts_at(skin, pressure):
         force = weighted_force(contact, radius)
         low, high = contact.taxel_forces.min(), contact.taxel_forces.max()
@@ -348,7 +348,7 @@ def test_weighted_force_is_a_mean(skin: Skin, pressure: np.ndarray, radius: floa
 
 @given(pokes, st.floats(1.0, 4.0))
 def test_weighted_force_grows_with_the_force(
-    skin: Skin, poke: tuple[float, float, float], factor: float
+    skin: LiveSkin, poke: tuple[float, float, float], factor: float
 ) -> None:
     (contact,) = contacts_at(skin, press(skin, poke))
     stronger = replace(contact, taxel_forces=contact.taxel_forces * factor)
@@ -368,7 +368,7 @@ def test_distance_on_the_generic_limb(u: float, a: float, v: float, b: float, tu
 @pytest.mark.parametrize("name", ["nao", "icub"])
 def test_skin_of_each_packaged_patch_hangs_together(name: str) -> None:
     """A finger on a gap between modules makes one contact, also on an iCub's forearm."""
-    skin = Skin(load_robot(name))
+    skin = LiveSkin(load_robot(name))
     for patch, surface in skin.surfaces.items():
         if skin.robot.limb_segment(skin.robot.patch(patch)) is None:
             continue  # NAO's switches are far from each other

@@ -10,6 +10,7 @@ import pytest
 
 import tci
 from tci.body.generic_body import GenericBody
+from tci.body.perceiver import Perceiver
 from tci.errors import TciError
 from tci.frames import read_only
 from tci.messages import Contact, JointReading, PatchState, Reading, SkinFrame, SkinState
@@ -17,6 +18,7 @@ from tci.robot.joint_map import generic_posture
 from tci.skin.contacts import ContactSettings, find_contacts
 from tci.skin.health import Health
 from tci.skin.isolated import LoneSettings
+from tci.skin.live_skin import LiveSkin
 from tci.skin.skin import Skin
 from tci.skin.tracking import Tracker
 
@@ -32,7 +34,7 @@ class Felt:
     """Frames of one patch of a robot, and the contacts that are found in them."""
 
     def __init__(self, robot: str = "nao", patch: str = ARM) -> None:
-        self.skin, self.patch = Skin(tci.load_robot(robot)), patch
+        self.skin, self.patch = LiveSkin(tci.load_robot(robot)), patch
         self.tracker: Tracker | None = Tracker()
         self.surface = self.skin.surfaces[patch]
         self.frame = 0
@@ -181,7 +183,7 @@ def test_a_light_touch_is_the_same_from_senders_of_changes() -> None:
     pressed[Skin(robot).surfaces[ARM].channels[LONE]] -= 8.0
     seen = []
     for keep_alive in (None, 1.0):
-        body, touched = GenericBody(robot, keep_alive=keep_alive), []
+        perceiver, touched = Perceiver(GenericBody(robot), keep_alive=keep_alive), []
         frame = SkinFrame(ARM, 0.0, 0, read_only(values))
         for i in range(int(1.0 * patch.rate)):
             now = i / patch.rate
@@ -189,7 +191,7 @@ def test_a_light_touch_is_the_same_from_senders_of_changes() -> None:
             if keep_alive is None or not np.array_equal(raw, frame.values):
                 frame = SkinFrame(ARM, now, i, read_only(raw))
             reading = Reading(JointReading(now, i, still, still), (frame,))
-            touched.append([c.taxels.tolist() for c in body.perceive(reading, now).contacts])
+            touched.append([c.taxels.tolist() for c in perceiver.step(reading, now).contacts])
         assert any(touched)
         seen.append(touched)
     assert seen[0] == seen[1]

@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from tci.body.generic_body import GenericBody
+from tci.body.perceiver import Perceiver
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.robot.catalogue import load_robot
 from tci.robot.joint_map import initial_position
 from tci.skin.baseline import Baseline
 from tci.skin.conditioning import Conditioner
 from tci.skin.health import TaxelHealth
-from tci.skin.skin import Skin
+from tci.skin.live_skin import LiveSkin
 
 NAO = load_robot("nao")
 REST = np.zeros(len(NAO.servos))
@@ -38,7 +39,7 @@ def readings(count: int) -> list[Reading]:
 
 @pytest.mark.parametrize("times", [1, 3, 20])
 def test_when_it_learns_plays_no_part(times: int) -> None:
-    patient, idle = Skin(NAO), Skin(NAO)
+    patient, idle = LiveSkin(NAO), LiveSkin(NAO)
     for reading in readings(260):
         one, other = patient.update(reading), idle.update(reading)
         for name, state in one.patches.items():
@@ -54,24 +55,24 @@ def test_when_it_learns_plays_no_part(times: int) -> None:
 
 
 def test_one_lesson_at_a_time_between_two_frames(monkeypatch: pytest.MonkeyPatch) -> None:
-    body, learnt = GenericBody(NAO), []
+    perceiver, learnt = Perceiver(GenericBody(NAO)), []
     learn = Conditioner.learn
     monkeypatch.setattr(Conditioner, "learn", lambda one: (learnt.append(one.patch.name), learn(one))[1])
     most = 0
     for number, reading in enumerate(readings(260)):
         before = len(learnt)
-        body.perceive(reading, number / 50.0)
+        perceiver.step(reading, number / 50.0)
         assert len(learnt) == before
         for period in range(1, 20):
             before = len(learnt)
-            body.perceive(reading, number / 50.0 + period / 1000.0)
+            perceiver.step(reading, number / 50.0 + period / 1000.0)
             most = max(most, len(learnt) - before)
     assert most == 1
     assert {*learnt} == {patch.name for patch in NAO.patches}
 
 
 def test_no_period_learns_a_whole_lesson(monkeypatch: pytest.MonkeyPatch) -> None:
-    body, done = GenericBody(NAO), []
+    perceiver, done = Perceiver(GenericBody(NAO)), []
     for owner, name in ((Baseline, "learn"), (TaxelHealth, "judge")):
         step = getattr(owner, name)
         monkeypatch.setattr(
@@ -80,6 +81,6 @@ def test_no_period_learns_a_whole_lesson(monkeypatch: pytest.MonkeyPatch) -> Non
     for number, reading in enumerate(readings(260)):
         for period in range(20):
             before = len(done)
-            body.perceive(reading, number / 50.0 + period / 1000.0)
+            perceiver.step(reading, number / 50.0 + period / 1000.0)
             assert len(done) - before <= 1
     assert done.count("learn") == done.count("judge") > len(NAO.patches)

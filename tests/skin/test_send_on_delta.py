@@ -11,12 +11,13 @@ from hypothesis import strategies as st
 
 import tci
 from tci.errors import TciError
-from tci.frames import read_only
+from tci.frames import Array, read_only
 from tci.messages import JointReading, PatchState, Perception, Reading, SkinFrame
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
 from tci.runtime.loop import Tick, run
+from tci.skin.live_skin import LiveSkin
 from tci.skin.send_on_delta import HoldLast, SendOnDelta
 
 KEEP_ALIVE = 0.5
@@ -75,14 +76,16 @@ def same(one: Perception, other: Perception) -> bool:
     )
 
 
-def felt(body: tci.GenericBody) -> dict[str, PatchState]:
-    return dict(body.skin.state.patches)
+def felt(seen: Perception) -> dict[str, PatchState]:
+    assert seen.skin is not None
+    return dict(seen.skin.patches)
 
 
 @settings(max_examples=15)  # each is 4 s of noise on all patches: more seeds show no more
 @given(st.integers(0, 10_000))
 def test_what_is_perceived_is_the_same(seed: int) -> None:
-    clocked, eventful = tci.GenericBody(NAO), tci.GenericBody(NAO, keep_alive=KEEP_ALIVE)
+    body = tci.GenericBody(NAO)
+    clocked, eventful = tci.Perceiver(body), tci.Perceiver(body, keep_alive=KEEP_ALIVE)
     sender, latest = SendOnDelta(KEEP_ALIVE), {}
     sent = every = 0
     random = np.random.default_rng(seed)
@@ -93,16 +96,16 @@ def test_what_is_perceived_is_the_same(seed: int) -> None:
         chosen = sender.select(frames)
         latest.update({frame.patch: frame for frame in chosen})
         sent, every = sent + len(chosen), every + len(frames)
-        one = clocked.perceive(Reading(joints, frames), k / RATE)
-        other = eventful.perceive(Reading(joints, tuple(latest.values())), k / RATE)
+        one = clocked.step(Reading(joints, frames), k / RATE)
+        other = eventful.step(Reading(joints, tuple(latest.values())), k / RATE)
         assert same(one, other)
-        for name, state in felt(clocked).items():
-            twin = felt(eventful)[name]
+        for name, state in felt(one).items():
+            twin = felt(other)[name]
             assert (state.sequence, state.stamp) == (twin.sequence, pytest.approx(twin.stamp))
             np.testing.assert_array_equal(state.pressure, twin.pressure)
             np.testing.assert_array_equal(state.force, twin.force)
             np.testing.assert_array_equal(state.masked, twin.masked)
-    assert clocked.skin.health == eventful.skin.health
+    assert clocked.health == eventful.health
     assert sent < every / 2
 
 
@@ -128,7 +131,7 @@ def test_the_reflex_does_the_same_on_an_event_driven_skin() -> None:
 
 def test_unchanged_patches_are_not_looked_at() -> None:
     """All that happens to a frame that was left out is counting."""
-    body = tci.GenericBody(NAO, keep_alive=60.0)
+    perceiver, known = tci.Perceiver(tci.GenericBody(NAO), keep_alive=60.0), dict[str, Array]()
     frames = tuple(
         SkinFrame(patch.name, 0.0, 0, read_only(np.full(patch.channels, 240.0))) for patch in NAO.patches
     )
@@ -136,9 +139,9 @@ def test_unchanged_patches_are_not_looked_at() -> None:
     looked = 0
     for k in range(60):
         joints = JointReading(k / RATE, k, position, position)
-        before = {name: state.pressure for name, state in felt(body).items()}
-        body.perceive(Reading(joints, frames), k / RATE)
-        looked += sum(state.pressure is not before.get(name) for name, state in felt(body).items())
+        before = known
+        known = {n: s.pressure for n, s in felt(perceiver.step(Reading(joints, frames), k / RATE)).items()}
+        looked += sum(pressure is not before.get(name) for name, pressure in known.items())
     # Three frames to settle, and one after the shorter first lesson of some patches.
     assert looked <= 4 * len(frames) < 60 * len(frames)
 
@@ -156,7 +159,7 @@ def test_a_dead_patch_goes_no_further_than_its_keep_alive() -> None:
 
 def test_a_buffer_that_is_written_again_is_a_new_frame() -> None:
     """Only arrays that nobody can change are known by their identity."""
-    skin = tci.Skin(NAO)
+    skin = LiveSkin(NAO)
     buffer = np.full(240, 240.0)
     joints = JointReading(0.0, 0, np.array(initial_position(NAO)), np.zeros(len(NAO.servos)))
     for k in range(6):
@@ -171,4 +174,4 @@ def test_a_keep_alive_that_is_none_is_an_error(seconds: float) -> None:
     with pytest.raises(TciError, match="above 0 and finite"):
         SendOnDelta(seconds)
     with pytest.raises(TciError, match="above 0 and finite"):
-        tci.GenericBody(NAO, keep_alive=seconds)
+        tci.Perceiver(tci.GenericBody(NAO), keep_alive=seconds)

@@ -19,19 +19,19 @@ from tci.messages import JointReading, SkinFrame
 from tci.robot.catalogue import load_robot
 from tci.robot.generic_arm import Side, forearm_rotation, side_sign, upper_arm_rotation
 from tci.robot.joint_map import initial_position
-from tci.skin.skin import Skin
+from tci.skin.live_skin import LiveSkin
 
 postures = hnp.arrays(np.float64, 10, elements=st.floats(-1.5, 1.5))
 
 
 @pytest.fixture(scope="module")
-def skin(tmp_path_factory: pytest.TempPathFactory) -> Skin:
-    return Skin(small_robot.build(tmp_path_factory.mktemp("robot")))
+def skin(tmp_path_factory: pytest.TempPathFactory) -> LiveSkin:
+    return LiveSkin(small_robot.build(tmp_path_factory.mktemp("robot")))
 
 
 @pytest.fixture
-def fresh(skin: Skin) -> Skin:
-    return Skin(skin.robot)
+def fresh(skin: LiveSkin) -> LiveSkin:
+    return LiveSkin(skin.robot)
 
 
 def turned(angle: np.ndarray) -> np.ndarray:
@@ -42,7 +42,7 @@ def turned(angle: np.ndarray) -> np.ndarray:
 # Frames in, states out
 
 
-def test_pressure_and_force_of_a_pressed_taxel(fresh: Skin) -> None:
+def test_pressure_and_force_of_a_pressed_taxel(fresh: LiveSkin) -> None:
     state = fresh.update(reading(frame("left_arm_forearm", {7: 10})))
     felt = state.patches["left_arm_forearm"]
     surface = fresh.surfaces["left_arm_forearm"]
@@ -52,12 +52,12 @@ def test_pressure_and_force_of_a_pressed_taxel(fresh: Skin) -> None:
     assert felt.force[taxel] == pytest.approx(10 * PASCAL * surface.areas[taxel])
 
 
-def test_patch_that_has_not_sent_is_absent(fresh: Skin) -> None:
+def test_patch_that_has_not_sent_is_absent(fresh: LiveSkin) -> None:
     assert not fresh.update(reading()).patches
     assert list(fresh.update(reading(frame("left_arm_forearm", {}))).patches) == ["left_arm_forearm"]
 
 
-def test_link_poses_are_those_of_skin_and_segments(fresh: Skin) -> None:
+def test_link_poses_are_those_of_skin_and_segments(fresh: LiveSkin) -> None:
     position = np.linspace(-1.0, 1.0, 10)
     poses = fresh.update(reading(position=position)).link_poses
     assert set(poses) == {"l_4", "l_1", "r_3", "torso", "l_2", "r_2"}
@@ -65,12 +65,12 @@ def test_link_poses_are_those_of_skin_and_segments(fresh: Skin) -> None:
     np.testing.assert_allclose(poses["l_4"][:3, :3], rotation, atol=1e-12)
 
 
-def test_nothing_new_is_the_same_state(fresh: Skin) -> None:
+def test_nothing_new_is_the_same_state(fresh: LiveSkin) -> None:
     twice = reading(frame("left_arm_forearm", {7: 10}, sequence=3))
     assert fresh.update(twice) is fresh.update(twice)
 
 
-def test_duplicate_frame_keeps_the_patch_but_not_the_pose(fresh: Skin) -> None:
+def test_duplicate_frame_keeps_the_patch_but_not_the_pose(fresh: LiveSkin) -> None:
     touch = frame("left_arm_forearm", {7: 10}, sequence=3)
     first = fresh.update(reading(touch))
     second = fresh.update(reading(touch, position=np.full(10, 0.5)))
@@ -79,22 +79,22 @@ def test_duplicate_frame_keeps_the_patch_but_not_the_pose(fresh: Skin) -> None:
     assert fresh.counts == {"values_dropped": 0, "frames_late": 0}
 
 
-def test_late_frame_is_not_used_and_counted(fresh: Skin) -> None:
+def test_late_frame_is_not_used_and_counted(fresh: LiveSkin) -> None:
     newest = fresh.update(reading(frame("left_arm_forearm", {7: 10}, sequence=5)))
     after = fresh.update(reading(frame("left_arm_forearm", {9: 99}, sequence=4)))
     assert after.patches["left_arm_forearm"] is newest.patches["left_arm_forearm"]
     assert fresh.counts["frames_late"] == 1
 
 
-def test_restarted_sender_is_heard_again(fresh: Skin) -> None:
+def test_restarted_sender_is_heard_again(fresh: LiveSkin) -> None:
     fresh.update(reading(frame("left_arm_forearm", {}, sequence=5000, stamp=50.0)))
     state = fresh.update(reading(frame("left_arm_forearm", {7: 10}, sequence=0, stamp=53.0)))
     assert state.patches["left_arm_forearm"].sequence == 0
 
 
 @given(st.permutations(range(6)))
-def test_of_frames_in_any_order_the_newest_stays(skin: Skin, order: list[int]) -> None:
-    subject = Skin(skin.robot)
+def test_of_frames_in_any_order_the_newest_stays(skin: LiveSkin, order: list[int]) -> None:
+    subject = LiveSkin(skin.robot)
     for sequence in order:
         state = subject.update(reading(frame("right_arm_forearm", {sequence: 50}, sequence=sequence)))
     assert state.patches["right_arm_forearm"].sequence == 5
@@ -110,7 +110,9 @@ def test_of_frames_in_any_order_the_newest_stays(skin: Skin, order: list[int]) -
         (SkinFrame("tail", 0.1, 9, np.zeros(TAXELS, np.uint8)), ["'tail'", "left_arm_forearm"]),
     ],
 )
-def test_wrong_frame_is_refused_and_changes_nothing(fresh: Skin, wrong: SkinFrame, words: list[str]) -> None:
+def test_wrong_frame_is_refused_and_changes_nothing(
+    fresh: LiveSkin, wrong: SkinFrame, words: list[str]
+) -> None:
     before = fresh.update(reading(frame("left_arm_forearm", {7: 10}, sequence=1)))
     good = frame("right_arm_forearm", {7: 10}, sequence=1)
     with pytest.raises(FrameError) as caught:
@@ -120,12 +122,12 @@ def test_wrong_frame_is_refused_and_changes_nothing(fresh: Skin, wrong: SkinFram
     assert same.patches == before.patches
 
 
-def test_joints_of_another_robot_are_refused(fresh: Skin) -> None:
+def test_joints_of_another_robot_are_refused(fresh: LiveSkin) -> None:
     with pytest.raises(FrameError, match=r"small.*\(9,\), expected \(10,\)"):
         fresh.update(reading(position=np.zeros(9)))
 
 
-def test_dropped_values_are_counted(fresh: Skin) -> None:
+def test_dropped_values_are_counted(fresh: LiveSkin) -> None:
     values = np.full(TAXELS, 240.0)
     values[3] = np.nan
     state = fresh.update(reading(SkinFrame("left_arm_forearm", 0.0, 0, values)))
@@ -138,7 +140,7 @@ def test_frames_of_bytes_are_felt_like_any_numbers(name: str) -> None:
     """Patches of all kinds, some of them missing or late, a sender that restarts, a board that sends what it
     can't: the fast way perceives what the other does."""
     robot = load_robot(name)
-    quick, slow = Skin(robot), Skin(robot)
+    quick, slow = LiveSkin(robot), LiveSkin(robot)
     random = np.random.default_rng(1)
     sequences = {patch.name: 0 for patch in robot.patches}
     for k in range(300):
@@ -179,7 +181,7 @@ def test_frames_of_bytes_are_felt_like_any_numbers(name: str) -> None:
 
 def test_two_frames_of_a_patch_at_once_are_taken_in_turn() -> None:
     robot = load_robot("nao")
-    together, apart = Skin(robot), Skin(robot)
+    together, apart = LiveSkin(robot), LiveSkin(robot)
     frames = [
         SkinFrame("left_forearm", 0.02 * k, k, np.full(240, 240 - 30 * (k % 2), np.uint8)) for k in range(6)
     ]
@@ -192,7 +194,7 @@ def test_two_frames_of_a_patch_at_once_are_taken_in_turn() -> None:
     assert together.health == apart.health
 
 
-def test_nobody_can_change_a_state(fresh: Skin) -> None:
+def test_nobody_can_change_a_state(fresh: LiveSkin) -> None:
     state = fresh.update(reading(frame("left_arm_forearm", {7: 10})))
     felt = state.patches["left_arm_forearm"]
     for array in (felt.pressure, felt.force, *state.link_poses.values()):
@@ -205,7 +207,7 @@ def test_nobody_can_change_a_state(fresh: Skin) -> None:
 # Places
 
 
-def test_link_frame_is_the_surface(skin: Skin) -> None:
+def test_link_frame_is_the_surface(skin: LiveSkin) -> None:
     surface = skin.surfaces["left_arm_forearm"]
     at = joints(np.full(10, 0.7))
     np.testing.assert_array_equal(skin.positions("left_arm_forearm", at), surface.positions)
@@ -213,7 +215,7 @@ def test_link_frame_is_the_surface(skin: Skin) -> None:
 
 
 @given(postures)
-def test_torso_frame_follows_the_arm(skin: Skin, position: np.ndarray) -> None:
+def test_torso_frame_follows_the_arm(skin: LiveSkin, position: np.ndarray) -> None:
     at = joints(position)
     surface = skin.surfaces["left_arm_forearm"]
     upper_arm = upper_arm_rotation(position[:5], "left", axial=True)
@@ -226,7 +228,7 @@ def test_torso_frame_follows_the_arm(skin: Skin, position: np.ndarray) -> None:
 
 
 @given(postures)
-def test_distances_are_the_same_in_every_frame(skin: Skin, position: np.ndarray) -> None:
+def test_distances_are_the_same_in_every_frame(skin: LiveSkin, position: np.ndarray) -> None:
     at = joints(position)
     for patch, surface in skin.surfaces.items():
         for name in ("limb", "torso"):
@@ -239,7 +241,7 @@ def test_distances_are_the_same_in_every_frame(skin: Skin, position: np.ndarray)
 
 
 @given(postures)
-def test_limb_coordinates_are_the_cone(skin: Skin, position: np.ndarray) -> None:
+def test_limb_coordinates_are_the_cone(skin: LiveSkin, position: np.ndarray) -> None:
     for patch, length in (
         ("left_arm_forearm", LOWER),
         ("right_arm_forearm", LOWER),
@@ -251,7 +253,7 @@ def test_limb_coordinates_are_the_cone(skin: Skin, position: np.ndarray) -> None
 
 
 @given(postures)
-def test_theta_turns_with_pronation_only_where_the_skin_does(skin: Skin, position: np.ndarray) -> None:
+def test_theta_turns_with_pronation_only_where_the_skin_does(skin: LiveSkin, position: np.ndarray) -> None:
     rest, at = joints(np.zeros(10)), joints(position)
     still = skin.limb("right_arm_forearm", at)[1] - skin.limb("right_arm_forearm", rest)[1]
     np.testing.assert_allclose(turned(still), 0.0, atol=1e-9)
@@ -262,7 +264,7 @@ def test_theta_turns_with_pronation_only_where_the_skin_does(skin: Skin, positio
 
 
 @given(hnp.arrays(np.float64, 5, elements=st.floats(-1.5, 1.5)))
-def test_one_place_is_mirrored_on_the_other_arm(skin: Skin, posture: np.ndarray) -> None:
+def test_one_place_is_mirrored_on_the_other_arm(skin: LiveSkin, posture: np.ndarray) -> None:
     """(u, theta, r) fixes the place beside the body: left and right differ by a mirror and the mount."""
     at = joints(np.concatenate([posture, posture]))
     beside = {}
@@ -282,7 +284,7 @@ def test_one_place_is_mirrored_on_the_other_arm(skin: Skin, posture: np.ndarray)
     np.testing.assert_allclose(np.c_[other_at, np.ones(TAXELS)] @ motion, others, atol=1e-9)
 
 
-def test_unknown_names_list_the_valid_ones(skin: Skin) -> None:
+def test_unknown_names_list_the_valid_ones(skin: LiveSkin) -> None:
     at = joints(np.zeros(10))
     with pytest.raises(UnknownNameError, match="left_arm_forearm"):
         skin.positions("tail", at)
@@ -298,7 +300,7 @@ def test_a_line_of_taxels_has_no_faces(tmp_path: Path) -> None:
     patch = robot.patches[0]
     cone = patch.surface.model_copy(update={"per_ring": 1})
     line = patch.model_copy(update={"surface": cone, "channels": small_robot.RINGS})
-    surface = Skin(robot.model_copy(update={"patches": (line,), "digest": "line"})).surfaces[patch.name]
+    surface = LiveSkin(robot.model_copy(update={"patches": (line,), "digest": "line"})).surfaces[patch.name]
     assert surface.faces.shape == (0, 3)
     for near, place in zip(*surface.project(surface.positions + 1e-3 * surface.normals), strict=True):
         assert np.linalg.norm(place) == pytest.approx(1.0)
@@ -307,7 +309,7 @@ def test_a_line_of_taxels_has_no_faces(tmp_path: Path) -> None:
 
 def test_a_leg_has_no_places_of_the_generic_limb() -> None:
     robot = load_robot("nao-whole")
-    skin, at = Skin(robot), JointReading(0.0, 0, initial_position(robot), np.zeros(len(robot.servos)))
+    skin, at = LiveSkin(robot), JointReading(0.0, 0, initial_position(robot), np.zeros(len(robot.servos)))
     with pytest.raises(
         TciError, match="the thigh of left_leg is on no generic limb; valid: segments of an arm"
     ):
@@ -319,7 +321,7 @@ def test_a_leg_has_no_places_of_the_generic_limb() -> None:
 def test_skin_that_is_on_no_limb_has_no_place_on_one(tmp_path: Path) -> None:
     robot = small_robot.build(tmp_path)
     part = robot.parts[0].model_copy(update={"kind": "leg"})
-    skin = Skin(robot.model_copy(update={"parts": (part, robot.parts[1])}))
+    skin = LiveSkin(robot.model_copy(update={"parts": (part, robot.parts[1])}))
     at = joints(np.zeros(10))
     assert skin.positions("left_arm_forearm", at, frame="torso").shape[1] == 3
     with pytest.raises(TciError, match="no limb; valid frames: link, torso"):
@@ -330,16 +332,16 @@ def test_skin_that_is_on_no_limb_has_no_place_on_one(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module", params=["nao", "icub"])
-def packaged(request: pytest.FixtureRequest) -> Skin:
-    return Skin(load_robot(request.param))
+def packaged(request: pytest.FixtureRequest) -> LiveSkin:
+    return LiveSkin(load_robot(request.param))
 
 
-def at_zero(skin: Skin) -> JointReading:
+def at_zero(skin: LiveSkin) -> JointReading:
     count = len(skin.robot.servos)
     return JointReading(0.0, 0, np.zeros(count), np.zeros(count))
 
 
-def test_packaged_skin_lies_on_its_segment(packaged: Skin) -> None:
+def test_packaged_skin_lies_on_its_segment(packaged: LiveSkin) -> None:
     at = at_zero(packaged)
     for patch in filter(packaged.robot.limb_segment, packaged.robot.patches):
         u, _, r = packaged.limb(patch.name, at)
@@ -347,7 +349,7 @@ def test_packaged_skin_lies_on_its_segment(packaged: Skin) -> None:
         assert 0.015 < r.min() <= r.max() < 0.07, patch.name
 
 
-def test_packaged_skin_looks_outward(packaged: Skin) -> None:
+def test_packaged_skin_looks_outward(packaged: LiveSkin) -> None:
     at = at_zero(packaged)
     for patch in filter(packaged.robot.limb_segment, packaged.robot.patches):
         normals = packaged.normals(patch.name, at, frame="limb")
@@ -359,7 +361,7 @@ def test_packaged_skin_looks_outward(packaged: Skin) -> None:
 
 @settings(max_examples=20)
 @given(share=st.floats(0.1, 0.9))
-def test_forearm_skin_rides_as_facts_say(packaged: Skin, share: float) -> None:
+def test_forearm_skin_rides_as_facts_say(packaged: LiveSkin, share: float) -> None:
     """iCub's forearm skin turns with pronation and its upper-arm skin with the yaw, NAO's sleeves do not."""
     robot = packaged.robot
     low, high = at_zero(packaged), at_zero(packaged)

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 import tci
 from tci.body.generic_body import GenericBody
+from tci.body.perceiver import Perceiver
 from tci.errors import TciError
 from tci.messages import Reading
 from tci.simulation.world import World
@@ -90,13 +91,13 @@ def test_bad_settings(settings: dict[str, float]) -> None:
 def test_one_poke_is_one_contact_from_its_beginning_to_its_end() -> None:
     world = World(tci.load_robot("nao"))
     world.finger.poke("left_forearm", 120, speed=0.2, depth=0.01)
-    body = GenericBody(world.robot)
+    perceiver = Perceiver(GenericBody(world.robot))
     seen, ended = [], []
     for period in range(1, 60):
         world.advance(0.02 * period)
         if period == 30:
             world.finger.retire()
-        perception = body.perceive(Reading(world.joints(), world.frames()), world.time)
+        perception = perceiver.step(Reading(world.joints(), world.frames()), world.time)
         seen += [(contact.identity, contact.began, contact.stamp) for contact in perception.contacts]
         ended += perception.ended
     assert {identity for identity, _, _ in seen} == {1}

@@ -29,7 +29,7 @@ from tci.skin.kernels.contacts import NUMBERS, VECTORS
 from tci.skin.kernels.octet_counts import END, STRAIGHT, TURN
 from tci.skin.kernels.octets import feel
 from tci.skin.kernels.whole import cluster_all, describe_all
-from tci.skin.skin import Skin
+from tci.skin.live_skin import LiveSkin
 
 SETTINGS = ContactSettings()
 _feel, _cluster, _describe, _answer = [
@@ -79,7 +79,7 @@ class Frame:
         nao = tci.load_robot("nao")
         one = nao.model_copy(update={"patches": (nao.patch("left_forearm"),)})
         robot = with_dense_skin(one, taxels, patches=1, pitch=PITCH if taxels > 1000 else 0.004)
-        self.skin = Skin(robot)
+        self.skin = LiveSkin(robot)
         (self.patch,) = robot.patches
         self.octets, self.flat = self.skin.octets, self.skin.flat_skin()
         self.surface = self.skin.surfaces[self.patch.name]

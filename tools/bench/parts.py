@@ -26,6 +26,7 @@ from tci.robot.link_poses import SkinLinks
 from tci.robot.model_file import load_spec
 from tci.skin.contacts import ContactSettings
 from tci.skin.kernels.contacts import cluster
+from tci.skin.live_skin import LiveSkin
 
 
 def gate_and_ruckig(robot: tci.Robot) -> tuple[Work, Work]:
@@ -66,7 +67,7 @@ def gate_and_ruckig(robot: tci.Robot) -> tuple[Work, Work]:
 
 def clusters_and_scipy(robot: tci.Robot) -> tuple[Work, Work]:
     """Single-link clusters of one touch: ours on the surface's neighbours, and SciPy's on a k-d tree."""
-    skin = tci.Skin(robot)
+    skin = LiveSkin(robot)
     surface, flat = skin.surfaces["left_forearm"], skin.flat("left_forearm")
     distance = np.linalg.norm(surface.positions - surface.positions[100], axis=1)
     forces = np.where(distance < 0.015, 0.5, 0.0)

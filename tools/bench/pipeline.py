@@ -18,6 +18,7 @@ from tci.authoring.dense_skin import with_dense_skin
 from tci.messages import Command, GenericCommand, JointReading, Mode, Perception, Reading, SkinFrame
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
+from tci.skin.live_skin import LiveSkin
 from tci.skin.send_on_delta import HoldLast
 
 PERIOD = 0.002
@@ -48,7 +49,7 @@ def touched(
 
     `towards` (3,) a direction in the torso: only skin that faces it at first is touched.
     """
-    skin = tci.Skin(robot)
+    skin = tci.GenericBody(robot).skin
     surfaces, posture = skin.surfaces, np.array(initial_position(robot))
     poses = skin.kinematics.poses(posture, [patch.link for patch in robot.patches])
     touches = dict.fromkeys(surfaces, 0)
@@ -81,12 +82,14 @@ class Swinging(tci.Capability[Memory]):
         self.reflex, self.every = tci.WithdrawalReflex(), every
         self._middle = np.array(robot.part("left_arm").initial_posture) + AWAY
 
-    def init(self) -> Memory:
-        return 0, self.reflex.init()
+    def init(self, body: tci.GenericBody) -> Memory:
+        return 0, self.reflex.init(body)
 
-    def step(self, memory: Memory, perception: Perception) -> tuple[tuple[Command, ...], Memory]:
+    def step(
+        self, memory: Memory, perception: Perception, body: tci.GenericBody
+    ) -> tuple[tuple[Command, ...], Memory]:
         count, own = memory[0] + 1, memory[1]
-        commands, own = self.reflex.step(own, perception)
+        commands, own = self.reflex.step(own, perception, body)
         if self.every and count % self.every == 0:
             target = self._middle + SWING * np.cos(np.pi * count / TURN)
             commands = (*commands, GenericCommand("left_arm", Mode.POSITION, target))
@@ -105,9 +108,10 @@ class Pipeline:
     ) -> None:  # fmt: skip
         self.robot = with_dense_skin(tci.load_robot("icub"), max(taxels, 9 * patches), patches=patches)
         self.body = tci.GenericBody(self.robot)
+        self.perceiver = tci.Perceiver(self.body)
         self.gate = tci.Gate(self.robot, period=PERIOD, stale_after=0.1)
         self.capability = Swinging(self.robot, every)
-        self.memory = self.capability.init()
+        self.memory = self.capability.init(self.body)
         self.frames = touched(self.robot, contacts, dtype=dtype, towards=towards)
         self.position = np.array(initial_position(self.robot))
         self.every, self.count, self.moved = every, 0, 0
@@ -126,9 +130,10 @@ class Pipeline:
         now = PERIOD * k
         joints = JointReading(now, k, self.position.copy(), np.zeros(len(self.position)))
         skin = tuple(SkinFrame(name, now, k, values) for name, values in self.frames[k % 2].items())
-        self.seen = self.body.perceive(Reading(joints, skin), now)
-        commands, self.memory = self.capability.step(self.memory, self.seen)
-        safe = self.gate.step(self.body.to_platform(commands, joints), joints, now)
+        self.seen = self.perceiver.step(Reading(joints, skin), now)
+        commands, self.memory = self.capability.step(self.memory, self.seen, self.body)
+        platform, refused = self.body.to_platform(commands, joints)
+        safe = self.gate.step(platform, joints, now, refused=refused)
         self.position[safe.servos] = safe.position
         self.moved += bool(np.any(np.abs(safe.velocity) > STILL))
         return safe
@@ -192,7 +197,7 @@ def events() -> list[Measured]:
         values.setflags(write=False)
     joints = JointReading(0.0, 0, np.array(initial_position(robot)), np.zeros(len(robot.servos)))
     period = 1.0 / robot.patches[0].rate
-    clocked, eventful = tci.Skin(robot), tci.Skin(robot)
+    clocked, eventful = LiveSkin(robot), LiveSkin(robot)
     filled = HoldLast(robot, 1.0)
     count = [itertools.count(1), itertools.count(1)]
     sent: tuple[SkinFrame, ...] = ()

@@ -175,16 +175,16 @@ class Poked(tci.Capability[tuple[float, Any]]):
         self.patches = [patch.name for patch in world.robot.patches if patch.segment in SEGMENTS]
         self.steps = self.touched = 0
 
-    def init(self) -> tuple[float, Any]:
-        return 0.0, self.reflex.init()
+    def init(self, body: tci.GenericBody) -> tuple[float, Any]:
+        return 0.0, self.reflex.init(body)
 
     def step(
-        self, memory: tuple[float, Any], perception: Perception
+        self, memory: tuple[float, Any], perception: Perception, body: tci.GenericBody
     ) -> tuple[tuple[Command, ...], tuple[float, Any]]:
         due, own = memory
         self.steps += 1
         self.touched += self.world.finger.touching
-        commands, own = self.reflex.step(own, perception)
+        commands, own = self.reflex.step(own, perception, body)
         if perception.stamp >= due:
             due += POKES / 2
             if round(2 * due / POKES) % 2:

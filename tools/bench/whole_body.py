@@ -24,7 +24,7 @@ class Perceiving:
 
     def __init__(self, dtype: type) -> None:
         self.robot = tci.load_robot("icub-whole")
-        self.body = tci.GenericBody(self.robot)
+        self.perceiver = tci.Perceiver(tci.GenericBody(self.robot))
         self._frames = touched(self.robot, CONTACTS, dtype=dtype)
         self._position, self._count = np.array(initial_position(self.robot)), 0
         self.taxels = sum(patch.channels for patch in self.robot.patches)
@@ -37,7 +37,7 @@ class Perceiving:
         joints = JointReading(now, k, self._position.copy(), np.zeros(len(self._position)))
         frames = self._frames[k % 2].items()
         skin = tuple(SkinFrame(name, now, k, values.copy()) for name, values in frames)
-        self.seen = self.body.perceive(Reading(joints, skin), now)
+        self.seen = self.perceiver.step(Reading(joints, skin), now)
         return sum(contact.force for contact in self.seen.contacts)  # each is looked at
 
     def round(self) -> tuple[float, float]:

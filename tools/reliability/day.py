@@ -10,11 +10,11 @@ from row import Row
 
 import tci
 from tci.body.generic_body import GenericBody
+from tci.body.perceiver import Perceiver
 from tci.frames import read_only
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.robot.generic_arm import SEGMENTS
 from tci.robot.joint_map import initial_position
-from tci.skin.skin import Skin
 
 RATE = 50.0
 """Frames per second."""
@@ -52,7 +52,7 @@ class Day:
         patches = [patch for patch in self.robot.patches if patch.segment in SEGMENTS]
         self.patch = patches[int(self.random.integers(len(patches)))]
         self.body, self.reflex = GenericBody(self.robot), tci.WithdrawalReflex()
-        skin = Skin(self.robot)
+        self.perceiver, skin = Perceiver(self.body), self.body.skin
         self.channels = skin.surfaces[self.patch.name].channels
         count = len(self.channels)
         still = read_only(initial_position(self.robot))
@@ -60,7 +60,7 @@ class Day:
         self.u, self.theta, _ = skin.limb(self.patch.name, self.joints)
         self.noise = self.random.uniform(0.5, 1.5, count)
         self.scatter = 1.0 + SCATTER * self.random.standard_normal(count)
-        self.memory = self.reflex.init()
+        self.memory = self.reflex.init(self.body)
         self.stuck = 0.0
 
     def touch(self) -> np.ndarray:
@@ -100,7 +100,8 @@ class Day:
                 values[broken] = self._break(kind, values[broken])
             raw[self.channels] = values
             reading = Reading(self.joints, (SkinFrame(self.patch.name, now, frame, raw.copy()),))
-            _, self.memory = self.reflex.step(self.memory, self.body.perceive(reading, now))
+            seen = self.perceiver.step(reading, now)
+            _, self.memory = self.reflex.step(self.memory, seen, self.body)
             for withdrawal in self.memory.values():
                 if withdrawal.started not in seen and now > LEARN:
                     seen = {withdrawal.started}

@@ -1,71 +1,65 @@
-"""How much of a place on the generic limb its skin still feels."""
+"""Fraction of a receptive field's taxels that are trusted."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tci.body.landmarks import Landmarks
 from tci.frames import Array
-from tci.messages import Covered, JointReading
+from tci.messages import JointReading, Landmark, LimbPlace
 from tci.robot.limb import generic_limb_distance
-from tci.skin.felt import FeltPatches
 from tci.skin.skin import Skin
 
-TURNED = np.deg2rad(1.0)
-"""Angle [rad] by which a joint must have moved for the places of taxels to be worked out anew. Ours."""
+Indices = NDArray[np.intp]
 
 
 class Coverage:
-    """Knows which taxels are masked, and where they are. It works only where any is."""
+    """Counts the taxels of one robot around places of its skin."""
 
-    def __init__(self, skin: Skin) -> None:
-        self._skin = skin
-        self._masks: tuple[NDArray[np.bool_], ...] = ()
-        self._patches = 0
-        self._covered: Covered | None = None
-        self._blind: set[tuple[str, str]] = set()
-        self._position: Array | None = None
+    def __init__(self, skin: Skin, landmarks: Landmarks) -> None:
+        self._skin, self._landmarks = skin, landmarks
+        sizes = [len(skin.surfaces[patch.name].positions) for patch in skin.robot.patches]
+        begins = np.cumsum([0, *sizes]).tolist()
+        self._begins = {patch.name: begin for patch, begin in zip(skin.robot.patches, begins, strict=False)}
 
-    def step(self, joints: JointReading) -> Covered | None:
-        """What tells the coverage of any place in the skin's latest state, with the joints where they are;
-        None while all taxels are used. Joints that are not finite leave it as it was."""
-        felt = self._skin.felt
-        if felt.masks is not self._masks or len(felt) != self._patches:
-            self._masks, self._patches = felt.masks, len(felt)
-            self._blind, self._position = self._masked(), None
-        if not self._blind:
-            self._covered = None
-        elif self._has_moved(joints.position):
-            self._covered, self._position = self._places(felt, joints), joints.position
-        return self._covered
+    def shares(
+        self,
+        masked: NDArray[np.bool_],
+        joints: JointReading,
+        part: str,
+        places: Sequence[LimbPlace | Landmark],
+        radius: Array,
+    ) -> Array:
+        """Fraction (m,) of the taxels within `radius` (m,) of each place of a part that are not `masked`
+        (n,); 1 where there are none. The joints say where taxels are on a limb."""
+        result = np.ones(len(places))
+        for m, place in enumerate(places):
+            near = (
+                self._around_place(part, place, float(radius[m]), joints)
+                if isinstance(place, LimbPlace)
+                else self._around_landmark(part, place, float(radius[m]))
+            )
+            if near.size:
+                result[m] = 1.0 - masked[near].mean()
+        return result
 
-    def _has_moved(self, position: Array) -> bool:
-        if not np.isfinite(position).all():
-            return False
-        return self._position is None or bool(np.abs(position - self._position).max(initial=0.0) > TURNED)
-
-    def _masked(self) -> set[tuple[str, str]]:
-        """Parts and segments on whose skin any taxel is masked."""
-        patches = zip(self._skin.robot.patches, self._masks, strict=True)
-        return {(patch.part, patch.segment) for patch, mask in patches if mask.any()}
-
-    def _places(self, felt: FeltPatches, joints: JointReading) -> Covered:
-        places: dict[tuple[str, str], list[tuple[Array, Array, NDArray[np.bool_]]]] = {}
-        for name, patch in felt.items():
-            words = self._skin.robot.patch(name)
-            here = words.part, words.segment
-            if here not in self._blind or self._skin.robot.limb_segment(words) is None:
+    def _around_place(self, part: str, place: LimbPlace, radius: float, joints: JointReading) -> Indices:
+        found = [np.zeros(0, np.intp)]
+        for patch in self._skin.robot.patches:
+            if (patch.part, patch.segment) != (part, place.segment):
                 continue
-            u, theta, _ = self._skin.limb(name, joints)
-            masked = np.zeros(len(u), dtype=bool) if patch.masked is None else patch.masked
-            places.setdefault(here, []).append((u, theta, masked))
+            if self._skin.robot.limb_segment(patch) is not None:
+                u, theta, _ = self._skin.limb(patch.name, joints)
+                near = generic_limb_distance(u, theta, place.u, place.theta) < radius
+                found.append(self._begins[patch.name] + np.flatnonzero(near))
+        return np.concatenate(found)
 
-        def covered(part: str, segment: str, u: float, theta: float, radius: float) -> float:
-            masked = [
-                mask[generic_limb_distance(taxel_u, taxel_theta, u, theta) < radius]
-                for taxel_u, taxel_theta, mask in places.get((part, segment), ())
-            ]
-            here = np.concatenate(masked) if masked else np.zeros(0, dtype=bool)
-            return 1.0 - float(here.mean()) if here.size else 1.0
-
-        return covered
+    def _around_landmark(self, part: str, landmark: Landmark, radius: float) -> Indices:
+        found = self._landmarks.around(part, landmark, radius)
+        if found is None:
+            return np.zeros(0, np.intp)
+        taxels: Indices = self._begins[found[0]] + np.flatnonzero(found[1])
+        return taxels

@@ -3,138 +3,190 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from tci.body.cartesian import cartesian_to_platform
 from tci.body.coverage import Coverage
 from tci.body.landmarks import Landmarks
-from tci.body.posture import generic_columns, switch, to_platform
+from tci.body.places import Place, find_place
+from tci.body.posture import generic_columns, home, switch, to_platform
 from tci.body.retreat import Retreat
 from tci.body.support import StaticStability
+from tci.errors import CommandError, TciError
 from tci.frames import Array, read_only
 from tci.messages import (
     CartesianCommand,
     Contact,
-    Covered,
     GenericCommand,
     JointReading,
     Landmark,
+    LimbPlace,
+    Mode,
     Order,
     Perception,
     PlatformCommand,
     PlatformOrder,
     PlatformSwitch,
-    Reading,
-    SkinFrame,
+    Support,
     SwitchMode,
 )
-from tci.robot.description import Robot
-from tci.robot.joint_map import generic_posture
-from tci.skin.contact_table import identities
-from tci.skin.contacts import ContactSettings, find_contacts
-from tci.skin.send_on_delta import HoldLast
+from tci.robot.description import Kind, Robot
+from tci.robot.joint_map import JointMap, generic_posture, joint_map
+from tci.robot.skin_files.calibration import SkinCalibration
+from tci.skin.conditioning import ConditioningSettings
+from tci.skin.contacts import ContactSettings
 from tci.skin.skin import Skin
-from tci.skin.tracking import Tracker
 
 
+@dataclass(frozen=True, slots=True)
+class BodySettings:
+    """How a robot is perceived."""
+
+    contacts: ContactSettings = field(default_factory=ContactSettings)
+    """When active taxels are a contact."""
+    conditioning: ConditioningSettings = field(default_factory=ConditioningSettings)
+    """How raw frames become pressures."""
+    calibration: SkinCalibration | None = None
+    """Measured figures of the taxels; None: those that `tci skin calibrate` wrote beside the description."""
+
+
+@dataclass(frozen=True, eq=False)
 class GenericBody:
-    """What capabilities see of a robot, and how they move it."""
+    """The generic view of one robot: answers questions about its perceptions, and turns generic commands into
+    joint commands.
 
-    def __init__(
-        self, robot: Robot, *, contacts: ContactSettings | None = None, keep_alive: float | None = None
-    ) -> None:
-        """With a `keep_alive` [s] the skin's senders send changes only, each patch at least once in that
-        time; None: every frame. What is perceived is the same."""
-        self.robot = robot
-        self._filled = None if keep_alive is None else HoldLast(robot, keep_alive)
-        self.skin = Skin(robot)
-        self._settings = contacts or ContactSettings()
-        self._frames: tuple[SkinFrame, ...] = ()
-        self._patches = self.skin.felt
-        self._contacts: Sequence[Contact] = ()
-        self._tracker = Tracker()
-        self._coverage = Coverage(self.skin)
-        self._movable = {
-            part.name: read_only([float(joint.servo is not None) for joint in part.servos])
-            for part in robot.parts
+    Immutable, and pickled as robot and settings. Everything that changes is in a `Perceiver`.
+    """
+
+    robot: Robot
+    settings: BodySettings = field(default_factory=BodySettings)
+    skin: Skin = field(init=False, repr=False)
+    """Taxels as places on the robot."""
+    joint_maps: Mapping[str, JointMap] = field(init=False, repr=False)
+    """Transforms between generic joints and servos, by generic part."""
+    _has_joint: Mapping[str, NDArray[np.bool_]] = field(init=False, repr=False)
+    _landmarks: Landmarks = field(init=False, repr=False)
+    _stability: StaticStability = field(init=False, repr=False)
+    _retreat: Retreat = field(init=False, repr=False)
+    _coverage: Coverage = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        """Raises DescriptionError for a model or a skin that can't be used."""
+        skin, robot = Skin(self.robot), self.robot
+        landmarks = Landmarks(skin)
+        has = {
+            part.name: read_only([j.servo is not None for j in part.servos], np.bool_) for part in robot.parts
         }
-        self.spots = Landmarks(self.skin)
-        """Distances along the skin where there is no limb."""
-        self._balance = StaticStability(self.skin)
-        self.retreat = Retreat(self.skin).along
-        """Where motions of generic parts lead: see `Retreat.along`."""
-        self._covered: Covered | None = None
-
-    def perceive(self, reading: Reading, now: float) -> Perception:
-        """Generic posture and contacts at time `now` [s] (eqs 1-4, 7).
-
-        Contacts are looked for once per skin frame. Raises FrameError when a frame does not fit the
-        robot.
-        """
-        posture = generic_posture(self.robot, reading.joints)
-        if self._filled is not None:
-            reading = replace(reading, skin=self._filled.fill(reading.skin, now))
-        ended: tuple[int, ...] = ()
-        if reading.skin != self._frames:
-            self.skin.update(reading)
-            self._frames = reading.skin
-        if self.skin.felt is not self._patches:
-            ended = self._find(posture)
-            self._covered = self._coverage.step(reading.joints)
-        else:
-            self.skin.learn()
-        position = reading.joints.position
-        return Perception(
-            stamp=now,
-            posture=posture,
-            contacts=self._contacts,
-            ended=ended,
-            jacobian=lambda contact: self.jacobian(contact, position),
-            retreat=partial(self.retreat, position),
-            apart=self.spots.distance,
-            movable=self._movable,
-            covered=self._covered,
-            felt=None if self._covered is None else self._felt,
-            support=lambda part, target: self._balance.support(self._contacts, position, part, target),
+        self._set(
+            skin=skin,
+            joint_maps=MappingProxyType({part.name: joint_map(robot, part.name) for part in robot.parts}),
+            _has_joint=has,
+            _landmarks=landmarks,
+            _stability=StaticStability(skin),
+            _retreat=Retreat(skin),
+            _coverage=Coverage(skin, landmarks),
         )
 
-    def _find(self, posture: Mapping[str, Array]) -> tuple[int, ...]:
-        """Look for contacts; the identities of those that are no more."""
-        before = identities(self._contacts)
-        self._contacts = find_contacts(
-            self.skin, self.skin.state, posture, settings=self._settings, tracker=self._tracker
-        )
-        self._patches = self.skin.felt
-        now = identities(self._contacts)
-        return () if before == now else tuple([int(one) for one in before if one not in now])
+    def _set(self, **fields: Any) -> None:
+        for name, value in fields.items():
+            object.__setattr__(self, name, value)
 
-    def _felt(self, part: str, spot: Landmark, radius: float) -> float:
-        """The share 0..1 of the taxels around a spot that are used; 1 where there are none."""
-        found = self.spots.around(part, spot, radius)
-        state = None if found is None else self.skin.state.patches.get(found[0])
-        if found is None or state is None or state.masked is None or not found[1].any():
-            return 1.0
-        return 1.0 - float(state.masked[found[1]].mean())
+    def __reduce__(self) -> tuple[type[GenericBody], tuple[Robot, BodySettings]]:
+        return type(self), (self.robot, self.settings)
 
-    def jacobian(self, contact: Contact, position: Array) -> Array:
-        """How a contact's point moves (3, n) [m/rad], seen from the torso, with its part's generic joints.
+    def __deepcopy__(self, memo: object) -> GenericBody:
+        return self
 
-        `position` (n_servos,) [rad] is that of the robot's servos. A generic joint that the robot lacks
-        moves nothing. Its transpose takes a force at the contact to generic torques.
+    def parts(self, kind: Kind) -> tuple[str, ...]:
+        """Names of the generic parts of a kind, such as "arm" or "leg"."""
+        return tuple(part.name for part in self.robot.parts if part.kind == kind)
+
+    def has_joint(self, part: str) -> NDArray[np.bool_]:
+        """Which generic joints (n,) of a part this robot has. Raises UnknownNameError."""
+        return self._has_joint[self.robot.part(part).name]
+
+    def posture(self, joints: JointReading) -> dict[str, Array]:
+        """Generic angles (n,) [rad] of every part, by name (eqs. 1-2).
+
+        Raises FrameError when the reading has another number of joints than the robot.
         """
+        return generic_posture(self.robot, joints)
+
+    def home(self, part: str) -> tuple[GenericCommand, ...]:
+        """Commands that set a part up: stiffness, damping, initial posture. Raises UnknownNameError."""
+        return home(self.robot.part(part))
+
+    def place(self, part: str, place: LimbPlace, joints: JointReading) -> Place:
+        """Point of the skin at a place of a part's generic limb. Raises TciError when no skin is there,
+        UnknownNameError for an unknown part or segment."""
+        return find_place(self.skin, part, place.segment, place.u, place.theta, joints)
+
+    def landmark(self, part: str, landmark: Landmark) -> Place:
+        """Point of a part's skin at a landmark. Raises TciError where it has none, UnknownNameError."""
+        return self._landmarks.place(part, landmark)
+
+    def prepare(self, part: str, landmarks: Iterable[Landmark]) -> None:
+        """Computes the geodesic distance maps of landmarks, which takes longer than a period of the loop."""
+        for landmark in landmarks:
+            self._landmarks.around(part, landmark, 0.0)
+
+    def jacobian(self, perception: Perception, contact: Contact) -> Array:
+        """Jacobian (3, n) [m/rad] of the contact point by the generic joints of its part, in the torso frame.
+
+        A generic joint that the robot lacks moves nothing. The transpose takes a force at the contact to
+        generic torques.
+        """
+        position = _joints(perception).position
         link = self.robot.patch(contact.patch).link
         moved = self.skin.kinematics.jacobian(position, link, point=contact.p_L)[:3]
         return read_only(generic_columns(self.robot, contact.part, moved, position))
 
-    def to_platform(self, orders: Iterable[Order] | Order, joints: JointReading) -> list[PlatformOrder]:
-        """The same orders, or a single one, in the robot's own joints, which are as `joints` says (inverse of
-        eqs 1-2).
+    def retreat(self, perception: Perception, part: str, target: Array, mode: Mode = Mode.POSITION) -> Array:
+        """Way (2, k, c) [m] of the point of each contact while `part` goes to generic angles `target` (n,)
+        in a mode, as the robot's limits let it: see `Retreat.along`."""
+        position = _joints(perception).position
+        return self._retreat.along(position, perception.contacts, part, target, mode)
 
-        Raises CommandError.
+    def distance(self, contact: Contact, landmark: Landmark) -> float:
+        """Geodesic distance [m] along the skin from a landmark of the contact's part; infinite if the
+        landmark is on other skin."""
+        return self._landmarks.distance(contact, landmark)
+
+    def coverage(
+        self, perception: Perception, part: str, places: Sequence[LimbPlace | Landmark], radius: Array
+    ) -> Array:
+        """Fraction (m,) of the taxels within `radius` (m,) of each place of a part that are trusted.
+
+        It is 1 where there are none. Radii are in limb lengths around a `LimbPlace`, geodesic [m] around a
+        `Landmark`.
         """
-        several = (orders,) if isinstance(orders, Order) else orders
-        return [order_to_platform(self.robot, order, joints.position) for order in several]
+        masked = None if perception.skin is None else perception.skin.masked
+        if masked is None:
+            return np.ones(len(places))
+        return self._coverage.shares(masked, _joints(perception), part, places, radius)
+
+    def support(self, perception: Perception, leg: str, target: Array) -> Support:
+        """Stability margin [m] if `leg` moved to the generic angles `target` (n,) [rad]."""
+        return self._stability.support(perception.contacts, _joints(perception).position, leg, target)
+
+    def to_platform(
+        self, orders: Iterable[Order] | Order, joints: JointReading
+    ) -> tuple[list[PlatformOrder], list[str]]:
+        """The orders in the robot's own joints, which are as `joints` says (inverse of eqs. 1-2), and the
+        reasons why others have no form there. Raises UnknownNameError for an unknown part."""
+        platform: list[PlatformOrder] = []
+        refused: list[str] = []
+        for order in (orders,) if isinstance(orders, Order) else orders:
+            try:
+                platform.append(order_to_platform(self.robot, order, joints.position))
+            except CommandError as error:
+                refused.append(str(error))
+        return platform, refused
 
 
 def order_to_platform(robot: Robot, order: Order, position: Array) -> PlatformOrder:
@@ -151,3 +203,10 @@ def order_to_platform(robot: Robot, order: Order, position: Array) -> PlatformOr
             return cartesian_to_platform(robot, order, position)
         case GenericCommand():
             return to_platform(robot, order, position=position)
+
+
+def _joints(perception: Perception) -> JointReading:
+    """The robot's own joints. Raises TciError for a perception that was made without a robot."""
+    if perception.joints is None:
+        raise TciError("a perception without joints; valid: one that a tci.Perceiver made")
+    return perception.joints

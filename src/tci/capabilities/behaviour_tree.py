@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from tci.body.generic_body import GenericBody
 from tci.capabilities.capability import Capability
 from tci.capabilities.orders import begin_of, step_of
 from tci.errors import TciError
@@ -37,19 +38,23 @@ class Leaf(Behaviour):
     def __init__(self, name: str, capability: Capability[Any]) -> None:
         super().__init__(name)
         self.capability = capability
-        self.memory = capability.init()
-        """What the capability remembers."""
-        self.perception: Perception | None = None
-        """What the tree sees in this tick."""
+        self.memory: Any = None
+        """Memory of the capability."""
+        self.seen: tuple[Perception, GenericBody] | None = None
+        """Perception of this tick and the body; None outside of a tree."""
         self.orders: list[Order] = []
         """What the capability wanted in this tick."""
 
-    def _step(self) -> Perception:
-        if self.perception is None:
+    def _now(self) -> tuple[Perception, GenericBody]:
+        if self.seen is None:
             raise TciError(f"the leaf {self.name!r} was ticked alone; valid: in a BehaviourTree")
-        orders, self.memory = step_of(self.capability, self.memory, self.perception)
+        return self.seen
+
+    def _step(self) -> Perception:
+        perception, body = self._now()
+        orders, self.memory = step_of(self.capability, self.memory, perception, body)
         self.orders += orders
-        return self.perception
+        return perception
 
 
 class Reflex(Leaf):
@@ -88,7 +93,7 @@ class Task(Leaf):
             self._interrupted = False
             self.orders += self._wanted.values()
         else:
-            self.memory, self._wanted = self.capability.init(), {}
+            self.memory, self._wanted = self.capability.init(self._now()[1]), {}
 
     def update(self) -> Status:
         seen = self._step()
@@ -115,15 +120,18 @@ class BehaviourTree(Capability[Behaviour]):
         if not any(_leaves(self.tree())):
             raise TciError("a behaviour tree without a Task or a Reflex; valid: at least one")
 
-    def init(self) -> Behaviour:
-        return self.tree()
+    def init(self, body: GenericBody) -> Behaviour:
+        tree = self.tree()
+        for leaf in _leaves(tree):
+            leaf.memory = leaf.capability.init(body)
+        return tree
 
-    def begin(self, perception: Perception) -> tuple[Order, ...]:
+    def begin(self, perception: Perception, body: GenericBody) -> tuple[Order, ...]:
         """What all leaves begin with. Raises TciError where two want the same part in other modes."""
         begun: list[Order] = []
         modes: dict[str, SwitchMode] = {}
         for leaf in _leaves(self.tree()):
-            for order in begin_of(leaf.capability, perception):
+            for order in begin_of(leaf.capability, perception, body):
                 if isinstance(order, SwitchMode):
                     first = modes.setdefault(order.part, order)
                     if first.mode is not order.mode:
@@ -136,11 +144,13 @@ class BehaviourTree(Capability[Behaviour]):
                 begun.append(order)
         return tuple(begun)
 
-    def step(self, memory: Behaviour, perception: Perception) -> tuple[tuple[Order, ...], Behaviour]:
+    def step(
+        self, memory: Behaviour, perception: Perception, body: GenericBody
+    ) -> tuple[tuple[Order, ...], Behaviour]:
         """One tick of the tree. Where two leaves move the same part in it, the first one's motion counts."""
         leaves = list(_leaves(memory))
         for leaf in leaves:
-            leaf.perception, leaf.orders = perception, []
+            leaf.seen, leaf.orders = (perception, body), []
         memory.tick_once()
         orders: list[Order] = []
         taken: dict[str, Leaf] = {}
@@ -155,9 +165,9 @@ class BehaviourTree(Capability[Behaviour]):
         """What all leaves note."""
         return tuple(note for leaf in _leaves(memory) for note in leaf.capability.notes(leaf.memory))
 
-    def fault(self, perception: Perception) -> str:
+    def fault(self, perception: Perception, body: GenericBody) -> str:
         """The first fault of a leaf."""
-        reasons = (leaf.capability.fault(perception) for leaf in _leaves(self.tree()))
+        reasons = (leaf.capability.fault(perception, body) for leaf in _leaves(self.tree()))
         return next(filter(None, reasons), "")
 
 

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import product
 from typing import Literal
 
 import numpy as np
 
+from tci.body.generic_body import GenericBody
 from tci.capabilities.body_fields import JOINTS, BodyField, BodyFields, default_body_fields
 from tci.capabilities.capability import Capability
 from tci.capabilities.discounts import phi, psi
@@ -63,10 +63,15 @@ class BodyWithdrawal(Capability[BodyMemory]):
         if self.stance not in ("standing", "supported"):
             raise TciError(f"body withdrawal: stance {self.stance!r}; valid: standing, supported")
 
-    def init(self) -> BodyMemory:
+    def init(self, body: GenericBody) -> BodyMemory:
+        for part in (part.name for part in body.robot.parts):
+            kind = body.robot.part(part).kind
+            body.prepare(part, [one.spot for one in self.fields.field if one.kind == kind])
         return Withdrawals({}, {})
 
-    def step(self, memory: BodyMemory, perception: Perception) -> tuple[tuple[Order, ...], BodyMemory]:
+    def step(
+        self, memory: BodyMemory, perception: Perception, body: GenericBody
+    ) -> tuple[tuple[Order, ...], BodyMemory]:
         """One command for each part whose target changed."""
         commands: list[Order] = []
         motions: dict[str, Withdrawal[BodyField]] = {}
@@ -76,14 +81,20 @@ class BodyWithdrawal(Capability[BodyMemory]):
             contacts = [contact for contact in perception.contacts if contact.segment != SOLE]
             perception = replace(perception, contacts=contacts)
         for part in perception.posture:
-            wishes = self._wishes(part, perception)
+            wishes = self._wishes(part, perception, body)
             before = memory.motions.get(part)
             after, reason = withdraw(
-                before, wishes, perception, part, refractory=self.refractory, refused=refused.get(part)
+                before,
+                wishes,
+                perception,
+                body,
+                part,
+                refractory=self.refractory,
+                refused=refused.get(part),
             )
             carries = ""
             if wishes and wishes[0].field.kind == "leg" and after is not None:
-                carries = self._carries(part, after.target, heavy, perception)
+                carries = self._carries(part, after.target, heavy, perception, body)
             if carries and after is not None:
                 reason = refusal(carries, perception)
                 # The touch that a leg has answered goes on, though it may not move further.
@@ -101,28 +112,34 @@ class BodyWithdrawal(Capability[BodyMemory]):
         """Which parts stay though they were touched, and why."""
         return memory.notes
 
-    def fault(self, perception: Perception) -> str:
+    def fault(self, perception: Perception, body: GenericBody) -> str:
         """Which field has lost most of the skin that it feels with."""
-        if perception.felt is None:
+        if perception.skin is None or perception.skin.masked is None:
             return ""
-        for part, place in product(perception.posture, self.fields.field):
-            if not self._can_answer(place, part, perception, place.segment):
-                continue
-            share = perception.felt(part, place.spot, place.radius_m)
-            if share < LEAST_COVERAGE:
+        for part in perception.posture:
+            own = [
+                one for one in self.fields.field if self._can_answer(one, part, perception, one.segment, body)
+            ]
+            radii = np.array([one.radius_m for one in own])
+            shares = body.coverage(perception, part, [one.spot for one in own], radii).tolist()
+            for place, share in zip(own, shares, strict=True):
+                if share >= LEAST_COVERAGE:
+                    continue
                 return (
                     f"the field {place.name} of {part} is blind: {share:.0%} of its taxels can be trusted; "
                     f"valid: {LEAST_COVERAGE:.0%} or more"
                 )
         return ""
 
-    def _can_answer(self, candidate: BodyField, part: str, perception: Perception, segment: str) -> bool:
+    def _can_answer(
+        self, candidate: BodyField, part: str, perception: Perception, segment: str, body: GenericBody
+    ) -> bool:
         """Whether a field lies on a segment of a part that has a joint for its motion."""
         if not _is_of(candidate, part, perception.posture[part], segment):
             return False
-        return bool((np.array(candidate.motion) * perception.movable.get(part, 1.0)).any())
+        return bool((np.array(candidate.motion) * body.has_joint(part)).any())
 
-    def _wishes(self, part: str, perception: Perception) -> list[Wish[BodyField]]:
+    def _wishes(self, part: str, perception: Perception, body: GenericBody) -> list[Wish[BodyField]]:
         """What each touch of a part asks for: the closest of the fields that it lies in, and its gain."""
         wishes = []
         for index, touch in enumerate(perception.contacts):
@@ -130,9 +147,9 @@ class BodyWithdrawal(Capability[BodyMemory]):
                 continue
             closest: tuple[float, BodyField] | None = None
             for candidate in self.fields.field:
-                if not self._can_answer(candidate, part, perception, touch.segment):
+                if not self._can_answer(candidate, part, perception, touch.segment, body):
                     continue
-                distance = perception.apart(touch, candidate.spot)
+                distance = body.distance(touch, candidate.spot)
                 if distance < candidate.radius_m and (closest is None or distance < closest[0]):
                     closest = distance, candidate
             if closest is None:
@@ -152,16 +169,23 @@ class BodyWithdrawal(Capability[BodyMemory]):
                 felt[contact.part] = felt.get(contact.part, 0.0) + contact.force
         return {leg: force for leg, force in felt.items() if force >= self.weight}
 
-    def _carries(self, part: str, target: Array, heavy: Mapping[str, float], perception: Perception) -> str:
+    def _carries(
+        self,
+        part: str,
+        target: Array,
+        heavy: Mapping[str, float],
+        perception: Perception,
+        body: GenericBody,
+    ) -> str:
         """Why a leg must not go to generic angles (n,) [rad]; empty when it may: where nothing stands on a
         leg, or the other legs carry the robot."""
         if not heavy:
             return "" if self.stance == "supported" else ALONE.format(weight=self.weight)
         leg = part if part in heavy else max(heavy, key=lambda name: heavy[name])
         told = f"the sole of {leg} feels {heavy[leg]:.1f} N: it carries the robot"
-        if leg == part or perception.support is None:
+        if leg == part:
             return told
-        margin = perception.support(part, target).margin
+        margin = body.support(perception, part, target).margin
         if margin >= self.margin:
             return ""
         if not np.isfinite(margin):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import Generic, TypeVar
 
+from tci.body.generic_body import GenericBody
 from tci.messages import Order, Perception
 
 Memory = TypeVar("Memory")
@@ -19,10 +20,10 @@ class Capability(ABC, Generic[Memory]):
     """
 
     @abstractmethod
-    def init(self) -> Memory:
+    def init(self, body: GenericBody) -> Memory:
         """The memory to start with."""
 
-    def begin(self, perception: Perception) -> tuple[Order, ...]:
+    def begin(self, perception: Perception, body: GenericBody) -> tuple[Order, ...]:
         """What it asks for once, before its first step: control modes, stiffness. Nothing, mostly.
 
         Where the robot refuses any of it, the capability is not run.
@@ -30,7 +31,9 @@ class Capability(ABC, Generic[Memory]):
         return ()
 
     @abstractmethod
-    def step(self, memory: Memory, perception: Perception) -> tuple[tuple[Order, ...], Memory]:
+    def step(
+        self, memory: Memory, perception: Perception, body: GenericBody
+    ) -> tuple[tuple[Order, ...], Memory]:
         """Commands for this instant, and the memory for the next one.
 
         Commands are given when they change: the gate goes on towards the last one. Neither argument
@@ -45,6 +48,6 @@ class Capability(ABC, Generic[Memory]):
         """What a person should know of what it did, or why it did nothing; mostly nothing."""
         return ()
 
-    def fault(self, perception: Perception) -> str:
+    def fault(self, perception: Perception, body: GenericBody) -> str:
         """Why the robot must stop: what this behaviour needs is gone. Empty while all is well."""
         return ""

@@ -8,6 +8,7 @@ from typing import Generic
 
 import numpy as np
 
+from tci.body.generic_body import GenericBody
 from tci.capabilities.capability import Capability, Memory
 from tci.capabilities.orders import begin_of, step_of
 from tci.errors import CommandError, TciError
@@ -56,15 +57,15 @@ class ContactStop(Capability[StopMemory[Memory]], Generic[Memory]):
             if not 0.0 < getattr(self, name) < np.inf:
                 raise TciError(f"contact stop: {name} {getattr(self, name)}; valid: above 0, finite")
 
-    def init(self) -> StopMemory[Memory]:
-        return StopMemory(self.behaviour.init(), {}, {})
+    def init(self, body: GenericBody) -> StopMemory[Memory]:
+        return StopMemory(self.behaviour.init(body), {}, {})
 
-    def begin(self, perception: Perception) -> tuple[Order, ...]:
+    def begin(self, perception: Perception, body: GenericBody) -> tuple[Order, ...]:
         """What the behaviour begins with."""
-        return begin_of(self.behaviour, perception)
+        return begin_of(self.behaviour, perception, body)
 
     def step(
-        self, memory: StopMemory[Memory], perception: Perception
+        self, memory: StopMemory[Memory], perception: Perception, body: GenericBody
     ) -> tuple[tuple[Order, ...], StopMemory[Memory]]:
         """The behaviour's commands, but for parts that stand still; raises what it raises.
 
@@ -75,7 +76,7 @@ class ContactStop(Capability[StopMemory[Memory]], Generic[Memory]):
         for contact in perception.contacts:
             if contact.force >= self.threshold:
                 touched[contact.part] = now
-        inner, memory_after = step_of(self.behaviour, memory.inner, perception)
+        inner, memory_after = step_of(self.behaviour, memory.inner, perception, body)
         wanted = dict(memory.wanted)
         commands: list[Order] = []
         fresh = set()
@@ -101,9 +102,9 @@ class ContactStop(Capability[StopMemory[Memory]], Generic[Memory]):
         """The behaviour's."""
         return self.behaviour.notes(memory.inner)
 
-    def fault(self, perception: Perception) -> str:
+    def fault(self, perception: Perception, body: GenericBody) -> str:
         """The behaviour's."""
-        return self.behaviour.fault(perception)
+        return self.behaviour.fault(perception, body)
 
 
 def _hold(command: Motion, perception: Perception) -> GenericCommand:

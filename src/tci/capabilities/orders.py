@@ -7,24 +7,25 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from tci.body.generic_body import GenericBody
 from tci.capabilities.capability import Capability, Memory
 from tci.errors import CommandError
 from tci.messages import Order, Perception
 
 
-def begin_of(capability: Capability[Memory], perception: Perception) -> tuple[Order, ...]:
+def begin_of(capability: Capability[Memory], perception: Perception, body: GenericBody) -> tuple[Order, ...]:
     """Returns what a capability begins with. Raises CommandError as `as_orders` does."""
-    return as_orders(capability.begin(perception), f"{type(capability).__name__}: begin")
+    return as_orders(capability.begin(perception, body), f"{type(capability).__name__}: begin")
 
 
 def step_of(
-    capability: Capability[Memory], memory: Memory, perception: Perception
+    capability: Capability[Memory], memory: Memory, perception: Perception, body: GenericBody
 ) -> tuple[tuple[Order, ...], Memory]:
     """Returns the commands of a capability's step, and its memory.
 
     Raises CommandError for an answer that is no pair of these, and as `as_orders` does.
     """
-    answer: object = capability.step(memory, perception)
+    answer: object = capability.step(memory, perception, body)
     name = type(capability).__name__
     if isinstance(answer, tuple) and len(answer) == 2:
         commands, after = answer

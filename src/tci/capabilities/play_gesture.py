@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from tci.body.generic_body import GenericBody
 from tci.capabilities.capability import Capability
 from tci.capabilities.orders import begin_of, step_of
 from tci.errors import TciError
@@ -73,20 +74,22 @@ class PlayGesture(Capability[GestureMemory]):
         """Where the robot should be, in its own generic joints."""
         return self.fitted.gesture
 
-    def init(self) -> GestureMemory:
-        inner = None if self.reflex is None else self.reflex.init()
+    def init(self, body: GenericBody) -> GestureMemory:
+        inner = None if self.reflex is None else self.reflex.init(body)
         return GestureMemory(Phase.APPROACH, 0.0, None, 0.0, inner, 0)
 
-    def begin(self, perception: Perception) -> tuple[Order, ...]:
+    def begin(self, perception: Perception, body: GenericBody) -> tuple[Order, ...]:
         """What the reflex begins with."""
-        return () if self.reflex is None else begin_of(self.reflex, perception)
+        return () if self.reflex is None else begin_of(self.reflex, perception, body)
 
-    def step(self, memory: GestureMemory, perception: Perception) -> tuple[tuple[Order, ...], GestureMemory]:
+    def step(
+        self, memory: GestureMemory, perception: Perception, body: GenericBody
+    ) -> tuple[tuple[Order, ...], GestureMemory]:
         """Commands of gesture or reflex; never both for one part."""
         now = perception.stamp
         inner, orders, busy = memory.reflex, tuple[Order, ...](), frozenset[str]()
         if self.reflex is not None:
-            orders, inner = step_of(self.reflex, memory.reflex, perception)
+            orders, inner = step_of(self.reflex, memory.reflex, perception, body)
             busy = frozenset(inner)
         fresh = memory.since is None
         elapsed = 0.0 if fresh else now - memory.stamp
@@ -117,9 +120,9 @@ class PlayGesture(Capability[GestureMemory]):
         """The reflex's."""
         return () if self.reflex is None else self.reflex.notes(memory.reflex)
 
-    def fault(self, perception: Perception) -> str:
+    def fault(self, perception: Perception, body: GenericBody) -> str:
         """The reflex's: a gesture needs no skin."""
-        return "" if self.reflex is None else self.reflex.fault(perception)
+        return "" if self.reflex is None else self.reflex.fault(perception, body)
 
     def _lead(self, time: float, pace: float) -> tuple[Order, ...]:
         """To where the robot should be, and ahead by the share `pace` of what a stop takes."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from tci.body.generic_body import GenericBody
 from tci.frames import Array
 from tci.messages import Mode, Perception
 
@@ -21,6 +22,7 @@ STEEP = 0.2
 
 def why_not(
     perception: Perception,
+    body: GenericBody,
     part: str,
     target: Array,
     *,
@@ -32,7 +34,7 @@ def why_not(
     Nowhere on the way may anything that the robot feels be pressed, whichever part it touches, and the
     contacts that it `answers`, by their places in `perception.contacts`, must not all stay.
     """
-    inwards, across = perception.retreat(perception.contacts, part, target, mode)
+    inwards, across = body.retreat(perception, part, target, mode)
     if not inwards.size:
         return ""
     deepest = inwards.min(axis=0)

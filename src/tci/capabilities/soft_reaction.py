@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tci.body.generic_body import GenericBody
 from tci.capabilities.capability import Capability
 from tci.capabilities.retreat import why_not
 from tci.errors import TciError
@@ -70,14 +71,16 @@ class SoftReaction(Capability[Postures]):
             if not 0.0 <= getattr(self, name) < np.inf:
                 raise TciError(f"soft reaction: {name} {getattr(self, name)}; valid: 0 or more, finite")
 
-    def init(self) -> Postures:
+    def init(self, body: GenericBody) -> Postures:
         return {}
 
-    def begin(self, perception: Perception) -> tuple[Command, ...]:
+    def begin(self, perception: Perception, body: GenericBody) -> tuple[Command, ...]:
         """The control mode of its parts."""
         return tuple(SwitchMode(part, self.mode) for part in self.parts)
 
-    def step(self, memory: Postures, perception: Perception) -> tuple[tuple[Command, ...], Postures]:
+    def step(
+        self, memory: Postures, perception: Perception, body: GenericBody
+    ) -> tuple[tuple[Command, ...], Postures]:
         """A command for each part. Raises TciError when a part is not the robot's."""
         commands, postures = [], {}
         for part in self.parts:
@@ -89,10 +92,10 @@ class SoftReaction(Capability[Postures]):
                 touch for touch in perception.contacts if touch.part == part and touch.force >= self.threshold
             ]
             for touch in touches:
-                torque += perception.jacobian(touch).T @ touch.f_T
+                torque += body.jacobian(perception, touch).T @ touch.f_T
             velocity = self.mobility * torque
             target = angles + AHEAD * velocity
-            reason = why_not(perception, part, target, mode=self.mode) if velocity.any() else ""
+            reason = why_not(perception, body, part, target, mode=self.mode) if velocity.any() else ""
             if reason:  # between two touches
                 torque, velocity = np.zeros(angles.size), np.zeros(angles.size)
             before = memory.get(part, Posture(perception.stamp, angles, angles))

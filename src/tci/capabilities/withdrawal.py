@@ -8,18 +8,18 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import product
 from typing import Literal
 
 import numpy as np
 
+from tci.body.generic_body import GenericBody
 from tci.capabilities.answer import field_table, find_answers
 from tci.capabilities.capability import Capability
 from tci.capabilities.fields import ReceptiveField, default_fields
 from tci.capabilities.withdrawing import Wish, Withdrawals, told, withdraw
 from tci.errors import CommandError, TciError
 from tci.frames import Array, read_only
-from tci.messages import Command, Contact, GenericCommand, Mode, Perception, SwitchMode
+from tci.messages import Command, Contact, GenericCommand, LimbPlace, Mode, Perception, SwitchMode
 from tci.robot.generic_arm import JOINTS
 from tci.skin.contact_table import ContactTable
 
@@ -81,7 +81,7 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         if not 0.0 < self.softness <= 1.0:
             raise TciError(f"softness {self.softness}; valid: above 0, at most 1")
 
-    def begin(self, perception: Perception) -> tuple[Command, ...]:
+    def begin(self, perception: Perception, body: GenericBody) -> tuple[Command, ...]:
         """The control mode of every part that has the joints of an arm, unless it is position."""
         if self.mode is Mode.POSITION:
             return ()
@@ -94,11 +94,11 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
                     commands.append(GenericCommand(part, Mode.STIFFNESS, share))
         return tuple(commands)
 
-    def init(self) -> WithdrawalMemory:
+    def init(self, body: GenericBody) -> WithdrawalMemory:
         return Withdrawals({}, {})
 
     def step(
-        self, memory: WithdrawalMemory, perception: Perception
+        self, memory: WithdrawalMemory, perception: Perception, body: GenericBody
     ) -> tuple[tuple[Command, ...], WithdrawalMemory]:
         """One command for each arm whose target changed, in velocity mode for each that is not there yet;
         what goes on on each arm.
@@ -117,7 +117,7 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
                 valid = len(own[0].field.motion)
                 raise CommandError(f"{part} has {posture.size} joints; a base motion has {valid}")
             after, reason = withdraw(
-                before, own, perception, part,
+                before, own, perception, body, part,
                 refractory=self.refractory, refused=refused.get(part), mode=self.mode,
             )  # fmt: skip
             refused = told(refused, part, after, reason)
@@ -135,14 +135,18 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         """Which arms stay though they were touched, and why."""
         return memory.notes
 
-    def fault(self, perception: Perception) -> str:
+    def fault(self, perception: Perception, body: GenericBody) -> str:
         """Which field has lost most of the skin that it feels with."""
-        if perception.covered is None:
+        if perception.skin is None or perception.skin.masked is None:
             return ""
         arms = [part for part, posture in perception.posture.items() if posture.size == len(JOINTS)]
-        for part, place in product(arms, self.fields):
-            share = perception.covered(part, place.segment, place.u, place.theta, place.radius)
-            if share < LEAST_COVERAGE:
+        places = [LimbPlace(one.segment, one.u, one.theta) for one in self.fields]
+        radii = np.array([one.radius for one in self.fields])
+        for part in arms:
+            shares = body.coverage(perception, part, places, radii).tolist()
+            for place, share in zip(self.fields, shares, strict=True):
+                if share >= LEAST_COVERAGE:
+                    continue
                 return (
                     f"the field {place.name} of {part} is blind: {share:.0%} of its taxels can be trusted; "
                     f"valid: {LEAST_COVERAGE:.0%} or more"

@@ -13,6 +13,7 @@ from typing import Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
+from tci.body.generic_body import GenericBody
 from tci.capabilities.retreat import why_not
 from tci.frames import Array, frozen
 from tci.messages import Contact, Mode, Perception
@@ -124,6 +125,7 @@ def withdraw(
     before: Withdrawal[F] | None,
     wishes: Sequence[Wish[F]],
     perception: Perception,
+    body: GenericBody,
     part: str,
     *,
     refractory: float,
@@ -140,7 +142,7 @@ def withdraw(
     if before is None:
         if not wishes or stands is not None:
             return None, stands if wishes else None
-        begun, reason = _begin(wishes, perception, part, mode)
+        begun, reason = _begin(wishes, perception, body, part, mode)
         return begun, refusal(reason, perception)
     after, reason = before, ""
     if wishes:
@@ -150,11 +152,11 @@ def withdraw(
             best = max(same, key=lambda wish: wish.gain, default=None)
             if best is not None and best.gain > before.gain:
                 grown = replace(after, gain=best.gain)
-                if not (reason := why_not(perception, part, grown.target, mode=mode)):
+                if not (reason := why_not(perception, body, part, grown.target, mode=mode)):
                     after = grown
     elif not before.quiet:
         after = replace(before, quiet=True)
-    after, reason = _meet(after, perception, part, mode, reason)
+    after, reason = _meet(after, perception, body, part, mode, reason)
     return after, refusal(reason, perception) or (stands if wishes else None)
 
 
@@ -175,7 +177,7 @@ def told(
 
 
 def _begin(
-    wishes: Sequence[Wish[F]], perception: Perception, part: str, mode: Mode
+    wishes: Sequence[Wish[F]], perception: Perception, body: GenericBody, part: str, mode: Mode
 ) -> tuple[Withdrawal[F] | None, str]:
     """The strongest wish of a motion that leads away; why the strongest does not where none does."""
     posture, first = perception.posture[part], ""
@@ -190,7 +192,7 @@ def _begin(
         field, gain, _ = same[0]
         begun = Withdrawal(field, origin, gain, now, now, met=met)
         answers = [wish.contact for wish in same]
-        reason = why_not(perception, part, begun.target, mode=mode, answers=answers)
+        reason = why_not(perception, body, part, begun.target, mode=mode, answers=answers)
         if not reason:
             return begun, ""
         first = first or reason
@@ -198,13 +200,18 @@ def _begin(
 
 
 def _meet(
-    withdrawal: Withdrawal[F], perception: Perception, part: str, mode: Mode, reason: str
+    withdrawal: Withdrawal[F],
+    perception: Perception,
+    body: GenericBody,
+    part: str,
+    mode: Mode,
+    reason: str,
 ) -> tuple[Withdrawal[F], str]:
     """The same, ended where the part is if the rest of it would press something that it has met since."""
     met = _identities(perception)
     if withdrawal.ended is not None or met <= withdrawal.met:
         return withdrawal, reason
-    if reason := why_not(perception, part, withdrawal.target, mode=mode):
+    if reason := why_not(perception, body, part, withdrawal.target, mode=mode):
         return replace(withdrawal, ended=frozen(perception.posture[part].copy())), reason
     return replace(withdrawal, met=met), ""
 

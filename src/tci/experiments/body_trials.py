@@ -21,11 +21,10 @@ def answerable(body: GenericBody, field: BodyField) -> list[str]:
     """The parts of a robot that can answer in a field: with skin there, and a joint for the motion."""
     found = []
     for part in body.robot.parts:
-        has = [float(joint.servo is not None) for joint in part.servos]
-        if part.kind != field.kind or not (np.array(field.motion) * has).any():
+        if part.kind != field.kind or not (np.array(field.motion) * body.has_joint(part.name)).any():
             continue
         try:
-            body.spots.place(part.name, field.spot)
+            body.landmark(part.name, field.spot)
         except TciError:
             continue
         found.append(part.name)
@@ -46,7 +45,7 @@ def body_trials_of(
     stimulus = stimulus or Stimulus()
     for field in reflex.fields.field:
         for part in answerable(body, field):
-            place = body.spots.place(part, field.spot)
+            place = body.landmark(part, field.spot)
             held = poke_place(world, place, stimulus, reflex=deaf(reflex), seed=seed)
             acted = poke_place(world, place, stimulus, reflex=reflex, seed=seed)
             yield measure(robot, part, field.name, acted, held)

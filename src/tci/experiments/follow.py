@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from tci.body.generic_body import GenericBody
 from tci.capabilities.capability import Capability
 from tci.capabilities.play_gesture import GestureMemory, Phase, PlayGesture
 from tci.drivers.driver import Driver
@@ -65,17 +66,19 @@ class _Followed(Capability[_Seen]):
 
     play: PlayGesture
 
-    def init(self) -> _Seen:
+    def init(self, body: GenericBody) -> _Seen:
         zero = {part: np.zeros(angles.shape[1]) for part, angles in self.play.gesture.postures.items()}
-        return _Seen(self.play.init(), None, 0, zero, zero)
+        return _Seen(self.play.init(body), None, 0, zero, zero)
 
-    def begin(self, perception: Perception) -> tuple[Order, ...]:
+    def begin(self, perception: Perception, body: GenericBody) -> tuple[Order, ...]:
         """What the gesture begins with."""
-        return self.play.begin(perception)
+        return self.play.begin(perception, body)
 
-    def step(self, memory: _Seen, perception: Perception) -> tuple[tuple[Order, ...], _Seen]:
+    def step(
+        self, memory: _Seen, perception: Perception, body: GenericBody
+    ) -> tuple[tuple[Order, ...], _Seen]:
         """The gesture's."""
-        orders, inner = self.play.step(memory.inner, perception)
+        orders, inner = self.play.step(memory.inner, perception, body)
         first = perception.stamp if memory.first is None else memory.first
         if inner.phase is not Phase.PLAY:
             return orders, _Seen(inner, first, memory.count, memory.squares, memory.largest)
@@ -89,9 +92,9 @@ class _Followed(Capability[_Seen]):
         """The gesture's."""
         return self.play.notes(memory.inner)
 
-    def fault(self, perception: Perception) -> str:
+    def fault(self, perception: Perception, body: GenericBody) -> str:
         """The gesture's."""
-        return self.play.fault(perception)
+        return self.play.fault(perception, body)
 
 
 def follow(driver: Driver, play: PlayGesture, *, observe: Callable[[Tick], None] | None = None) -> Following:

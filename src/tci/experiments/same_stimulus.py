@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import combinations
 
 import numpy as np
@@ -66,19 +65,14 @@ def same_stimulus(bodies: Sequence[GenericBody], fields: Sequence[ReceptiveField
 def answer(body: GenericBody, part: str, field: ReceptiveField) -> Array:
     """Generic targets (frames, 5) [rad] that the reflex wants while the force at `field` rises."""
     reflex = WithdrawalReflex()
-    memory = reflex.init()
+    memory = reflex.init(body)
     joints = initial_joints(body.robot)
-    posture = generic_posture(body.robot, joints)
+    posture = body.posture(joints)
     target, targets = posture[part], []
     for sequence, force in enumerate(FORCES):
         contact = touch(body, part, field, joints, force=float(force), sequence=sequence)
-        perception = Perception(
-            stamp=contact.stamp,
-            posture=posture,
-            contacts=(contact,),
-            retreat=partial(body.retreat, joints.position),
-        )
-        commands, memory = reflex.step(memory, perception)
+        perception = Perception(contact.stamp, posture, (contact,), joints=joints)
+        commands, memory = reflex.step(memory, perception, body)
         for command in commands:
             if isinstance(command, GenericCommand):
                 target = command.values

@@ -179,7 +179,9 @@ class Gate:
                     raise CommandError(f"{self.state.value}: {reason}")
                 if not isinstance(command, PlatformOrder):
                     kind = type(command).__name__
-                    raise CommandError(f"a {kind} is in no robot's joints; valid: what tci.to_platform gives")
+                    raise CommandError(
+                        f"a {kind} is in no robot's joints; valid: what GenericBody.to_platform gives"
+                    )
                 if isinstance(command, PlatformCommand) and command.mode in SHARES:
                     shares = stiffness if command.mode is Mode.STIFFNESS else damping
                     clamped += self._set_share(command, shares)

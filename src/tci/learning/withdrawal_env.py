@@ -6,12 +6,14 @@ should be; the gate decides what of it is done. It earns least harm, least effor
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tci.body.generic_body import GenericBody
+from tci.body.perceiver import Perceiver
 from tci.body.places import find_place
 from tci.capabilities.fields import default_fields
 from tci.drivers.simulated import SimulatedDriver
@@ -19,7 +21,7 @@ from tci.errors import TciError
 from tci.frames import Array
 from tci.installed import needs
 from tci.learning.registration import register
-from tci.messages import GenericCommand, Mode, Perception, SwitchMode
+from tci.messages import GenericCommand, Mode, PatchState, Perception, SwitchMode
 from tci.pictures.camera import look_at
 from tci.pictures.portrait import Portrait, keep_moment
 from tci.robot.catalogue import load_robot
@@ -110,6 +112,7 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
             duration,
             pain,
         )
+        self.body = GenericBody(self.robot)
         self.world = World(self.robot, step=step, noise=noise)
         self._sites = default_fields()
         self._portrait: Portrait | None = None
@@ -144,7 +147,7 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         # From a generator of its own, so that noise changes nothing in where and when the finger comes.
         self.world.reset(seed=int(self.np_random.spawn(1)[0].integers(2**32)))
         self.driver = SimulatedDriver(self.robot, world=self.world)
-        self.body = GenericBody(self.robot)
+        self.perceiver = Perceiver(self.body)
         self.time, self._due = 0.0, self.np_random.uniform(0.1, 0.4) * self.duration
         self._poked = False
         seen = self._look()
@@ -213,15 +216,16 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
 
     def _look(self) -> Perception:
         self._reading = self.driver.read()
-        return self.body.perceive(self._reading, self.world.time)
+        self._seen = self.perceiver.step(self._reading, self.world.time)
+        return self._seen
 
     def _write(self, orders: list[Any]) -> None:
         joints = self._reading.joints
-        platform = self.body.to_platform(orders, joints)
-        self.driver.write(self.driver.gate.step(platform, joints, self.world.time))
+        platform, refused = self.body.to_platform(orders, joints)
+        self.driver.write(self.driver.gate.step(platform, joints, self.world.time, refused=refused))
 
     def _harm(self) -> float:
-        felt = self.body.skin.state.patches
+        felt = self._patches()
         return (
             max((float(felt[name].pressure.max()) for name in self.patches if name in felt), default=0.0)
             / self.pain
@@ -251,8 +255,12 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
             )  # fmt: skip
         return rows
 
+    def _patches(self) -> Mapping[str, PatchState]:
+        assert self._seen.skin is not None  # as a Perceiver made it
+        return self._seen.skin.patches
+
     def _taxels(self) -> Array:
-        felt = self.body.skin.state.patches
+        felt = self._patches()
         return np.concatenate([np.array(felt[name].force) for name in self.patches])
 
 

@@ -20,6 +20,7 @@ from tci.robot.joint_map import generic_posture
 from tci.simulation.finger import FINGER
 from tci.simulation.touch import skin_geom
 from tci.simulation.world import World
+from tci.skin.live_skin import LiveSkin
 from tci.skin.skin import Skin
 
 # All looks are ours.
@@ -122,7 +123,7 @@ class Portrait:
                     )
                 )
         # A skin of its own: pressures are made from this reading alone.
-        state = Skin(robot).update(moment.reading)
+        state = LiveSkin(robot, skin=skin).update(moment.reading)
         pressure = np.concatenate([state.patches[name].pressure for name in names])
         paint.append(
             TaxelPaint(

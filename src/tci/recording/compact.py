@@ -18,7 +18,7 @@ from tci.recording.schemas import CLOUD, JOINTS, SKIN, cloud_fields, header, to_
 from tci.recording.topics import Topics
 from tci.robot.description import Robot
 from tci.rosmsg.cdr import MessageType, encode
-from tci.skin.skin import Skin
+from tci.skin.live_skin import LiveSkin
 
 CLOUDS = 10.0
 """Clouds of points per second [Hz], for people to look at. Every raw frame is there beside them. Ours."""
@@ -42,7 +42,7 @@ def compact(
 
     With the robot that it was made with, the skin's clouds of points are added, if it has a model. What was
     known before `begin` is told at the start. `source` stays as it was where the disk fails, or it can't be
-    read: raises RecordingError; or where the robot's model can't be used: raises what `Skin` does.
+    read: raises RecordingError; or where the robot's model can't be used: raises what `LiveSkin` does.
     """
     part = target.with_name(target.name + ".part")
     recording = Recording(source)
@@ -53,7 +53,7 @@ def compact(
             writer.add_metadata("tci", recording.about | dict(about or {}))
             streams = [_between(recording, begin, end)]
             if robot is not None and robot.model is not None:
-                streams.append(_clouds(recording, Skin(robot), begin, end))
+                streams.append(_clouds(recording, LiveSkin(robot), begin, end))
             topics = Topics(writer)
             for stamp, topic, kind, data in heapq.merge(*streams, key=lambda message: message[0]):
                 topics.put(topic, kind, stamp, data)
@@ -88,7 +88,7 @@ def _between(recording: Recording, begin: float, end: float) -> Iterator[Stamped
             yield stamp, topic, kind, data
 
 
-def _clouds(recording: Recording, skin: Skin, begin: float, end: float) -> Iterator[Stamped]:
+def _clouds(recording: Recording, skin: LiveSkin, begin: float, end: float) -> Iterator[Stamped]:
     """The whole skin with its pressure, seen from the torso. A reading that does not fit gives none."""
     due = -np.inf
     for tick in recording.ticks():

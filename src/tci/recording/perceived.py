@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tci.body.generic_body import GenericBody
+from tci.body.perceiver import Perceiver
 from tci.errors import FrameError, RecordingError
 from tci.messages import Perception, Reading, SkinState
 from tci.recording.recording import Recording
@@ -26,12 +27,16 @@ class Perceived:
     """What the robot sent."""
     perception: Perception
     """Posture and contacts; from before, when this reading did not fit the robot."""
-    skin: SkinState
-    """What the skin felt."""
     commands: tuple[dict[str, Any], ...]
     """What was wanted: the fields of `schemas.COMMAND`."""
     decision: dict[str, Any] | None
     """What was sent: the fields of `schemas.DECISION`; None where nothing was."""
+
+    @property
+    def skin(self) -> SkinState:
+        """Pressure on the whole skin."""
+        assert self.perception.skin is not None  # as a Perceiver made it
+        return self.perception.skin
 
 
 def recorded_robot(recording: Recording, robot: str | None = None) -> Robot | None:
@@ -56,13 +61,13 @@ def recorded_robot(recording: Recording, robot: str | None = None) -> Robot | No
 
 def perceive(recording: Recording, robot: Robot) -> Iterator[Perceived]:
     """Every recorded period with what `robot` felt then. Raises RecordingError on the way."""
-    body = GenericBody(robot, keep_alive=recording.keep_alive)
+    perceiver = Perceiver(GenericBody(robot), keep_alive=recording.keep_alive)
     perception: Perception | None = None
     for tick in recording.ticks():
         try:
-            perception = body.perceive(tick.reading, tick.now)
+            perception = perceiver.step(tick.reading, tick.now)
         except FrameError:
             if perception is None:
                 continue
         decision = decode(DECISION, tick.decision) if tick.decision is not None else None
-        yield Perceived(tick.now, tick.reading, perception, body.skin.state, tick.commands, decision)
+        yield Perceived(tick.now, tick.reading, perception, tick.commands, decision)

@@ -16,13 +16,14 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from tci.body.generic_body import GenericBody
+from tci.body.perceiver import Perceiver
 from tci.capabilities.capability import Capability
 from tci.capabilities.orders import begin_of, step_of
 from tci.clock import ROUNDING
 from tci.drivers.driver import Driver
 from tci.errors import CommandError, FrameError
 from tci.gate.gate import GateState, SafeCommand
-from tci.messages import JointReading, Order, Perception, PlatformOrder, Reading, SkinState
+from tci.messages import JointReading, Order, Perception, Reading, SkinState
 from tci.runtime.arguments import as_capability, as_driver, check_duration
 from tci.runtime.lease import commanding
 from tci.runtime.loop_report import LoopReport
@@ -58,8 +59,12 @@ class Tick:
     """What the capability wanted."""
     sent: SafeCommand
     """What the gate let pass and the driver sent."""
-    skin: SkinState
-    """What the skin felt, of which the contacts were made."""
+
+    @property
+    def skin(self) -> SkinState:
+        """Pressure on the whole skin, of which the contacts were made."""
+        assert self.perception.skin is not None  # as a Perceiver made it
+        return self.perception.skin
 
 
 def run(
@@ -140,8 +145,9 @@ class _Loop(Generic[Memory]):
         self.sensed: Callable[[Reading], None] | None = None
         self.report = report
         self.write = write
-        self.body = GenericBody(driver.robot, keep_alive=driver.info.keep_alive)
-        self.memory = capability.init()
+        self.body = GenericBody(driver.robot)
+        self.perceiver = Perceiver(self.body, keep_alive=driver.info.keep_alive)
+        self.memory = capability.init(self.body)
         self.account = Account(driver)
         self._begun = False
         self._before: float | None = None
@@ -175,13 +181,13 @@ class _Loop(Generic[Memory]):
         opening = False
         if seen is not None:
             if not self._begun:
-                commands = begin_of(self.capability, seen)
+                commands = begin_of(self.capability, seen, self.body)
                 opening = bool(commands)
             if not opening:
-                commands, self.memory = step_of(self.capability, self.memory, seen)
-            if fault := self.capability.fault(seen):
+                commands, self.memory = step_of(self.capability, self.memory, seen, self.body)
+            if fault := self.capability.fault(seen, self.body):
                 gate.stop(fault)
-        orders, refused = self._in_own_joints(commands, reading.joints)
+        orders, refused = self.body.to_platform(commands, reading.joints)
         sent = self._sent = gate.step(orders, reading.joints, now, refused=refused)
         if self.write:
             self.driver.write(sent)
@@ -191,7 +197,7 @@ class _Loop(Generic[Memory]):
             raise CommandError(f"{name} can't begin: {'; '.join(sent.refusals)}")
         self._begun |= seen is not None
         if self.observe is not None and self._perception is not None:
-            self.observe(Tick(now, reading, self._perception, commands, sent, self.body.skin.state))
+            self.observe(Tick(now, reading, self._perception, commands, sent))
         self.report.ticks += 1
         self.report.work.add(time.perf_counter() - begin)
 
@@ -203,19 +209,6 @@ class _Loop(Generic[Memory]):
         if missed > 0:
             self.report.overruns += 1
             self.report.missed += missed
-
-    def _in_own_joints(
-        self, commands: tuple[Order, ...], joints: JointReading
-    ) -> tuple[list[PlatformOrder], list[str]]:
-        """The orders that can be expressed in the robot's own joints, and why others can't."""
-        orders: list[PlatformOrder] = []
-        refused: list[str] = []
-        for command in commands:
-            try:
-                orders += self.body.to_platform([command], joints)
-            except CommandError as error:
-                refused.append(str(error))
-        return orders, refused
 
     def _timing(self, now: float) -> str:
         """Count the periods before this one that were missed; why to hold, if there were too many."""
@@ -239,7 +232,7 @@ class _Loop(Generic[Memory]):
     def _perceive(self, reading: Reading, now: float) -> Perception | None:
         """What the capability sees; None for a reading that does not fit. The robot stops if that lasts."""
         try:
-            self._perception = self.body.perceive(reading, now)
+            self._perception = self.perceiver.step(reading, now)
         except FrameError as error:
             self.report.rejected += 1
             self._misfit = now if self._misfit is None else self._misfit

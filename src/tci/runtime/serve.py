@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from tci.body.generic_body import order_to_platform
+from tci.body.generic_body import GenericBody, order_to_platform
 from tci.capabilities.capability import Capability
 from tci.clock import Clock, MonotonicClock
 from tci.drivers.server import Server
@@ -70,10 +70,10 @@ class _Orders(Capability[None]):
         self._tick: Tick | None = None
         self._standstill: StallDetector | None = None
 
-    def init(self) -> None:
+    def init(self, body: GenericBody) -> None:
         return None
 
-    def step(self, memory: None, perception: Perception) -> tuple[tuple[Order, ...], None]:
+    def step(self, memory: None, perception: Perception, body: GenericBody) -> tuple[tuple[Order, ...], None]:
         passed: list[PlatformOrder] = []
         for order in self.server.orders():
             self.served.orders += 1

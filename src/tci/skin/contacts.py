@@ -25,7 +25,7 @@ from tci.skin.kernels.contacts import F_T, NUMBERS, P_L, VECTORS, cluster
 from tci.skin.kernels.flat import Indices, adjacency
 from tci.skin.kernels.flat_skin import FlatSkin
 from tci.skin.kernels.whole import TAXEL, cluster_all, describe_all
-from tci.skin.skin import Skin
+from tci.skin.live_skin import LiveSkin
 from tci.skin.tracking import Tracker
 
 _NOWHERE = np.zeros((4, 4))
@@ -52,7 +52,7 @@ class ContactSettings:
 
 
 def find_contacts(
-    skin: Skin,
+    skin: LiveSkin,
     state: SkinState,
     posture: Mapping[str, Array],
     *,
@@ -155,7 +155,7 @@ def weighted_force(contact: Contact, radius: float, *, measure: Measure = "weigh
 
 
 def _felt(
-    skin: Skin, flat: FlatSkin, state: SkinState
+    skin: LiveSkin, flat: FlatSkin, state: SkinState
 ) -> tuple[
     Array, Indices, NDArray[np.int64], Array, Mapping[str, SkinFrame | PatchState], Mapping[str, PatchState]
 ]:

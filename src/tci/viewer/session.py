@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from tci.body.generic_body import GenericBody
+from tci.body.perceiver import Perceiver
 from tci.body.places import Place
 from tci.capabilities.capability import Capability
 from tci.drivers.driver import Driver
@@ -210,14 +211,15 @@ class Session:
 
     def _watch(self) -> None:
         """A robot that nobody commands from here."""
-        body = GenericBody(self.robot, keep_alive=self.driver.info.keep_alive)
+        perceiver = Perceiver(GenericBody(self.robot), keep_alive=self.driver.info.keep_alive)
         for now in self.driver.ticks():
             reading = self.driver.read()
-            perception = body.perceive(reading, now)
+            perception = perceiver.step(reading, now)
             with self._recording:
                 if self.recorder is not None:
                     self.recorder.tick(now, reading)
-            felt = {name: patch.pressure for name, patch in body.skin.state.patches.items()}
+            assert perception.skin is not None  # as a Perceiver made it
+            felt = {name: patch.pressure for name, patch in perception.skin.patches.items()}
             old = fault_of_reading(self.robot, reading.joints, now, self.driver.gate.stale_after)
             self._publish(
                 View(now, reading.joints, perception.posture, felt, perception.contacts, None, old, 0.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from queue import Empty, SimpleQueue
 from typing import Any
 
+from tci.body.generic_body import GenericBody
 from tci.capabilities.capability import Capability
 from tci.capabilities.orders import begin_of, step_of
 from tci.messages import Order, Perception
@@ -21,22 +22,22 @@ class Steered(Capability[Any]):
         self.orders: SimpleQueue[Order] = SimpleQueue()
         """What a person wants; the latest ones are given after the capability's own."""
 
-    def init(self) -> Any:
+    def init(self, body: GenericBody) -> Any:
         self._given()
-        return self.inner.init()
+        return self.inner.init(body)
 
-    def begin(self, perception: Perception) -> tuple[Order, ...]:
-        return begin_of(self.inner, perception)
+    def begin(self, perception: Perception, body: GenericBody) -> tuple[Order, ...]:
+        return begin_of(self.inner, perception, body)
 
-    def step(self, memory: Any, perception: Perception) -> tuple[tuple[Order, ...], Any]:
-        orders, memory = step_of(self.inner, memory, perception)
+    def step(self, memory: Any, perception: Perception, body: GenericBody) -> tuple[tuple[Order, ...], Any]:
+        orders, memory = step_of(self.inner, memory, perception, body)
         return (*orders, *self._given()), memory
 
     def notes(self, memory: Any) -> tuple[str, ...]:
         return self.inner.notes(memory)
 
-    def fault(self, perception: Perception) -> str:
-        return self.inner.fault(perception)
+    def fault(self, perception: Perception, body: GenericBody) -> str:
+        return self.inner.fault(perception, body)
 
     def _given(self) -> list[Order]:
         found: list[Order] = []

@@ -17,6 +17,7 @@ from drivers.naoqi.living_nao import cut
 from drivers.naoqi.still_nao import StillNao
 from drivers.served import Served
 from tci.body.generic_body import GenericBody
+from tci.body.perceiver import Perceiver
 from tci.clock import ManualClock
 from tci.drivers.diagnosis import Level
 from tci.drivers.driver import Driver
@@ -128,7 +129,7 @@ def test_head_and_hands_are_patches_of_switches() -> None:
         assert frame(driver.read(), "right_hand").values.tolist() == [0.0, 0.0, 0.0]
         before = frame(driver.read(), "head").sequence
         wait_for(lambda: frame(driver.read(), "head").sequence > before + 2)
-        contacts = GenericBody(ROBOT).perceive(driver.read(), driver.clock.now()).contacts
+        contacts = Perceiver(GenericBody(ROBOT)).step(driver.read(), driver.clock.now()).contacts
         assert {(contact.patch, *contact.taxels.tolist()) for contact in contacts} == {
             ("head", 0), ("left_hand", 2),
         }  # fmt: skip
@@ -143,7 +144,7 @@ def test_bumpers_of_the_feet_are_patches_of_switches() -> None:
         memory.insertData(key.format("RFoot", "Right"), 1.0)
         wait_for(lambda: frame(driver.read(), "right_bumper").values[1] == 1.0)
         wait_for(lambda: frame(driver.read(), "left_bumper").values[0] == 1.0)
-        contacts = GenericBody(robot).perceive(driver.read(), driver.clock.now()).contacts
+        contacts = Perceiver(GenericBody(robot)).step(driver.read(), driver.clock.now()).contacts
         assert {(contact.patch, contact.part, *contact.taxels.tolist()) for contact in contacts} == {
             ("left_bumper", "left_leg", 0), ("right_bumper", "right_leg", 1),
         }  # fmt: skip

@@ -24,6 +24,7 @@ from tci.drivers.yarp.skin_events import decode_events
 from tci.errors import CommandError, DriverError
 from tci.messages import Mode, PlatformCommand, PlatformSwitch
 from tci.runtime.serve import serve
+from tci.skin.skin import Skin
 from yarpwire import names
 from yarpwire.board import COMPLIANT, DIRECT, POSITION, VELOCITY, Stream, find_board
 from yarpwire.dialect import DIALECTS, V3, V4
@@ -260,9 +261,7 @@ def test_contacts_are_published_as_skin_events(show: Show) -> None:
     events = show.listen("/skinManager/skin_events:o", came.put)
     compensated = show.listen("/nao/skin/left_forearm_comp", skin.put)
     world = show.driver.world
-    place = find_place(
-        tci.Skin(show.driver.robot), "left_arm", "forearm", 0.5, 0.0, show.driver.world.joints()
-    )
+    place = find_place(Skin(show.driver.robot), "left_arm", "forearm", 0.5, 0.0, show.driver.world.joints())
     world.finger.poke(place.patch, place.p_L, place.n_L, speed=0.25, depth=0.01, gap=0.05)
     found = []
     end = time.monotonic() + 40

@@ -25,6 +25,7 @@ from tci.gate.gate import GateState, SafeCommand
 from tci.messages import Mode, Order, PlatformCommand, PlatformOrder, PlatformSwitch, SwitchMode
 from tci.robot.description import Limits, Robot
 from tci.runtime.loop import Tick
+from tci.skin.skin import Skin
 from yarpwire.board import Stream
 from yarpwire.dialect import DIALECTS, V3, V4
 from yarpwire.name_server import NameServer
@@ -84,7 +85,7 @@ def test_the_reflex_withdraws_the_arm_over_yarp_and_touches_nothing_else(show: S
         seen: list[Tick] = []
         with driver_to(show) as driver:
             joints = world.joints()
-            place = find_place(tci.Skin(robot), "left_arm", site.segment, site.u, site.theta, joints)
+            place = find_place(Skin(robot), "left_arm", site.segment, site.u, site.theta, joints)
 
             def observe(tick: Tick, place: Place = place, seen: list[Tick] = seen) -> None:
                 if len(seen) == 50:
@@ -115,7 +116,7 @@ def test_modes_are_switched_by_order_and_reported(show: Show) -> None:
     with driver_to(show) as driver:
         for mode in (Mode.VELOCITY, Mode.POSITION):
             body = tci.GenericBody(driver.robot)
-            pending = list(body.to_platform((SwitchMode(part, mode),), driver.read().joints))
+            pending, _ = body.to_platform((SwitchMode(part, mode),), driver.read().joints)
             end = time.monotonic() + 20
             reported: set[object] = set()
             for now in driver.ticks():

@@ -11,7 +11,8 @@ from tci.messages import Contact, SkinState
 from tci.robot.generic_arm import limb_coordinates
 from tci.skin.contacts import ContactSettings, centre_of_pressure
 from tci.skin.kernels.isolated import ONE_SIDED
-from tci.skin.skin import Skin, segment_pose
+from tci.skin.live_skin import LiveSkin
+from tci.skin.skin import segment_pose
 from tci.skin.surfaces import Surface
 
 
@@ -39,7 +40,7 @@ def clusters(forces: np.ndarray, neighbours: np.ndarray, settings: ContactSettin
     return [np.flatnonzero(active & (labels == seed)) for seed in seeds]
 
 
-def is_touch(skin: Skin, patch: str, forces: np.ndarray, taxel: int, settings: ContactSettings) -> bool:
+def is_touch(skin: LiveSkin, patch: str, forces: np.ndarray, taxel: int, settings: ContactSettings) -> bool:
     """Whether a taxel that is pressed all alone is a touch, in a frame of which nothing came before."""
     lone, surface = settings.lone, skin.surfaces[patch]
     if lone is None:
@@ -74,7 +75,7 @@ def project(surface: Surface, point: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def contacts(
-    skin: Skin, state: SkinState, posture: dict[str, np.ndarray], settings: ContactSettings
+    skin: LiveSkin, state: SkinState, posture: dict[str, np.ndarray], settings: ContactSettings
 ) -> list[Contact]:
     found = []
     for patch in skin.robot.patches:

@@ -16,18 +16,18 @@ from tci.robot.catalogue import load_robot
 from tci.robot.joint_map import generic_posture
 from tci.skin.contacts import ContactSettings, find_contacts
 from tci.skin.kernels.nearest import nearest
-from tci.skin.skin import Skin
+from tci.skin.live_skin import LiveSkin
 from tci.skin.surfaces import Surface
 
 SETTINGS = ContactSettings()
 
 
 @cache
-def skin_of(name: str) -> Skin:
-    return Skin(load_robot(name))
+def skin_of(name: str) -> LiveSkin:
+    return LiveSkin(load_robot(name))
 
 
-def touched(skin: Skin, seed: int) -> tuple[SkinState, dict[str, np.ndarray]]:
+def touched(skin: LiveSkin, seed: int) -> tuple[SkinState, dict[str, np.ndarray]]:
     """Blobs, single taxels and grips on all patches, in a random posture."""
     random = np.random.default_rng(seed)
     position = random.uniform(-1.0, 1.0, len(skin.robot.servos))
@@ -45,7 +45,7 @@ def touched(skin: Skin, seed: int) -> tuple[SkinState, dict[str, np.ndarray]]:
     return SkinState(patches, poses), generic_posture(skin.robot, reading)
 
 
-def limbs(skin: Skin) -> dict[str, Surface]:
+def limbs(skin: LiveSkin) -> dict[str, Surface]:
     """Patches that the oracle knows: those on limbs."""
     robot = skin.robot
     return {patch.name: skin.surfaces[patch.name] for patch in robot.patches if robot.limb_segment(patch)}
@@ -107,7 +107,7 @@ def test_nearest_point_is_that_of_the_whole_surface(robot: str, patch: str, seed
 
 
 def test_skin_without_faces_has_its_nearest_taxel() -> None:
-    skin = Skin(load_robot("nao"))
+    skin = LiveSkin(load_robot("nao"))
     surface = skin.surfaces["left_forearm"]
     skin.surfaces = {"left_forearm": replace(surface, faces=np.zeros((0, 3), np.intp))}
     force = np.zeros(len(surface.positions))

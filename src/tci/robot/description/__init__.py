@@ -6,7 +6,7 @@ servo* one joint of a generic part (GS), `scale` is gamma and `offset` sigma.
 
 from tci.robot.description.base import Description, Vector
 from tci.robot.description.binding import Address, Binding
-from tci.robot.description.part import GenericPart, GenericServo, Segment, Term
+from tci.robot.description.part import GenericPart, GenericServo, Kind, Segment, Term
 from tci.robot.description.patch import SOLE, Patch, Table, TriangularModules, TruncatedCone
 from tci.robot.description.robot import Model, Robot
 from tci.robot.description.sensor import Sensor
@@ -20,6 +20,7 @@ __all__ = [
     "Description",
     "GenericPart",
     "GenericServo",
+    "Kind",
     "Limits",
     "Model",
     "Patch",

@@ -9,6 +9,9 @@ from tci.errors import UnknownNameError
 from tci.frames import Array, read_only, rotation_rpy
 from tci.robot.description.base import Description, Vector
 
+Kind = Literal["arm", "head", "torso", "leg", "hand", "other"]
+"""Kinds of generic parts: those of one kind have the same generic joints."""
+
 
 class Term(Description):
     """One servo's share in a coupled generic joint."""
@@ -76,7 +79,7 @@ class GenericPart(Description):
 
     name: str
     """`left_arm`, `head`, ..."""
-    kind: Literal["arm", "head", "torso", "leg", "hand", "other"]
+    kind: Kind
     side: Literal["left", "right"] | None = None
     servos: tuple[GenericServo, ...]
     """By generic id."""

@@ -1,4 +1,4 @@
-"""Clocks. Time is injected everywhere, so that tests and simulation never wait."""
+"""Clocks. Every time comes from a clock that is handed in, so tests and simulations never wait."""
 
 from __future__ import annotations
 
@@ -10,35 +10,36 @@ from collections.abc import Iterator
 from typing import Protocol
 
 ROUNDING = 1e-6
-"""Share of a period by which a time counts as the next one: the time of a clock that has run for days is
-rounded to 1e-11 s, and no period must be served twice."""
+"""Fraction of a period by which a time may fall short and still count as the next period. The time of a clock
+that has run for days is rounded to 1e-11 s, and no period must be served twice."""
 TAIL = 150e-6
-"""Time [s] before a wake-up in which a thread keeps its turn, as another might keep it too long. Ours."""
+"""Last part of a sleep [s] in which a thread does not yield to others. Assumed: longer than a usual late
+wake-up (about 120 us), as another thread might keep the processor beyond the deadline."""
 
 
 class Clock(Protocol):
-    """A monotonic clock [s]. Its zero has no meaning."""
+    """A monotonic clock [s] with an arbitrary zero."""
 
     def now(self) -> float:
-        """Time now [s]."""
+        """Returns the current time [s]."""
         ...
 
     def sleep_until(self, stamp: float) -> None:
-        """Return when `now()` is at least `stamp` [s]; at once when it already is."""
+        """Returns when `now()` is at least `stamp` [s], or at once if it already is."""
         ...
 
 
 class MonotonicClock:
-    """The machine's monotonic clock: it does not follow changes of the date.
+    """The machine's monotonic clock, which does not follow changes of the date.
 
-    It sleeps with the finest timer slack, and the last `tail` [s] it is busy: the median wake-up is then
+    It sleeps with the finest timer slack and busy-waits for the last `tail` [s]. The median wake-up is then
     below 1 us late instead of about 120, at the price of that share of a core. Other threads of the program
-    get their turn until 150 us before.
+    can run until 150 us before.
     """
 
     def __init__(self, *, tail: float = TAIL) -> None:
         self.tail = tail
-        """How long [s] it is busy before it returns."""
+        """Length [s] of the busy wait at the end of a sleep."""
         self._fine: set[int] = set()
 
     def now(self) -> float:
@@ -57,7 +58,7 @@ class MonotonicClock:
 
 
 def _least_slack() -> None:
-    """Ask Linux to wake this thread without the usual slack of 50 us; elsewhere nothing."""
+    """Asks Linux to wake this thread without the usual slack of 50 us; does nothing on other systems."""
     if sys.platform != "linux":
         return
     import ctypes
@@ -67,7 +68,7 @@ def _least_slack() -> None:
 
 
 class ManualClock:
-    """A clock that moves only when told to, or when somebody sleeps on it."""
+    """A clock that advances only by `advance`, or when a caller sleeps on it."""
 
     def __init__(self, start: float = 0.0) -> None:
         self._now = start
@@ -79,14 +80,15 @@ class ManualClock:
         self._now = max(self._now, stamp)
 
     def advance(self, seconds: float) -> None:
-        """Move time forward by `seconds` [s]."""
+        """Advances the time by `seconds` [s]."""
         self._now += seconds
 
 
 def ticks(
     clock: Clock, period: float, *, duration: float | None = None, start: float | None = None
 ) -> Iterator[float]:
-    """Yield the time now [s] every `period` [s], from `start` [s] or now on, for `duration` [s] or for ever.
+    """Yields the current time [s] once per `period` [s], from `start` [s] or now on, for `duration` [s] or
+    for ever.
 
     A tick that comes too late is skipped, never caught up in a burst.
     """
@@ -96,19 +98,20 @@ def ticks(
         clock.sleep_until(start + count * period)
         now = clock.now()
         yield now
-        # A tick that came a whole period late was that of the later one: two in one period would be a burst.
+        # A tick that is a whole period late counts as the later one: two in one period would be a burst.
         served = int((now - start) / period + ROUNDING)
         count = max(served + 1, int((clock.now() - start) / period + ROUNDING))
 
 
 class Every:
-    """What is done at most once in a period [s], by any clock: after a pause it is not caught up."""
+    """Limits an action to once per period [s] on any clock. Missed periods are not caught up after a
+    pause."""
 
     def __init__(self, period: float) -> None:
         self._period, self._next = period, -math.inf
 
     def due(self, now: float) -> bool:
-        """Whether it is to be done now [s]; then it is taken for done."""
+        """True if the action is due at the time `now` [s]; then it counts as done."""
         if now < self._next:
             return False
         self._next = max(self._next + self._period, now + 0.5 * self._period)

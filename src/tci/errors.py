@@ -1,6 +1,6 @@
-"""Every error that TCI raises. One root, so that a caller can catch them all.
+"""All errors that TCI raises, with one root class, so that a caller can catch them all.
 
-Messages carry the value that was wrong, the place, and what would be valid.
+Messages name the value that was wrong, the place, and what would be valid.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ class TciError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One thing wrong with a file."""
+    """One fault in a file."""
 
     line: int
-    """Line in the file, from 1; 0 when the fault belongs to no line."""
+    """Line in the file, from 1; 0 for a fault that belongs to no line."""
     message: str
-    """What is wrong, and what would be valid."""
+    """One sentence that names the fault and what would be valid."""
 
     def __str__(self) -> str:
         return f"line {self.line}: {self.message}" if self.line else self.message
 
 
 class DescriptionError(TciError):
-    """A robot description is wrong. Carries every fault of the file at once."""
+    """A robot description is wrong. The error lists all faults of the file."""
 
     def __init__(self, source: str, faults: Sequence[Fault]) -> None:
         self.source = source
@@ -38,7 +38,7 @@ class DescriptionError(TciError):
 
 def meant(name: str, valid: Iterable[str]) -> str:
     """Returns `; did you mean ...?` with the valid name nearest to an unknown one; empty if none is near."""
-    from difflib import get_close_matches  # only when something is wrong: `import tci` is quick
+    from difflib import get_close_matches  # imported on an error only: keeps `import tci` fast
 
     names = [*valid][:1000]
     lower = {one.lower(): one for one in names}
@@ -48,7 +48,7 @@ def meant(name: str, valid: Iterable[str]) -> str:
 
 
 class UnknownNameError(TciError):
-    """A name that does not exist; the message lists those that do, and the nearest of them."""
+    """A name does not exist. The message lists the valid names and the nearest of them."""
 
     def __init__(self, kind: str, name: str, valid: Iterable[str]) -> None:
         self.kind = kind
@@ -63,23 +63,23 @@ class CommandError(TciError):
 
 
 class FrameError(TciError):
-    """A frame of a skin or of the joints does not fit the robot. It was not used."""
+    """A frame of the skin or the joints does not fit the robot. It was not used."""
 
 
 class DriverError(TciError):
-    """A driver can't be opened, is closed, or was given something that no gate made."""
+    """A driver can't be opened, is closed, or was given a command that no gate created."""
 
 
 class WireError(TciError):
-    """What came over a network is not what its protocol allows. It was dropped."""
+    """Data from a network violates its protocol. It was dropped."""
 
 
 class RecordingError(TciError):
-    """A recording can't be written, is no recording, or does not belong to this robot."""
+    """A recording can't be written, is not a recording, or does not belong to this robot."""
 
 
 class MissingExtraError(TciError):
-    """A package is not installed; the message says how to install it. `tci.installed` composes it."""
+    """A package is not installed. The message, composed by `tci.installed`, says how to install it."""
 
     def __init__(self, what: str, missing: str, advice: str) -> None:
         self.missing = missing
@@ -88,4 +88,4 @@ class MissingExtraError(TciError):
 
 
 class ClashError(TciError):
-    """A package can't be loaded, since another one has overwritten a part of it."""
+    """A package can't be loaded, since another package has overwritten a part of it."""

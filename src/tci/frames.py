@@ -1,6 +1,6 @@
-"""Rotations and transforms, in the notation `R_AB`, `T_AB`, `p_AB`: frame B seen from A.
+"""Rotations and transforms in the notation `R_AB`, `T_AB`, `p_AB`: frame B expressed in frame A.
 
-Frames are right-handed; on the torso x points forward, y left, z up. Angles in radians.
+Frames are right-handed; in the torso frame x points forward, y left, z up. Angles are in radians.
 """
 
 from __future__ import annotations
@@ -14,31 +14,31 @@ Array = NDArray[np.float64]
 
 
 def rotation_x(angle: float) -> Array:
-    """Rotation (3, 3) about x by `angle` [rad]."""
+    """Returns the rotation (3, 3) about x by `angle` [rad]."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
 
 
 def rotation_y(angle: float) -> Array:
-    """Rotation (3, 3) about y by `angle` [rad]."""
+    """Returns the rotation (3, 3) about y by `angle` [rad]."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
 
 
 def rotation_z(angle: float) -> Array:
-    """Rotation (3, 3) about z by `angle` [rad]."""
+    """Returns the rotation (3, 3) about z by `angle` [rad]."""
     c, s = np.cos(angle), np.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def rotation_rpy(roll: float, pitch: float, yaw: float) -> Array:
-    """Rotation (3, 3) of URDF's `rpy` [rad]: about fixed x, then y, then z."""
+    """Returns the rotation (3, 3) of URDF's `rpy` [rad]: about fixed x, then y, then z."""
     return rotation_z(yaw) @ rotation_y(pitch) @ rotation_x(roll)
 
 
 def rpy_of(rotation: Array) -> tuple[float, float, float]:
-    """Roll, pitch, yaw [rad] of a rotation (3, 3): the inverse of `rotation_rpy`. Looking straight up or
-    down, yaw is 0."""
+    """Returns roll, pitch, yaw [rad] of a rotation (3, 3), the inverse of `rotation_rpy`. At a pitch of +-90
+    degrees yaw is 0."""
     level = float(np.hypot(rotation[0, 0], rotation[1, 0]))
     pitch = float(np.arctan2(-rotation[2, 0], level))
     if level < 1e-9:
@@ -48,7 +48,7 @@ def rpy_of(rotation: Array) -> tuple[float, float, float]:
 
 
 def transform(rotation: Array, position: Array) -> Array:
-    """Homogeneous transform (4, 4) from `rotation` (3, 3) and `position` (3,) [m]."""
+    """Returns the homogeneous transform (4, 4) of `rotation` (3, 3) and `position` (3,) [m]."""
     result = np.eye(4)
     result[:3, :3] = rotation
     result[:3, 3] = position
@@ -56,31 +56,30 @@ def transform(rotation: Array, position: Array) -> Array:
 
 
 def invert(transform_AB: Array) -> Array:
-    """`T_BA` (4, 4) from `T_AB` (4, 4)."""
+    """Returns `T_BA` (4, 4) from `T_AB` (4, 4)."""
     rotation = transform_AB[:3, :3].T
     return transform(rotation, -rotation @ transform_AB[:3, 3])
 
 
 def apply(transform_AB: Array, points_B: Array) -> Array:
-    """Points (..., 3) [m] given in B, seen from A."""
+    """Transforms points (..., 3) [m] from frame B to frame A."""
     result: Array = points_B @ transform_AB[:3, :3].T + transform_AB[:3, 3]
     return result
 
 
 def angle_between(a: Array, b: Array) -> float:
-    """Angle [rad] between two vectors (3,), exact also when they are nearly parallel."""
+    """Returns the angle [rad] between two vectors (3,), exact also for nearly parallel ones."""
     return float(np.arctan2(np.linalg.norm(np.cross(a, b)), np.dot(a, b)))
 
 
 def frozen(values: NDArray[Any]) -> NDArray[Any]:
-    """The same array, which nobody can change from now on: for one that was just made."""
+    """Makes an array read-only and returns it, without a copy: for arrays that no one else holds."""
     values.setflags(write=False)
     return values
 
 
 def doubles(values: NDArray[Any]) -> Array:
-    """Numbers as doubles. What is not a number stays so, also where its bits (a signalling NaN) ask for an
-    exception."""
+    """Converts numbers to doubles. NaN stays NaN, and a signalling NaN raises no exception."""
     if values.dtype.kind != "f" or values.dtype.itemsize == 8:
         return values.astype(np.float64)
     with np.errstate(invalid="ignore"):
@@ -88,7 +87,7 @@ def doubles(values: NDArray[Any]) -> Array:
 
 
 def read_only(values: Any, dtype: Any = np.float64) -> NDArray[Any]:
-    """A copy of `values` that nobody can change: what crosses a layer is frozen."""
+    """Returns a read-only copy of `values`, for data that crosses a layer."""
     result = np.array(values, dtype=dtype)
     result.setflags(write=False)
     return result

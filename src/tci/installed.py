@@ -1,7 +1,7 @@
-"""The distribution that TCI was installed from, and what to install for a package that is missing.
+"""The distribution that TCI was installed from, and installation advice for missing packages.
 
-Advice comes from the metadata of what is installed. No name is written down here: on PyPI `tci` is another
-package.
+The advice is made from the metadata of installed distributions. No distribution name is written here: on PyPI
+`tci` is another package.
 """
 
 from __future__ import annotations
@@ -20,15 +20,16 @@ OWN = "tci.cli.main:main"
 
 
 def own_distribution() -> Distribution | None:
-    """Where this package is from; None for a source folder that was never installed."""
+    """Returns the distribution that installed this package; None for a source folder that was never
+    installed."""
     points = entry_points(group="console_scripts", name="tci")
     return next((point.dist for point in points if point.value == OWN), None)
 
 
 def advice(extra: str, *, of: Distribution | None = None) -> str:
-    """Sentence that says how to get an extra `of` a distribution, else of TCI's own.
+    """Returns a sentence that says how to install an extra `of` a distribution, by default of TCI's own.
 
-    Without an extra of that name, it says how to get what the distribution needs in any case.
+    If the distribution has no such extra, the sentence says how to install the distribution itself.
     """
     found = of or own_distribution()
     if found is None:
@@ -44,7 +45,7 @@ def advice(extra: str, *, of: Distribution | None = None) -> str:
 
 
 def _names(need: Requirement, extra: str) -> bool:
-    """Whether a requirement belongs to an extra, on any machine."""
+    """True if a requirement belongs to an extra, on any machine."""
     return f'extra == "{extra}"' in str(need.marker)
 
 
@@ -61,16 +62,17 @@ CURES = {
     "tci": "pip uninstall {names}, then install again the one that you need",
     "mujoco": "pip install --force-reinstall --no-deps 'mujoco>=3.11,<4' serves TCI and what needs MuJoCo 3",
 }
-"""Another's `tci` in the folder of TCI, MuJoCo 3 in that of mujoco-core 4, and what helps."""
+"""Advice for each module with a known clash: another `tci` in the folder of TCI, and MuJoCo 3 in the folder
+of mujoco-core 4."""
 
 
 def clashes() -> tuple[Clash, ...]:
-    """Clashes that are known to happen, and are installed here."""
+    """Returns the known clashes that exist in this installation."""
     return tuple(found for found in map(clash, CURES) if found is not None)
 
 
 def clash(module: str) -> Clash | None:
-    """Distributions of different releases that bring `module`; None where there is one release at most."""
+    """Returns the clash of distributions that contain `module`; None if they are of one release at most."""
     releases = {name: distribution(name).version for name in sorted(packages_distributions().get(module, ()))}
     if len(set(releases.values())) < 2:
         return None
@@ -81,7 +83,7 @@ def clash(module: str) -> Clash | None:
 
 @contextmanager
 def needs(what: str, extra: str, *, of: Distribution | None = None) -> Iterator[None]:
-    """Guards imports: a module that is not there becomes a MissingExtraError with its advice."""
+    """Guards imports: turns a missing module into a MissingExtraError with installation advice."""
     try:
         yield
     except ModuleNotFoundError as error:

@@ -1,4 +1,4 @@
-"""Rest values, noise and response of a patch, from frames at rest and frames under known loads."""
+"""Calibrates rest values, noise and response of a patch, from frames at rest and under known loads."""
 
 from __future__ import annotations
 
@@ -16,15 +16,17 @@ from tci.robot.skin_files.calibration import PatchCalibration
 from tci.skin.baseline import BaselineSettings
 
 NODES = 6
-"""Pieces of the response. Ours."""
+"""Largest number of straight pieces of the response. Assumed; fewer are used if there are fewer than two
+loads per piece."""
 STIFF = 0.03
-"""How much neighbouring pieces are held to the same slope. Ours."""
+"""Weight of the smoothing that keeps slopes of adjacent pieces equal. Assumed: small against the weight of
+the loads."""
 REST = 0.02
-"""Force [N] below which a force sensor feels nothing. Ours."""
+"""Force [N] below which the force sensor counts as unloaded. Assumed; no published value."""
 STEADY = 0.2
-"""Length [s] of a load in a force sensor's stream. Ours."""
+"""Length [s] of one load in a force sensor's stream. Assumed; no published value."""
 FEWEST_FRAMES = 20
-"""Frames at rest that a standard deviation needs. Ours."""
+"""Least number of frames at rest. Assumed: a standard deviation of 20 frames is known to about 16 percent."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,7 +34,7 @@ class Load:
     """Frames of a patch under one known load."""
 
     force: float
-    """[N], all of it on the patch."""
+    """Force [N] on the patch."""
     values: Array
     """Raw values (frames, taxels)."""
 
@@ -40,11 +42,11 @@ class Load:
 def calibrate(
     sensor: Sensor, areas: Array, rest: Array, loads: Sequence[Load], *, when: str = "unknown"
 ) -> PatchCalibration:
-    """Calibrate a patch with taxels of `areas` (n,) [m2] from raw frames at `rest` (frames, n) and `loads`.
+    """Calibrates a patch with taxels of `areas` (n,) [m2] from raw frames at `rest` (frames, n) and `loads`.
 
-    The force of a load is the sum of area times pressure; pressure is a rising curve of straight pieces over
-    counts away from rest, found by least squares with slopes that are never negative. Without loads the
-    description's response stays. Raises TciError for data that can't tell.
+    The force of a load is modelled as the sum of area times pressure. Pressure is a piecewise linear function
+    of the counts away from rest, found by least squares with non-negative slopes. Without loads the
+    description's response is kept. Raises TciError for data that do not determine the calibration.
     """
     _check(areas, rest, loads)
     level, noise = rest.mean(axis=0), rest.std(axis=0, ddof=1)
@@ -65,11 +67,12 @@ def calibrate(
 def loads_of_stream(
     stamps: Array, values: Array, times: Array, forces: Array
 ) -> tuple[Array, tuple[Load, ...]]:
-    """Frames at rest (frames, n), and loads, from frames (m, n) at `stamps` (m,) [s] beside a force sensor.
+    """Returns frames at rest (frames, n), and loads, from frames (m, n) at `stamps` (m,) [s] beside a force
+    sensor.
 
-    The sensor read `forces` (k,) [N] at `times` (k,) [s], on the same clock. A frame is at rest where it read
-    less than `REST`; a load is `STEADY` seconds in which it changed by less than a tenth. Raises TciError
-    where the two do not overlap.
+    The sensor read `forces` (k,) [N] at `times` (k,) [s], on the same clock. A frame is at rest if the sensor
+    read less than `REST`; a load is an interval of `STEADY` seconds in which it changed by less than a tenth.
+    Raises TciError if the two do not overlap.
     """
     inside = (stamps >= times[0]) & (stamps <= times[-1])
     if not inside.any():
@@ -93,7 +96,7 @@ def _response(
     sensor: Sensor, areas: Array, rest: Array, noise: Array, loads: Sequence[Load]
 ) -> tuple[tuple[tuple[float, float], ...], float]:
     sign = np.sign(sensor.pascal_per_count)
-    # Conditioning does not feel what is below its threshold, so the weak edge of a touch is made up for here.
+    # Conditioning drops counts below its threshold; dropping them here too lets the response compensate.
     least = BaselineSettings().threshold * noise
     pressed = []
     for load in loads:
@@ -106,7 +109,7 @@ def _response(
     pieces = min(NODES, max(1, len(loads) // 2))
     nodes = np.linspace(0.0, most, pieces + 1)
     width = nodes[1]
-    # Column k: how far each taxel's counts reach into piece k, times its area, for all taxels of a load.
+    # Column k: part of each taxel's counts within piece k, times its area, summed over all taxels of a load.
     reach = [
         [np.clip(counts - low, 0.0, width).mean(axis=0) @ areas for low in nodes[:-1]] for counts in pressed
     ]

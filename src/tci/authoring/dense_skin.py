@@ -1,4 +1,4 @@
-"""Variants of a robot's skin: more taxels and patches, to see how everything scales; another rate."""
+"""Variants of a robot's skin for tests of scaling: more taxels and patches, or another frame rate."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ from tci.robot.kinematics import Kinematics
 from tci.skin.surfaces import build_surface
 
 PITCH = 0.004
-"""Usual least distance [m] between taxels. Ours: an iCub's fingertips have about that."""
+"""Default least distance [m] between taxels. Assumed: about that on an iCub's fingertips."""
 
 
 def with_dense_skin(robot: Robot, taxels: int, *, patches: int | None = None, pitch: float = PITCH) -> Robot:
-    """The robot with about `taxels` taxels in `patches` patches: truncated cones fitted to its limbs' skin.
+    """Returns the robot with about `taxels` taxels in `patches` patches: truncated cones fitted to its limbs'
+    skin.
 
-    More patches than the robot has share its limbs lengthwise. Where taxels would be closer than `pitch`
-    [m], the cones are larger than the limbs. Raises TciError for a robot without skin on limbs, or less
-    than 9 taxels in a patch.
+    If there are more patches than the robot has, they divide its limbs lengthwise. Where taxels would be
+    closer than `pitch` [m], the cones are larger than the limbs. Raises TciError for a robot without skin on
+    limbs, or fewer than 9 taxels in a patch.
     """
     own = [patch for patch in robot.patches if robot.limb_segment(patch)]
     count = len(own) if patches is None else patches
@@ -41,7 +42,7 @@ def with_dense_skin(robot: Robot, taxels: int, *, patches: int | None = None, pi
 
 
 def _piece(patch: Patch, fit: ConeFit, number: int, of: int, taxels: int, pitch: float) -> Patch:
-    """One of `of` pieces of a limb's cone, with about so many taxels."""
+    """Returns piece `number` of `of` pieces of a limb's cone, with about `taxels` taxels."""
     gap = 0.05 if number + 1 < of else 0.0
     begin, end = fit.length * number / of, fit.length * (number + 1 - gap) / of
     r1, r2 = float(fit.radius(np.array(begin))), float(fit.radius(np.array(end)))
@@ -63,7 +64,7 @@ def _piece(patch: Patch, fit: ConeFit, number: int, of: int, taxels: int, pitch:
 
 
 def _towards(axis: Array) -> tuple[float, float, float]:
-    """Roll, pitch and yaw [rad] of a frame whose -z points along `axis` (3,)."""
+    """Returns roll, pitch and yaw [rad] of a frame whose -z points along `axis` (3,)."""
     x, y, z = -axis
     return 0.0, float(np.arctan2(np.hypot(x, y), z)), float(np.arctan2(y, x))
 

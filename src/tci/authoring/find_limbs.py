@@ -1,7 +1,8 @@
 """Finds a humanoid's arms, legs, trunk and head in its kinematic model, by geometry alone.
 
-A limb is three joints that turn a ball joint's way, and a fourth that bends the limb at a distance: the
-fourth is square to the third, which lies along the limb (the generic arm, and a human leg).
+A limb consists of three joints that form a ball joint, and a fourth at a distance that bends the limb. The
+axis of the fourth is perpendicular to that of the third, which lies along the limb (the generic arm, and a
+human leg).
 """
 
 from __future__ import annotations
@@ -20,28 +21,29 @@ from tci.robot.kinematics import bare_model
 from tci.robot.shoulder import SLANT, nearest_point
 
 PARALLEL = 0.9
-"""Cosine from which two successive axes of a ball joint are too much alike."""
+"""Cosine above which two successive axes of a ball joint are too close to parallel."""
 ASIDE = 0.6
-"""Most distance of a limb's axis from its ball joint, and of its bending axis, as a share of its length."""
+"""Largest distance of a limb's axis from its ball joint, and of its bending axis, as a fraction of its
+length."""
 SHORT = 0.18
-"""Least length of an upper arm or a thigh, as a share of what its chain reaches."""
+"""Least length of an upper arm or a thigh, as a fraction of the reach of its chain."""
 MIRRORED = 0.02
-"""How far [m] a left limb may be from the mirror image of the right one."""
+"""Largest distance [m] of a left limb from the mirror image of the right one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joint:
-    """A turning joint at the model's zero, in the frame H: at the model's root, x forward, y left, z up."""
+    """A revolute joint at the model's zero, in the frame H: at the model's root, x forward, y left, z up."""
 
     name: str
     link: str
-    """Driver that it moves."""
+    """Name of the link that it moves."""
     parent: int
-    """Index of the joint before it; -1 for none."""
+    """Index of the previous joint; -1 for none."""
     axis: Array
-    """Unit vector (3,)."""
+    """Unit vector (3,) of its axis."""
     anchor: Array
-    """A point (3,) [m] of its axis."""
+    """A point (3,) [m] on its axis."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,33 +51,33 @@ class Limb:
     """An arm or a leg, by indices of joints."""
 
     ball: tuple[int, int, int]
-    """Joints of the shoulder or hip, from the trunk on."""
+    """Joints of the shoulder or hip, from the trunk outwards."""
     bend: int
-    """The elbow or knee."""
+    """Joint of the elbow or knee."""
     turn: int | None
-    """Pronation, or None: the first joint after the bend that turns along the limb."""
+    """First joint after `bend` that turns along the limb (pronation); None if there is none."""
     centre: Array
-    """Centre (3,) [m] of the ball joint, on the third axis where it comes nearest."""
+    """Centre (3,) [m] of the ball joint: the point of the third axis nearest to the first two."""
     middle: Array
-    """Where the bending axis comes nearest to the third axis (3,) [m], a point of the third."""
+    """Point (3,) [m] of the third axis that is nearest to the bending axis."""
     wrist: Array
     """End (3,) [m] of the second segment."""
 
     @property
     def length(self) -> float:
-        """From centre to middle [m]."""
+        """Distance [m] from centre to middle."""
         return float(np.linalg.norm(self.middle - self.centre))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundLimbs:
-    """What was found."""
+    """Limbs, trunk and head found in a model."""
 
     joints: tuple[Joint, ...]
     arms: dict[str, Limb]
-    """By side."""
+    """Arms by side."""
     legs: dict[str, Limb]
-    """By side; empty for a robot without."""
+    """Legs by side; empty for a robot without legs."""
     torso_link: str
     """The link that carries both arms."""
     trunk: tuple[int, ...]
@@ -83,21 +85,20 @@ class FoundLimbs:
     head: tuple[int, ...]
     """Joints from the torso to the head."""
     R_RH: Array
-    """The frame H seen from the model's root R (3, 3)."""
+    """Rotation (3, 3) of the frame H in the model's root R."""
     T_ET: Array
-    """The torso frame T seen from its link E (4, 4) [m]."""
+    """Pose (4, 4) [m] of the torso frame T in its link E."""
 
     def behind(self, joint: int) -> list[int]:
-        """The joint and all that it carries."""
+        """Returns the joint and all joints that it carries."""
         return _carried(self.joints, joint)
 
 
 def find_limbs(model: Model) -> FoundLimbs:
-    """Arms, legs, trunk and head of a model.
+    """Finds arms, legs, trunk and head of a model.
 
-    The z axis of its root is up, or else y. The names of the joints tell left from right where they say.
-    Raises DescriptionError when it has no two mirrored arms of the generic kind, and what `load_spec`
-    raises.
+    The z axis of its root is up, or else y. Joint names decide between left and right if they tell it. Raises
+    DescriptionError for a model without two mirrored arms of the generic kind, and what `load_spec` raises.
     """
     compiled = bare_model(model)
     data = mujoco.MjData(compiled)
@@ -136,7 +137,7 @@ def find_limbs(model: Model) -> FoundLimbs:
 
 
 def _all_limbs(joints: list[Joint]) -> list[Limb]:
-    """Limbs that hang on the trunk, without what looks like one farther out on them."""
+    """Returns the limbs attached to the trunk, without limb-like chains farther out on them."""
     shared = {index for index in range(len(joints)) if _carries_both_sides(joints, index)}
     found = []
     for index in range(len(joints)):
@@ -147,18 +148,19 @@ def _all_limbs(joints: list[Joint]) -> list[Limb]:
 
 
 def _is_named_so(joints: list[Joint], pair: Mapping[str, Limb]) -> bool:
-    """Whether the names of the joints don't say the other side."""
+    """True if the joint names do not contradict the sides."""
     return all(_named_side(joints[limb.ball[0]].name) in (None, side) for side, limb in pair.items())
 
 
 def _named_side(name: str) -> str | None:
-    """The side that a joint's name begins with, or says first: `LARM_SHOULDER_R` is one of the left."""
+    """Returns the side that a joint's name starts with, or names first: `LARM_SHOULDER_R` is on the left.
+    None if the name tells no side."""
     found = re.search(r"(?i)(?<![a-z])(left|right|[lr](?=arm|leg|hip|sho|[^a-z]))", name)
     return None if found is None else {"l": "left", "r": "right"}[found[1][0].lower()]
 
 
 def _joints(model: mujoco.MjModel, data: mujoco.MjData, R_RH: Array) -> tuple[list[Joint], list[int]]:
-    """All turning joints in the frame H, and the MuJoCo body that each moves."""
+    """Returns all revolute joints in the frame H, and the MuJoCo body that each moves."""
     turning = [j for j in range(model.njnt) if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE]
     place = {joint: index for index, joint in enumerate(turning)}
     last: dict[int, int] = {0: -1}
@@ -177,14 +179,14 @@ def _joints(model: mujoco.MjModel, data: mujoco.MjData, R_RH: Array) -> tuple[li
 
 
 def _carries_both_sides(joints: list[Joint], index: int) -> bool:
-    """Whether left and right hang on a joint, so that it is one of the trunk."""
+    """True if a joint carries joints of both sides, so that it belongs to the trunk."""
     sideways = [joints[other].anchor[1] for other in _carried(joints, index)]
     left, right = max(sideways), -min(sideways)
     return bool(min(left, right) > MIRRORED and abs(left - right) < 0.2 * max(left, right))
 
 
 def _carried(joints: Sequence[Joint], index: int) -> list[int]:
-    """The joint and all behind it; a joint comes after its parent."""
+    """Returns the joint and all joints that it carries. Requires that parents come before their children."""
     found = {index}
     for other, joint in enumerate(joints):
         if joint.parent in found:
@@ -193,7 +195,7 @@ def _carried(joints: Sequence[Joint], index: int) -> list[int]:
 
 
 def _limb(joints: list[Joint], bend: int) -> Limb | None:
-    """The limb that bends at a joint, if it is one."""
+    """Returns the limb that bends at a joint; None if there is none."""
     chain = _ancestors(joints, bend)
     if len(chain) < 4:
         return None
@@ -217,7 +219,7 @@ def _limb(joints: list[Joint], bend: int) -> Limb | None:
 
 
 def _second_segment(joints: list[Joint], bend: int, middle: Array) -> tuple[int | None, Array]:
-    """The joint that turns along the forearm, and the forearm's end (3,) [m]."""
+    """Returns the joint that turns along the forearm, if any, and the forearm's end (3,) [m]."""
     after = [index for index, joint in enumerate(joints) if joint.parent == bend]
     for index in after:
         joint = joints[index]
@@ -236,12 +238,12 @@ def _second_segment(joints: list[Joint], bend: int, middle: Array) -> tuple[int 
 
 
 def _reach(joints: list[Joint], bend: int, centre: Array) -> float:
-    """How far [m] the joints behind the bend are from the ball joint, at most."""
+    """Returns the largest distance [m] from the ball joint to a joint that the bend carries."""
     return max(float(np.linalg.norm(joints[index].anchor - centre)) for index in _carried(joints, bend))
 
 
 def _mirrored(limbs: list[Limb]) -> list[dict[str, Limb]]:
-    """Pairs of a left and a right limb."""
+    """Returns pairs of a left and a right limb."""
     mirror = np.array([1.0, -1.0, 1.0])
     pairs = []
     for left in limbs:
@@ -255,7 +257,7 @@ def _mirrored(limbs: list[Limb]) -> list[dict[str, Limb]]:
 
 
 def _ancestors(joints: list[Joint], index: int) -> list[int]:
-    """The joint and those that carry it, up to the root."""
+    """Returns the joint and those that carry it, up to the root."""
     line = []
     while index >= 0:
         line.append(index)
@@ -264,7 +266,7 @@ def _ancestors(joints: list[Joint], index: int) -> list[int]:
 
 
 def _shared_link(model: mujoco.MjModel, bodies: list[int], first: list[int]) -> str:
-    """The link that carries both of two joints."""
+    """Returns the link that carries both of two joints."""
     lines = []
     for joint in first:
         line, body = [], int(model.body_parentid[bodies[joint]])
@@ -276,7 +278,7 @@ def _shared_link(model: mujoco.MjModel, bodies: list[int], first: list[int]) -> 
 
 
 def _head(joints: list[Joint], trunk: tuple[int, ...], used: set[int]) -> tuple[int, ...]:
-    """The longest chain of joints in the middle plane that the trunk carries, above it."""
+    """Returns the longest chain of joints in the median plane that the trunk carries, above it."""
     root = trunk[-1] if trunk else -1
     best: tuple[int, ...] = ()
     for index, joint in enumerate(joints):

@@ -1,4 +1,4 @@
-"""Points on the outside of links, and the cone of skin that goes around them."""
+"""Points on the outer surface of links, and the cone of skin around them."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from tci.robot.description import Model
 from tci.robot.model_file import compiled, load_spec
 
 POINTS = 6000
-"""Points on one link."""
+"""Number of points on one mesh."""
 SECTORS, SLABS = 24, 12
-"""Pieces around and along a limb; of each the outermost point counts."""
+"""Number of pieces around and along a limb; the outermost point of each piece is used."""
 INSIDE = 0.9
-"""Share of these points that lie inside the skin."""
+"""Fraction of these points that lie inside the skin."""
 THINNEST = 0.02
 """Least radius [m] of a skin."""
 
 
 class LinkPoints:
-    """Points on the shapes of a model's links, at its zero."""
+    """Samples points on the shapes of a model's links, at the model's zero."""
 
     def __init__(self, model: Model) -> None:
         """Raises what `load_spec` raises, and DescriptionError for a mesh that MuJoCo can't read."""
@@ -32,7 +32,7 @@ class LinkPoints:
         mujoco.mj_kinematics(self._model, self._data)
 
     def of(self, links: Iterable[str]) -> Array:
-        """Points (n, 3) [m] on links and what is fixed to them, seen from the model's root."""
+        """Returns points (n, 3) [m] on links and on everything fixed to them, in the root's frame."""
         bodies = {self._model.body(link).id for link in links}
         for body in range(1, self._model.nbody):
             if self._model.body_parentid[body] in bodies and not self._model.body_jntnum[body]:
@@ -42,12 +42,12 @@ class LinkPoints:
         return np.concatenate([np.zeros((0, 3)), *found])
 
     def link_pose(self, link: str) -> tuple[Array, Array]:
-        """`R_RL` (3, 3) and `p_RL` (3,) [m] of a link, seen from the root."""
+        """Returns `R_RL` (3, 3) and `p_RL` (3,) [m] of a link in the root's frame."""
         body = self._model.body(link).id
         return self._data.xmat[body].reshape(3, 3), self._data.xpos[body]
 
     def inertia(self, joints: Iterable[str]) -> Array:
-        """Largest inertia (k,) [kg m2] that each joint carries in 32 postures within the limits."""
+        """Returns the largest inertia (k,) [kg m2] that each joint carries in 32 random postures."""
         model, data = self._model, self._data
         generator = np.random.default_rng(0)
         full = np.zeros((model.nv, model.nv))
@@ -84,7 +84,7 @@ class LinkPoints:
         return points
 
     def _on_mesh(self, mesh: int) -> Array:
-        """Points spread over a mesh's triangles by their areas."""
+        """Samples points uniformly over the area of a mesh."""
         model = self._model
         first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
         vertices = model.mesh_vert[first : first + count].astype(float)
@@ -113,11 +113,11 @@ def _on_box(half: Array) -> Array:
 
 
 def cone_around(points: Array, origin: Array, axis: Array, begin: float, end: float) -> ConeFit | None:
-    """A truncated cone around `points` (n, 3) [m] from `begin` to `end` [m] along a limb's axis, which
-    starts at `origin` (3,) and points distally along the unit vector `axis` (3,). None where the limb has
-    no shape there.
+    """Fits a truncated cone around `points` (n, 3) [m] from `begin` to `end` [m] along a limb's axis.
 
-    It may lie beside the axis, and encloses nine tenths of what is outermost.
+    The axis starts at `origin` (3,) and points distally along the unit vector `axis` (3,); the cone may lie
+    beside it. It encloses nine tenths of the outermost points. Returns None where the limb has too few
+    points.
     """
     along = (points - origin) @ axis
     near = points[(along >= begin) & (along <= end)]
@@ -130,7 +130,7 @@ def cone_around(points: Array, origin: Array, axis: Array, begin: float, end: fl
     grow = max(0.0, float(np.quantile(distance - fit.radius(along), INSIDE)))
     start = fit.origin + fit.axis * (begin - float((fit.origin - origin) @ axis))
     radii = fit.radius(np.array([begin, end]) - float((fit.origin - origin) @ axis)) + grow
-    # Few points at one end must not turn a limb into a funnel.
+    # Bounds the taper, as few points at one end can make one radius far too small.
     low, high = sorted(radii)
     low = max(low, 0.7 * high, THINNEST)
     r1, r2 = (low, high) if radii[0] <= radii[1] else (high, low)
@@ -138,7 +138,7 @@ def cone_around(points: Array, origin: Array, axis: Array, begin: float, end: fl
 
 
 def _outermost(points: Array, origin: Array, axis: Array) -> Array:
-    """Of each piece of the limb's mantle the outermost point (k, 3)."""
+    """Returns the outermost point (k, 3) of each piece of the limb's surface."""
     if len(points) < SECTORS:
         return np.zeros((0, 3))
     side = np.linalg.svd(axis[None])[2][1:]

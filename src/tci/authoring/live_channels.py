@@ -1,6 +1,6 @@
-"""Which channels of a raw recording are taxels: found from the values alone, without a position file.
+"""Finds the channels of a raw recording that are taxels, from the values alone, without a position file.
 
-An iCub's boards send 12 values per triangle, two of them of thermal pads; absent triangles send one constant.
+An iCub's boards send 12 values per triangle, two of them from thermal pads; absent triangles send a constant.
 """
 
 from __future__ import annotations
@@ -13,15 +13,16 @@ from tci.frames import Array
 
 PER_MODULE = 12
 _PAD = 0.25
-"""A pad varies less than this share of the taxels beside it. Ours; 0.07 on an iCub's foot."""
+"""Spread below which a channel is a pad, as a fraction of the median of its module. Assumed: pads of an
+iCub's foot have 0.07."""
 
 
 def live_channels(values: Array, *, per_module: int = PER_MODULE) -> NDArray[np.bool_]:
-    """Which channels (channels,) are taxels, from frames (n, channels) in which the skin was touched.
+    """Returns a mask (channels,) of the channels that are taxels, from frames (n, channels) with touches.
 
-    A module of which no channel ever changes is absent, or its board is silent: the values can't tell
-    which. A pad is a place that varies little in most modules. Raises TciError for frames that do not
-    divide into modules, hold values that are not finite, or in which nothing changes.
+    A module is absent, or its board is silent, if none of its channels ever changes; the values can't tell
+    which. A pad is a position in the module that varies little in most modules. Raises TciError for frames
+    that do not divide into modules, hold values that are not finite, or in which nothing changes.
     """
     if values.ndim != 2 or values.shape[1] % per_module or not len(values):
         raise TciError(f"frames of shape {values.shape}; valid: (n, a multiple of {per_module})")

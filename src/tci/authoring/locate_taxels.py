@@ -1,8 +1,8 @@
-"""Where the taxels are, from touches at known places: skin whose positions nobody measured.
+"""Estimates taxel positions from touches at known places, for skin whose positions were not measured.
 
-A probe, or the robot's own finger, touches the skin where kinematics know it. A taxel answers the less the
-farther the touch is, so answers are distances; and the centre of pressure of each touch is where the probe
-is. Both together give the taxels' places by least squares.
+A probe, or the robot's own finger, touches the skin at places known from kinematics. A taxel responds less
+the farther away the touch is, so responses measure distances; and the centre of pressure of each touch is at
+the probe. Least squares on both give the positions of the taxels.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from scipy.sparse.linalg import spsolve
 from tci.errors import TciError
 from tci.frames import Array, read_only
 
-# All of these are ours; lengths in [m].
+# All values below are assumed; lengths are in [m].
 START_WIDTH = 0.005
-"""Width of a taxel's answer to begin with; it is estimated too."""
+"""Initial width of a taxel's response; the width is estimated too."""
 FAINT = 0.04
-"""Share of a touch's strongest answer below which an answer is noise."""
+"""Fraction of a touch's strongest response below which a response counts as noise."""
 PRIOR = 0.010
-"""How wrong the positions may be to begin with."""
+"""Standard deviation of the initial positions."""
 CENTRE, SHIFT, SURFACE = 0.0005, 0.002, 0.0015
-"""How well the centre of pressure is where the probe is; how far the answers' peak may be from it, since skin
-ends and has gaps; how far taxels may lie off the plane of a touch."""
+"""Standard deviations: of the centre of pressure from the probe; of the peak of the responses from the probe,
+since skin has edges and gaps; and of taxels from the plane of a touch."""
 LOGARITHM = 0.15
-"""Error of an answer's logarithm."""
+"""Standard deviation of the logarithm of a touch's strongest response."""
 ROUNDS = 40
 LONGEST_STEP = 0.004
-"""Of one round."""
+"""Largest displacement of a taxel in one round."""
 SETTLED = 1e-6
 
 
@@ -41,32 +41,34 @@ class ProbeTouch:
     """One touch at a known place."""
 
     point: Array
-    """Where the probe touched (3,) [m], in the patch's link."""
+    """Position (3,) [m] of the probe's contact, in the patch's link."""
     normal: Array
-    """Outward unit normal (3,) there, in the link: against the probe's force."""
+    """Outward unit normal (3,) at that point, in the link: opposite to the probe's force."""
     answers: Array
-    """Pressure (n,) of each taxel, in any unit; 0 where it felt nothing."""
+    """Pressure (n,) on each taxel, in any unit; 0 without response."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LocatedTaxels:
-    """What the touches tell."""
+    """Taxel positions and normals estimated from touches."""
 
     positions: Array
-    """Places (n, 3) [m] in the link; of taxels that never answered the initial ones."""
+    """Positions (n, 3) [m] in the link; the initial ones for taxels that never responded."""
     normals: Array
-    """Outward unit normals (n, 3): the mean of the touches that each answered; zero for others."""
+    """Outward unit normals (n, 3): the mean over the touches that each taxel responded to; zero for
+    others."""
     touches: NDArray[np.intp]
-    """How many touches (n,) each taxel answered."""
+    """Number (n,) of touches that each taxel responded to."""
     width: float
-    """Width [m] of a taxel's answer, as a Gaussian's standard deviation."""
+    """Width [m] of a taxel's response, as the standard deviation of a Gaussian."""
 
 
 def locate_taxels(touches: Sequence[ProbeTouch], initial: Array) -> LocatedTaxels:
-    """Places of n taxels from touches, with `initial` (n, 3) [m] from anywhere, some 10 mm wrong.
+    """Estimates the positions of n taxels from touches and `initial` positions (n, 3) [m], which may be some
+    10 mm wrong.
 
-    The answer of taxel i to touch t is taken as A_t exp(-|x_i - c_t|^2 / 2 w^2). Gauss-Newton finds all x_i,
-    A_t, c_t and w at once. Raises TciError for touches that don't fit the skin, or too few of them.
+    The response of taxel i to touch t is modelled as A_t exp(-|x_i - c_t|^2 / 2 w^2). Gauss-Newton finds all
+    x_i, A_t, c_t and w at once. Raises TciError for touches that do not fit the skin, or fewer than 3.
     """
     initial = np.asarray(initial, dtype=float)
     count = len(initial)
@@ -122,7 +124,7 @@ class _Problem:
         self.shares = weights / total[rows]
 
     def solve(self) -> tuple[Array, float]:
-        """Places (n, 3) [m] and the width [m]."""
+        """Returns positions (n, 3) [m] and the width [m]."""
         n, t = len(self.x), len(self.points)
         for _ in range(ROUNDS):
             jacobian, residual = self._linear()
@@ -158,7 +160,7 @@ class _Problem:
         x_at, c_at = 3 * self.taxels[:, None] + three, 3 * n + 3 * self.rows[:, None] + three
         away = self.x[self.taxels] - self.c[self.rows]
         square = np.einsum("ij,ij->i", away, away)
-        # Strong answers tell distances best; their logarithms' errors grow as they fade.
+        # Weak responses weigh less, since the error of a logarithm grows as the response fades.
         trust = (
             np.sqrt(self.weights / np.maximum.reduceat(self.weights, self._firsts())[self.rows]) / LOGARITHM
         )
@@ -190,5 +192,5 @@ class _Problem:
         return coo_array(entries, shape=(height, 3 * n + 4 * t + 1)).tocsr(), np.concatenate(residuals)
 
     def _firsts(self) -> NDArray[np.intp]:
-        """Where the answers of each touch begin."""
+        """Returns the index of the first response of each touch."""
         return np.searchsorted(self.rows, np.arange(len(self.points)))

@@ -1,7 +1,7 @@
-"""Proposes the description of a humanoid that nobody described yet, from its URDF alone.
+"""Proposes a description of a humanoid from its URDF alone.
 
-Arms come from the geometry by the generic arm's definition, limits from the file, sleeves of skin from
-the shapes of the links. What a URDF does not say is proposed and marked as ours.
+Arms come from the geometry by the generic arm's definition, limits from the file, sleeves of skin from the
+shapes of the links. Values that the URDF does not contain are proposed and marked as assumed.
 """
 
 from __future__ import annotations
@@ -35,37 +35,38 @@ from tci.robot.shoulder import Shoulder, angle_about
 from tci.robot.xml.document import parse, read_bytes
 from tci.robot.xml.model import MAX_MODEL_BYTES
 
-# All of these are ours.
+# All values below are assumed.
 SPEED = np.deg2rad(120.0)
-"""[rad/s] where the file gives none, or a placeholder."""
+"""Speed limit [rad/s] where the file gives none, or a placeholder."""
 FASTEST = 50.0
-"""[rad/s] from which a speed is a placeholder."""
+"""Speed limit [rad/s] from which the file's value counts as a placeholder."""
 ACCELERATION = np.deg2rad((400.0, 2400.0))
-"""Least and largest [rad/s2]; between them what a quarter of the torque gives the heaviest load."""
+"""Least and largest acceleration limit [rad/s2]; between them, a quarter of the torque accelerates the
+largest inertia."""
 MOST_TORQUE = 0.35
-"""Share of the torque that the load may take where the least acceleration takes more than a quarter."""
+"""Largest fraction of the torque for that, where the least acceleration takes more than a quarter."""
 JERK = 100.0
-"""Jerk per acceleration [1/s]."""
+"""Ratio of the limits of jerk and acceleration [1/s]."""
 TORQUE, STRONGEST = 40.0, 1e4
-"""[N m] where the file gives none, and from which on it is a placeholder."""
+"""Torque limit [N m] where the file gives none, and value from which the file's counts as a placeholder."""
 POSTURES = np.deg2rad([[25, 25, 0, 60, 0], [25, 25, 0, 75, 0], [35, 30, 0, 60, 0], [20, 40, 0, 60, 0],
                        [40, 20, 10, 70, 0], [25, 15, -15, 50, 0], [15, 15, 0, 45, 0]])  # fmt: skip
-"""Initial postures [rad], the first of which fits."""
+"""Candidates for the initial posture [rad]; the first that fits is taken."""
 SHORTEST = 0.02
-"""Length [m] of a forearm, at least."""
+"""Least length [m] of a forearm."""
 ROOM = 0.1
-"""Distance [rad] of the initial posture from limits."""
+"""Distance [rad] of the initial posture from limits that suffices."""
 LINEAR = 1e-6
-"""Error [rad] up to which a shoulder is linear (eq. 1)."""
+"""Error [rad] up to which a shoulder counts as linear (eq. 1)."""
 
 
 def propose(path: Path, *, name: str, package: str | None = None, mount: bool = False) -> Robot:
-    """The description of the robot whose URDF is at `path`, to be looked at by a person.
+    """Proposes the description of the robot whose URDF is at `path`, for review by a person.
 
-    `package` is the installed Python package that brought the URDF. With `mount`, shoulders that are the
-    generic one but for a small turn get eq. 1 on a mount; otherwise they are retargeted, in the torso frame.
-    Raises DescriptionError for a file that is no URDF of a humanoid with two arms, or does not say where a
-    forearm ends.
+    `package` is the installed Python package that contains the URDF. With `mount`, shoulders that equal the
+    generic one except for a small rotation get eq. 1 on a mount; otherwise they are retargeted, in the torso
+    frame. Raises DescriptionError for a file that is no URDF of a humanoid with two arms, or in which a
+    forearm's end can't be found.
     """
     model = Model(format="urdf", path=str(path.resolve()), package=package, torso_link="?")
     body = find_limbs(model)
@@ -99,7 +100,7 @@ def propose(path: Path, *, name: str, package: str | None = None, mount: bool = 
 
 
 def _servos(body: FoundLimbs, model: Model, points: LinkPoints) -> tuple[Servo, ...]:
-    """Every joint that a motor turns, limb by limb."""
+    """Returns a servo for each actuated joint, limb by limb."""
     urdf = parse(read_bytes(Path(model.path), limit=MAX_MODEL_BYTES), model.path)
     described = {joint.get("name"): joint for joint in urdf.iterfind("joint")}
     groups: dict[str, Iterable[int]] = {"torso": body.trunk, "head": body.head}
@@ -128,7 +129,7 @@ def _side(name: str) -> Side:
 
 
 def _first(body: FoundLimbs, limb: Limb) -> int:
-    """The first joint that only this limb hangs on: a shoulder may have a collar bone before it."""
+    """Returns the first joint that carries only this limb, which may be a collar bone before the shoulder."""
     joint = limb.ball[0]
     others = {limb.ball[0] for limb in (*body.arms.values(), *body.legs.values())}
     while (parent := body.joints[joint].parent) >= 0 and len(others & set(body.behind(parent))) == 1:
@@ -139,7 +140,7 @@ def _first(body: FoundLimbs, limb: Limb) -> int:
 
 
 def _limits(joint: etree._Element, inertia: float) -> Limits:
-    """A joint's limits; what the file does not say, or says by a placeholder, is ours."""
+    """Returns a joint's limits. Values that the file lacks, or gives as placeholders, are assumed."""
     limit = joint.find("limit")
     given = {key: float(limit.get(key, 0.0)) for key in ("lower", "upper", "velocity", "effort")} if (
         limit is not None) else dict.fromkeys(("lower", "upper", "velocity", "effort"), 0.0)  # fmt: skip
@@ -174,10 +175,10 @@ def _arm(
     *,
     mount: bool,
 ) -> GenericPart:
-    """The generic arm: transforms, segments, and an initial posture that fits."""
+    """Returns the generic arm: transforms, segments, and an initial posture that fits."""
     joints = body.joints
     upper, forearm = axes_of(body, limb)
-    # The generic elbow flexes from straight on: of both ways to count, the one that reaches farther.
+    # Generic flexion is 0 with a straight elbow: of both signs, the one with the larger range is taken.
     elbow = joints[limb.bend]
     limits = draft.servos[index[elbow.name]].limits
     assert limits.lower is not None
@@ -216,7 +217,8 @@ def _segments(body: FoundLimbs, limb: Limb, points: LinkPoints) -> tuple[Segment
 
 
 def _linear_where_exact(draft: Robot, part: GenericPart, *, mount: bool) -> GenericPart:
-    """The same arm with eq. 1 for its shoulder, if that is exact in the torso frame, or on a mount."""
+    """Returns the arm with eq. 1 for its shoulder if that is exact in the torso frame or on a mount, else
+    unchanged."""
     shoulder = Shoulder(draft.model_copy(update={"parts": (part,)}), part)
     turns = [(0.0, 0.0, 0.0), *([found] if mount and (found := find_mount(shoulder)) else [])]
     for rpy in turns:
@@ -240,7 +242,7 @@ def _linear_where_exact(draft: Robot, part: GenericPart, *, mount: bool) -> Gene
 
 
 def _with_initial(draft: Robot, part: GenericPart) -> GenericPart:
-    """The part in the first of POSTURES that keeps its servos away from their limits."""
+    """Returns the part with the first of POSTURES that keeps its servos away from their limits."""
     joints = joint_map(draft.model_copy(update={"parts": (part,), "digest": part.name}), part.name)
     limits = [draft.servos[servo].limits for servo in joints.servos]
     lower, upper = np.array([[limit.lower, limit.upper] for limit in limits], dtype=float).T

@@ -1,7 +1,7 @@
-"""Legs, hands, head and torso of a proposed description: linear joints, by where their axes point.
+"""Proposes legs, hands, head and torso: linear joints, matched by the directions of their axes.
 
-Zero is standing with straight legs and hanging arms, the feet level; the file's own zero tells how far that
-is.
+The generic zero is standing with straight legs, level feet and hanging arms; offsets come from the file's
+zero posture.
 """
 
 from __future__ import annotations
@@ -22,26 +22,26 @@ from tci.robot.shoulder import Shoulder, angle_about
 from tci.robot.xml.grammar import MAX_MOUNT
 
 GENERIC_SPEED = float(np.deg2rad(180.0))
-"""[rad/s] of generic joints. Ours."""
+"""Speed [rad/s] of generic joints. Assumed; no published value."""
 LEG = {
     "hip_pitch": (0.0, -1.0, 0.0), "hip_roll": (1.0, 0.0, 0.0), "hip_yaw": (0.0, 0.0, -1.0),
     "knee_pitch": (0.0, 1.0, 0.0), "ankle_pitch": (0.0, -1.0, 0.0), "ankle_roll": (-1.0, 0.0, 0.0),
 }  # fmt: skip
 """Positive axes of a left leg that stands straight, in the torso frame."""
 HAND = {"flexion": (-1.0, 0.0, 0.0), "deviation": (0.0, -1.0, 0.0)}
-"""The same of a left hand whose arm hangs at the generic zero."""
+"""Positive axes of a left hand whose arm is at the generic zero, in the torso frame."""
 ALIKE = 0.96
-"""Least cosine between a joint's axis and the generic one's. Ours."""
+"""Least cosine between a joint's axis and the generic one. Assumed: about 16 degrees."""
 TALL = 0.1
-"""Least height [m] of a hip above its ankle. Ours."""
+"""Least height [m] of a hip above its ankle. Assumed; no published value."""
 STANDING = np.deg2rad([20.0, 0.0, 0.0, 40.0, 20.0, 0.0])
-"""Initial posture [rad] of legs, as far as limits allow: knees a little bent, feet level. Ours."""
+"""Initial posture [rad] of legs, as far as limits allow. Assumed: slightly bent knees, level feet."""
 ROOM = np.deg2rad(3.0)
-"""Distance [rad] of it from limits. Ours."""
+"""Distance [rad] of the initial posture from limits. Assumed; no published value."""
 
 
 def generic_joint(id: int, name: str, servo: int | None, **more: object) -> GenericServo:
-    """A generic joint at the proposed speed."""
+    """Returns a generic joint with the proposed speed."""
     return GenericServo.model_validate(
         {"id": id, "name": name, "servo": servo, "speed": GENERIC_SPEED, **more}
     )
@@ -50,7 +50,8 @@ def generic_joint(id: int, name: str, servo: int | None, **more: object) -> Gene
 def middle(
     body: FoundLimbs, kind: str, joints: Sequence[int], index: Mapping[str | None, int]
 ) -> GenericPart:
-    """Head or torso: pitch nods forward, roll leans right, yaw turns left; what the robot lacks is fixed."""
+    """Returns head or torso: pitch nods forward, roll leans right, yaw turns left; joints that the robot
+    lacks are fixed."""
     servos = []
     for id, (name, axis) in enumerate(zip(("pitch", "roll", "yaw"), np.eye(3)[[1, 0, 2]], strict=True)):
         found = [place for place in joints if abs(body.joints[place].axis @ axis) > 0.99]
@@ -63,8 +64,10 @@ def middle(
 
 
 def find_legs(body: FoundLimbs) -> dict[Side, list[int]]:
-    """Joints of both legs, from the hip on, by side: mirrored chains that bend three times about y, at hip,
-    knee and ankle, one below the other. Empty for a robot on wheels."""
+    """Finds the joints of both legs, from the hip down, by side; empty for a robot on wheels.
+
+    Legs are mirrored chains with three joints that bend about y, at hip, knee and ankle, each below the last.
+    """
     parents = {one.parent for one in body.joints}
     own = {
         *body.trunk,
@@ -91,7 +94,7 @@ def leg(
     draft: Robot, body: FoundLimbs, chain: Sequence[int], side: Side, points: LinkPoints,
     index: Mapping[str | None, int],
 ) -> GenericPart:  # fmt: skip
-    """The generic leg of a chain that `find_legs` found: each joint where its axis fits."""
+    """Returns the generic leg of a chain that `find_legs` found, with each joint where its axis fits."""
     mirror = np.array([1.0, 1.0, 1.0] if side == "left" else [-1.0, 1.0, -1.0])
     wanted = {name: mirror * axis for name, axis in LEG.items()}
     hip, knee, ankle = (place for place in chain if abs(body.joints[place].axis[1]) > ALIKE)
@@ -109,7 +112,7 @@ def leg(
         axis = body.joints[above[-1]].axis
         thigh = (
             axis * float(np.sign(axis @ thigh)) * float(np.linalg.norm(thigh))
-        )  # the axis that turns along it
+        )  # along the axis of hip yaw
     across, ahead, down = np.array([0.0, -1.0, 0.0]), mirror * [1.0, 0.0, 0.0], np.array([0.0, 0.0, -1.0])
     pitch, flexion = angle_about(across, down, thigh), -angle_about(across, thigh, shank)
     roll = angle_about(ahead, down, shank)
@@ -135,8 +138,8 @@ def leg(
 def hand(
     draft: Robot, body: FoundLimbs, limb: Limb, arm: GenericPart, index: Mapping[str | None, int]
 ) -> GenericPart | None:
-    """The wrist beyond an arm, or None where no joint fits: at the arm's generic zero, so that the zero of
-    pronation decides which of them flexes."""
+    """Returns the wrist of an arm; None if no joint fits. Axes are compared at the arm's generic zero, where
+    the zero of pronation decides which joint flexes."""
     assert arm.side is not None
     robot = draft.model_copy(update={"parts": (arm,), "digest": f"{arm.name} and its hand"})
     joints = joint_map(robot, arm.name)
@@ -165,15 +168,16 @@ def hand(
 
 
 def segment(body: FoundLimbs, points: LinkPoints, name: str, link: str, begin: Array, end: Array) -> Segment:
-    """A segment of a limb from `begin` to `end` (3,) [m], which are in the frame H, on one of its links."""
+    """Returns a segment of a limb on one of its links, from `begin` to `end` (3,) [m], both in the frame
+    H."""
     R_RL, p_RL = points.link_pose(link)
     origin = R_RL.T @ (body.R_RH @ begin - p_RL)
     return Segment(name=name, link=link, origin=three(origin), length=float(np.linalg.norm(end - begin)))
 
 
 def find_mount(shoulder: Shoulder) -> tuple[float, float, float] | None:
-    """The mount (roll, pitch, yaw) [rad] on which the first axis of a shoulder is that of flexion: the
-    smallest turn that brings y there. None where it is more than a mount may be."""
+    """Finds the mount (roll, pitch, yaw) [rad] on which a shoulder's first axis is that of flexion: the
+    smallest rotation that takes y there. None if it exceeds the limit for mounts."""
     axis = shoulder.axes[0] * (1.0 if shoulder.axes[0][1] >= 0.0 else -1.0)
     across = np.cross([0.0, 1.0, 0.0], axis)
     sine, cosine = float(np.linalg.norm(across)), float(axis[1])
@@ -190,7 +194,8 @@ def find_mount(shoulder: Shoulder) -> tuple[float, float, float] | None:
 def _matched(
     body: FoundLimbs, joints: Sequence[int], wanted: Mapping[str, Array]
 ) -> dict[str, tuple[int, float]]:
-    """Joints, and the sign of their axes, whose axes are alike enough; each of them once."""
+    """Matches each wanted axis to one joint with a similar axis; returns the joints and the signs of their
+    axes."""
     found: dict[str, tuple[int, float]] = {}
     for name, axis in wanted.items():
         for place in joints:
@@ -202,7 +207,8 @@ def _matched(
 
 
 def _chain_below(body: FoundLimbs, start: int) -> list[int]:
-    """Joints beyond one, as long as each carries one more: an ankle, a wrist; not the fingers."""
+    """Returns the joints beyond `start`, as long as each carries exactly one more: an ankle or wrist, without
+    fingers."""
     chain: list[int] = []
     after = [start]
     while len(after) == 1:
@@ -213,7 +219,7 @@ def _chain_below(body: FoundLimbs, start: int) -> list[int]:
 
 
 def _inside(draft: Robot, servo: int, scale: float, offset: float, wanted: float) -> float:
-    """The generic angle [rad] nearest to `wanted` that keeps a servo away from its limits."""
+    """Returns the generic angle [rad] nearest to `wanted` that keeps a servo away from its limits."""
     limits = draft.servos[servo].limits
     assert limits.lower is not None
     assert limits.upper is not None

@@ -1,7 +1,7 @@
-"""Whether a skin's positions lie on the link they are said to be on, and the rigid correction if they don't.
+"""Compares a skin's positions with the mesh of its link, and finds the rigid correction if they do not fit.
 
-Points are matched to a link's mesh by iterated closest points: first point to point from many starts, then
-point to plane (Besl and McKay 1992; Chen and Medioni 1992). Nothing is assumed about the file's frame.
+Points are matched to the mesh by iterated closest points: first point to point from many starts, then point
+to plane (Besl and McKay 1992; Chen and Medioni 1992). Nothing is assumed about the file's frame.
 """
 
 from __future__ import annotations
@@ -21,61 +21,62 @@ from tci.robot.description import Robot
 from tci.robot.model_file import compiled, load_spec
 
 DENSITY = 200_000
-"""Points that stand for the surface of a link. Ours: on an arm they are 0.5 mm apart."""
+"""Number of points that represent the surface of a link. Assumed: on an arm they are 0.5 mm apart."""
 OFFSETS = (-0.04, 0.0, 0.04)
-"""Starts [m] along each axis of the link. Ours."""
+"""Offsets [m] of the starts along each axis of the link. Assumed; no published value."""
 KEPT = 25
-"""Starts that are followed to their end. Ours."""
+"""Number of best starts that are refined. Assumed; no published value."""
 FITS = 0.005
-"""Mean distance [m] up to which a skin fits its link: covers are a few millimetres thick. Ours."""
+"""Mean distance [m] up to which a skin fits its link. Assumed: covers are a few millimetres thick."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinkSurface:
-    """Points all over the meshes of one link."""
+    """Points sampled on the meshes of one link."""
 
     points: Array
-    """(m, 3) [m] in the link."""
+    """Points (m, 3) [m] in the link."""
     normals: Array
-    """(m, 3) of the faces they lie on."""
+    """Normals (m, 3) of the faces that the points lie on."""
     tree: cKDTree
-    """Of the points."""
+    """Search tree of the points."""
 
     def distances(self, points: Array) -> Array:
-        """Distance (n,) [m] of `points` (n, 3) [m] in the link."""
+        """Returns the distances (n,) [m] of `points` (n, 3) [m] in the link from the surface."""
         found: Array = self.tree.query(points)[0]
         return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Registration:
-    """How well points lie on a link, as they are and after the best rigid correction that was found."""
+    """Distances of points from a link, as they are and after the best rigid correction that was found."""
 
     mean: float
-    """Mean distance [m] as they are."""
+    """Mean distance [m] without correction."""
     largest: float
-    """[m]"""
+    """Largest distance [m] without correction."""
     correction: Array
-    """`T_LF` (4, 4): the points' frame F in the link L."""
+    """`T_LF` (4, 4): pose of the points' frame F in the link L."""
     corrected_mean: float
     """Mean distance [m] after the correction."""
     corrected_largest: float
-    """[m]"""
+    """Largest distance [m] after the correction."""
 
     @property
     def fits(self) -> bool:
-        """Whether the points lie on the link as they are."""
+        """True if the points lie on the link without correction."""
         return self.mean <= FITS
 
     @property
     def mends(self) -> bool:
-        """Whether the correction puts points on the link that are not there."""
+        """True if the points lie on the link only after the correction."""
         return not self.fits and self.corrected_mean <= FITS
 
 
 @lru_cache(maxsize=8)
 def link_surface(robot: Robot, link: str) -> LinkSurface:
-    """The surface of a link. Raises DescriptionError when the robot has no model, or the link no mesh."""
+    """Returns the surface of a link. Raises DescriptionError if the robot has no model, or the link no
+    mesh."""
     if robot.model is None:
         raise DescriptionError(robot.source, [Fault(0, "no <model>: a surface needs a URDF or MJCF file")])
     model = compiled(load_spec(robot.model), robot.model)
@@ -99,9 +100,9 @@ def link_surface(robot: Robot, link: str) -> LinkSurface:
 
 
 def register(points: Array, surface: LinkSurface) -> Registration:
-    """Compare `points` (n, 3) [m] with a link, and look for the correction that brings them onto it.
+    """Compares `points` (n, 3) [m] with a link, and finds the correction that brings them onto it.
 
-    Of symmetric limbs several corrections may be as good; the best one found is told. Raises
+    For a symmetric limb several corrections may be equally good; one of the best is returned. Raises
     CommandError for fewer than 10 points or ones that are not finite.
     """
     points = np.asarray(points, dtype=np.float64)
@@ -132,7 +133,7 @@ def register(points: Array, surface: LinkSurface) -> Registration:
 
 
 def _mesh(model: mujoco.MjModel, geom: int) -> Array:
-    """Corners (f, 3, 3) [m] of a mesh's faces, in its link."""
+    """Returns the corners (f, 3, 3) [m] of a mesh's faces, in its link."""
     mesh = model.geom_dataid[geom]
     first, count = model.mesh_vertadr[mesh], model.mesh_vertnum[mesh]
     begin, faces = model.mesh_faceadr[mesh], model.mesh_facenum[mesh]
@@ -146,7 +147,7 @@ def _mesh(model: mujoco.MjModel, geom: int) -> Array:
 
 
 def _right_angles() -> list[Array]:
-    """The 24 rotations (3, 3) that take axes to axes."""
+    """Returns the 24 rotations (3, 3) that map axes to axes."""
     found = []
     for order in permutations(range(3)):
         for signs in product((1.0, -1.0), repeat=3):
@@ -158,7 +159,8 @@ def _right_angles() -> list[Array]:
 
 
 def _point_to_point(points: Array, surface: LinkSurface, pose: Array, *, steps: int) -> Array:
-    """A better pose (4, 4): the nearest nine tenths of the points go to their nearest neighbours."""
+    """Returns an improved pose (4, 4) that moves the nearest nine tenths of the points to their nearest
+    neighbours."""
     for _ in range(steps):
         distance, index = surface.tree.query(apply(pose, points))
         near = distance <= np.quantile(distance, 0.9)
@@ -170,7 +172,8 @@ def _point_to_point(points: Array, surface: LinkSurface, pose: Array, *, steps: 
 
 
 def _point_to_plane(points: Array, surface: LinkSurface, pose: Array, *, steps: int) -> Array:
-    """A better pose (4, 4): the points go to the planes of their nearest neighbours and may slide there."""
+    """Returns an improved pose (4, 4) that moves points onto the planes of their nearest neighbours, where
+    they may slide."""
     for _ in range(steps):
         here = apply(pose, points)
         distance, index = surface.tree.query(here)
@@ -178,7 +181,7 @@ def _point_to_plane(points: Array, surface: LinkSurface, pose: Array, *, steps: 
         mine, normals = here[near], surface.normals[index[near]]
         away = np.einsum("ij,ij->i", surface.points[index[near]] - mine, normals)
         rows = np.hstack([np.cross(mine, normals), normals])
-        # A limb that is round leaves a turn open: damping keeps it where it is.
+        # A round limb leaves the turn about its axis undetermined: damping makes it zero.
         twist = np.linalg.solve(rows.T @ rows + 1e-9 * len(rows) * np.eye(6), rows.T @ away)
         R = Rotation.from_rotvec(np.clip(twist[:3], -0.1, 0.1)).as_matrix()
         pose = transform(R, twist[3:]) @ pose

@@ -1,4 +1,4 @@
-"""A skin on paper: cones through its taxels, and its unrolled map (x along the limb, theta around it)."""
+"""Cones through the taxels of a skin, and its unrolled map (x along the limb, theta around it)."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from tci.exports.cone import ConeFit, Freedom, fit_cone
 from tci.frames import Array
 
 WIDEST = 3.0
-"""A cone wider than so many times its skin's size is a plane in disguise. Ours."""
+"""Largest radius of a cone, as a multiple of the size of its skin. Assumed: on a wider cone the skin is
+practically flat."""
 
 
 def skin_cone(positions: Array, *, origin: Array, axis: Array, free: Freedom) -> ConeFit:
-    """`fit_cone` of taxels at `positions` (n, 3) [m] that refuses a flat skin.
+    """Fits a cone to taxels at `positions` (n, 3) [m] with `fit_cone`, and refuses a flat skin.
 
     Raises TciError where no cone fits: an axis of length zero, too few taxels, or taxels in a plane.
     """
@@ -24,7 +25,7 @@ def skin_cone(positions: Array, *, origin: Array, axis: Array, free: Freedom) ->
         raise TciError(f"the axis {[float(value) for value in axis]} has no direction; give a vector (3,)")
     size = float(np.linalg.norm(np.ptp(positions, axis=0)))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RankWarning)  # a flat skin makes them, and is refused below
+        warnings.simplefilter("ignore", RankWarning)  # raised by a flat skin, which is refused below
         fit = fit_cone(positions, origin=origin, axis=axis, free=free)
     if max(abs(fit.r1), abs(fit.r2)) > WIDEST * size:
         raise TciError(
@@ -34,7 +35,8 @@ def skin_cone(positions: Array, *, origin: Array, axis: Array, free: Freedom) ->
 
 
 def best_cone(positions: Array) -> ConeFit | None:
-    """The free cone with the least RMS, started along each axis of the frame; None for a flat skin."""
+    """Returns the cone with free axis and least RMS, of fits started along each axis of the frame; None for a
+    flat skin."""
     fits = []
     for axis in np.eye(3):
         try:
@@ -45,10 +47,11 @@ def best_cone(positions: Array) -> ConeFit | None:
 
 
 def unroll(positions: Array, fit: ConeFit) -> tuple[Array, Array]:
-    """Place x (n,) [m] along a cone's axis from its proximal end, and angle theta (n,) [rad] around it.
+    """Returns place x (n,) [m] along a cone's axis from its proximal end, and angle theta (n,) [rad] around
+    it.
 
-    Both are exact, whatever the cone's error (eqs 3-4). Theta is from -pi to pi, and zero in the
-    direction of the frame's axis that is most across the cone's.
+    Both are exact, whatever the cone's error (eqs 3-4). Theta is from -pi to pi, and zero towards the axis of
+    the frame that is closest to perpendicular to the cone's.
     """
     relative = positions - fit.origin
     across = np.eye(3)[np.argmin(np.abs(fit.axis))]
@@ -59,8 +62,8 @@ def unroll(positions: Array, fit: ConeFit) -> tuple[Array, Array]:
 
 
 def flatten(positions: Array) -> tuple[Array, Array]:
-    """Places (n,) and (n,) [m] of taxels along the two longest directions of their skin."""
+    """Returns the coordinates (n,) and (n,) [m] of taxels along the two longest directions of their skin."""
     relative = positions - positions.mean(axis=0)
-    # Rows of zeros change nothing but that one or two taxels have three directions as well.
+    # Rows of zeros do not change the directions, but make one or two taxels have three as well.
     longest = np.linalg.svd(np.vstack([relative, np.zeros((3, 3))]), full_matrices=False)[2]
     return relative @ longest[0], relative @ longest[1]

@@ -1,4 +1,4 @@
-"""Sleeves of skin for a robot that nobody described yet: cones around the shapes of its arms."""
+"""Proposes sleeves of skin for a robot without a description: cones around the shapes of its arms."""
 
 from __future__ import annotations
 
@@ -11,15 +11,14 @@ from tci.robot.description import GenericPart, Patch, Sensor, TruncatedCone, Vec
 from tci.robot.generic_arm import SEGMENTS
 from tci.robot.shoulder import nearest_point
 
-# All of these are ours.
 COVER = {"upper_arm": (0.2, 0.8), "forearm": (0.12, 0.9)}
-"""Where skin covers a segment, from u to u."""
+"""Range of u that skin covers on each segment. Assumed: keeps clear of the joints at both ends."""
 PITCH = 0.009
-"""Distance [m] between taxels."""
+"""Distance [m] between taxels. Assumed; no published value."""
 
 
 def axes_of(body: FoundLimbs, limb: Limb) -> tuple[Array, Array]:
-    """Unit vectors (3,) from the shoulder to the elbow and from there to the wrist, at the model's zero."""
+    """Returns unit vectors (3,) from shoulder to elbow and from elbow to wrist, at the model's zero."""
     upper = (limb.middle - limb.centre) / limb.length
     if limb.turn is not None:
         axis = body.joints[limb.turn].axis
@@ -28,7 +27,7 @@ def axes_of(body: FoundLimbs, limb: Limb) -> tuple[Array, Array]:
 
 
 def ends_of(body: FoundLimbs, limb: Limb) -> dict[str, tuple[Array, Array]]:
-    """Both ends (3,) [m] of each segment's axis."""
+    """Returns both ends (3,) [m] of each segment's axis."""
     elbow, wrist = limb.middle, limb.wrist
     if limb.turn is not None:
         turn, bend = body.joints[limb.turn], body.joints[limb.bend]
@@ -38,7 +37,7 @@ def ends_of(body: FoundLimbs, limb: Limb) -> dict[str, tuple[Array, Array]]:
 
 
 def sleeves(body: FoundLimbs, limb: Limb, part: GenericPart, points: LinkPoints) -> list[Patch]:
-    """A cone of skin around each segment; a segment without shapes gets none."""
+    """Returns a cone of skin around each segment; a segment without shapes has none."""
     upper, forearm = axes_of(body, limb)
     bend = body.joints[limb.bend].axis * float(np.sign(part.servos[3].scale))
     turn = [] if limb.turn is None else [body.joints[limb.turn].link]

@@ -1,5 +1,5 @@
-"""A robot in the forms that other libraries read.
+"""Exports of a robot to the formats of other libraries.
 
-Denavit-Hartenberg parameters, chains for OROCOS KDL, and URDF are made from its description. `facts` is
-what a served robot answers to a query.
+Denavit-Hartenberg parameters, chains for OROCOS KDL and URDF are made from its description. `facts` holds the
+answer of a served robot to a query.
 """

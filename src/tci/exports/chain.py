@@ -1,8 +1,8 @@
-"""Chains of segments as OROCOS KDL builds them: a joint, then a fixed way to the segment's tip.
+"""Chains of segments in the form of OROCOS KDL: a joint, then a fixed transform to the segment's tip.
 
-Segment i turns by its servo about `axis` through `origin`, both in the frame of the tip before it, and
-`tip` is its own tip there with the servo at zero. That is KDL's
-Segment(name, Joint(name, origin, axis, RotAxis), tip), or TransAxis where it slides along the axis.
+Servo i turns segment i about `axis` through `origin`, both in the frame of the previous tip; `tip` is the
+segment's own tip in that frame with the servo at zero. This is KDL's Segment(name, Joint(name, origin, axis,
+RotAxis), tip), with TransAxis for a prismatic joint.
 """
 
 from __future__ import annotations
@@ -23,22 +23,23 @@ class ChainSegment(Description):
     servo: int | None
     """Index into `Robot.servos`; None for a fixed segment."""
     slides: bool = False
-    """Whether the servo moves it along the axis [m], rather than turns it."""
+    """True for a prismatic joint, which moves the link along the axis [m]; False for a revolute one."""
     axis: Vector
-    """Unit vector of the joint's axis, in the frame before; zero for a fixed segment."""
+    """Unit vector of the joint's axis, in the previous tip's frame; zero for a fixed segment."""
     origin: Vector
-    """A point of the axis [m], in the frame before."""
+    """A point of the axis [m], in the previous tip's frame."""
     tip: Matrix
-    """The link's frame (4, 4) in the frame before, with the servo at zero."""
+    """Pose (4, 4) of the link's frame in the previous tip's frame, with the servo at zero."""
     inertia: Inertia | None
-    """Of the link, in its own frame."""
+    """Inertia of the link, in its own frame; None if the model gives none."""
 
 
 def chain_to(robot: Robot, link: str) -> tuple[ChainSegment, ...]:
-    """The segments from the torso frame to a link that the torso carries, or from the root otherwise.
+    """Returns the segments from the torso frame to a link that the torso carries, or from the root to any
+    other.
 
-    The first is fixed: where the torso's link, or the root, is in the torso frame or in itself. Raises
-    UnknownNameError for an unknown link, and what links_of raises.
+    The first segment is fixed: it is the pose of the torso's link in the torso frame, or the identity for the
+    root. Raises UnknownNameError for an unknown link, and what links_of raises.
     """
     by_name = {found.name: found for found in links_of(robot)}
     assert robot.model is not None  # links_of has raised
@@ -56,7 +57,7 @@ def chain_to(robot: Robot, link: str) -> tuple[ChainSegment, ...]:
 
 
 def ends_of(robot: Robot) -> dict[str, str]:
-    """The last link that each generic part moves, by part; parts that move none are left out."""
+    """Returns the last link that each generic part moves, by part; leaves out parts that move none."""
     links = links_of(robot)
     ends = {}
     for part in robot.parts:

@@ -1,7 +1,7 @@
 """The paper's approximation of a limb's skin: a truncated cone (eqs 3-4), fitted to its taxels.
 
-A taxel's place x along the axis and its angle theta around it are kept as they are; only its distance
-from the axis is replaced by the cone's radius r(x). The error is the difference of the two.
+The place x of a taxel along the axis and its angle theta around it are kept; its distance from the axis is
+replaced by the cone's radius r(x). The error is the difference of the two distances.
 """
 
 from __future__ import annotations
@@ -21,19 +21,20 @@ from tci.robot.kinematics import Kinematics
 from tci.skin.surfaces import Surface
 
 Freedom = Literal["none", "centre", "axis"]
-"""What the fit may move besides length and radii: nothing, the axis sideways, or its direction too."""
+"""Degrees of freedom of the fit besides length and radii: none, the axis' position sideways ("centre"), or
+its direction too ("axis")."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ConeFit:
-    """A truncated cone and how far the taxels are from it."""
+    """A truncated cone and the distances of the taxels from it."""
 
     origin: Array
-    """Centre (3,) [m] of the proximal end, where the first taxel is."""
+    """Centre (3,) [m] of the proximal end, at the first taxel."""
     axis: Array
     """Unit vector (3,) from the proximal to the distal end."""
     length: float
-    """[m], up to the last taxel."""
+    """Length [m], up to the last taxel."""
     r1: float
     """Radius [m] at the proximal end."""
     r2: float
@@ -44,16 +45,16 @@ class ConeFit:
     """Largest radial error [m]."""
 
     def radius(self, x: Array) -> Array:
-        """r(x) [m] at `x` (...) [m] along the axis (eq. 3)."""
+        """Returns r(x) [m] at `x` (...) [m] along the axis (eq. 3)."""
         return np.asarray(self.r1 + (self.r2 - self.r1) * np.asarray(x) / self.length)
 
 
 def fit_cone(positions: Array, *, origin: Array, axis: Array, free: Freedom = "none") -> ConeFit:
-    """Least-squares cone through taxels at `positions` (n, 3) [m].
+    """Fits a cone to taxels at `positions` (n, 3) [m] by least squares.
 
-    The axis starts as the line through `origin` (3,) [m] along `axis` (3,), which points distally.
-    With `free` "none" it stays there, with "centre" it may move sideways, with "axis" it may tilt
-    as well. Raises TciError for fewer than 6 taxels or taxels that lie in one plane across the axis.
+    The axis starts as the line through `origin` (3,) [m] along `axis` (3,), which points distally. With
+    `free` "none" it stays there, with "centre" it may move sideways, with "axis" it may tilt as well. Raises
+    TciError for fewer than 6 taxels or taxels that lie in one plane across the axis.
     """
     positions = np.asarray(positions, dtype=np.float64)
     if positions.ndim != 2 or positions.shape[1] != 3 or len(positions) < 6:
@@ -63,7 +64,8 @@ def fit_cone(positions: Array, *, origin: Array, axis: Array, free: Freedom = "n
     start = np.asarray(origin, dtype=np.float64)
 
     def line(shift: Array) -> tuple[Array, Array]:
-        """Point and direction of the axis after `shift`: two sideways [m], then two tilts [rad]."""
+        """Returns point and direction of the axis after `shift`: two displacements sideways [m], then two
+        tilts [rad]."""
         tilted = direction + (shift[2:] @ side if len(shift) == 4 else 0.0)
         return start + shift[:2] @ side, tilted / np.linalg.norm(tilted)
 
@@ -95,8 +97,8 @@ def fit_cone(positions: Array, *, origin: Array, axis: Array, free: Freedom = "n
 
 
 def cone_of(robot: Robot, surface: Surface, kinematics: Kinematics) -> ConeFit:
-    """The paper's approximation (eq. 4) of one patch, in its link: an axis along the segment, free to
-    move sideways, since few skins sit centred on their joints.
+    """Fits the paper's approximation (eq. 4) to one patch, in its link. The axis is parallel to the segment
+    and may move sideways, since few skins are centred on their joints.
 
     Raises TciError for a patch that is on no limb.
     """
@@ -105,7 +107,8 @@ def cone_of(robot: Robot, surface: Surface, kinematics: Kinematics) -> ConeFit:
 
 
 def limb_axis(robot: Robot, surface: Surface, kinematics: Kinematics) -> tuple[Array, Array]:
-    """A point (3,) [m] on the axis of a patch's segment and its direction (3,) distally, in the patch's link.
+    """Returns a point (3,) [m] on the axis of a patch's segment and its distal direction (3,), in the patch's
+    link.
 
     Raises TciError for a patch that is on no limb.
     """
@@ -122,12 +125,12 @@ def limb_axis(robot: Robot, surface: Surface, kinematics: Kinematics) -> tuple[A
 
 
 def _along_and_distance(positions: Array, point: Array, axis: Array) -> tuple[Array, Array]:
-    """Place (n,) along the axis and distance (n,) from it, both [m]."""
+    """Returns place (n,) along the axis and distance (n,) from it, both [m]."""
     relative = positions - point
     along = relative @ axis
     return along, np.linalg.norm(relative - along[:, None] * axis, axis=1)
 
 
 def _radii(along: Array, distance: Array) -> np.polynomial.Polynomial:
-    """The straight line distance = r(along) with the least squares."""
+    """Fits the straight line distance = r(along) by least squares."""
     return np.polynomial.Polynomial.fit(along, distance, 1)

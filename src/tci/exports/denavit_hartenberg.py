@@ -1,9 +1,9 @@
-"""Denavit-Hartenberg parameters of a chain of servos, computed from the model's joint axes.
+"""Computes Denavit-Hartenberg parameters of a chain of servos from the model's joint axes.
 
     T_TL = base Rz(theta_1) Tz(d_1) Tx(a_1) Rx(alpha_1) Rz(theta_2) ... Rz(theta_n) Tz(d_n) tool
 
-Classic rows (Denavit and Hartenberg 1955) group each joint with the common normal after it, modified
-ones (Craig, Introduction to Robotics, ch. 3) with the one before it. Base and tool are the same.
+Classic rows (Denavit and Hartenberg 1955) group each joint with the common normal after it, modified ones
+(Craig, Introduction to Robotics, ch. 3) with the one before it. Base and tool are equal in both.
 """
 
 from __future__ import annotations
@@ -18,21 +18,23 @@ from tci.frames import Array, invert, read_only, rotation_x, rotation_z, transfo
 from tci.robot.kinematics import Kinematics
 
 _PARALLEL = 1e-9
-"""Sine of the angle between two axes below which they count as parallel. Ours."""
+"""Sine of the angle between two axes below which they count as parallel. Assumed: far above rounding error
+(1e-16), far below any angle by design."""
 _COINCIDENT = 1e-12
-"""Distance [m] between parallel axes below which they count as one. Ours."""
+"""Distance [m] between parallel axes below which they count as one. Assumed: above rounding error for robots
+of metres, below any distance by design."""
 
 Convention = Literal["classic", "modified"]
 
 
 @dataclass(frozen=True, slots=True)
 class DenavitHartenberg:
-    """A chain as DH parameters: a table, and what comes before and after it."""
+    """A chain as DH parameters: a table, and the fixed transforms before and after it."""
 
     convention: Convention
     """`classic`: Rz(theta) Tz(d) Tx(a) Rx(alpha) per row. `modified`: Rx(alpha) Tx(a) Rz(theta) Tz(d)."""
     servos: tuple[int, ...]
-    """Indices into `Robot.servos`, from the torso."""
+    """Indices into `Robot.servos`, from the torso on."""
     a: Array
     """Length of the common normal (n,) [m]."""
     alpha: Array
@@ -42,12 +44,13 @@ class DenavitHartenberg:
     theta: Array
     """Angle (n,) [rad] at which the servo reads zero: a joint turns by theta + q."""
     base: Array
-    """First frame seen from the torso (4, 4)."""
+    """Pose (4, 4) of the first frame in the torso frame."""
     tool: Array
-    """Driver seen from the last frame (4, 4)."""
+    """Pose (4, 4) of the link in the last frame."""
 
     def pose(self, position: Array) -> Array:
-        """`T_TL` (4, 4) by the product of the table, at `position` (n_servos,) [rad] of all servos."""
+        """Returns `T_TL` (4, 4) as the product of the table, at `position` (n_servos,) [rad] of all
+        servos."""
         result = self.base
         rows = zip(self.servos, self.a, self.alpha, self.d, self.theta, strict=True)
         for servo, a, alpha, d, theta in rows:
@@ -60,11 +63,11 @@ class DenavitHartenberg:
 def denavit_hartenberg(
     kinematics: Kinematics, link: str, *, convention: Convention = "classic"
 ) -> DenavitHartenberg:
-    """DH parameters of the servos between torso and `link`.
+    """Computes DH parameters of the servos between torso and `link`.
 
-    Parallel axes have many common normals: the one is taken that needs no offset d. Raises
-    UnknownNameError for an unknown link, CommandError when no servo moves it, when a joint slides,
-    or for an unknown convention.
+    Parallel axes have many common normals; the one that needs no offset d is taken. Raises UnknownNameError
+    for an unknown link, CommandError if no servo moves the link, for a prismatic joint, or for an unknown
+    convention.
     """
     if convention not in ("classic", "modified"):
         raise CommandError(f"DH convention {convention!r}; valid: classic, modified")
@@ -101,20 +104,21 @@ def denavit_hartenberg(
 
 
 def _axes(kinematics: Kinematics, link: str, servos: tuple[int, ...]) -> tuple[Array, Array, Array]:
-    """With all servos at zero: `T_TL`, and of each servo's axis a point and the direction (n, 3) in T."""
+    """Returns, with all servos at zero, `T_TL` and a point and the direction (n, 3) of each servo's axis in
+    T."""
     position = np.zeros(kinematics.n_servos)
     T_TL, jacobian = kinematics.pose_and_jacobian(position, link)
     linear, axes = jacobian[:3, servos].T, jacobian[3:, servos].T
     if not np.allclose(np.linalg.norm(axes, axis=1), 1.0):
         raise CommandError(f"a joint between the torso and {link!r} does not turn; valid: hinges only")
-    # linear = axis x (p - point): of the axis' points this is the one nearest to p, the link's origin.
+    # linear = axis x (p - point): this gives the point of the axis nearest to p, the link's origin.
     return T_TL, T_TL[:3, 3] + np.cross(axes, linear), axes
 
 
 def _common_normal(
     p: Array, u: Array, q: Array, v: Array, origin: Array, x: Array
 ) -> tuple[Array, Array, Array]:
-    """Feet (3,) on the lines p + s u and q + t v of their common normal, and its direction (3,).
+    """Returns the feet (3,) of the common normal on the lines p + s u and q + t v, and its direction (3,).
 
     For parallel lines it passes through `origin`, a point of the first line; for coincident ones its
     direction is `x`.
@@ -133,17 +137,17 @@ def _common_normal(
 
 
 def _perpendicular(z: Array) -> Array:
-    """A unit vector (3,) across z."""
+    """Returns a unit vector (3,) perpendicular to z."""
     across: Array = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
     across /= np.linalg.norm(across)
     return across
 
 
 def _angle(a: Array, b: Array, about: Array) -> float:
-    """Angle [rad] from a to b, turning about `about`."""
+    """Returns the angle [rad] from a to b, turning about `about`."""
     return float(np.arctan2(np.cross(a, b) @ about, a @ b))
 
 
 def _frame(x: Array, z: Array, origin: Array) -> Array:
-    """Frame (4, 4) from its x and z axes and its origin."""
+    """Returns the frame (4, 4) with the given x and z axes and origin."""
     return transform(np.column_stack([x, np.cross(z, x), z]), origin)

@@ -1,7 +1,7 @@
-"""The run-time query: all that another program may ask of a robot, as one object and as JSON.
+"""The run-time query: all facts that another program may ask of a robot, as one object and as JSON.
 
-SI units and radians, frames as in docs/conventions.md. `read_facts` reads the JSON back and checks it,
-`RobotFacts.model_json_schema()` says what is in it.
+SI units and radians, frames as in docs/conventions.md. `read_facts` reads and validates the JSON;
+`RobotFacts.model_json_schema()` describes it.
 """
 
 from __future__ import annotations
@@ -23,74 +23,75 @@ from tci.robot.kinematics import Kinematics
 from tci.skin.surfaces import Surface, build_surface
 
 CONVENTIONS: tuple[Convention, ...] = ("classic", "modified")
-"""Of Denavit-Hartenberg tables."""
+"""Conventions of Denavit-Hartenberg tables."""
 
 
 class GenericLimits(Description):
-    """What a generic joint may do: its servo's limits through the transform."""
+    """Limits of a generic joint: those of its servo, through the joint's transform."""
 
     joint: str
     """Name of the generic joint."""
     lower: float | None
-    """[rad]; None where the robot's limits are not known, or several servos make up the joint, or none."""
+    """Lower limit [rad]; None if the robot's limits are unknown, or the joint depends on several servos or
+    none."""
     upper: float | None
-    """[rad]"""
+    """Upper limit [rad]; None as for `lower`."""
 
 
 class DHRow(Description):
     """One joint of a Denavit-Hartenberg table."""
 
     servo: int
-    """Index into the servos."""
+    """Index into `RobotFacts.servos`."""
     a: float
-    """[m]"""
+    """Length of the common normal [m]."""
     alpha: float
-    """[rad]"""
+    """Twist [rad]."""
     d: float
-    """[m]"""
+    """Offset along the joint's axis [m]."""
     theta: float
-    """[rad] at which the servo reads zero."""
+    """Angle [rad] at which the servo reads zero."""
 
 
 class DHTable(Description):
-    """One chain, from the torso frame to a link."""
+    """Denavit-Hartenberg table of one chain, from the torso frame to a link."""
 
     part: str
     convention: Literal["classic", "modified"]
     base: Matrix
-    """First frame seen from the torso (4, 4)."""
+    """Pose (4, 4) of the first frame in the torso frame."""
     rows: tuple[DHRow, ...]
     tool: Matrix
-    """The link seen from the last frame (4, 4)."""
+    """Pose (4, 4) of the link in the last frame."""
     link: str
 
 
 class Taxel(Description):
-    """One taxel."""
+    """One taxel of a patch."""
 
     channel: int
-    """Place in the raw frame."""
+    """Index into the raw frame."""
     position: Vector
-    """[m] in the patch's link."""
+    """Position [m] in the patch's link."""
     normal: Vector
-    """Outward, in the patch's link."""
+    """Outward unit normal in the patch's link."""
     area: float
-    """[m2]"""
+    """Area [m2]."""
 
 
 class ConeFacts(Description):
     """The paper's truncated cone (eqs 3-4) fitted to a patch's taxels, and its radial error."""
 
     length: float
-    """[m]"""
+    """Length [m]."""
     r1: float
     """Radius [m] at the proximal end."""
     r2: float
     """Radius [m] at the distal end."""
     rms: float
-    """Root mean square of the error [m]."""
+    """Root mean square of the radial error [m]."""
     largest: float
-    """Largest error [m]."""
+    """Largest radial error [m]."""
 
 
 class PatchFacts(Description):
@@ -101,20 +102,20 @@ class PatchFacts(Description):
     segment: str
     link: str
     kind: str
-    """How its surface is described."""
+    """Form in which its surface is described."""
     rate: float
     """Frames per second [Hz]."""
     channels: int
-    """Values in a raw frame."""
+    """Number of values in a raw frame."""
     area: float
-    """Of all taxels [m2]."""
+    """Total area of its taxels [m2]."""
     cone: ConeFacts | None
-    """None where no cone fits: skin on no limb, or too few taxels."""
+    """Fitted cone; None where no cone fits: skin on no limb, or too few taxels."""
     taxels: tuple[Taxel, ...]
 
 
 class RobotFacts(Description):
-    """A robot, as others may ask about it."""
+    """All facts of a robot that other programs may ask for."""
 
     format: Literal["tci.robot/1"] = "tci.robot/1"
     name: str
@@ -122,26 +123,26 @@ class RobotFacts(Description):
     digest: str
     """SHA-256 of the description."""
     servos: tuple[Servo, ...]
-    """Limits, units [rad], modes, in the order of every joint reading."""
+    """Limits, units [rad] and modes of all servos, in the order of joint readings."""
     couplings: tuple[Coupling, ...]
     parts: tuple[GenericPart, ...]
     generic_limits: dict[str, tuple[GenericLimits, ...]]
-    """By part."""
+    """Limits of the generic joints, by part."""
     links: tuple[KinematicLink, ...]
-    """Frames and inertias; empty without a kinematic model, as is all that follows."""
+    """Frames and inertias. Empty without a kinematic model; so are the fields below that need one."""
     torso_link: str
     torso_pose: Matrix
-    """The torso frame in that link (4, 4)."""
+    """Pose (4, 4) of the torso frame in that link."""
     denavit_hartenberg: tuple[DHTable, ...]
     chains: dict[str, tuple[ChainSegment, ...]]
     """Segments for OROCOS KDL, by part."""
     patches: tuple[PatchFacts, ...]
     fields: tuple[ReceptiveField, ...]
-    """Receptive fields of the withdrawal reflex (ours), on the generic limb."""
+    """Receptive fields of the withdrawal reflex (assumed, see `default_fields`), on the generic limb."""
 
 
 def query(robot: Robot) -> RobotFacts:
-    """All facts of a robot. Raises DescriptionError for a kinematic model that can't be read."""
+    """Returns all facts of a robot. Raises DescriptionError for a kinematic model that can't be read."""
     model = robot.model is not None
     ends = ends_of(robot) if model else {}
     return RobotFacts(
@@ -163,7 +164,7 @@ def query(robot: Robot) -> RobotFacts:
 
 
 def read_facts(text: str | bytes, *, source: str = "facts of a robot") -> RobotFacts:
-    """Facts from their JSON; `source` names it in errors.
+    """Reads facts from their JSON; error messages name `source`.
 
     Raises DescriptionError with all faults at once: text that is not JSON, another format or version, a
     missing or unknown field, a value of the wrong type.
@@ -179,7 +180,7 @@ def read_facts(text: str | bytes, *, source: str = "facts of a robot") -> RobotF
 
 
 def generic_limits(robot: Robot, part: str) -> tuple[GenericLimits, ...]:
-    """Limits of a part's generic joints [rad], in order. Raises UnknownNameError."""
+    """Returns the limits of a part's generic joints [rad], in order. Raises UnknownNameError."""
     joints = joint_map(robot, part)
     ends = []
     for side in ("lower", "upper"):
@@ -194,9 +195,10 @@ def generic_limits(robot: Robot, part: str) -> tuple[GenericLimits, ...]:
 
 
 def dh_tables(robot: Robot) -> tuple[DHTable, ...]:
-    """Classic and modified tables of every part that the torso carries by turning joints alone.
+    """Returns classic and modified tables of every part that the torso carries by revolute joints alone.
 
-    Raises DescriptionError."""
+    Raises DescriptionError.
+    """
     kinematics = Kinematics(robot)
     tables = []
     for part, link in ends_of(robot).items():

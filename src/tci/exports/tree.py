@@ -1,6 +1,6 @@
-"""The kinematic tree as plain numbers: links, how each hangs on its parent, joints and inertias.
+"""The kinematic tree as plain numbers: links with their parents, poses, joints and inertias.
 
-What other libraries need to build their own model: URDF for Pinocchio, chains for OROCOS KDL.
+Other libraries build their own models from it: URDF for Pinocchio, chains for OROCOS KDL.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ from tci.robot.model_file import load_spec
 from tci.robot.steps import at_zero
 
 Matrix = tuple[tuple[float, ...], ...]
-"""Rows."""
+"""A matrix as a tuple of rows."""
 
 
 class Inertia(Description):
-    """What a link weighs."""
+    """Mass, centre of mass and inertia tensor of a link."""
 
     mass: float
-    """[kg]"""
+    """Mass [kg]."""
     centre: Vector
-    """Centre of mass [m] in the link."""
+    """Centre of mass [m], in the link."""
     tensor: Matrix
-    """(3, 3) [kg m2] about the centre of mass, along the link's axes."""
+    """Inertia tensor (3, 3) [kg m2] about the centre of mass, along the link's axes."""
 
 
 class KinematicLink(Description):
@@ -35,26 +35,26 @@ class KinematicLink(Description):
 
     name: str
     parent: str
-    """KinematicLink that carries it; empty for the root."""
+    """Name of the link that carries it; empty for the root."""
     pose: Matrix
-    """`T_PL` (4, 4): the link in its parent, all joints at zero."""
+    """`T_PL` (4, 4): pose of the link in its parent, with all joints at zero."""
     servo: int | None
-    """Index into `Robot.servos` of the joint that moves it in its parent; None: it is fixed."""
+    """Index into `Robot.servos` of the joint between parent and link; None if it is fixed."""
     slides: bool = False
-    """Whether that joint slides along its axis [m], rather than turns about it."""
+    """True if that joint is prismatic, along its axis [m]; False if it is revolute."""
     axis: Vector = (0.0, 0.0, 0.0)
     """Unit vector of that joint's axis, in the link."""
     anchor: Vector = (0.0, 0.0, 0.0)
     """A point of the axis [m], in the link."""
     inertia: Inertia | None
-    """None where the model says nothing."""
+    """Inertia; None if the model gives none."""
 
 
 def links_of(robot: Robot) -> tuple[KinematicLink, ...]:
-    """All links, each after its parent. Joints that are no servo's are fixed at zero.
+    """Returns all links, each after its parent. Joints without a servo are fixed at zero.
 
-    A link that several joints carry hangs on links without inertia, named after it and their joint. Raises
-    DescriptionError when the robot has no model, or the model lacks a joint.
+    A link with several joints hangs on added links without inertia, one for each other joint and named after
+    the link and that joint. Raises DescriptionError if the robot has no model, or the model lacks a joint.
     """
     if robot.model is None:
         raise DescriptionError(robot.source, [Fault(0, "no <model>: links need a URDF or MJCF file")])
@@ -103,18 +103,18 @@ def _inertia(model: mujoco.MjModel, body: int) -> Inertia:
 
 
 def _rotation(quaternion: Array) -> Array:
-    """Rotation (3, 3) of a unit quaternion (4,), real part first."""
+    """Returns the rotation (3, 3) of a unit quaternion (4,), real part first."""
     result = np.zeros(9)
     mujoco.mju_quat2Mat(result, quaternion)
     return result.reshape(3, 3)
 
 
 def rows(matrix: Array) -> Matrix:
-    """A matrix as plain numbers."""
+    """Converts a matrix to tuples of floats."""
     return tuple(tuple(float(value) for value in row) for row in matrix)
 
 
 def vector(values: Array) -> Vector:
-    """Three numbers as plain ones."""
+    """Converts three numbers to a tuple of floats."""
     x, y, z = (float(value) for value in values)
     return x, y, z

@@ -1,4 +1,4 @@
-"""A robot's kinematic model as one URDF without meshes, whatever format it came in."""
+"""Exports a robot's kinematic model as one URDF without meshes, whatever format the model has."""
 
 from __future__ import annotations
 
@@ -15,15 +15,16 @@ from tci.frames import Array
 from tci.robot.description import Robot
 
 TORSO = "tci_torso"
-"""Name of the added link that is the torso frame."""
+"""Name of the link that is added for the torso frame."""
 
 
 def to_urdf(robot: Robot) -> str:
-    """Links, joints with the description's limits, inertias, and the torso frame as a link of its own.
+    """Returns URDF text: links, joints with the description's limits, inertias, and a link for the torso
+    frame.
 
-    Joint names are the model's own. A joint without known limits is continuous. Raises what links_of
-    raises, and DescriptionError for what no URDF can say: a joint that does not turn about its link's origin,
-    or slides without limits.
+    Joint names are the model's own. A joint without known limits is continuous. Raises what links_of raises,
+    and DescriptionError for joints that URDF can't express: one that does not turn about its link's origin,
+    or a prismatic one without limits.
     """
     root = E.robot(name=robot.name)
     links = links_of(robot)
@@ -95,7 +96,7 @@ def _joint(robot: Robot, link: KinematicLink, parent: str) -> etree._Element:
 
 def _origin(pose: Array) -> etree._Element:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # at gimbal lock any of the equal answers will do
+        warnings.simplefilter("ignore", UserWarning)  # at gimbal lock several answers are equally valid
         rpy = Rotation.from_matrix(pose[:3, :3]).as_euler("xyz")
     return E.origin(xyz=_words(pose[:3, 3]), rpy=_words(rpy))
 

@@ -1,8 +1,8 @@
-"""Gestures from motion capture: BVH files (Biovision hierarchy), whatever their skeleton's axes.
+"""Gestures from motion capture: BVH files (Biovision hierarchy) with any convention of axes.
 
-The arms are found by the usual names of their joints. Shoulder, elbow and pronation follow from where the
-joints are, so that no convention of the file's rotations matters; the thumb is taken to point forward in
-the file's rest pose, as it does with the arms hanging or stretched out sideways.
+The arms are found by the usual names of their joints. Angles of shoulder, elbow and pronation are computed
+from the positions of the joints, so they do not depend on the file's convention for rotations. The thumb is
+assumed to point forward in the file's rest pose, as it does with the arms hanging or stretched out sideways.
 """
 
 from __future__ import annotations
@@ -27,19 +27,21 @@ from tci.robot.xml.values import InvalidValueError, decimal
 BONES = 250
 """Most joints of a skeleton. Assumed: one with all fingers has about 60."""
 BLOCK = 4096
-"""Frames that are worked out at a time."""
+"""Number of frames that are processed at a time."""
 STRAIGHT = 0.1
-"""Sine of the elbow's angle below which it does not tell how the upper arm is turned. Ours."""
+"""Sine of the elbow angle below which the elbow counts as straight, so the rotation of the upper arm can't be
+computed from it. Assumed: at about 6 degrees errors of position are amplified ten times."""
 NONE = 1e-6
-"""Length of a cross product that is only rounding."""
+"""Norm below which a cross product is only rounding error."""
 FASTEST = 25.0
-"""Speed [rad/s] that no limb of a person has: a pitcher's forearm gets there. Ours."""
+"""Speed [rad/s] above which a limb can't have moved between two frames. Assumed: of all human limbs only a
+pitcher's forearm reaches it."""
 ROLES = {
     "upper_arm": r"(upper_?arm|up_?arm|arm|shldr|shoulder)",
     "forearm": r"(fore_?arm|low_?arm|lower_?arm|elbow)",
     "hand": r"(hand|wrist)",
 }
-"""What joints of an arm are called, after their side."""
+"""Patterns for the names of an arm's joints, after the side."""
 CHANNELS = tuple(f"{axis}{what}" for what in ("position", "rotation") for axis in "XYZ")
 
 
@@ -55,7 +57,7 @@ class Bone:
 
 
 def read_bvh(path: Path) -> Gesture:
-    """The gesture of both arms in a BVH file, in the frame of the link that carries them.
+    """Reads the gesture of both arms from a BVH file, in the frame of the link that carries them.
 
     Raises DescriptionError with the line and what would be valid.
     """
@@ -69,7 +71,7 @@ def read_bvh(path: Path) -> Gesture:
 
 
 def _parse(source: str, lines: list[str]) -> tuple[list[Bone], float, Array]:
-    """The bones, the time [s] between frames, and the channels' values (frames, channels)."""
+    """Returns the bones, the time [s] between frames, and the channels' values (frames, channels)."""
     bones: list[Bone] = []
     stack: list[int] = []
     current, channels, start = -1, 0, -1
@@ -145,7 +147,7 @@ def _gesture(bones: list[Bone], period: float, frames: Array) -> Gesture:
     rest_rotations, rest = _pose(bones, np.zeros((1, frames.shape[1])))
     R_RT = _torso(rest[0], arms["left"][0], arms["right"][0])
     postures: dict[str, list[Array]] = {f"{side}_arm": [] for side in sides}
-    bends = {side: np.zeros(3) for side in sides}  # nothing is known yet
+    bends = {side: np.zeros(3) for side in sides}  # no earlier frame
     begin = int(_begins_with_rest(bones, arms, chest, period, frames))
     for block in range(begin, len(frames), BLOCK):
         rotations, places = _pose(bones, frames[block : block + BLOCK])
@@ -156,7 +158,7 @@ def _gesture(bones: list[Bone], period: float, frames: Array) -> Gesture:
             thumb = np.einsum("kji,kj->ki", R_WT, hand)
             angles, bends[side] = _postures(points, thumb, side, bends[side])
             postures[f"{side}_arm"].append(angles)
-    # No angle jumps by a turn from one frame to the next.
+    # Angles are continuous from frame to frame, without jumps by a full turn.
     angles_of = {part: np.unwrap(np.concatenate(rows), axis=0) for part, rows in postures.items()}
     times = period * np.arange(len(frames) - begin)
     return Gesture(read_only(times), {part: read_only(rows) for part, rows in angles_of.items()})
@@ -165,8 +167,8 @@ def _gesture(bones: list[Bone], period: float, frames: Array) -> Gesture:
 def _begins_with_rest(
     bones: list[Bone], arms: dict[Side, list[int]], chest: int, period: float, frames: Array
 ) -> bool:
-    """Whether the first frame is a pose that some makers put before the motion: a limb would have to turn
-    faster than anybody's to the second one."""
+    """True if the first frame is a rest pose that some programs put before the motion: to reach the second
+    frame a limb would have to turn faster than FASTEST."""
     if len(frames) < 3:
         return False
     rotations, places = _pose(bones, frames[:2])
@@ -179,8 +181,8 @@ def _begins_with_rest(
 
 
 def _find(bones: list[Bone], side: Side, role: str) -> int:
-    """The bone of a side and role. A `shoulder` is an upper arm where the forearm hangs on it; else it is the
-    collar bone."""
+    """Returns the bone of a side and role. A `shoulder` counts as the upper arm if the forearm is attached to
+    it, else as the collar bone."""
     pattern = re.compile(rf"^(.*[:_])?({side}|{side[0]})[_ .-]?{ROLES[role]}$", re.IGNORECASE)
     found = [index for index, bone in enumerate(bones) if pattern.match(bone.name)]
     if role == "upper_arm":
@@ -207,7 +209,7 @@ def _line(bones: list[Bone], bone: int) -> list[int]:
 
 
 def _pose(bones: list[Bone], frames: Array) -> tuple[Array, Array]:
-    """Rotations (k, bones, 3, 3) and places (k, bones, 3) in the file's world, in k frames."""
+    """Returns rotations (k, bones, 3, 3) and positions (k, bones, 3) of k frames in the file's world."""
     rotations, places = np.empty((len(frames), len(bones), 3, 3)), np.empty((len(frames), len(bones), 3))
     for number, bone in enumerate(bones):
         values = frames[:, bone.first : bone.first + len(bone.channels)]
@@ -229,8 +231,8 @@ def _pose(bones: list[Bone], frames: Array) -> tuple[Array, Array]:
 
 
 def _torso(rest: Array, left: int, right: int) -> Array:
-    """The torso frame seen from the file's world in the rest pose (3, 3): the shoulders say what is left, and
-    up is the axis of the file along which the skeleton is longest across it."""
+    """Returns the torso frame (3, 3) in the file's world, from the rest pose. The shoulders give its left
+    direction; up is the axis of the file, across that, along which the skeleton is longest."""
     y = rest[left] - rest[right]
     if np.linalg.norm(y) < 1e-6:
         raise TciError("both shoulders are at one place in the rest pose; valid: a skeleton with its offsets")
@@ -245,11 +247,11 @@ def _torso(rest: Array, left: int, right: int) -> Array:
 
 
 def _postures(points: Array, thumb: Array, side: Side, before: Array) -> tuple[Array, Array]:
-    """Generic angles (k, 5) [rad] with shoulder, elbow and wrist at `points` (k, 3, 3); the last -axis of
-    flexion (3,).
+    """Returns generic angles (k, 5) [rad] of an arm with shoulder, elbow and wrist at `points` (k, 3, 3), and
+    the last negative axis of flexion (3,).
 
-    Where the elbow is straight that is the one of the frame before, at first `before`, or what would bend the
-    forearm forward.
+    Where the elbow is straight, that axis is taken from the previous frame (at first `before`), or chosen so
+    that the forearm would bend forward.
     """
     steps = np.diff(points, axis=1)
     lengths = np.linalg.norm(steps, axis=2, keepdims=True)
@@ -265,13 +267,13 @@ def _postures(points: Array, thumb: Array, side: Side, before: Array) -> tuple[A
     z = -upper
     x = np.cross(y, z)
     shoulder = shoulder_angles(np.stack([x, y, z], axis=-1), side)
-    flexor = np.cos(flexion)[:, None] * x + np.sin(flexion)[:, None] * z  # the forearm's x without pronation
+    flexor = np.cos(flexion)[:, None] * x + np.sin(flexion)[:, None] * z  # x of the forearm at zero pronation
     pronation = np.arctan2(np.einsum("ki,ki->k", y, thumb), np.einsum("ki,ki->k", flexor, thumb))
     return np.column_stack([shoulder, flexion, -side_sign(side) * pronation]), y[-1]
 
 
 def _bend(upper: Array, before: Array) -> Array:
-    """-axis of flexion (3,) of an elbow that is straight, or nearly so."""
+    """Returns the negative axis of flexion (3,) of an elbow that is straight, or nearly so."""
     forward, left = np.eye(3)[:2]
     choices = (before - upper * float(before @ upper), np.cross(forward, upper), left)
     lengths = [float(np.linalg.norm(choice)) for choice in choices]

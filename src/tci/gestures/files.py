@@ -1,4 +1,4 @@
-"""Gestures as files: CSV, which a spreadsheet opens."""
+"""Gestures as CSV files, which spreadsheets can open."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ UNIT = "_deg"
 
 
 def write_csv(gesture: Gesture, path: Path, names: dict[str, list[str]]) -> None:
-    """One row per instant: time [s], then the angles [degrees] in columns `part.joint_deg`.
+    """Writes one row per instant: time [s], then the angles [degrees] in columns `part.joint_deg`.
 
-    `names` are those of the joints, by part. Raises FileExistsError, and what else opening a file does.
+    `names` lists the joints of each part. Raises FileExistsError, and what else opening a file raises.
     """
     columns = [f"{part}.{joint}{UNIT}" for part in gesture.postures for joint in names[part]]
     angles = np.rad2deg(np.hstack(list(gesture.postures.values())))
@@ -33,7 +33,7 @@ def write_csv(gesture: Gesture, path: Path, names: dict[str, list[str]]) -> None
 
 
 def read_csv(path: Path) -> tuple[Gesture, dict[str, list[str]]]:
-    """The gesture of a file, and its joints' names by part.
+    """Reads a gesture from a file, with the names of its joints by part.
 
     Raises DescriptionError with the line and what would be valid.
     """
@@ -61,7 +61,7 @@ def read_csv(path: Path) -> tuple[Gesture, dict[str, list[str]]]:
 
 
 def _names(source: str, head: list[str]) -> dict[str, list[str]]:
-    """The joints' names by part, of a first line."""
+    """Returns the joint names by part, from the first line of a file."""
     if head[:1] != [TIME] or not 2 <= len(head) <= COLUMNS:
         raise refuse(source, 1, f"the first line is {TIME},part.joint{UNIT},... of at most {COLUMNS} columns")
     names: dict[str, list[str]] = {}

@@ -1,6 +1,6 @@
 """Gestures: postures over time, recorded on one robot and fitted to any other.
 
-The arms of a gesture count in the torso frame, so that limbs point the same way in space whatever
+Arm angles of a gesture are given in the torso frame, so limbs point in the same direction in space whatever
 shoulder a robot has. Fitting finds, for every instant, the nearest posture within the robot's limits.
 """
 
@@ -20,13 +20,15 @@ from tci.robot.description import GenericPart, Robot
 from tci.robot.joint_map import JointMap, initial_position, joint_map
 
 SAMPLE = 0.02
-"""Time [s] between the postures of a fitted gesture. Ours."""
+"""Time [s] between the postures of a fitted gesture. Assumed: short enough for linear interpolation between
+them."""
 SHARE = 0.8
-"""Share of speed limits that a fitted gesture uses. Ours."""
+"""Fraction of the speed limits that a fitted gesture uses. Assumed: the rest is a reserve for tracking."""
 FORCE = 0.2
-"""Share of acceleration limits that it uses: the rest is for following it closely. Ours."""
+"""Fraction of the acceleration limits that a fitted gesture uses. Assumed: the rest is a reserve for close
+tracking."""
 LONGEST = 3600.0
-"""[s]"""
+"""Longest duration [s] of a gesture."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,9 +36,9 @@ class Gesture:
     """Generic postures over time."""
 
     times: Array
-    """(k,) [s], from 0 on, rising."""
+    """Times (k,) [s], increasing from 0."""
     postures: Mapping[str, Array]
-    """Generic angles (k, n) [rad] of each part, by name. Those of arms count in the torso frame, but in a
+    """Generic angles (k, n) [rad] of each part, by name. Those of arms are in the torso frame, except in a
     fitted gesture, where they are the robot's own."""
 
     def __post_init__(self) -> None:
@@ -54,11 +56,11 @@ class Gesture:
 
     @property
     def duration(self) -> float:
-        """[s]"""
+        """Duration [s]."""
         return float(self.times[-1])
 
     def at(self, time: float) -> dict[str, Array]:
-        """Generic angles (n,) [rad] of each part at `time` [s], on straight lines between the postures."""
+        """Returns the generic angles (n,) [rad] of each part at `time` [s], interpolated linearly."""
         last = len(self.times) - 1
         index = int(np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, last - 1))
         begin, end = self.times[index], self.times[index + 1]
@@ -71,40 +73,41 @@ class Gesture:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fitted:
-    """A gesture that a robot can make."""
+    """A gesture that a given robot can perform."""
 
     gesture: Gesture
-    """In the robot's own generic joints, every SAMPLE seconds."""
+    """The motion in the robot's own generic joints, every SAMPLE seconds (times `slower`)."""
     targets: Gesture
-    """What to tell the gate, so that the robot is there in time: it aims to rest at every target, so
-    targets lead by what a stop takes."""
+    """Targets for the gate. They lead the gesture by half the stopping time, because the gate brings the
+    robot to rest at every target."""
     slower: float
-    """How much longer it takes than the original, so that no limit is broken; 1 when as long."""
+    """Factor by which the duration exceeds that of the original, so that no limit is violated; 1 if equal."""
     missed: Mapping[str, float]
-    """Largest angle [rad] that limits take off each joint, or `upper_arm` of an arm, by `part.joint`."""
+    """Largest error [rad] due to limits for each `part.joint`, with `upper_arm` for the direction of an
+    arm's."""
     left_out: tuple[str, ...]
     """Parts of the gesture that the robot does not have."""
 
 
 class TorsoView:
-    """A robot's posture with its arms in the torso frame."""
+    """Computes a robot's posture with its arms in the torso frame."""
 
     def __init__(self, robot: Robot) -> None:
-        """Raises DescriptionError for an arm with a mount whose shoulder the model does not have."""
+        """Raises DescriptionError for an arm on a mount if the kinematic model lacks its shoulder."""
         self._maps: dict[str, JointMap] = {}
         for part in robot.parts:
             exact = with_retargeting(robot, part.name) if any(part.mount) else robot
             self._maps[part.name] = joint_map(exact, part.name)
 
     def posture(self, position: Array) -> dict[str, Array]:
-        """Generic angles (n,) [rad] of each part with the servos at `position` (n_servos,) [rad]."""
+        """Returns the generic angles (n,) [rad] of each part for servos at `position` (n_servos,) [rad]."""
         return {name: joints.to_generic(position) for name, joints in self._maps.items()}
 
 
 def record(robot: Robot, times: Array, positions: Array) -> Gesture:
-    """The gesture of servos that were at `positions` (k, n_servos) [rad] at `times` (k,) [s].
+    """Returns the gesture of servos that were at `positions` (k, n_servos) [rad] at `times` (k,) [s].
 
-    Parts that no servo moves are left out. Raises TciError for times that make no gesture.
+    Leaves out parts that no servo moves. Raises TciError for invalid times.
     """
     view = TorsoView(robot)
     postures = [view.posture(position) for position in positions]
@@ -116,11 +119,11 @@ def record(robot: Robot, times: Array, positions: Array) -> Gesture:
 
 
 def fit(robot: Robot, gesture: Gesture, *, exact: bool = True, share: float = SHARE) -> Fitted:
-    """The gesture for a robot: within its limits of position and couplings, and slow enough for it.
+    """Fits a gesture to a robot: within its limits of position and couplings, and slow enough for it.
 
-    With `exact` arms are retargeted in the torso frame; without, generic angles are taken as they are.
-    `share` of the speed limits is used. Raises CommandError for a part with another number of joints,
-    or a robot that has none of the gesture's parts.
+    With `exact`, arms are retargeted in the torso frame; without, generic angles are used unchanged. `share`
+    is the fraction of the speed limits to use. Raises CommandError for a part with another number of joints,
+    or for a robot that has none of the gesture's parts.
     """
     names = {part.name for part in robot.parts if any(joint.servo is not None for joint in part.servos)}
     used = [part for part in gesture.postures if part in names]
@@ -153,9 +156,10 @@ def fit(robot: Robot, gesture: Gesture, *, exact: bool = True, share: float = SH
 
 
 def _leading(robot: Robot, part: str, gesture: Gesture, positions: Array) -> Array:
-    """Generic angles (k, n) [rad] that lie ahead by the way in which the part's servos stop together.
+    """Returns generic angles (k, n) [rad] that lead the gesture by the stopping distance of the part's
+    servos.
 
-    They stop in the same time T, that of the slowest, and each goes v T / 2 on the way.
+    All stop in the same time T, that of the slowest servo, and each covers v T / 2 meanwhile.
     """
     servos = joint_map(robot, part).servos
     limits = [robot.servos[servo].limits for servo in servos]
@@ -172,7 +176,8 @@ def _leading(robot: Robot, part: str, gesture: Gesture, positions: Array) -> Arr
 def _fit_part(
     robot: Robot, part: GenericPart, angles: Array, positions: Array, missed: dict[str, float], *, exact: bool
 ) -> None:
-    """Write one part's servo angles [rad] into `positions` (k, n_servos), and what is missed."""
+    """Writes the servo angles [rad] of one part into `positions` (k, n_servos), and its errors into
+    `missed`."""
     joints = joint_map(robot, part.name)
     limits = [robot.servos[servo].limits for servo in joints.servos]
     lower = np.array([-np.inf if limit.lower is None else limit.lower for limit in limits])
@@ -201,7 +206,8 @@ def _fit_part(
 
 
 def _slower(robot: Robot, parts: list[str], times: Array, positions: Array, share: float) -> float:
-    """How much longer the motion must take so that limits of speed and acceleration hold."""
+    """Returns the factor by which the motion must be slowed down to meet the limits of speed and
+    acceleration."""
     speed = np.abs(np.gradient(positions, times, axis=0))
     acceleration = np.abs(np.gradient(np.gradient(positions, times, axis=0), times, axis=0))
     slower = 1.0

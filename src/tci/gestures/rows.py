@@ -1,4 +1,4 @@
-"""Rows of numbers in text files of gestures, read as strictly as robot descriptions are."""
+"""Reads rows of numbers from text files of gestures, as strictly as robot descriptions are read."""
 
 from __future__ import annotations
 
@@ -12,17 +12,18 @@ from tci.robot.xml.document import refuse, shown
 from tci.robot.xml.values import NUMBER
 
 LARGEST = 64 << 20
-"""Largest file [bytes]."""
+"""Largest file [bytes] that is read."""
 MOST = 500_000
-"""Most rows. Assumed: an hour of motion capture at 120 Hz has 432 000."""
+"""Largest number of rows. Assumed: an hour of motion capture at 120 Hz has 432 000."""
 COLUMNS = 1000
-"""Most numbers in a row. Assumed: a skeleton with all fingers has about 200."""
+"""Largest number of values in a row. Assumed: a skeleton with all fingers has about 200."""
 
 
 def read_rows(source: str, lines: Sequence[str], begin: int, columns: int, *, mark: str | None) -> Array:
-    """Numbers (k, columns) of `lines[begin:]`; empty lines are passed over.
+    """Returns the numbers (k, columns) in `lines[begin:]`; skips empty lines.
 
-    `mark` separates them, or spaces if None. Raises DescriptionError with the line, and for too many rows.
+    `mark` separates the numbers; None stands for spaces. Raises DescriptionError with the line, also for too
+    many rows.
     """
     between = "[ \\t]+" if mark is None else re.escape(mark)
     around = "[ \\t]*" if mark is None else ""

@@ -1,4 +1,4 @@
-"""Many simulated worlds on several cores, at full speed and without a screen."""
+"""Simulates many worlds on several cores, at full speed and without a screen."""
 
 from __future__ import annotations
 
@@ -27,28 +27,28 @@ SIDES = ("left_arm", "right_arm")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WorldRun:
-    """What happened in one world: one poke of one place."""
+    """Result of one world: one poke at one place."""
 
     world: int
-    """Its number; the seed of the run plus this is its own seed."""
+    """Number of the world; its seed is the seed of the run plus this number."""
     part: str
     """Arm that was poked."""
     site: str
-    """Field that was poked in its centre."""
+    """Name of the receptive field that was poked at its centre."""
     first_contact: float | None
-    """When the finger first touched [s]; None: it did not."""
+    """Time [s] of the finger's first contact; None without contact."""
     first_command: float | None
-    """When the capability first gave a command [s]."""
+    """Time [s] of the capability's first command; None without one."""
     contact_lost: float | None
-    """When the finger last ceased to touch [s]; None when it touched to the end."""
+    """Time [s] when the finger last lost contact; None if contact lasted to the end."""
     peak_force: float
-    """Largest contact force of the physics [N]."""
+    """Largest contact force [N] in the physics."""
     positions: Array
-    """Angles of all servos at the end (n_servos,) [rad]."""
+    """Angles (n_servos,) [rad] of all servos at the end."""
     simulated: float
-    """Time that passed in the world [s]."""
+    """Simulated time [s]."""
     took: float
-    """Time that it took [s], on one core, without building the world."""
+    """Computing time [s] on one core, without building the world."""
 
 
 def simulate(
@@ -63,12 +63,13 @@ def simulate(
     cores: int | None = None,
     sites: Sequence[ReceptiveField] | None = None,
 ) -> tuple[WorldRun, ...]:
-    """Poke a robot in so many `worlds`, each for `duration` [s]: arm, place and moment come from its seed.
+    """Pokes a robot in each of `worlds` worlds for `duration` [s]; arm, place and time depend on the world's
+    seed.
 
-    Both arms' skins, the capability (the withdrawal reflex unless another is given) and the gate run in each.
-    Worlds share nothing: the same arguments give the same runs, on however many `cores` (all, by default),
-    each a process of its own. `sites` are the places (the reflex's fields), `step` [s] and `noise` [counts]
-    those of `World`. A program that calls this from a file needs `if __name__ == "__main__":` around it.
+    The skins of both arms, the capability (by default the withdrawal reflex) and the gate run in each world.
+    Worlds share nothing: equal arguments give equal runs on any number of `cores` (default: all), each a
+    process of its own. `sites` are the places (default: the reflex's fields); `step` [s] and `noise` [counts]
+    are those of `World`. A program that calls this from a file needs `if __name__ == "__main__":` around it.
 
     Raises TciError for fewer than one world or core, no sites or no duration, and what a world raises.
     """
@@ -89,7 +90,7 @@ def simulate(
     if used == 1:
         runs = job(shares[0])
     else:
-        # A fork would copy threads' locks without their threads.
+        # A fork would copy the locks of threads without the threads.
         context = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(used, mp_context=context) as pool:
             runs = [run for share in pool.map(job, shares) for run in share]
@@ -106,7 +107,7 @@ def _run(
     seed: int,
     numbers: range,
 ) -> list[WorldRun]:
-    """The runs of one process, one after the other in one world that is reset."""
+    """Runs the worlds of one process, one after another, in one world that is reset."""
     runs = []
     world = World(robot, step=step, noise=noise)
     for number in numbers:

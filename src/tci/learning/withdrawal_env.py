@@ -1,7 +1,8 @@
-"""`tci/Withdrawal-v0`: an arm that is touched, as a Gymnasium environment (extra `gym`).
+"""Gymnasium environment `tci/Withdrawal-v0`: an arm that is touched (extra `gym`).
 
-One episode is one poke of a random place of one arm, at a random moment. The agent says where the generic arm
-should be; the gate decides what of it is done. It earns least harm, least effort and a return to the task.
+One episode is one poke at a random place of one arm, at a random time. The agent commands targets of the
+generic arm; the gate decides which motion is executed. The reward favours little harm, little effort and a
+return to the task.
 """
 
 from __future__ import annotations
@@ -34,35 +35,38 @@ with needs("the environment tci/Withdrawal-v0", "gym"):
     from gymnasium import spaces
 
 CONTACTS = 4
-"""Contacts that an observation holds, the strongest first."""
+"""Number of contacts in an observation, the strongest first."""
 CONTACT = 7
-"""Numbers per contact: on the forearm 1, on the upper arm 0; u; sin and cos of theta; force, force of its
-strongest taxel [N]; area [cm2]. All 0 where there is none."""
+"""Number of values per contact: 1 on the forearm, 0 on the upper arm; u; sin and cos of theta; force and
+force of its strongest taxel [N]; area [cm2]. All are 0 in unused rows."""
 PAIN = 400e3
-"""Pressure [Pa] that counts as pain: the order of what algometers find on arms. Ours; for thresholds of a
-given place and tool see Behrens et al. 2022 (doi:10.3389/frobt.2021.667818)."""
+"""Pressure [Pa] that counts as pain. Assumed: the order of magnitude that algometers find on arms; for
+thresholds at a given place and with a given tool see Behrens et al. 2022 (doi:10.3389/frobt.2021.667818)."""
 EFFORT, TASK = 0.05, 1.0
-"""What effort and distance from the task cost, beside harm. Ours."""
+"""Weights of effort and of the distance from the task in the reward; harm has weight 1. Assumed; no published
+value."""
 SPEED = (0.1, 0.4)
 DEPTH = (0.006, 0.014)
-"""Ranges of a poke: speed [m/s] and depth [m] of the finger's base. Ours."""
+"""Ranges of a poke: speed [m/s] (SPEED) and depth [m] of the finger's base. Assumed; no published value."""
 FORCE = 100.0
-"""Largest force [N], and its like in other units, that an observation shows."""
+"""Bound of an observation's touch values: force [N], area [cm2]."""
 
 Observation = dict[str, NDArray[np.float64]]
 
 
 class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
-    """Observation: a dictionary of `posture` (5,) [rad] and `velocity` (5,) [rad/s] of the generic arm,
-    `task` (5,) [rad], the posture to return to, and `contacts` (CONTACTS, CONTACT) or `taxels` (n,) [N].
+    """An environment of one arm that is poked.
 
-    Action (5,): target of the generic arm [rad], in the control mode of the environment: position (or
-    impedance) angles, or velocities [rad/s]. What a robot lacks is dropped.
+    Observation: a dictionary of `posture` (5,) [rad] and `velocity` (5,) [rad/s] of the generic arm, `task`
+    (5,) [rad], the posture to return to, and `contacts` (CONTACTS, CONTACT) or `taxels` (n,) [N].
+
+    Action (5,): target of the generic arm in the control mode of the environment: angles [rad] for position
+    and impedance, or velocities [rad/s]. Targets of joints that the robot lacks are dropped.
 
     Reward, per step of `period` [s] or the next whole control period of the robot: -period (harm + 0.05
     effort + task), with harm = largest pressure over `pain`, effort = mean square of the generic velocities
-    [rad2/s2], task = mean distance of the joints from the task [rad]. `info` has the three. An episode is
-    truncated after `duration` [s], and ends no sooner.
+    [rad2/s2], task = mean distance of the joints from the task [rad]. `info` contains the three. An episode
+    is truncated after `duration` [s], and does not end earlier.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 50}  # noqa: RUF012 - as Gymnasium declares it
@@ -81,8 +85,8 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         pain: float = PAIN,
         render_mode: str | None = None,
     ) -> None:
-        """`robot` by name or description, `part` an arm with skin; `period` [s] of one step, `step` [s] of
-        the physics, `noise` [counts] of the skin.
+        """Args: `robot` by name or description; `part`, an arm with skin; `period` [s] of one step; `step`
+        [s] of the physics; `noise` [counts] of the skin.
 
         Raises TciError for another mode or touch, or a part without skin, and what World raises.
         """
@@ -142,9 +146,9 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """A new poke. The same seed gives the same episode, bit for bit; `options` are not used."""
+        """Starts an episode. Equal seeds give equal episodes, bit for bit; `options` are ignored."""
         super().reset(seed=seed)
-        # From a generator of its own, so that noise changes nothing in where and when the finger comes.
+        # A separate generator, so that noise does not change the place and time of the poke.
         self.world.reset(seed=int(self.np_random.spawn(1)[0].integers(2**32)))
         self.driver = SimulatedDriver(self.robot, world=self.world)
         self.perceiver = Perceiver(self.body)
@@ -159,7 +163,7 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         return self._observe(seen, self.period), {"harm": 0.0, "effort": 0.0, "task": 0.0}
 
     def step(self, action: NDArray[np.float64]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """One `period` with a new target, through the gate."""
+        """Executes one `period` with a new target, through the gate."""
         values = np.clip(np.asarray(action, np.float64), self._low, self._high)
         orders: list[GenericCommand] = [GenericCommand(self.part.name, self.mode, values)]
         begin, end = self.time, self.time + self.period
@@ -183,7 +187,7 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         return observation, reward, False, self.time >= self.duration - 1e-9, info
 
     def render(self) -> NDArray[np.uint8] | None:
-        """A picture (240, 320, 3) of the world; None without `render_mode`."""
+        """Returns a picture (240, 320, 3) of the world; None without `render_mode`."""
         if self.render_mode is None:
             return None
         if self._portrait is None:
@@ -194,10 +198,10 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         return self._portrait.draw(moment, camera)
 
     def close(self) -> None:
-        """Nothing is left open: the world is memory only."""
+        """Does nothing: the world holds only memory."""
 
     def _poke(self) -> None:
-        """One of the reflex's places, a little beside its centre."""
+        """Pokes near the centre of a random field of the reflex."""
         self._poked = True
         site = self._sites[int(self.np_random.integers(len(self._sites)))]
         u = float(np.clip(site.u + self.np_random.normal(0.0, 0.05), 0.1, 0.9))
@@ -208,7 +212,7 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
                 self.body.skin, self.part.name, site.segment, u, theta, self.driver.read().joints
             )
             self.world.finger.poke(place.patch, place.p_L, place.n_L, speed=speed, depth=depth)
-        except TciError:  # no skin or no room just there: the field's centre has both
+        except TciError:  # no skin or no room at that place: the field's centre has both
             place = find_place(
                 self.body.skin, self.part.name, site.segment, site.u, site.theta, self.driver.read().joints
             )
@@ -232,7 +236,7 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         )
 
     def _observe(self, seen: Perception, took: float) -> Observation:
-        """What is seen `took` [s] after the last time."""
+        """Returns the observation `took` [s] after the previous one."""
         posture = np.array(seen.posture[self.part.name])
         velocity = (posture - self._before) / took
         self._before = posture
@@ -265,7 +269,7 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
 
 
 def generic_limits(robot: Robot, part: GenericPart) -> tuple[Array, Array]:
-    """Least and largest generic angle (n,), (n,) [rad] of each joint of a part; -pi and pi where the
+    """Returns least and largest generic angles (n,), (n,) [rad] of a part's joints; -pi and pi where the
     transform is not linear, or the robot lacks the joint."""
     low, high = np.full(len(part.servos), -np.pi), np.full(len(part.servos), np.pi)
     for joint in part.servos:

@@ -1,4 +1,4 @@
 """ROS messages as bytes, without ROS.
 
-`cdr` describes a message type and reads and writes its values. Recordings and the ROS links use it.
+`cdr` describes message types and reads and writes their values. Recordings and the ROS drivers use it.
 """

@@ -1,7 +1,6 @@
 """ROS 2 messages as bytes: the flat part of CDR (OMG DDS-RTPS, encapsulation CDR_LE).
 
-Decoding is bounded: a declared length is checked against the bytes that are there before anything is
-allocated.
+Decoding is bounded: a declared length is compared with the bytes that are there before anything is allocated.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ SIZES = {item: struct.calcsize(form) for item, form in NUMBERS.items()}
 DTYPES = {item: np.dtype("<" + form) for item, form in NUMBERS.items()}
 STRUCTS = {item: struct.Struct("<" + form) for item, form in NUMBERS.items()}
 HEADER = (("int32", "sec"), ("uint32", "nanosec"), ("string", "frame_id"))
-"""`std_msgs/Header`, flat: CDR has no mark around a nested message."""
+"""`std_msgs/Header`, flat: CDR does not mark where a nested message begins or ends."""
 HEADER_TEXT = """
 ================================================================================
 MSG: std_msgs/Header
@@ -38,22 +37,25 @@ uint32 nanosec
 
 @dataclass(frozen=True, slots=True)
 class MessageType:
-    """A message of numbers, texts and sequences of them."""
+    """A message type made of numbers, strings, nested messages and sequences of them."""
 
     name: str
     """`package/msg/Name`."""
     fields: tuple[tuple[str, str], ...]
-    """Type and name of each field; a type with [] is a sequence. A header comes first and flat."""
+    """Type and name of each field; a type with [] is a sequence. The header is not listed; it comes first and
+    flat."""
     says: str = ""
     """Comment at the head of the definition."""
     needs: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = ()
-    """Messages inside it, by `package/Name`, with their fields; used by the last part of that name."""
+    """Nested messages by `package/Name`, with their fields. Fields refer to them by the last part of that
+    name."""
     headed: bool = True
-    """Whether it begins with a header."""
+    """True if it begins with a header."""
 
     @property
     def definition(self) -> str:
-        """The ROS definition with those that it needs, as other programs read it from the file."""
+        """ROS definition with those of nested messages, in the form that other programs read from the
+        file."""
         lines = [f"# {line}" for line in self.says.splitlines()]
         lines += ["std_msgs/Header header"] if self.headed else []
         lines += [f"{kind} {name}" for kind, name in self.fields]
@@ -63,17 +65,17 @@ class MessageType:
 
     @property
     def flat(self) -> tuple[tuple[str, str], ...]:
-        """All fields with those of the header."""
+        """All fields, those of the header first."""
         return HEADER + self.fields if self.headed else self.fields
 
     def inside(self, name: str) -> tuple[tuple[str, str], ...]:
-        """The fields of a message inside this one."""
+        """Returns the fields of a nested message."""
         last = name.split("/")[-1]
         return next(fields for needed, fields in self.needs if needed.split("/")[-1] == last)
 
 
 def encode(kind: MessageType, values: Sequence[Any]) -> bytes:
-    """The bytes of a message; `values` in the order of `MessageType.flat`."""
+    """Returns the bytes of a message; `values` are in the order of `MessageType.flat`."""
     out = bytearray()
     _fields(out, kind, kind.flat, values)
     return ENCAPSULATION + bytes(out)
@@ -100,13 +102,15 @@ def _fields(
 
 
 def item_of(type_: str) -> tuple[str, int | None]:
-    """What a field holds, and how many: None for one, 0 for a sequence, else the length of an array."""
+    """Splits a field type into the type of its items and their number: None for a single value, 0 for a
+    sequence, else the length of an array."""
     item, bracket, rest = type_.partition("[")
     return item, int(rest.rstrip("]") or 0) if bracket else None
 
 
 def decode(kind: MessageType, data: bytes) -> dict[str, Any]:
-    """The fields of a message by name: sequences of numbers as arrays, messages inside it as the same.
+    """Returns the fields of a message by name: sequences of numbers as arrays, nested messages as
+    dictionaries.
 
     Raises RecordingError.
     """
@@ -153,7 +157,7 @@ def _put(out: bytearray, kind: MessageType, item: str, value: Any) -> None:
 
 
 class _Reader:
-    """A place in the bytes of one message."""
+    """A position in the bytes of one message."""
 
     def __init__(self, data: memoryview, name: str) -> None:
         self._data, self._name, self._at = data, name, 0
@@ -169,7 +173,7 @@ class _Reader:
         return STRUCTS[item].unpack(self._take(SIZES[item], SIZES[item]))[0]
 
     def count(self, least: int) -> int:
-        """A declared count of things of at least `least` bytes each."""
+        """Reads a declared number of items that take at least `least` bytes each."""
         count = int(self.number("uint32"))
         if count * least > len(self._data) - self._at:
             raise RecordingError(f"{self._name}: {count} items declared, too few bytes for them")
@@ -180,7 +184,7 @@ class _Reader:
         return raw.removesuffix(b"\0").decode("utf-8", "surrogateescape")
 
     def numbers(self, item: str, many: int = 0) -> Any:
-        """A sequence of numbers, or an array of `many`."""
+        """Reads a sequence of numbers, or an array of `many`."""
         size = SIZES[item]
         count = many or self.count(size)
         return np.frombuffer(self._take(count * size, size if count else 1), dtype=DTYPES[item])

@@ -1,8 +1,8 @@
 """Robots by name: those in `robots/`, and those of other packages (entry points `tci.robots`).
 
-A robot is a folder `robots/<name>/` with a `robot.xml`; nothing else in TCI names it. Another description
-there is a variant: `nao/whole.xml` is the robot `nao-whole`. An entry
-point gives the path of a description, or a function that returns it.
+A robot is a folder `robots/<name>/` with a `robot.xml`; no other place in TCI names the robot. Another
+description in that folder is a variant: `nao/whole.xml` is the robot `nao-whole`. An entry point gives the
+path of a description, or a function that returns it.
 """
 
 from __future__ import annotations
@@ -25,17 +25,18 @@ _FOLDER = Path(__file__).with_name("robots")
 
 
 def robot_names() -> tuple[str, ...]:
-    """Names that `load_robot` takes. Nothing is loaded for it, and no extra is needed."""
+    """Returns the names that `load_robot` accepts. Loads no robot and needs no extra."""
     return tuple(sorted({*_packaged(), *_entries()}))
 
 
 def load_robot(name_or_path: str | os.PathLike[str]) -> Robot:
-    """A robot by name, or by the path of its description (anything with a slash, or that ends in .xml).
+    """Returns a robot by its name, or by the path of its description (any text with a slash or that ends in
+    .xml).
 
-    Raises UnknownNameError with the names that there are, DescriptionError with every fault of the
-    file, MissingExtraError when the robot's model is in a package that is not installed.
+    Raises UnknownNameError with the valid names, DescriptionError with every fault of the file,
+    MissingExtraError when the robot's model is in a package that is not installed.
     """
-    from tci.robot.xml import read_robot  # a shell asks for names alone, at each press of Tab
+    from tci.robot.xml import read_robot  # not at the top: shell completion needs only the names
 
     text = os.fspath(name_or_path)
     if not isinstance(name_or_path, str) or _is_path(text):
@@ -72,11 +73,11 @@ def _entries() -> dict[str, EntryPoint]:
 
 
 def _path_of(entry: EntryPoint) -> Path:
-    """Path of the description that an entry point of another package gives."""
+    """Returns the path of the description that another package's entry point gives."""
     try:
         given = entry.load()
         path = given() if callable(given) else given
-    except Exception as error:  # whatever another package raises, the name of the robot must be told
+    except Exception as error:  # whatever another package raises, the message must name the robot
         raise TciError(f"the robot {entry.name!r} ({entry.value}) can't be loaded: {error}") from error
     if not isinstance(path, str | os.PathLike):
         raise TciError(

@@ -1,7 +1,7 @@
-"""How far apart the links are that could hit each other: the arms and the trunk, head, legs, other arm.
+"""Distances between links that could collide: each arm against the trunk, head, legs and the other arm.
 
-Which links count is said in `collisions`; distances are those of MuJoCo between primitives and the
-convex hulls of meshes.
+`collisions` selects the links. Distances are those that MuJoCo computes between primitives and the convex
+hulls of meshes.
 """
 
 from __future__ import annotations
@@ -27,20 +27,22 @@ class Gap:
     """The nearest pair of links at one posture."""
 
     distance: float
-    """Between their surfaces [m]; negative where they overlap."""
+    """Distance [m] between their surfaces; negative if they overlap."""
     first: str
-    """One link; empty when no pair is within the distance that was looked at."""
+    """One link; empty if no pair is within the distance that was searched."""
     second: str
     """The other link."""
 
 
 class Clearance:
-    """Distances between the links of one robot. It works in its own memory: one per thread."""
+    """Distances between the links of one robot. Each thread needs an object of its own: it reuses its
+    memory."""
 
     def __init__(self, robot: Robot) -> None:
         """Raises DescriptionError when the robot has no model, or the model lacks a joint.
 
-        Links that overlap in the initial posture are taken to be built so, and never count.
+        Links that overlap in the initial posture are assumed to overlap by construction and are never
+        checked.
         """
         self._model = _solid_model(robot)
         self._data = mujoco.MjData(self._model)
@@ -49,16 +51,18 @@ class Clearance:
         self.servos: tuple[int, ...] = tuple(self._servos)
         """Servos that have a joint in the model."""
         self.joints: tuple[int, ...] = tuple(int(self._model.dof_jntid[column]) for column in columns)
-        """The joint of each, by MuJoCo's number."""
+        """MuJoCo's number of the joint of each of these servos."""
         self._pairs = _pairs(self._model)
         first, second = self._pairs.T
         self._reach = self._model.geom_rbound[first] + self._model.geom_rbound[second]
         self.levers = _levers(robot)
-        """How fast (n_servos,) each servo can change any of the distances [m/rad], at most."""
+        """Upper bound (n_servos,) [m/rad] on how much each servo can change any of the distances per
+        radian."""
 
     @property
     def model(self) -> mujoco.MjModel:
-        """The robot's solid links and its servos' joints. Nobody writes to it."""
+        """The robot's collision geometry and its servos' joints, as a MuJoCo model; read-only by
+        agreement."""
         return self._model
 
     @property
@@ -67,7 +71,8 @@ class Clearance:
         return self._pairs
 
     def gap(self, position: Array, *, within: float) -> Gap:
-        """The nearest pair at `position` (n_servos,) [rad], or `within` [m] when all are farther apart.
+        """Returns the nearest pair at `position` (n_servos,) [rad], or `within` [m] if all pairs are farther
+        apart.
 
         Raises CommandError for another shape.
         """
@@ -82,7 +87,8 @@ class Clearance:
         return Gap(nearest, *self.names(found)) if found >= 0 else Gap(within, "", "")
 
     def gaps(self, position: Array, *, within: float) -> Array:
-        """Distance (pairs,) [m] of every pair at `position` (n_servos,) [rad], cut off at `within`.
+        """Returns the distance (pairs,) [m] of every pair at `position` (n_servos,) [rad], clipped at
+        `within` [m].
 
         Raises CommandError for another shape.
         """
@@ -93,12 +99,13 @@ class Clearance:
         return result
 
     def names(self, pair: int) -> tuple[str, str]:
-        """The links of a pair."""
+        """Returns the names of the two links of a pair."""
         first, second = (self._model.body(self._model.geom_bodyid[geom]) for geom in self._pairs[pair])
         return str(first.name), str(second.name)
 
     def _pose(self, position: Array) -> Array:
-        """Move there; no pair (pairs,) is nearer [m] than the spheres around its geoms are."""
+        """Moves the model to `position` and returns a lower bound (pairs,) [m] on each distance, from
+        bounding spheres."""
         if np.shape(position) != (self._count,):
             raise CommandError(f"position of shape {np.shape(position)}; the robot has {self._count} servos")
         data = self._data
@@ -115,12 +122,13 @@ class Clearance:
 
 @lru_cache(maxsize=8)
 def _solid_model(robot: Robot) -> mujoco.MjModel:
-    """Nobody writes to it, and reading an iCub's meshes takes a second."""
+    """Returns the robot's solid model, shared because reading an iCub's meshes takes a second; nothing writes
+    to it."""
     return exclude_overlaps(solid_spec(robot), robot, initial_position(robot))
 
 
 def _pairs(model: mujoco.MjModel) -> NDArray[np.intp]:
-    """Pairs (m, 2) of geoms that MuJoCo would let collide."""
+    """Returns the pairs (m, 2) of geoms that MuJoCo would let collide."""
     excluded = set(model.exclude_signature.tolist())
     result = []
     for one, other in combinations(range(model.ngeom), 2):
@@ -135,7 +143,7 @@ def _pairs(model: mujoco.MjModel) -> NDArray[np.intp]:
 
 @lru_cache(maxsize=8)
 def _levers(robot: Robot) -> Array:
-    """`Clearance.levers`; each gate asks for them, and an iCub's take 10 ms."""
+    """Returns `Clearance.levers`, cached: each gate needs them, and an iCub's take 10 ms."""
     model = _solid_model(robot)
     servos, _, columns = joints_of(robot, model)
     solid = set(_pairs(model).ravel().tolist())
@@ -146,7 +154,8 @@ def _levers(robot: Robot) -> Array:
 
 
 def _lever(model: mujoco.MjModel, column: int, geoms: set[int]) -> float:
-    """Distance [m] that no point of `geoms` carried by a joint can exceed from the joint's axis."""
+    """Returns an upper bound [m] on the distance between a joint's axis and any point of `geoms` that it
+    moves."""
     carrier = int(model.dof_bodyid[column])
     anchor = float(np.linalg.norm(model.jnt_pos[model.dof_jntid[column]]))
     farthest = 0.0

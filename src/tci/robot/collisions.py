@@ -1,6 +1,6 @@
-"""Which bodies of a robot collide: its arms with its trunk, and with each other.
+"""Selection of the bodies of a robot that collide: its arms with its trunk, and with each other.
 
-Links beside a joint overlap by construction, so links of one arm do not collide with one another, and
+Links next to a joint overlap by construction. Therefore links of one arm do not collide with each other, and
 the first link of an arm does not collide at all.
 """
 
@@ -16,23 +16,24 @@ from tci.robot.kinematics import joints_of
 from tci.robot.model_file import compiled, load_spec
 
 LEFT, RIGHT, SKIN, GROUND = 1, 2, 4, 8
-"""Bits of MuJoCo's contype and conaffinity. The skin collides with the finger only, that of soles with the
-ground too."""
+"""Bits of MuJoCo's contype and conaffinity. Skin collides with the finger only; the skin of soles also with
+the ground."""
 
 HIDDEN = 3
-"""Group of geoms that pictures leave out."""
+"""Number of the geom group that pictures leave out."""
 
 NO_MODEL = "no <model>: simulation and self-collision need a URDF or MJCF file"
 
 HULL_VERTICES = 64
-"""Vertices of a mesh's convex hull that collisions use. Ours: more cost time and show nowhere."""
+"""Largest number of vertices of a mesh's convex hull. Assumed: more vertices cost time without a visible
+effect."""
 
 
 def solid_spec(robot: Robot) -> mujoco.MjSpec:
-    """The robot's model with its servos' joints only, and with the geoms that collide marked.
+    """Returns the robot's model with its servos' joints only, and with the geoms that collide marked.
 
-    Joints that are no servo's are held at 0, and nothing acts on any. Raises DescriptionError when the
-    robot has no model, and what `load_spec` raises.
+    Joints that are not a servo's are held at 0, and no force acts on any joint. Raises DescriptionError when
+    the robot has no model, and whatever `load_spec` raises.
     """
     if robot.model is None:
         raise DescriptionError(robot.source, [Fault(0, NO_MODEL)])
@@ -51,11 +52,11 @@ def solid_spec(robot: Robot) -> mujoco.MjSpec:
 
 
 def _set_self_collisions(spec: mujoco.MjSpec, robot: Robot) -> None:
-    """Give each geom of the model its bits; those that did not collide in the model never do."""
+    """Gives each geom of the model its bits; geoms that do not collide in the model file never do."""
     arms = _arms(spec, robot)
     solid = [geom for geom in spec.geoms if geom.contype or geom.conaffinity]
     shown = [geom for geom in spec.geoms if not (geom.contype or geom.conaffinity)]
-    # URDF models show a mesh by one geom and collide it by another.
+    # URDF models show a mesh by one geom and use another for its collisions.
     meshes = {(geom.parent.name, geom.meshname) for geom in shown if geom.meshname}
     for geom in solid:
         if (geom.parent.name, geom.meshname) in meshes:
@@ -70,7 +71,7 @@ def _set_self_collisions(spec: mujoco.MjSpec, robot: Robot) -> None:
 
 
 def exclude_overlaps(spec: mujoco.MjSpec, robot: Robot, posture: Array) -> mujoco.MjModel:
-    """Compile, after excluding pairs of bodies that overlap at `posture` (n_servos,) [rad].
+    """Compiles the model after excluding pairs of bodies that overlap at `posture` (n_servos,) [rad].
 
     Raises DescriptionError for a mesh that MuJoCo can't read, or when the model lacks a joint.
     """
@@ -88,7 +89,8 @@ def exclude_overlaps(spec: mujoco.MjSpec, robot: Robot, posture: Array) -> mujoc
 
 
 def _arms(spec: mujoco.MjSpec, robot: Robot) -> dict[str, tuple[int, int]]:
-    """Of each body that an arm's joints move: the arm's bit, and how many of its joints lie before it."""
+    """Maps each body that an arm's joints move to the arm's bit and the number of the arm's joints up to that
+    body."""
     found = {}
     for part in robot.parts:
         if part.kind != "arm":

@@ -1,8 +1,9 @@
 """The generic arm: five joints that every humanoid arm is mapped to (§3.1).
 
-Generic zero is the arm hanging, elbow flexing forward, thumb side forward. Signs are the same on
-both sides: flexion, abduction, internal rotation, elbow flexion, pronation. Orientations are given
-in the arm's mount frame, which equals the torso frame but for the robot's `mount` rotation.
+At generic zero the arm hangs down, the elbow flexes forward and the thumb side faces forward. Positive
+directions are the same on both sides: flexion, abduction, internal rotation, elbow flexion, pronation.
+Orientations are given in the arm's mount frame, which is the torso frame turned by the robot's `mount`
+rotation.
 """
 
 from __future__ import annotations
@@ -22,19 +23,19 @@ SEGMENTS = ("upper_arm", "forearm")
 """Segments of an arm; receptive fields live on them."""
 
 SIDEWAYS = 1e-9
-"""Cosine of the abduction below which an upper arm points straight to the side."""
+"""Cosine of the abduction below which an upper arm counts as pointing straight to the side."""
 
 
 def side_sign(side: Side) -> float:
-    """+1 for the left side, -1 for the right."""
+    """Returns +1 for the left side, -1 for the right."""
     return 1.0 if side == "left" else -1.0
 
 
 def upper_arm_rotation(posture: Array, side: Side, *, axial: bool) -> Array:
-    """`R_MU` (3, 3): the upper arm in the mount frame M, at generic angles (5,) [rad].
+    """Returns `R_MU` (3, 3), the upper arm's rotation in the mount frame M, at generic angles (5,) [rad].
 
-    With `axial` false, internal rotation (joint 2) is left out: the frame in which theta of a
-    taxel is measured. -z points along the segment, x to its flexor side.
+    With `axial` false, internal rotation (joint 2) is left out: this is the frame in which theta of a taxel
+    is measured. -z points along the segment, x to its flexor side.
     """
     s = side_sign(side)
     c0, c1, c2 = np.cos(posture[:3]).tolist()
@@ -42,7 +43,7 @@ def upper_arm_rotation(posture: Array, side: Side, *, axial: bool) -> Array:
     s1, s2 = s * s1, s * s2
     if not axial:
         c2, s2 = 1.0, 0.0
-    # Ry(-pitch) Rx(s roll) Rz(-s yaw), written out: a command waits for it.
+    # Ry(-pitch) Rx(s roll) Rz(-s yaw), written out for speed: it is computed for each command.
     return np.array(
         [
             [c0 * c2 + s0 * s1 * s2, c0 * s2 - s0 * s1 * c2, -s0 * c1],
@@ -53,9 +54,10 @@ def upper_arm_rotation(posture: Array, side: Side, *, axial: bool) -> Array:
 
 
 def shoulder_angles(R_MU: Array, side: Side) -> Array:
-    """Generic angles (..., 3) [rad] of upper arms at `R_MU` (..., 3, 3): the inverse of `upper_arm_rotation`.
+    """Returns the generic angles (..., 3) [rad] of upper arms at `R_MU` (..., 3, 3), the inverse of
+    `upper_arm_rotation`.
 
-    Straight to the side pitch and yaw turn about one line; then pitch is 0.
+    For an arm straight to the side, pitch and yaw turn about the same line; pitch is then 0.
     """
     s = side_sign(side)
     roll = np.arcsin(np.maximum(np.minimum(-R_MU[..., 1, 2], 1.0), -1.0))
@@ -67,10 +69,10 @@ def shoulder_angles(R_MU: Array, side: Side) -> Array:
 
 
 def forearm_rotation(posture: Array, side: Side, *, axial: bool) -> Array:
-    """`R_MF` (3, 3): the forearm in the mount frame M, at generic angles (5,) [rad].
+    """Returns `R_MF` (3, 3), the forearm's rotation in the mount frame M, at generic angles (5,) [rad].
 
-    With `axial` false, pronation (joint 4) is left out. -z points along the segment; with `axial`
-    true, x points to the thumb side.
+    With `axial` false, pronation (joint 4) is left out. -z points along the segment; with `axial` true, x
+    points to the thumb side.
     """
     s = side_sign(side)
     rotation = upper_arm_rotation(posture, side, axial=True) @ rotation_y(-posture[3])
@@ -78,16 +80,16 @@ def forearm_rotation(posture: Array, side: Side, *, axial: bool) -> Array:
 
 
 def segment_rotation(segment: str, posture: Array, side: Side, *, axial: bool = False) -> Array:
-    """`R_MS` (3, 3) of `upper_arm` or `forearm`."""
+    """Returns `R_MS` (3, 3) of the segment `upper_arm` or `forearm`."""
     rotation = {"upper_arm": upper_arm_rotation, "forearm": forearm_rotation}[segment]
     return rotation(posture, side, axial=axial)
 
 
 def limb_coordinates(points_S: Array, length: float, side: Side) -> tuple[Array, Array]:
-    """(u, theta) of points (..., 3) [m] given in a segment's frame S (eq. 4 on the generic limb).
+    """Returns (u, theta) of points (..., 3) [m] given in a segment's frame S (eq. 4 on the generic limb).
 
-    u is 0 at the proximal and 1 at the distal end of a segment `length` [m] long. theta [rad] is 0
-    on the flexor side, +pi/2 lateral, pi extensor, -pi/2 medial, alike on both sides of the body.
+    u is 0 at the proximal and 1 at the distal end of a segment `length` [m] long. theta [rad] is 0 on the
+    flexor side, +pi/2 lateral, pi extensor, -pi/2 medial, on both sides of the body.
     """
     u = -points_S[..., 2] / length
     theta = np.arctan2(side_sign(side) * points_S[..., 1], points_S[..., 0])
@@ -95,5 +97,6 @@ def limb_coordinates(points_S: Array, length: float, side: Side) -> tuple[Array,
 
 
 def limb_direction(theta: float, side: Side) -> Array:
-    """Unit vector (3,) in a segment's frame S that points from its axis to angle `theta` [rad]."""
+    """Returns the unit vector (3,) in a segment's frame S that points from its axis to angle `theta`
+    [rad]."""
     return np.array([np.cos(theta), side_sign(side) * np.sin(theta), 0.0])

@@ -1,4 +1,4 @@
-"""Gravity torques: what each servo must hold against the weight of what it carries."""
+"""Gravity torques: the torque with which each servo holds the weight that it carries."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from tci.robot.kinematics import bare_model, joints_of
 from tci.robot.model_file import load_spec
 
 STANDARD_GRAVITY = 9.80665
-"""Free fall [m/s2]: the conventional value (3rd CGPM, 1901)."""
+"""Standard acceleration of gravity [m/s2] (3rd CGPM, 1901)."""
 
 DOWN = read_only([0.0, 0.0, -1.0])
-"""Where gravity points, seen from the torso of a robot that stands upright."""
+"""Direction of gravity seen from the torso of a robot that stands upright."""
 
 
 class Gravity:
-    """Gravity torques from the model's masses, by MuJoCo's recursive Newton-Euler at zero velocity.
+    """Gravity torques from the model's masses, by MuJoCo's recursive Newton-Euler algorithm at zero velocity.
 
-    An object works in its own memory: use one per thread. What `torques` returns is the caller's.
+    An object reuses its memory: use one per thread. Returned arrays are copies.
     """
 
     def __init__(self, robot: Robot) -> None:
-        """Raises DescriptionError when the robot has no model, a servo's joint is not in it, or a link
-        that moves, or that MJCF gives the weight of its shapes, has no `<inertial>`; UnknownNameError when
-        the model lacks the torso."""
+        """Raises DescriptionError when the robot has no model, a servo's joint is not in it, or a moving link
+        (or one to which MJCF gives the weight of its shapes) has no `<inertial>`; UnknownNameError when the
+        model lacks the torso."""
         if robot.model is None:
             raise DescriptionError(robot.source, [Fault(0, "no <model>: gravity needs a URDF or MJCF file")])
         self._model = bare_model(robot.model)
@@ -43,7 +43,7 @@ class Gravity:
         faults = []
         for body, name in enumerate(links, start=1):
             if name not in heavy:
-                # The compiler gave it a token mass, which would add up.
+                # The model compiler gave this body a placeholder mass, which would add to the weight.
                 self._model.body_mass[body] = 0.0
                 self._model.body_inertia[body] = 0.0
                 of_robot = self._model.body_rootid[body] == self._model.body_rootid[self._torso]
@@ -59,11 +59,13 @@ class Gravity:
         self._servos, self._addresses, self._columns = joints_of(robot, self._model)
 
     def torques(self, position: Array, *, down: Array = DOWN) -> Array:
-        """Torque (n_servos,) [N m] with which each servo holds `position` (n_servos,) [rad] still.
+        """Returns the torque (n_servos,) [N m] with which each servo holds `position` (n_servos,) [rad]
+        still.
 
-        `down` (3,) is the direction of gravity seen from the torso, of any length. The model's root is
-        what stands: servos below the torso (an iCub's waist) hold what lies between it and them. Servos
-        without a joint in the model read 0. Raises CommandError for another shape or no direction.
+        `down` (3,) is the direction of gravity seen from the torso, of any length. The model's root is fixed
+        to the ground: servos below the torso (an iCub's waist) hold the links between the torso and them.
+        Servos without a joint in the model read 0. Raises CommandError for another shape or a direction of
+        length 0.
         """
         if np.shape(position) != (self._n_servos,):
             raise CommandError(
@@ -85,7 +87,8 @@ class Gravity:
         return result
 
     def centre_of_mass(self, position: Array) -> Array:
-        """Centre of mass (3,) [m] of the whole robot at `position` (n_servos,) [rad], seen from the torso."""
+        """Returns the centre of mass (3,) [m] of the whole robot at `position` (n_servos,) [rad], seen from
+        the torso."""
         self._data.qpos[self._addresses] = position[self._servos]
         mujoco.mj_kinematics(self._model, self._data)
         mujoco.mj_comPos(self._model, self._data)

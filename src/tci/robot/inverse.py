@@ -1,7 +1,7 @@
 """Inverse kinematics: servo angles that bring a point of a link to a position or a pose.
 
-Damped least squares (Wampler 1986; Nakamura and Hanafusa 1986) on the model's Jacobian, with the
-damping of Sugihara 2011, projected onto the limits of the servos. All settings are ours.
+Damped least squares (Wampler 1986; Nakamura and Hanafusa 1986) on the model's Jacobian, with the damping of
+Sugihara 2011, projected onto the limits of the servos. All settings are assumed; the papers publish none.
 """
 
 from __future__ import annotations
@@ -21,51 +21,52 @@ from tci.robot.kinematics import Kinematics
 
 @dataclass(frozen=True, slots=True)
 class InverseSettings:
-    """When a target counts as reached, and how long to try."""
+    """Tolerances for a target that counts as reached, and bounds on the search. Assumed; no published
+    values."""
 
     position_tolerance: float = 1e-5
-    """[m]"""
+    """Largest position error [m] of a reached target."""
     angle_tolerance: float = 1e-4
-    """[rad]"""
+    """Largest angle error [rad] of a reached target."""
     iterations: int = 60
-    """Most steps from one start."""
+    """Largest number of steps from one start."""
     starts: int = 20
-    """Most starts; the first is the present posture."""
+    """Largest number of starts; the first is the present posture."""
     slides: int = 4
-    """Most attempts to bring a solution nearer to the present posture."""
+    """Largest number of attempts to bring a solution nearer to the present posture."""
     damping: float = 1e-8
-    """Damping [m2/rad2] that is left when the error is zero."""
+    """Damping [m2/rad2] that remains when the error is zero."""
     length: float = 0.1
-    """Length [m] that makes an error of 1 rad count as much as one of this length."""
+    """Characteristic length [m]: an error of 1 rad counts as much as an error of this length."""
 
 
 DEFAULTS = InverseSettings()
 SWEEPS = 30
-"""Most projections onto couplings for one posture."""
+"""Largest number of projections onto couplings for one posture. Assumed; no published value."""
 ROOM = 1e-9
-"""Distance [rad] that answers keep from couplings, for rounding."""
+"""Margin [rad] that answers keep from couplings, against rounding errors. Assumed; no published value."""
 
 
 @dataclass(frozen=True, slots=True)
 class InverseAnswer:
-    """What was found. When `reached` is false it is the closest of what was tried."""
+    """Result of one search. If `reached` is false, it is the best attempt."""
 
     position: Array
-    """Angles (n_servos,) [rad] of all servos; those that were not to move are where they were."""
+    """Angles (n_servos,) [rad] of all servos; those that were not chosen keep their present angle."""
     reached: bool
-    """Whether both errors are within tolerance."""
+    """True if both errors are within tolerance."""
     error: float
     """Distance [m] between the point and its target."""
     angle_error: float
-    """Angle [rad] between the link and its target; 0 where only a position was asked for."""
+    """Angle [rad] between the link and its target; 0 if only a position was requested."""
     iterations: int
-    """Steps taken, from all starts."""
+    """Number of steps taken, from all starts."""
 
 
 class InverseKinematics:
-    """Brings one point of one link where it is wanted, with chosen servos.
+    """Brings one point of one link to a target, with chosen servos.
 
-    Limits and couplings are kept; servos that are not chosen stay where they are.
+    Limits and couplings are respected; servos that are not chosen do not move.
     """
 
     def __init__(
@@ -78,11 +79,13 @@ class InverseKinematics:
         servos: Iterable[int] | None = None,
         settings: InverseSettings = DEFAULTS,
     ) -> None:
-        """`point` (3,) [m] is given in `link`; `servos` are indices into `Robot.servos`, by default all
-        between torso and link. A generic part's are `[s.servo for s in part.servos if s.servo is not None]`.
+        """Prepares the search for one point and its servos.
 
-        Raises UnknownNameError for an unknown link, CommandError for a servo that does not move it,
-        appears twice, or has no limits.
+        `point` (3,) [m] is given in `link`; `servos` are indices into `Robot.servos`, by default all between
+        torso and link. A generic part's are `[s.servo for s in part.servos if s.servo is not None]`.
+
+        Raises UnknownNameError for an unknown link, CommandError for a servo that does not move it, appears
+        twice, or has no limits.
         """
         self._kinematics, self._link, self._settings = kinematics, link, settings
         self._point = read_only(list(point))
@@ -108,12 +111,13 @@ class InverseKinematics:
         self._rows, self._least, self._most = rows[named], lower_sum[named], upper_sum[named]
 
     def solve(self, target: Array, present: Array) -> InverseAnswer:
-        """Angles that bring the point to `target`, near to `present` (n_servos,) [rad].
+        """Finds angles that bring the point to `target`, near to `present` (n_servos,) [rad].
 
-        `target` is a position (3,) [m] or a pose (4, 4), seen from the torso. The search descends from
-        the present posture; only when it gets stuck there, further starts are tried, the nearest to
-        the present posture first. A redundant limb's solution is then slid towards the present posture: it
-        is near, not proven the nearest. Raises CommandError for another shape or values that are not finite.
+        `target` is a position (3,) [m] or a pose (4, 4), seen from the torso. The search descends from the
+        present posture; only if it gets stuck there, further starts are tried, the nearest to the present
+        posture first. A redundant limb's solution is then moved along its null space towards the present
+        posture: it is near, but not proven to be the nearest. Raises CommandError for another shape or values
+        that are not finite.
         """
         target, present = np.asarray(target, np.float64), np.asarray(present, np.float64)
         if target.shape not in ((3,), (4, 4)) or not np.isfinite(target).all():
@@ -142,7 +146,8 @@ class InverseKinematics:
     def _come_nearer(
         self, target: Array, present: Array, first: Array, answer: InverseAnswer
     ) -> tuple[InverseAnswer, int]:
-        """Slide along the solutions towards the posture `first` (k,) [rad], while that brings it nearer."""
+        """Moves along the null space towards the posture `first` (k,) [rad] as long as that brings the
+        solution nearer."""
         steps = 0
         for _ in range(self._settings.slides):
             angles = answer.position[self._chosen]
@@ -163,14 +168,15 @@ class InverseKinematics:
         return answer, steps
 
     def _starts(self, first: Array) -> Array:
-        """Further postures (starts - 1, k) [rad] within limits, nearest first, the same every time."""
+        """Returns further postures (starts - 1, k) [rad] within limits, nearest first, from a fixed random
+        seed."""
         shares = np.random.default_rng(0).random((self._settings.starts - 1, len(first)))
         starts = self._lower + shares * (self._upper - self._lower)
         order: Array = starts[np.argsort(np.linalg.norm(starts - first, axis=1))]
         return order
 
     def _descend(self, target: Array, present: Array, start: Array) -> InverseAnswer:
-        """Damped least squares from one start (k,) [rad]."""
+        """Runs damped least squares from one start (k,) [rad]."""
         s = self._settings
         position = present.copy()
         angles = start
@@ -207,7 +213,7 @@ class InverseKinematics:
         return InverseAnswer(read_only(position), self._reached(error), distance, angle, step)
 
     def _inside(self, angles: Array, present: Array) -> Array:
-        """The angles (k,) [rad], or some next to them within limits and couplings."""
+        """Projects the angles (k,) [rad] onto the limits and couplings."""
         angles = np.clip(angles, self._lower, self._upper)
         if not len(self._rows):
             return angles
@@ -224,7 +230,8 @@ class InverseKinematics:
         return angles
 
     def _error(self, target: Array, position: Array) -> tuple[Array, Array]:
-        """Error (3,) [m], or (6,) with the angle's part times `length`, and its Jacobian (.., k)."""
+        """Returns the error (3,) [m], or (6,) with the angular part times `length`, and its Jacobian (..,
+        k)."""
         T_TP, jacobian = self._kinematics.pose_and_jacobian(position, self._link, point=self._point)
         jacobian = jacobian[:, self._chosen]
         if target.shape == (3,):
@@ -245,7 +252,7 @@ class InverseKinematics:
 
 
 def _is_pose(target: Array) -> bool:
-    """Whether (4, 4) is a proper rigid transform, to 1e-6."""
+    """Returns True if (4, 4) is a proper rigid transform, to 1e-6."""
     R = target[:3, :3]
     right = np.allclose(R @ R.T, np.eye(3), rtol=0.0, atol=1e-6) and np.linalg.det(R) > 0
     return bool(right and np.allclose(target[3], [0.0, 0.0, 0.0, 1.0]))

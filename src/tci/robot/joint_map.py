@@ -1,7 +1,7 @@
-"""From a generic part's joints to the robot's servos and back, by the transforms of its description.
+"""Maps between a generic part's joints and the robot's servos, by the transforms of its description.
 
 linear    GS = gamma DS + sigma (eq. 1)
-table     piecewise linear between pairs of angles, straight on beyond its ends
+table     piecewise linear between pairs of angles, extrapolated beyond its ends
 coupled   GS = M DS + sigma: a generic joint is a linear combination of several servos
 retarget  the three joints of a shoulder, by the rotation of the upper arm in the torso frame
 """
@@ -20,7 +20,7 @@ from tci.robot.description import GenericPart, GenericServo, Robot
 
 
 class Transform(ABC):
-    """Some joints of a part (k,) and as many servos."""
+    """The relation between some joints of a part (k,) and the same number of servos."""
 
     ids: NDArray[np.intp]
     """Generic ids (k,)."""
@@ -33,29 +33,30 @@ class Transform(ABC):
 
     @abstractmethod
     def generic(self, angles: Array) -> Array:
-        """Generic angles (k,) [rad] of servo `angles` (k,) [rad]."""
+        """Returns the generic angles (k,) [rad] of servo `angles` (k,) [rad]."""
 
     @abstractmethod
     def robot(self, generic: Array, near: Array) -> Array:
-        """Servo angles (k,) [rad] of generic angles (k,) [rad]; of several, those next to `near` (k,)."""
+        """Returns the servo angles (k,) [rad] of generic angles (k,) [rad]. If several solutions exist, the
+        one closest to `near` (k,) [rad]."""
 
     @abstractmethod
     def slope(self, angles: Array) -> Array:
-        """d generic / d servo (k, k) at servo `angles` (k,) [rad]."""
+        """Returns the derivative d generic / d servo (k, k) at servo `angles` (k,) [rad]."""
 
     def speeds(self, angles: Array, most: Array) -> Array:
-        """How fast (k,) [rad/s] each servo may move to a target, with all at `angles` (k,) [rad], when the
-        description gives the joints the speeds `most` (k,) [rad/s]."""
+        """Returns the speed (k,) [rad/s] at which each servo may move to a target, with all at `angles` (k,)
+        [rad], if the description gives the joints the speeds `most` (k,) [rad/s]."""
         return _speeds(self.slope(angles), most)
 
     constant = False
-    """Whether the slope is the same everywhere."""
+    """True if the slope is the same everywhere."""
     steady = False
-    """Whether `speeds` are."""
+    """True if `speeds` are the same everywhere."""
 
 
 class Linear(Transform):
-    """Equation 1."""
+    """Joints that are mapped by equation 1."""
 
     constant = steady = True
 
@@ -77,7 +78,7 @@ class Linear(Transform):
 
 
 class Table(Transform):
-    """One joint by pairs of angles; both columns are strictly monotone."""
+    """One joint, mapped by pairs of angles; both columns are strictly monotone."""
 
     def __init__(self, joint: GenericServo) -> None:
         super().__init__([joint])
@@ -125,13 +126,13 @@ class Coupled(Transform):
 
 
 class Retarget(Transform):
-    """A shoulder, whatever its axes."""
+    """The three joints of a shoulder, with any axes."""
 
     steady = True
 
     def __init__(self, robot: Robot, part: GenericPart, joints: list[GenericServo]) -> None:
         """Raises what Shoulder raises."""
-        from tci.robot.shoulder import SINGULAR, shoulder_of  # needs the kinematic model, which others don't
+        from tci.robot.shoulder import SINGULAR, shoulder_of  # only this transform needs the model
 
         super().__init__(joints)
         self._shoulder = shoulder_of(robot, part.name)
@@ -146,20 +147,21 @@ class Retarget(Transform):
         return self._shoulder.best(self._shoulder.wanted(generic, self._R_TM), near)
 
     def slope(self, angles: Array) -> Array:
-        """Raises CommandError where the generic shoulder is singular: abduction by 90 degrees."""
+        """Returns the derivative. Raises CommandError where the generic shoulder is singular: at 90 degrees
+        of abduction."""
         axes = self._shoulder.generic_spin(self.generic(angles), self._R_TM)
         if abs(np.linalg.det(axes)) < self._least:
             raise CommandError(f"{self._name}: at 90 degrees of abduction no generic velocity is defined")
         return np.array(np.linalg.solve(axes, self._shoulder.spin(angles)))
 
     def speeds(self, angles: Array, most: Array) -> Array:
-        """The described speed itself: each servo turns the arm about one axis, wherever it is. What the
-        generic angles do meanwhile says nothing: next to 90 degrees of abduction they leap."""
+        """Returns `most`: each servo turns the arm about one axis, so the described speed holds everywhere.
+        The generic angles give no bound, since they jump near 90 degrees of abduction."""
         return most
 
 
 class JointMap:
-    """All joints of one generic part."""
+    """The map of all joints of one generic part."""
 
     def __init__(self, robot: Robot, part: GenericPart) -> None:
         """Raises what the transforms raise."""
@@ -179,9 +181,9 @@ class JointMap:
         self.ids: NDArray[np.intp] = np.concatenate([none, *(t.ids for t in transforms)])
         """Generic ids (k,) of the joints that the robot has."""
         self.servos: NDArray[np.intp] = frozen(np.concatenate([none, *(t.servos for t in transforms)]))
-        """The servo (k,) of each of them; read-only."""
+        """Servo (k,) of each of these joints; read-only."""
         self.unlimited: Array = frozen(np.full(len(self.ids), np.inf))
-        """No speed (k,) [rad/s] asked for; read-only."""
+        """Infinite speeds (k,) [rad/s], for a command that requests none; read-only."""
         self._speeds = np.array([np.inf if joint.speed is None else joint.speed for joint in part.servos])
         self._slope: Array | None = None
         self._limits: Array | None = None
@@ -191,20 +193,21 @@ class JointMap:
             self._limits = self.speeds(np.zeros(len(robot.servos)))
 
     def to_generic(self, position: Array) -> Array:
-        """Generic angles (n,) [rad] from all servos' `position` (n_servos,) [rad]."""
+        """Returns the generic angles (n,) [rad] for the `position` (n_servos,) [rad] of all servos."""
         generic = self.fixed.copy()
         for transform in self.transforms:
             generic[transform.ids] = transform.generic(position[transform.servos])
         return generic
 
     def to_robot(self, generic: Array, position: Array) -> Array:
-        """Angles (k,) [rad] of `servos` for generic angles (n,) [rad]; of several, those next to where the
-        servos are: `position` (n_servos,) [rad]."""
+        """Returns the angles (k,) [rad] of `servos` for generic angles (n,) [rad]. If several solutions
+        exist, the one closest to `position` (n_servos,) [rad]."""
         parts = [t.robot(generic.take(t.ids), position.take(t.servos)) for t in self.transforms]
         return parts[0] if len(parts) == 1 else np.concatenate([np.zeros(0), *parts])
 
     def slope(self, position: Array) -> Array:
-        """d generic / d servo (k, k), rows in the order of `ids`, at `position` (n_servos,) [rad].
+        """Returns the derivative d generic / d servo (k, k), rows in the order of `ids`, at `position`
+        (n_servos,) [rad].
 
         Raises CommandError where a transform has none.
         """
@@ -219,24 +222,25 @@ class JointMap:
         return result
 
     def speeds(self, position: Array) -> Array:
-        """How fast (k,) [rad/s] each of `servos` may move to a target, with all at `position` (n_servos,)
-        [rad], so that no generic joint is faster than its description says. Servos of a retargeted shoulder
-        have that speed themselves, so there is an answer everywhere."""
+        """Returns the speed (k,) [rad/s] at which each of `servos` may move to a target, with all at
+        `position` (n_servos,) [rad], so that no generic joint exceeds the speed of its description. For a
+        retargeted shoulder it is the speed of the servo itself, which is defined at every posture."""
         if self._limits is not None:
             return self._limits
         parts = [t.speeds(position.take(t.servos), self._speeds.take(t.ids)) for t in self.transforms]
         return frozen(np.concatenate([np.zeros(0), *parts]))
 
     def driven_speeds(self, position: Array) -> Array:
-        """The same (k,) [rad/s] for servos that are driven at a velocity: those of a retargeted shoulder too
-        are slow enough for its generic joints. Raises what `slope` raises."""
+        """Returns the speeds (k,) [rad/s] for servos in velocity control. Unlike `speeds`, they also keep the
+        generic joints of a retargeted shoulder within their described speeds. Raises what `slope` raises."""
         if self._slope is not None:
             return self.speeds(position)
         return frozen(_speeds(self.slope(position), self._speeds[self.ids]))
 
 
 class Postures:
-    """All joints of all generic parts: linear ones, which are nearly all, in one go."""
+    """The maps of all generic parts at once; linear joints, which are nearly all, are computed in one array
+    operation."""
 
     def __init__(self, robot: Robot) -> None:
         """Raises what the transforms raise."""
@@ -258,8 +262,8 @@ class Postures:
         self._others = [(begin + t.ids, t) for begin, t in placed if not isinstance(t, Linear)]
 
     def to_generic(self, position: Array) -> dict[str, Array]:
-        """Generic angles (n,) [rad] of every part by name, which nobody can change, at all servos' `position`
-        (n_servos,) [rad]."""
+        """Returns the generic angles (n,) [rad] of every part by name, as read-only arrays, at the `position`
+        (n_servos,) [rad] of all servos."""
         linear = self._scale * position.take(self._servos) + self._offset
         if self._whole:
             generic = linear
@@ -273,11 +277,11 @@ class Postures:
 
 
 KINDS = ("linear", "table", "coupled", "retarget")
-"""Transforms of a joint."""
+"""Kinds of transforms of a joint."""
 
 
 def joint_map(robot: Robot, name: str) -> JointMap:
-    """The map of a generic part by name. Raises UnknownNameError, and what the transforms raise."""
+    """Returns the map of a generic part by name. Raises UnknownNameError, and what the transforms raise."""
     key = ("joint_map", name)
     found: JointMap | None = robot.kept.get(key)
     if found is None:
@@ -286,7 +290,7 @@ def joint_map(robot: Robot, name: str) -> JointMap:
 
 
 def postures(robot: Robot) -> Postures:
-    """The map of all generic parts. Raises what the transforms raise."""
+    """Returns the map of all generic parts. Raises what the transforms raise."""
     found: Postures | None = robot.kept.get(("joint_map", ""))
     if found is None:
         found = robot.kept["joint_map", ""] = Postures(robot)
@@ -294,7 +298,7 @@ def postures(robot: Robot) -> Postures:
 
 
 def generic_posture(robot: Robot, joints: JointReading) -> dict[str, Array]:
-    """Generic angles (n,) [rad] of every part, by name (eq. 2).
+    """Returns the generic angles (n,) [rad] of every part, by name (eq. 2).
 
     Raises FrameError when the reading has another number of joints than the robot.
     """
@@ -319,8 +323,8 @@ def initial_position(robot: Robot) -> Array:
 
 
 def _speeds(slope: Array, most: Array) -> Array:
-    """Speeds (k,) [rad/s] of servos at which no joint is faster than `most` (k,) [rad/s], however many of
-    them turn it at once: sum_j |slope_ij| speed_j <= most_i. `slope` (k, k) is d generic / d servo."""
+    """Returns speeds (k,) [rad/s] of servos such that no joint exceeds `most` (k,) [rad/s], even if all
+    servos turn it at once: sum_j |slope_ij| speed_j <= most_i. `slope` (k, k) is d generic / d servo."""
     size = np.abs(slope)
     each = np.where(size > 0.0, (most / size.sum(axis=1))[:, None], np.inf)
     result: Array = each.min(axis=0, initial=np.inf)
@@ -328,12 +332,12 @@ def _speeds(slope: Array, most: Array) -> Array:
 
 
 def _piece(values: Array, nodes: Array) -> NDArray[np.intp]:
-    """The piece (k,) of a table that each value lies in, or is next to. `nodes` (m,) rise."""
+    """Returns the piece (k,) of a table that contains each value or is nearest to it. `nodes` (m,) rise."""
     return np.clip(np.searchsorted(nodes, values) - 1, 0, len(nodes) - 2)
 
 
 def _interpolate(values: Array, nodes: Array, results: Array) -> Array:
-    """Piecewise linear, straight on beyond the ends. `nodes` (m,) rise."""
+    """Interpolates piecewise linearly and extrapolates beyond the ends. `nodes` (m,) rise."""
     piece = _piece(values, nodes)
     share = (values - nodes[piece]) / (nodes[piece + 1] - nodes[piece])
     result: Array = results[piece] + share * (results[piece + 1] - results[piece])

@@ -1,4 +1,4 @@
-"""Mesh files that MuJoCo can't read, COLLADA and STL as text, turned into ones that it can."""
+"""Conversion of mesh files that MuJoCo can't read (COLLADA, STL as text) to binary STL."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from tci.errors import DescriptionError, Fault
 from tci.installed import needs
 
 READABLE = (".stl", ".obj", ".msh")
-"""Ends of the names of files that MuJoCo reads."""
+"""File-name suffixes that MuJoCo reads."""
 _HEADER, _FACE = 84, 50
-"""Bytes of a binary STL: its header, with the number of faces at the end, and each face."""
+"""Sizes [bytes] in a binary STL: of the header with the number of faces at its end, and of each face."""
 
 
 def is_readable(path: Path) -> bool:
-    """Whether MuJoCo reads the file. A text that calls itself STL it does not."""
+    """Returns True if MuJoCo reads the file. STL files in text form are not readable."""
     if path.suffix.lower() == ".stl":
         with path.open("rb") as file:
             head = file.read(_HEADER)
@@ -26,11 +26,11 @@ def is_readable(path: Path) -> bool:
 
 
 def binary_stl(path: Path) -> bytes:
-    """The mesh of a file as a binary STL [m].
+    """Returns the mesh of a file as a binary STL [m].
 
     Raises DescriptionError for a file that holds no mesh, MissingExtraError without trimesh.
     """
-    # Each of a robot's parts reads its model again, and a COLLADA file takes 30 ms.
+    # Cached: the model is read once for each of the robot's parts, and converting a COLLADA file takes 30 ms.
     return _converted(path, path.stat().st_mtime_ns if path.exists() else 0)
 
 
@@ -46,7 +46,7 @@ def _converted(path: Path, _: int) -> bytes:
         if mesh.units not in (None, "meter", "meters", "m"):
             mesh.convert_units("meters")
         data: bytes = mesh.export(file_type="stl")
-    except Exception as error:  # whatever the reader of some format raises, the file must be named
+    except Exception as error:  # whatever the reader of a format raises, the message must name the file
         raise DescriptionError(str(path), [Fault(0, f"holds no readable mesh: {error}")]) from error
     if len(data) <= _HEADER:
         raise DescriptionError(str(path), [Fault(0, "holds no triangles")])

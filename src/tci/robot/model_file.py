@@ -1,4 +1,4 @@
-"""A robot's kinematic model, MJCF or URDF, as a MuJoCo specification that can still be changed."""
+"""The robot's kinematic model, MJCF or URDF, as an editable MuJoCo specification."""
 
 from __future__ import annotations
 
@@ -14,16 +14,17 @@ from tci.robot.mesh_files import binary_stl, is_readable
 
 _PACKAGE = "package://"
 SMALLEST = 1e-12
-"""[kg m2]; a smaller inertia is a placeholder."""
+"""Smallest principal moment of inertia [kg m2] that is taken as real; a smaller one is a placeholder."""
 LEAST_MASS, LEAST_INERTIA = 1e-3, 1e-6
-"""[kg] and [kg m2] of a moving link whose file gives none that can be. Ours."""
+"""Mass [kg] and moment of inertia [kg m2] of a moving link whose file gives no possible value. Assumed:
+MuJoCo needs values above 0, and these are small beside a robot's real links."""
 
 
 def load_spec(model: Model) -> mujoco.MjSpec:
-    """The model as an editable specification, with a fixed base and every link a body with a name.
+    """Loads the model as an editable specification, with a fixed base and every link a named body.
 
-    Visual geoms stay, and so do links without mass: the frames of skin modules are such links.
-    Raises DescriptionError when the file is missing or MuJoCo can't read it.
+    Visual geoms are kept, and so are links without mass: the frames of skin modules are such links. Raises
+    DescriptionError when the file is missing or MuJoCo can't read it.
     """
     path = Path(model.path)
     if not path.is_file():
@@ -38,7 +39,7 @@ def load_spec(model: Model) -> mujoco.MjSpec:
         raise DescriptionError(
             model.path, [Fault(0, f"not a readable {model.format} model: {error}")]
         ) from error
-    # MuJoCo discards visual geoms twice, when it parses and again when it compiles.
+    # MuJoCo discards visual geoms twice: when it parses and again when it compiles.
     spec.compiler.discardvisual = False
     spec.compiler.fusestatic = False
     for index, body in enumerate(spec.bodies):
@@ -46,16 +47,16 @@ def load_spec(model: Model) -> mujoco.MjSpec:
     for joint in spec.joints:
         if joint.type == mujoco.mjtJoint.mjJNT_FREE:
             spec.delete(joint)
-    for key in spec.keys:  # postures of a base that floats, and of whatever else a scene has
+    for key in spec.keys:  # keyframes of a floating base, and of whatever else a scene contains
         spec.delete(key)
     return spec
 
 
 def compiled(spec: mujoco.MjSpec, model: Model) -> mujoco.MjModel:
-    """The specification of a model as one that can be worked with.
+    """Compiles the specification of a model.
 
-    Raises DescriptionError for what MuJoCo finds only now, as a mesh that is missing or an axis of length 0,
-    and for places and axes that are no finite numbers.
+    Raises DescriptionError for faults that MuJoCo finds only now, such as a missing mesh or an axis of length
+    0, and for positions and axes that are not finite numbers.
     """
     try:
         made = spec.compile()
@@ -70,7 +71,7 @@ def compiled(spec: mujoco.MjSpec, model: Model) -> mujoco.MjModel:
 
 
 def _read_urdf(path: Path) -> mujoco.MjSpec:
-    """A URDF with its meshes found and converted, and with the settings that MuJoCo needs at parsing."""
+    """Reads a URDF: finds and converts its meshes, and sets the options that MuJoCo needs at parsing."""
     parser = etree.XMLParser(resolve_entities=False, no_network=True, remove_comments=True)
     root = etree.parse(str(path), parser).getroot()
     converted: dict[str, bytes] = {}
@@ -97,7 +98,8 @@ def _read_urdf(path: Path) -> mujoco.MjSpec:
 
 
 def _mend_masses(spec: mujoco.MjSpec) -> None:
-    """What MuJoCo refuses and URDFs hold: flat meshes, moving links without a mass, impossible inertias."""
+    """Corrects data that URDFs contain and MuJoCo refuses: flat meshes, moving links without mass, impossible
+    inertias."""
     for mesh in spec.meshes:
         mesh.inertia = mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL
     for body in spec.bodies:
@@ -116,7 +118,7 @@ def _mend_masses(spec: mujoco.MjSpec) -> None:
 
 
 def _mesh_file(urdf: Path, filename: str) -> Path:
-    """Where a mesh lies. A `package://` is a folder of that name beside one of the URDF's parents."""
+    """Returns the path of a mesh. `package://` names a folder next to one of the URDF's parents."""
     if not filename.startswith(_PACKAGE):
         file = (urdf.parent / filename.removeprefix("file://")).resolve()
         if not file.is_file():

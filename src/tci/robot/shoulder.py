@@ -1,7 +1,9 @@
-"""A shoulder of three turning joints, whatever their axes: its rotation, and the angles for a rotation.
+"""Kinematics of a shoulder of three revolute joints with any axes: its rotation, and the angles for a
+rotation.
 
-The axes are taken from the kinematic model, so no convention of the robot matters. The upper arm's
-frame is the generic arm's: -z along the third axis towards the elbow, -y the axis of elbow flexion.
+The axes are read from the kinematic model, so they do not depend on conventions of the robot. The upper arm's
+frame is the generic arm's: -z points along the third axis towards the elbow, -y along the axis of elbow
+flexion.
 """
 
 from __future__ import annotations
@@ -19,16 +21,19 @@ from tci.robot.generic_arm import shoulder_angles, side_sign, upper_arm_rotation
 from tci.robot.kinematics import Kinematics
 
 SLANT = 0.05
-"""Most cosine between the elbow's axis and the upper arm's that the generic arm can stand for. Ours."""
+"""Largest cosine between the axes of elbow and upper arm that the generic arm can represent. Assumed: 3
+degrees from a right angle."""
 PARALLEL = 1.0 - 1e-6
-"""Cosine from which successive axes of a shoulder are no ball joint. Ours."""
+"""Cosine above which two successive axes of a shoulder count as parallel, so that it is no ball joint.
+Assumed: they differ by less than 0.1 degrees."""
 SHORT = 1e-3
-"""Length [m] from which an upper arm has a direction. Ours."""
+"""Length [m] from which an upper arm has a direction. Assumed: far below the length of a real upper arm."""
 SINGULAR = 1e-6
-"""Determinant of two sets of axes below which velocities can't be told apart. Ours."""
+"""Determinant of the generic axes below which their velocities are not defined. Assumed; no published
+value."""
 
 Vector = Sequence[float] | Array
-"""(3,), best in Python's own numbers: NumPy takes ten times as long for three."""
+"""Vector (3,), preferably of Python floats: NumPy takes ten times as long for three numbers."""
 
 
 class Shoulder:
@@ -44,7 +49,7 @@ class Shoulder:
         if len(part.segments) < 2 or len(servos) < 4:
             raise _fault(robot, part, "it needs an upper_arm, a forearm, and servos for shoulder and elbow")
         self.servos = np.array(servos[:3], dtype=np.intp)
-        """Indices of its servos."""
+        """Indices of its servos in `Robot.servos`."""
         limits = [robot.servos[servo].limits for servo in self.servos]
         self.lower = np.array([-np.pi if limit.lower is None else limit.lower for limit in limits])
         self.upper = np.array([np.pi if limit.upper is None else limit.upper for limit in limits])
@@ -55,14 +60,15 @@ class Shoulder:
         if not np.allclose(np.linalg.norm(turns, axis=0), 1.0, atol=1e-6):
             raise _fault(robot, part, f"its shoulder and elbow do not all turn {forearm.link}")
         self.axes: Array = turns[:, :3].T
-        """Axes (3, 3) of the three joints, one a row, seen from the torso with all servos at zero."""
+        """Axes (3, 3) of the three joints, one per row, seen from the torso with all servos at zero."""
         if not flexion or max(abs(self.axes[0] @ self.axes[1]), abs(self.axes[1] @ self.axes[2])) > PARALLEL:
             raise _fault(
                 robot, part, "two of its successive axes are parallel, or its elbow has no servo alone"
             )
         feet = [T_TL[:3, 3] + np.cross(turns[:, i], moves[:, i]) for i in range(2)]
         self.centre = nearest_point(*feet, *self.axes[:2])
-        """Where the first axis comes nearest to the second (3,) [m], seen from the torso: it never moves."""
+        """Point (3,) [m] of the first axis that is nearest to the second, seen from the torso: it never
+        moves."""
         poses = kinematics.poses(zero, (upper_arm.link, forearm.link))
         ends = [poses[segment.link] @ np.append(segment.origin, 1.0) for segment in (upper_arm, forearm)]
         if np.linalg.norm((ends[1] - ends[0])[:3]) < SHORT:
@@ -78,23 +84,26 @@ class Shoulder:
         self._middle = ((self.lower + self.upper) / 2.0).tolist()
 
     def rotation(self, angles: Array) -> Array:
-        """`R_TU` (3, 3) of the upper arm at servo `angles` (3,) [rad]: a product of exponentials."""
+        """Returns `R_TU` (3, 3) of the upper arm at servo `angles` (3,) [rad], as a product of
+        exponentials."""
         rotation = self._at_zero
         for axis, angle in zip(self.axes[::-1], angles[::-1], strict=True):
             rotation = turn(axis, angle) @ rotation
         return rotation
 
     def solutions(self, R_TU: Array) -> list[Array]:
-        """Servo angles (3,) [rad] that give the rotation, at most two, each near the middle of the limits.
+        """Returns the servo angles (3,) [rad] that give the rotation: at most two solutions, each near the
+        middle of the limits.
 
-        Limits are not looked at. With axes that are not square to each other some rotations can't be
-        reached; then the answer is the closest that the first two joints allow. After Paden and Kahan's
-        second subproblem (Murray, Li and Sastry 1994, 3.3).
+        Limits are not checked. If the axes are not at right angles, some rotations can't be reached; the
+        answer is then the closest that the first two joints allow. After Paden and Kahan's second subproblem
+        (Murray, Li and Sastry 1994, 3.3).
         """
         return [np.array(angles) for angles in self._solve(R_TU)]
 
     def best(self, R_TU: Array, near: Array) -> Array:
-        """The solution (3,) [rad] that breaks limits least; of equal ones that next to `near` (3,) [rad]."""
+        """Returns the solution (3,) [rad] that violates limits least; of equal ones, the closest to `near`
+        (3,) [rad]."""
         here, (lower, upper) = near.tolist(), self._limits
 
         def cost(angles: Vector) -> tuple[float, float]:
@@ -105,14 +114,15 @@ class Shoulder:
 
     @cached_property
     def _seen(self) -> tuple[Array, list[Vector]]:
-        """The third axis, and what is square to it and the second, seen from the upper arm (3, 2) with all
-        servos at zero; the three axes, that vector, and what is square to the first two."""
+        """Constant vectors for `_solve`. First (3, 2), seen from the upper arm with all servos at zero: the
+        third axis and its cross product with the second. Then, seen from the torso: the three axes, that
+        cross product, and the cross product of the first two."""
         first, second, third = self.axes
         vectors = first, second, third, np.cross(third, second), np.cross(first, second)
         return self._at_zero.T @ np.column_stack(vectors[2:4]), [vector.tolist() for vector in vectors]
 
     def _solve(self, R_TU: Array) -> list[Vector]:
-        """`solutions` in Python's own numbers."""
+        """Computes `solutions` with Python floats."""
         seen, (first, second, third, aside, across) = self._seen
         end, end_aside = (R_TU @ seen).T.tolist()
         along_first, along_second = _dot(first, end), _dot(second, third)
@@ -133,22 +143,25 @@ class Shoulder:
         return found
 
     def spin(self, angles: Array) -> Array:
-        """Axes (3, 3) of the joints at servo `angles` (3,) [rad], one a column, seen from the torso."""
+        """Returns the axes (3, 3) of the joints at servo `angles` (3,) [rad], one per column, seen from the
+        torso."""
         first, second, third = self.axes
         carried = turn(first, angles[0])
         return np.column_stack([first, carried @ second, carried @ turn(second, angles[1]) @ third])
 
     def generic(self, R_TU: Array, R_TM: Array) -> Array:
-        """Generic angles (3,) [rad] of the upper arm's rotation, on the mount `R_TM` (facts: R' = B^T R)."""
+        """Returns the generic angles (3,) [rad] of the upper arm's rotation, on the mount `R_TM` (R' = B^T
+        R)."""
         return shoulder_angles(R_TM.T @ R_TU, self.side)
 
     def wanted(self, generic: Array, R_TM: Array) -> Array:
-        """`R_TU` (3, 3) of the upper arm at generic angles (3,) [rad] on the mount `R_TM`."""
+        """Returns `R_TU` (3, 3) of the upper arm at generic angles (3,) [rad] on the mount `R_TM`."""
         rotation: Array = R_TM @ upper_arm_rotation(generic, self.side, axial=True)
         return rotation
 
     def generic_spin(self, generic: Array, R_TM: Array) -> Array:
-        """Axes (3, 3) of the generic joints at angles (3,) [rad], one a column, seen from the torso."""
+        """Returns the axes (3, 3) of the generic joints at angles (3,) [rad], one per column, seen from the
+        torso."""
         s = side_sign(self.side)
         pitch = turn(np.array([0.0, -1.0, 0.0]), float(generic[0]))
         roll = pitch @ turn(np.array([s, 0.0, 0.0]), float(generic[1]))
@@ -158,7 +171,8 @@ class Shoulder:
 
 
 def nearest_point(on_first: Array, on_second: Array, first: Array, second: Array) -> Array:
-    """The point (3,) of a line that is nearest to another; each by a point (3,) and a unit direction (3,)."""
+    """Returns the point (3,) of a line that is nearest to another line, each given by a point (3,) and a unit
+    direction (3,)."""
     apart, slant = on_second - on_first, float(first @ second)
     along = (float(first @ apart) - slant * float(second @ apart)) / (1.0 - slant**2)
     result: Array = on_first + along * first
@@ -167,12 +181,13 @@ def nearest_point(on_first: Array, on_second: Array, first: Array, second: Array
 
 @lru_cache(maxsize=64)
 def shoulder_of(robot: Robot, part: str) -> Shoulder:
-    """The shoulder of an arm by name; reading the model takes a while. Raises what Shoulder raises."""
+    """Returns the shoulder of an arm by name, cached because it reads the model. Raises what Shoulder
+    raises."""
     return Shoulder(robot, robot.part(part))
 
 
 def turn(axis: Array, angle: float) -> Array:
-    """Rotation (3, 3) by `angle` [rad] about a unit `axis` (3,) (Rodrigues)."""
+    """Returns the rotation (3, 3) by `angle` [rad] about a unit `axis` (3,) (Rodrigues)."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     rotation: Array = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
@@ -180,13 +195,14 @@ def turn(axis: Array, angle: float) -> Array:
 
 
 def angle_about(axis: Vector, start: Vector, end: Vector) -> float:
-    """Angle [rad] about a unit `axis` (3,) from `start` to `end` (3,), both seen along the axis."""
+    """Returns the angle [rad] about a unit `axis` (3,) from `start` to `end` (3,), both projected along the
+    axis."""
     level = _dot(start, end) - _dot(axis, start) * _dot(axis, end)
     return atan2(_dot(axis, _cross(start, end)), level)
 
 
 def _turned(axis: Vector, angle: float, vector: Vector) -> Vector:
-    """A vector (3,) that is turned by `angle` [rad] about a unit `axis` (3,) (Rodrigues)."""
+    """Returns a vector (3,) turned by `angle` [rad] about a unit `axis` (3,) (Rodrigues)."""
     c, s = cos(angle), sin(angle)
     along = _dot(axis, vector) * (1.0 - c)
     x, y, z = _cross(axis, vector)

@@ -1,4 +1,4 @@
-"""The base of all types of a description."""
+"""Base class of all types of a description."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ Vector = tuple[float, float, float]
 
 
 class Description(BaseModel):
-    """Base of all types here: frozen, no unknown fields, finite numbers only."""
+    """Base of all types of a description: frozen, no unknown fields, finite numbers only."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
 
-    # Only fields count: cached arrays lie beside them, and an array has no single truth value.
+    # Compares fields only: cached arrays are also in __dict__, and an array has no single truth value.
     def __eq__(self, other: object) -> bool:
         return self is other or (type(self) is type(other) and self._values() == other._values())
 
@@ -23,7 +23,7 @@ class Description(BaseModel):
         return hash(self._values())
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """A copy, with some fields changed; it works out cached arrays anew."""
+        """Returns a copy with the fields of `update` changed; its cached arrays are computed anew."""
         copy = super().model_copy(update=update, deep=deep)
         for name in set(copy.__dict__) - set(type(self).model_fields):
             del copy.__dict__[name]

@@ -1,4 +1,4 @@
-"""How a middleware reaches the robot."""
+"""Bindings: rate, staleness limit and addresses of the robot in one middleware."""
 
 from __future__ import annotations
 
@@ -6,26 +6,27 @@ from tci.robot.description.base import Description
 
 
 class Address(Description):
-    """Where a middleware finds one thing of the robot."""
+    """Address of one thing of the robot in a middleware."""
 
     of: str
     """Name of a patch, of a robot part or of a servo."""
     to: str
-    """Its port, topic, key or name there."""
+    """Port, topic, key or name of that thing in the middleware."""
 
 
 class Binding(Description):
-    """How one middleware reaches the robot."""
+    """Connection parameters of the robot for one middleware."""
 
     middleware: str
-    """Name of the link: `sim`, `yarp`, `naoqi`, ..."""
+    """Name of the driver: `sim`, `yarp`, `naoqi`, ..."""
     rate: float
     """Commands per second [Hz]."""
     stale_after: float
-    """Age [s] beyond which joint data no longer counts, and the gate holds."""
+    """Age [s] above which joint data no longer counts and the gate holds."""
     addresses: tuple[Address, ...] = ()
-    """Things that are not found under the middleware's usual names."""
+    """Addresses of the things that do not have the middleware's usual name."""
 
     def address(self, of: str, usual: str) -> str:
-        """Where the patch, robot part or servo named `of` is found; `usual` where the file says nothing."""
+        """Returns the address of the patch, robot part or servo named `of`, or `usual` if the file gives
+        none."""
         return next((address.to for address in self.addresses if address.of == of), usual)

@@ -36,42 +36,43 @@ class GenericServo(Description):
     offset: float = 0.0
     """sigma [rad], the transform displacement."""
     transform: Literal["linear", "table", "coupled", "retarget"] = "linear"
-    """How generic and robot's angles belong together: see `tci.robot.joint_map`."""
+    """Rule that relates generic angles and the robot's angles: see `tci.robot.joint_map`."""
     table: tuple[tuple[float, float], ...] = ()
-    """Pairs of the servo's angle, which rises, and the generic angle [rad], for a table."""
+    """Pairs (servo angle, generic angle) [rad] of a table, in rising order of the servo angle."""
     terms: tuple[Term, ...] = ()
-    """Servos that make up the joint, its own among them, when it is coupled."""
+    """Servos of which a coupled joint is the linear combination, including its own servo."""
     fixed: float = 0.0
-    """Generic angle [rad] at which the robot holds a joint that it lacks."""
+    """Generic angle [rad] at which the robot holds a joint that it does not have."""
     stiffness: float = 1.0
-    """Share 0..1 of full stiffness that `home` sets."""
+    """Fraction 0..1 of full stiffness that `home` sets."""
     damping: float = 0.0
-    """Share 0..1 of full damping that `home` sets."""
+    """Fraction 0..1 of full damping that `home` sets."""
     speed: float | None = None
-    """Speed [rad/s, generic] at which the part moves unless the gate's limit is lower; on a retargeted
-    shoulder that of the servo itself."""
+    """Speed [rad/s, generic] at which the part moves unless the gate's limit is lower. On a retargeted
+    shoulder, the speed of the servo itself."""
     initial: float = 0.0
     """Initial generic angle [rad]."""
 
     @property
     def sense(self) -> float:
-        """Above 0 where the generic angle rises with its servo's, below 0 where it falls."""
+        """Sign of the transform: above 0 if the generic angle rises with its servo's angle, below 0 if it
+        falls."""
         if self.transform == "coupled":
             return next((term.factor for term in self.terms if term.servo == self.servo), 0.0)
         return self.table[-1][1] - self.table[0][1] if self.table else self.scale
 
 
 class Segment(Description):
-    """A piece of a limb, on which skin sits: its proximal point, its length."""
+    """A piece of a limb that carries skin: its proximal point and its length."""
 
     name: str
     """`upper_arm` or `forearm`."""
     link: str
-    """Driver of the kinematic model that the origin is given in."""
+    """Link of the kinematic model in whose frame `origin` is given."""
     origin: Vector
-    """Proximal end of the segment's axis (3,) [m] in `link`; u is measured from here."""
+    """Proximal end (3,) [m] of the segment's axis in `link`; u = 0 here."""
     length: float
-    """Length [m]; u is 1 here."""
+    """Length [m] of the segment; u = 1 at its distal end."""
 
 
 class GenericPart(Description):
@@ -82,14 +83,14 @@ class GenericPart(Description):
     kind: Kind
     side: Literal["left", "right"] | None = None
     servos: tuple[GenericServo, ...]
-    """By generic id."""
+    """Joints of the part, by generic id."""
     mount: Vector = (0.0, 0.0, 0.0)
     """Roll, pitch, yaw [rad] of the mount frame in the torso frame: `R_TM`."""
     segments: tuple[Segment, ...] = ()
 
     @cached_property
     def R_TM(self) -> Array:
-        """Mount frame M seen from the torso T (3, 3)."""
+        """Rotation (3, 3) of the mount frame M seen from the torso T."""
         return read_only(rotation_rpy(*self.mount))
 
     @cached_property
@@ -98,7 +99,7 @@ class GenericPart(Description):
         return read_only([servo.initial for servo in self.servos])
 
     def segment(self, name: str) -> Segment:
-        """The segment of that name. Raises UnknownNameError."""
+        """Returns the segment of that name. Raises UnknownNameError."""
         for segment in self.segments:
             if segment.name == name:
                 return segment

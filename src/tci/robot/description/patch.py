@@ -17,43 +17,44 @@ class TruncatedCone(Description):
     origin: Vector
     """Centre (3,) [m] of the cone's proximal end, in the patch's link."""
     rpy: Vector
-    """Orientation [rad] of the cone's frame in the link: -z along the axis to the distal end,
-    x at theta = 0."""
+    """Roll, pitch, yaw [rad] of the cone's frame in the link: -z points along the axis to the distal end, x
+    to theta = 0."""
     length: float
-    """[m]"""
+    """Length [m] of the cone along its axis."""
     r1: float
     """Radius [m] at the proximal end."""
     r2: float
     """Radius [m] at the distal end."""
     rings: int
-    """Rings of taxels, evenly along the axis."""
+    """Number of rings of taxels, evenly spaced along the axis."""
     per_ring: int
-    """Taxels in each ring; every second ring is turned by half a step."""
+    """Number of taxels in each ring; every second ring is turned by half a step."""
 
 
 class TriangularModules(Description):
-    """Triangular modules of ten taxels (and two thermal pads), each at a frame of the model."""
+    """Triangular modules of ten taxels and two thermal pads, each at a frame of the kinematic model."""
 
     kind: Literal["triangular_modules"] = "triangular_modules"
     frames: tuple[str, ...]
     """Frame of each module in the kinematic model."""
     ports: tuple[int, ...]
-    """Place of each module in the raw frame: its channels are 12 * port ... 12 * port + 11."""
+    """Position of each module in the raw frame: its channels are 12 * port ... 12 * port + 11."""
     turns: tuple[float, ...] = ()
-    """Angle [rad] of each module about its frame's z axis, which points outward; empty: all zero."""
+    """Angle [rad] of each module about its frame's z axis, which points outward. Empty: all angles are
+    zero."""
 
 
 class Table(Description):
-    """Taxels from a file beside the description."""
+    """Taxels from a file next to the description."""
 
     kind: Literal["table"] = "table"
     file: str
-    """Absolute after loading."""
+    """Path of the file; absolute after loading."""
     format: Literal["rows", "icub", "csv", "urdf"] = "rows"
-    """Nothing but rows x y z nx ny nz [m], a skin calibration file as iCub's are, a table with a header, or
-    the tactile sensors of a URDF."""
+    """Format of the file: `rows` has only rows x y z nx ny nz [m], `icub` is a skin calibration file like
+    iCub's, `csv` a table with a header, `urdf` a URDF with tactile sensors."""
     sensor: str | None = None
-    """Which of a URDF's tactile sensors; not needed when it has one."""
+    """Name of the tactile sensor in a URDF; not needed if there is only one."""
     xyz: Vector = (0.0, 0.0, 0.0)
     """Origin [m] of the file's frame in the patch's link."""
     rpy: Vector = (0.0, 0.0, 0.0)
@@ -61,7 +62,7 @@ class Table(Description):
 
 
 SOLE = "foot"
-"""Segment of a leg whose skin stands on the ground."""
+"""Name of the segment of a leg whose skin stands on the ground."""
 
 
 class Patch(Description):
@@ -69,17 +70,17 @@ class Patch(Description):
 
     name: str
     part: str
-    """Generic part it belongs to."""
+    """Generic part that the patch belongs to."""
     segment: str = ""
-    """Segment of that part; empty for skin that is on none of its segments (head, hand, torso)."""
+    """Segment of that part; empty for skin on none of its segments (head, hand, torso)."""
     link: str
-    """Driver of the kinematic model that carries it."""
+    """Link of the kinematic model that carries the patch."""
     rate: float
-    """Frames per second [Hz]."""
+    """Frame rate [Hz]."""
     channels: int
-    """Values in a raw frame."""
+    """Number of values in a raw frame."""
     sensor: Sensor
     surface: Annotated[TruncatedCone | TriangularModules | Table, Field(discriminator="kind")]
     rigid: bool = False
-    """Whether its taxels carry one rigid plate, as the load cells under a foot: then all that are pressed
-    are one contact."""
+    """True if its taxels carry one rigid plate, such as the load cells under a foot: all pressed taxels are
+    then one contact."""

@@ -1,4 +1,4 @@
-"""The robot as a whole, and the kinematic model that it refers to."""
+"""The robot as a whole, and its kinematic model."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from tci.robot.description.servo import Coupling, Servo
 
 
 class Model(Description):
-    """Where the kinematic model is, and where the torso is in it."""
+    """The file of the kinematic model, and the torso frame in it."""
 
     format: Literal["urdf", "mjcf"]
     path: str
-    """File, absolute after loading."""
+    """Path of the file; absolute after loading."""
     package: str | None = None
-    """Installed Python package that the file comes from (its extra has the robot's name)."""
+    """Installed Python package that contains the file (the extra that installs it has the robot's name)."""
     torso_link: str
-    """Driver that the torso frame is fixed to."""
+    """Link that the torso frame is fixed to."""
     torso_rpy: Vector = (0.0, 0.0, 0.0)
     """Orientation [rad] of the torso frame (x forward, y left, z up) in that link."""
     torso_xyz: Vector = (0.0, 0.0, 0.0)
@@ -33,19 +33,20 @@ class Model(Description):
 
     @cached_property
     def T_LT(self) -> Array:
-        """Torso frame T seen from its link L (4, 4)."""
+        """Pose (4, 4) of the torso frame T seen from its link L."""
         return read_only(transform(rotation_rpy(*self.torso_rpy), np.array(self.torso_xyz)))
 
 
 class Robot(Description):
-    """A robot: data only. Robots serve as keys, so their hash is quick; equality looks at everything."""
+    """A robot, as data only. Robots serve as dictionary keys: the hash is fast, and equality compares all
+    fields."""
 
     name: str
     title: str = ""
     source: str
-    """File it was read from."""
+    """Path of the file that it was read from."""
     digest: str
-    """SHA-256 of that file: goes into every log."""
+    """SHA-256 of that file, recorded in every log."""
     model: Model | None = None
     servos: tuple[Servo, ...]
     """All servos, in the order of every JointReading."""
@@ -59,7 +60,8 @@ class Robot(Description):
 
     @cached_property
     def coupling_rows(self) -> tuple[Array, Array, Array]:
-        """All couplings at once, rows @ position within lower and upper: (m, n_servos), (m,), (m,) [rad]."""
+        """All couplings as arrays: lower <= rows @ position <= upper, with shapes (m, n_servos), (m,), (m,)
+        [rad]."""
         rows = np.zeros((len(self.couplings), len(self.servos)))
         for row, coupling in zip(rows, self.couplings, strict=True):
             row[list(coupling.servos)] = coupling.coefficients
@@ -68,40 +70,40 @@ class Robot(Description):
 
     @cached_property
     def kept(self) -> dict[tuple[str, str], Any]:
-        """What others worked out from this robot and need again in each period. Looked up here, since a
-        robot as a key is compared field by field with every other one of the same file."""
+        """Cache for results that other modules compute from this robot and need in each period. It is kept
+        here because a dictionary keyed by robots would compare them field by field."""
         return {}
 
     def part(self, name: str) -> GenericPart:
-        """The generic part of that name. Raises UnknownNameError."""
+        """Returns the generic part of that name. Raises UnknownNameError."""
         for part in self.parts:
             if part.name == name:
                 return part
         raise UnknownNameError("generic part", name, [part.name for part in self.parts])
 
     def patch(self, name: str) -> Patch:
-        """The skin patch of that name. Raises UnknownNameError."""
+        """Returns the skin patch of that name. Raises UnknownNameError."""
         for patch in self.patches:
             if patch.name == name:
                 return patch
         raise UnknownNameError("skin patch", name, [patch.name for patch in self.patches])
 
     def limb_segment(self, patch: Patch) -> Segment | None:
-        """The limb segment that a patch lies on; None for skin elsewhere, which has no limb coordinates."""
+        """Returns the limb segment of a patch; None for skin elsewhere, which has no limb coordinates."""
         part = self.part(patch.part)
         if part.kind != "arm" or part.side is None or not patch.segment:
             return None
         return part.segment(patch.segment)
 
     def binding(self, middleware: str) -> Binding:
-        """How that middleware reaches the robot. Raises UnknownNameError."""
+        """Returns the binding to that middleware. Raises UnknownNameError."""
         for binding in self.bindings:
             if binding.middleware == middleware:
                 return binding
         raise UnknownNameError(f"binding of {self.name}", middleware, [b.middleware for b in self.bindings])
 
     def servos_of(self, robot_part: str) -> tuple[Servo, ...]:
-        """Servos of one of the robot's own parts, by id. Raises UnknownNameError."""
+        """Returns the servos of one of the robot's own parts, by id. Raises UnknownNameError."""
         found = tuple(servo for servo in self.servos if servo.robot_part == robot_part)
         if not found:
             names = dict.fromkeys(servo.robot_part for servo in self.servos)

@@ -1,4 +1,4 @@
-"""Joints of the robot, as the robot knows them (DS in eq. 1): what they may do, alone and together."""
+"""Joints of the robot by its own names and numbers (DS in eq. 1), their limits and couplings."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from tci.robot.description.base import Description
 
 
 class Limits(Description):
-    """What a servo may do. None: nobody said, so the gate refuses commands that need it."""
+    """Limits of a servo. None: unknown, so the gate refuses commands that need the limit."""
 
     lower: float | None = None
     """Smallest angle [rad]."""
@@ -22,26 +22,26 @@ class Limits(Description):
     torque: float | None = None
     """Largest torque [N m]."""
     ours: tuple[str, ...] = ()
-    """Names of the fields above whose figure no maker published: it is ours."""
+    """Names of the fields above whose value is assumed, since no manufacturer published it."""
 
 
 class Servo(Description):
-    """A joint of the robot, in the robot's own terms."""
+    """A joint of the robot, by the robot's own names and numbers."""
 
     index: int
-    """Place in `Robot.servos`, and in every JointReading."""
+    """Index in `Robot.servos`, and in every JointReading."""
     robot_part: str
-    """The robot's own part, a control board of YARP or a chain of NAOqi: `LArm`, `left_arm`."""
+    """The robot's own part, such as a control board of YARP or a chain of NAOqi: `LArm`, `left_arm`."""
     id: int
     """The robot's own number of the servo in that part (`destination_servo_id`)."""
     name: str
     """The robot's own name of the joint."""
     joint: str | None = None
-    """Name of the joint in the kinematic model; None when it has none there."""
+    """Name of the joint in the kinematic model; None if the model lacks it."""
     limits: Limits = Limits()
-    """What it may do."""
+    """Limits of its motion."""
     modes: tuple[Mode, ...] = (Mode.POSITION,)
-    """Control modes that it can be switched to; the first is the one it starts in."""
+    """Control modes that it can be switched to; the first is the mode at power-on."""
 
 
 class Coupling(Description):
@@ -52,6 +52,6 @@ class Coupling(Description):
     """Indices into `Robot.servos`."""
     coefficients: tuple[float, ...]
     lower: float
-    """[rad]"""
+    """Lower bound [rad] of the sum."""
     upper: float
-    """[rad]"""
+    """Upper bound [rad] of the sum."""

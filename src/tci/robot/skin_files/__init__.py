@@ -1,1 +1,1 @@
-"""Files that say where taxels are, in every format, as one layout (docs/skin-files.md)."""
+"""Readers of files with the positions of taxels: every format gives the same layout (docs/skin-files.md)."""

@@ -1,4 +1,4 @@
-"""What was measured about a robot's skin: rest, noise and response, in a file beside its description."""
+"""Measured properties of a robot's skin (rest, noise, response), in a file next to its description."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ _LARGEST = 16 * 2**20
 
 
 class PatchCalibration(Description):
-    """One patch."""
+    """Calibration of one patch."""
 
     rest: tuple[float, ...]
-    """Raw value of each taxel with nothing touching."""
+    """Raw value of each taxel without contact."""
     noise: tuple[float, ...]
     """Standard deviation [counts] of each taxel at rest."""
     response: tuple[tuple[float, float], ...] = ()
-    """Counts away from rest and pressure [Pa], rising from 0, 0; empty: the description's response."""
+    """Points (counts away from rest, pressure [Pa]) rising from 0, 0; empty: the description's response."""
     report: dict[str, float | str]
-    """How good it is: loads, largest relative error, ..."""
+    """Quality of the calibration: loads, largest relative error, ..."""
 
     def check(self, taxels: int) -> None:
         """Raises TciError for another number of taxels, or a response that does not rise from 0, 0."""
@@ -36,23 +36,23 @@ class PatchCalibration(Description):
 
 
 class SkinCalibration(Description):
-    """A robot's skin."""
+    """Calibration of a robot's whole skin."""
 
     robot: str
-    """Its name."""
+    """Name of the robot."""
     date: str
-    """When it was measured, ISO 8601."""
+    """Date of the measurement, ISO 8601."""
     patches: dict[str, PatchCalibration]
-    """By name."""
+    """Calibrations of the patches, by name."""
 
 
 def calibration_path(description: Path) -> Path:
-    """Where the calibration of a robot lies: beside its description."""
+    """Returns the path of a robot's calibration: next to its description."""
     return description.with_suffix(SUFFIX)
 
 
 def read_calibration(path: Path) -> SkinCalibration:
-    """The calibration in a file. Raises DescriptionError with every fault of it."""
+    """Reads the calibration in a file. Raises DescriptionError with every fault of the file."""
     try:
         if path.stat().st_size > _LARGEST:
             raise DescriptionError(str(path), [Fault(0, f"larger than {_LARGEST} bytes")])
@@ -67,7 +67,7 @@ def read_calibration(path: Path) -> SkinCalibration:
 
 
 def write_calibration(path: Path, calibration: SkinCalibration) -> None:
-    """Write it. Raises TciError when that is not possible."""
+    """Writes the calibration. Raises TciError if the file can't be written."""
     try:
         path.write_text(calibration.model_dump_json(indent=1) + "\n")
     except OSError as error:

@@ -50,10 +50,10 @@ class _Row:
 
 
 def read_skin_csv(path: str | Path) -> SkinLayout:
-    """Read a table of taxels.
+    """Reads a table of taxels.
 
-    Channels are numbered by the column `channel`, or by the rows; those that are not named are absent.
-    A row without a normal gets an estimated one, one without an area its hexagon. Raises
+    Channels are numbered by the column `channel`, or else by the rows; numbers that do not occur are absent
+    channels. A row without a normal gets an estimated one, a row without an area that of its hexagon. Raises
     DescriptionError with all faults, each with its line.
     """
     source = str(path)
@@ -85,7 +85,7 @@ def _all() -> str:
 
 
 def _header(cells: list[str], line: int, faults: Faults) -> dict[str, tuple[int, float]]:
-    """Place and factor to SI of each column."""
+    """Returns the index and the factor to SI units of each column."""
     columns: dict[str, tuple[int, float]] = {}
     for place, cell in enumerate(cells):
         found = _HEAD.fullmatch(cell.strip())

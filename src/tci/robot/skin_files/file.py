@@ -1,9 +1,9 @@
-"""Skin calibration files of iCub and NAO: where each taxel of a skin is.
+"""Skin calibration files of iCub and NAO: the position of each taxel of a skin.
 
-A file has the words `name`, `spatial_sampling` and `taxel2Repr`, and then one row `x y z nx ny nz` [m]
-for each channel of the skin's port, in the order of the port. Tabs, spaces, blank lines and comments
-(`%`) may stand anywhere. The files of icub-main, robots-configuration and pyCub have quirks; what is
-read from each is in docs/skin-files.md.
+A file has the keywords `name`, `spatial_sampling` and `taxel2Repr`, and then one row `x y z nx ny nz` [m] for
+each channel of the skin's port, in the order of the port. Tabs, spaces, blank lines and comments (`%`) may
+occur anywhere. The files of icub-main, robots-configuration and pyCub deviate from each other;
+docs/skin-files.md says how each is read.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from tci.robot.xml.document import Faults
 MODULE_PITCH = 6.534e-3
 """Distance [m] of neighbouring taxels on a triangular module, from pyCub's positions of iCub's skin."""
 PADS_OF_MODULE = (6, 10)
-"""Places on a module that are thermal pads, not taxels."""
+"""Indices within a module of the thermal pads, which are not taxels."""
 PLACEHOLDER = (1.0, 0.0, 0.0)
-"""The normal that CAD exports write where nobody measured one."""
+"""Normal that CAD exports write if none was measured."""
 
 
 def read_skin_file(path: str | Path) -> SkinLayout:
-    """Read a skin calibration file.
+    """Reads a skin calibration file.
 
-    Raises DescriptionError with all faults, each with its line: numbers that are none, not finite or
-    no metres, rows of other than six (or three) numbers, a count of rows that shows that some are
-    missing, unknown words, and a file that is not text or too large.
+    Raises DescriptionError with all faults, each with its line: values that are no numbers, not finite or not
+    in metres, rows of other than six (or three) numbers, a row count that shows that rows are missing,
+    unknown keywords, and a file that is not text or too large.
     """
     source = str(path)
     faults = Faults(source)
@@ -43,13 +43,13 @@ def read_skin_file(path: str | Path) -> SkinLayout:
     rows = np.array(text.rows)
     n = len(rows)
     valid: NDArray[np.bool_] = np.any(rows[:, :3] != 0.0, axis=-1)
-    # The list may be shorter or longer than the rows are many. Silence means nothing.
+    # The list may be shorter or longer than the number of rows. A missing entry means nothing.
     listed = np.array((text.representative or [])[:n], dtype=np.intp)
     representative = np.full(n, -1, dtype=np.intp)
     representative[: len(listed)] = listed
     lengths = np.linalg.norm(rows[:, 3:], axis=1)
     placeholder = valid & (rows[:, 3:] == PLACEHOLDER).all(axis=1)
-    # One module that truly faces +x is no placeholder, a skin that does everywhere is.
+    # One module that truly faces +x is no placeholder; a whole skin that does is.
     some = 2 * placeholder.sum() > valid.sum()
     return make_layout(
         source,
@@ -58,7 +58,7 @@ def read_skin_file(path: str | Path) -> SkinLayout:
         valid,
         name=text.name,
         estimated=(lengths < 1e-3) | (placeholder & some),
-        # Some files round positions to a millimetre or repeat them; the module's own lattice is exact.
+        # Some files round positions to a millimetre or repeat them; the module's nominal lattice is exact.
         areas=np.full(n, np.sqrt(0.75) * MODULE_PITCH**2),
         pads=_pads(valid, listed),
         modules=np.arange(n) // PER_MODULE,
@@ -68,10 +68,10 @@ def read_skin_file(path: str | Path) -> SkinLayout:
 
 
 def _pads(valid: NDArray[np.bool_], listed: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Which channels (n,) are thermal pads.
+    """Returns the channels (n,) that are thermal pads.
 
-    Newer files say -2. Older ones say -1 for a row that has a position, or nothing at all; then it is
-    the two places that pads have on a module, on each module with a position.
+    Newer files mark pads by -2. Older ones give -1 for a row that has a position, or no list at all; the pads
+    are then the two usual indices of each module with a position.
     """
     pads = np.zeros(len(valid), dtype=bool)
     pads[: len(listed)] = (listed == -2) | ((listed == -1) & valid[: len(listed)])

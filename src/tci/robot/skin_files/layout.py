@@ -1,7 +1,7 @@
-"""The skin model that every reader fills: where each channel of a patch is, and what is known of it.
+"""The skin layout that every reader returns: the position of each channel of a patch and its properties.
 
-A patch has modules and a module has taxels. The channels of a raw frame are the rows here, so that a
-thermal pad, a channel without a position and a taxel all keep their number.
+A patch has modules and a module has taxels. The rows here are the channels of a raw frame, so thermal pads,
+channels without a position and taxels all keep their number.
 """
 
 from __future__ import annotations
@@ -21,48 +21,48 @@ from tci.robot.skin_files.normals import estimate_normals
 class SkinLayout:
     """One patch of skin: n channels, in the frame of the file that was read.
 
-    A file's name does not tell that frame. `moved` brings it into the frame of a link.
+    The file does not name that frame. `moved` transforms the layout into the frame of a link.
     """
 
     source: str
-    """The file that was read."""
+    """Path of the file that was read."""
     name: str
-    """What the file calls itself, `l_forearm` for example; empty when it says nothing."""
+    """Name that the file gives itself, `l_forearm` for example; empty if it gives none."""
     positions: Array
-    """Positions (n, 3) [m]; zero where there is none."""
+    """Positions (n, 3) [m]; zero if unknown."""
     normals: Array
-    """Outward unit normals (n, 3); zero where there is no position, or none could be estimated."""
+    """Outward unit normals (n, 3); zero without a position, or if none could be estimated."""
     estimated: NDArray[np.bool_]
-    """Which normals (n,) the file lacks or has as a placeholder, so that they were estimated."""
+    """True for normals (n,) that were estimated, since the file lacks them or has a placeholder."""
     areas: Array
-    """Area (n,) [m2] that each channel stands for; zero where there is no position."""
+    """Area (n,) [m2] that each channel represents; zero without a position."""
     valid: NDArray[np.bool_]
-    """Which channels (n,) have a position. Thermal pads may be among them."""
+    """True for channels (n,) that have a position. Thermal pads may be among them."""
     pads: NDArray[np.bool_]
-    """Which channels (n,) are thermal pads and feel no touch."""
+    """True for channels (n,) that are thermal pads, which measure no pressure."""
     modules: NDArray[np.intp]
-    """Module (n,) that each channel belongs to; -1 where there is neither a position nor a pad."""
+    """Module (n,) that each channel belongs to; -1 for channels with neither a position nor a pad."""
     representative: NDArray[np.intp]
-    """The channel (n,) that stands for each when a skin is read per triangle; -1 absent, -2 pad."""
+    """Channel (n,) that represents each channel if a skin is read per triangle; -1 absent, -2 pad."""
     listed_normals: Array
-    """Normals (n, 3) as the file has them, not always of unit length: skinManager uses them so."""
+    """Normals (n, 3) as in the file, not always of unit length: skinManager uses them unchanged."""
     tangents: Array | None = None
-    """Unit x axes (n, 3) across the normals, of three-axis taxels; None where the file has none."""
+    """Unit x axes (n, 3) of three-axis taxels, perpendicular to the normals; None if the file has none."""
     sampling: Literal["taxel", "triangle"] = "taxel"
-    """Whether a position is that of one taxel, or stands for all with the same representative."""
+    """Meaning of a position: that of one taxel, or one for all taxels with the same representative."""
 
     @property
     def channels(self) -> int:
-        """Values in a frame of this skin, n."""
+        """Number of values n in a frame of this skin."""
         return len(self.positions)
 
     @property
     def taxels(self) -> NDArray[np.intp]:
-        """The channels that are taxels with a place: valid ones without the pads."""
+        """Channels that are taxels with a position: the valid ones without the pads."""
         return np.flatnonzero(self.valid & ~self.pads)
 
     def moved(self, T_LF: Array) -> SkinLayout:
-        """The same skin in the link L, from its pose `T_LF` (4, 4) of the file's frame F."""
+        """Returns this skin in the frame of the link L, from the pose `T_LF` (4, 4) of the file's frame F."""
         rotation = T_LF[:3, :3]
         return replace(
             self,
@@ -88,12 +88,12 @@ def make_layout(
     tangents: Array | None = None,
     sampling: Literal["taxel", "triangle"] = "taxel",
 ) -> SkinLayout:
-    """A layout from what a reader found: n `positions` (n, 3) [m] and `normals` (n, 3) of any length.
+    """Makes a layout from the data of a reader: n `positions` (n, 3) [m] and `normals` (n, 3) of any length.
 
-    Normals are made unit vectors. Those that `estimated` (n,) marks, and those of zero length, are
-    estimated from the neighbours. Areas that are not given are the hexagon that the nearest neighbour
-    leaves (ours). Without `modules` all is one module, without `representative` each taxel is its own.
-    `tangents` (n, 3) are x axes of any length.
+    Normals are scaled to unit length. Those that `estimated` (n,) marks, and those of zero length, are
+    estimated from the neighbours. A missing area is that of the hexagon that the distance to the nearest
+    neighbour gives (assumed: taxels on a triangular lattice). Without `modules` all channels are one module,
+    without `representative` each taxel represents itself. `tangents` (n, 3) are x axes of any length.
     """
     n = len(positions)
     pads = np.zeros(n, dtype=bool) if pads is None else pads
@@ -132,7 +132,8 @@ def make_layout(
 
 
 def _across(tangents: Array, normals: Array) -> Array:
-    """The same directions, made unit vectors across the normals; zero where they can't be."""
+    """Projects the directions perpendicular to the normals and scales them to unit length; zero if
+    impossible."""
     along = tangents - np.einsum("ni,ni->n", tangents, normals)[:, None] * normals
     lengths = np.linalg.norm(along, axis=1, keepdims=True)
     result: Array = np.divide(along, lengths, out=np.zeros_like(along), where=lengths > 1e-6)
@@ -140,7 +141,8 @@ def _across(tangents: Array, normals: Array) -> Array:
 
 
 def hexagons(positions: Array, taxels: NDArray[np.bool_]) -> Array:
-    """Area (n,) [m2] of the hexagon that the nearest of the other `taxels` (n,) leaves each of them."""
+    """Returns the area (n,) [m2] of the hexagon around each of `taxels` (n,), from the distance to the
+    nearest other one."""
     areas = np.zeros(len(positions))
     places = np.unique(positions[taxels], axis=0)
     if len(places) > 1:

@@ -1,8 +1,8 @@
-"""Outward normals of a skin of which only the taxels' positions are known.
+"""Outward normals of a skin, estimated from the positions of its taxels.
 
-Each normal is that of the plane through a taxel's neighbours. Neighbours are then made to agree along
-a minimum spanning tree of how parallel they are (Hoppe et al. 1992, section 3.3), and the skin is
-turned outward: away from the middle of its taxels.
+Each normal is that of the plane through a taxel's neighbours. The signs of neighbours are then made to agree
+along a minimum spanning tree, with edges weighted by how parallel their normals are (Hoppe et al. 1992,
+section 3.3), and the skin is turned outward: away from the centroid of its taxels.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from scipy.spatial import cKDTree
 from tci.frames import Array
 
 NEIGHBOURS = 10
-"""Places through which a plane is laid, the taxel's own among them. Ours: a module has ten taxels."""
+"""Number of points that a plane is fitted to, including the taxel's own. Assumed: a module has ten taxels."""
 
 FLAT = 1e-3
-"""A skin within this distance [m] (RMS) of one plane counts as flat. Ours."""
+"""Distance [m] (RMS) from one plane below which a skin counts as flat. Assumed; no published value."""
 
 
 def estimate_normals(positions: Array) -> Array:
-    """Outward unit normals (n, 3) of taxels at `positions` (n, 3) [m], in the frame of the positions.
+    """Returns outward unit normals (n, 3) of taxels at `positions` (n, 3) [m], in the frame of the positions.
 
-    Repeated positions get the same normal. Fewer than three places, or places on one line, span no
-    plane: their normals are zero. A bent skin is turned away from its middle. A flat one has no inside;
-    it is turned away from the origin of its frame, since a link's origin is inside the link.
+    Repeated positions get the same normal. Fewer than three points, or points on one line, define no plane:
+    their normals are zero. A curved skin is turned away from its centroid. A flat skin has no inside; it is
+    turned away from the origin of its frame, since a link's origin is inside the link.
     """
     places, index = np.unique(positions, axis=0, return_inverse=True)
     from_middle = places - places.mean(axis=0)
@@ -37,9 +37,9 @@ def estimate_normals(positions: Array) -> Array:
     normals = np.linalg.svd(around)[2][:, 2]
     spread = np.linalg.svd(from_middle)[1] / np.sqrt(len(places))
     outward = places if len(spread) < 3 or spread[2] < FLAT else from_middle
-    near = near.astype(np.int32)  # SciPy's graphs before 1.17.1 take no wider index
+    near = near.astype(np.int32)  # SciPy's graphs before 1.17.1 accept no wider index
     one, other = np.repeat(np.arange(len(near), dtype=np.int32), near.shape[1]), near.ravel()
-    # A weight of zero would be no edge at all, so that of parallel neighbours is just above it.
+    # A weight of zero would mean no edge, so parallel neighbours get a weight just above zero.
     weights = 1.001 - np.abs(np.einsum("pi,pi->p", normals[one], normals[other]))
     tree = minimum_spanning_tree(csr_array((weights, (one, other)), shape=(len(places), len(places))))
     seen = np.zeros(len(places), dtype=bool)

@@ -1,4 +1,4 @@
-"""Any file that says where taxels are, by its format."""
+"""Reader of taxel positions from a file of any known format."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _BY_NAME: dict[str, Format] = {".csv": "csv", ".urdf": "urdf"}
 
 
 def read_layout(path: str | Path, *, form: Format | None = None, sensor: str | None = None) -> SkinLayout:
-    """Read a skin in the frame of its file.
+    """Reads a skin in the frame of its file.
 
-    Without `form` a name that ends in .csv or .urdf tells it, other files are calibration files. `sensor`
-    is a name in a URDF that has several tactile sensors. Raises DescriptionError with the faults of the
-    file, UnknownNameError for an unknown format.
+    Without `form`, the suffix .csv or .urdf decides; other files are calibration files. `sensor` is a name in
+    a URDF that has several tactile sensors. Raises DescriptionError with the faults of the file,
+    UnknownNameError for an unknown format.
     """
     form = form or _BY_NAME.get(Path(path).suffix.lower(), "icub")
     if form == "icub":

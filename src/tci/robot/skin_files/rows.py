@@ -1,4 +1,4 @@
-"""Nothing but rows x y z nx ny nz [m]: row i is channel i, and a row of zeros is no taxel."""
+"""Files with only rows x y z nx ny nz [m]: row i is channel i, and a row of zeros is no taxel."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tci.robot.xml.document import Faults
 
 
 def read_skin_rows(path: str | Path) -> SkinLayout:
-    """Read plain rows; commas or spaces separate, `#` or `%` begin a comment.
+    """Reads plain rows; commas or spaces separate, `#` or `%` begin a comment.
 
     Raises DescriptionError with all faults, each with its line.
     """

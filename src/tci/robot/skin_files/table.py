@@ -1,4 +1,4 @@
-"""Patches whose taxels stand in a file of any known format."""
+"""Patches whose taxels are in a file of any known format."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tci.robot.skin_files.reader import read_layout
 
 
 def read_table(robot: Robot, patch: Patch, table: Table) -> SkinLayout:
-    """The skin of a patch, in the patch's link.
+    """Returns the skin of a patch, in the frame of the patch's link.
 
     Raises DescriptionError with the faults of the file, and when its taxels have no normals or no area.
     """

@@ -1,4 +1,4 @@
-"""The lines of a skin calibration file: its words, its rows, and what is wrong with them."""
+"""Lines of a skin calibration file: its keywords, its rows and its faults."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from tci.robot.xml.document import Faults, read_bytes, refuse, shown
 from tci.robot.xml.values import InvalidValueError, decimal
 
 MAX_BYTES = 1 << 21
-"""Largest file [bytes] that is read. The largest known has 90 kB."""
+"""Size [bytes] of the largest file that is read. The largest known file has 90 kB."""
 MAX_ROWS = 16384
-"""Most rows that are read. The largest known file has 1344."""
+"""Largest number of rows that are read. The largest known file has 1344."""
 MAX_DISTANCE = 2.0
-"""Farthest that a taxel may be from the origin of its link [m]: larger figures are no metres. Ours."""
+"""Largest distance [m] of a taxel from the origin of its link. Assumed: no link of a humanoid is longer, so
+larger values are not in metres."""
 PER_MODULE = 12
 """Rows of a triangular module."""
 PER_PATCH = 192
@@ -28,7 +29,7 @@ _COLUMNS = ("x", "y", "z", "nx", "ny", "nz")
 
 @dataclass
 class SkinText:
-    """What the lines of a file say, before it is judged."""
+    """Content of a file's lines, before it is checked."""
 
     name: str = ""
     sampling: str = "taxel"
@@ -37,7 +38,7 @@ class SkinText:
 
 
 def read_lines(path: Path) -> list[str]:
-    """The lines of a text file. Raises DescriptionError for other files."""
+    """Reads the lines of a text file. Raises DescriptionError for other files."""
     try:
         data = read_bytes(path, limit=MAX_BYTES)
     except DescriptionError as error:
@@ -99,7 +100,7 @@ def _representatives(words: list[str], number: int, faults: Faults) -> list[int]
 
 
 def parse_row(words: list[str], number: int, faults: Faults) -> list[float]:
-    """The six numbers of a row; three become six, without a normal."""
+    """Returns the six numbers of a row; a row of three gets a zero normal."""
     if len(words) not in (3, 6):
         faults.add(number, f"a row of {len(words)} numbers; valid: six, x y z nx ny nz [m], or three, x y z")
         return [0.0] * 6
@@ -120,7 +121,7 @@ def parse_row(words: list[str], number: int, faults: Faults) -> list[float]:
 
 
 def check_count(text: SkinText, last: int, faults: Faults) -> None:
-    """Whether all rows are there: ports have whole patches, and the list may tell how many rows."""
+    """Checks that no row is missing: ports have whole patches, and the list may give the number of rows."""
     n = len(text.rows)
     listed = text.representative
     named = max((value for value in listed or () if value >= 0), default=-1)

@@ -39,17 +39,17 @@ class TactileSensor:
 
     name: str
     link: str
-    """Its parent link: the frame of the layout."""
+    """Parent link of the sensor: the frame of the layout."""
     data: str
-    """Name of the data vector that its indices count in (`channel`)."""
+    """Name of the data vector that its indices refer to (`channel`)."""
     rate: float | None
-    """Frames per second [Hz], when the file says so."""
+    """Frame rate [Hz]; None if the file gives none."""
     layout: SkinLayout
-    """Its taxels. An index that no taxel has is absent."""
+    """Taxels of the sensor. An index that no taxel has is an absent channel."""
 
 
 def read_tactile_sensors(path: str | Path) -> tuple[TactileSensor, ...]:
-    """All tactile sensors of a URDF; other sensors are passed over.
+    """Reads all tactile sensors of a URDF; other sensors are ignored.
 
     Raises DescriptionError with all faults, each with its line, and when there is no such sensor.
     """
@@ -75,9 +75,9 @@ def read_tactile_sensors(path: str | Path) -> tuple[TactileSensor, ...]:
 
 
 def read_skin_urdf(path: str | Path, *, sensor: str | None = None) -> SkinLayout:
-    """The taxels of one tactile sensor of a URDF, in the frame of its parent link.
+    """Reads the taxels of one tactile sensor of a URDF, in the frame of its parent link.
 
-    Without a name it is the file's only one. Raises DescriptionError, also for an unknown name.
+    Without a name, the file's only sensor is read. Raises DescriptionError, also for an unknown name.
     """
     sensors = read_tactile_sensors(path)
     names = [one.name for one in sensors]
@@ -129,7 +129,7 @@ def _sensor(element: etree._Element, source: str, links: set[str], faults: Fault
 
 
 def _array(element: etree._Element, faults: Faults) -> tuple[Channels, Array, float] | None:
-    """Indices (n,), poses (n, 4, 4) and area [m2] of a grid of equal taxels."""
+    """Returns the indices (n,), poses (n, 4, 4) and area [m2] of a grid of equal taxels."""
     line = element.sourceline or 0
     counts = [_count(element, key, faults, least=1, most=1024) for key in ("rows", "cols")]
     size = _numbers(element, "size", 2, faults)
@@ -156,7 +156,7 @@ def _array(element: etree._Element, faults: Faults) -> tuple[Channels, Array, fl
 
 
 def _taxels(elements: list[etree._Element], faults: Faults) -> tuple[Channels, Array, None] | None:
-    """Indices (n,) and poses (n, 4, 4) of single taxels."""
+    """Returns the indices (n,) and poses (n, 4, 4) of single taxels."""
     index, poses = [], []
     lines: dict[int, int] = {}
     for element in elements:
@@ -208,5 +208,5 @@ def _local(element: etree._Element) -> str:
 
 
 def _children(element: etree._Element, tag: str) -> list[etree._Element]:
-    """Children of that name, whatever their namespace: some files have one."""
+    """Returns the children of that name in any namespace: some files use one."""
     return [child for child in element if isinstance(child.tag, str) and _local(child) == tag]

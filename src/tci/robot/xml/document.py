@@ -1,7 +1,7 @@
-"""XML files as trees, read without trusting them, and the faults that are found in them.
+"""Safe reading of XML files, and the list of faults found in them.
 
-A description is data: it has no DTD and no entities, fetches nothing, and its size and depth are
-bounded. All faults of a file are collected, so that a person mends it once.
+A description is data: it has no DTD and no entities, loads nothing from elsewhere, and its size and depth are
+bounded. All faults of a file are collected, so that it can be corrected in one go.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from lxml import etree
 from tci.errors import DescriptionError, Fault
 
 MAX_BYTES = 1 << 20
-"""Largest description [bytes]; a real one has some tens of kilobytes."""
+"""Size [bytes] of the largest description that is read; a real one has some tens of kilobytes."""
 MAX_DEPTH = 64
 """Deepest nesting of elements; the dialect itself needs 6."""
 MAX_FAULTS = 500
-"""Faults that are listed; the rest of a hopeless file is only counted."""
+"""Largest number of faults that are listed; any further ones are only counted."""
 
 _DOCTYPE = re.compile(r"(?>\s|<\?.*?\?>|<!--.*?-->)*+<!DOCTYPE", re.DOTALL)
 _ENCODING = re.compile(r"""<\?xml[^>]*?encoding\s*=\s*["']([^"']*)["']""")
@@ -36,7 +36,7 @@ class Faults:
         self._more = 0
 
     def add(self, line: int, message: str) -> None:
-        """Note a fault on `line` (from 1; 0 when it belongs to no line)."""
+        """Records a fault on `line` (from 1; 0 if it belongs to no line)."""
         if len(self._found) >= MAX_FAULTS:
             self._more += 1
         else:
@@ -46,7 +46,7 @@ class Faults:
         return bool(self._found)
 
     def check(self) -> None:
-        """Raise DescriptionError with all faults so far, by line, if there are any."""
+        """Raises DescriptionError with all faults so far, by line, if there are any."""
         if self._found:
             faults = sorted(self._found, key=lambda fault: fault.line)
             if self._more:
@@ -55,14 +55,14 @@ class Faults:
 
 
 def refuse(source: str, line: int, message: str) -> DescriptionError:
-    """The error for a file that can't be read on after this one fault."""
+    """Returns the error for a file that can't be read further after this one fault."""
     return DescriptionError(source, [Fault(line, message)])
 
 
 def read_bytes(path: Path, *, limit: int = MAX_BYTES) -> bytes:
-    """The bytes of a regular file of at most `limit` bytes. Raises DescriptionError."""
+    """Returns the bytes of a regular file of at most `limit` bytes. Raises DescriptionError."""
     try:
-        # Without O_NONBLOCK, opening a named pipe would wait for ever.
+        # Without O_NONBLOCK, opening a named pipe would block for ever.
         handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
@@ -81,10 +81,10 @@ def read_bytes(path: Path, *, limit: int = MAX_BYTES) -> bytes:
 
 
 def parse(data: bytes, source: str) -> etree._Element:
-    """The root element of an XML document in UTF-8.
+    """Returns the root element of an XML document in UTF-8.
 
-    Raises DescriptionError when it is not well-formed, has a DTD, another encoding, or elements
-    nested more than MAX_DEPTH deep.
+    Raises DescriptionError when it is not well-formed, has a DTD, another encoding, or elements nested more
+    than MAX_DEPTH deep.
     """
     text = _decode(data, source)
     if doctype := _DOCTYPE.match(text):
@@ -131,5 +131,5 @@ def _hint(reason: str) -> str:
 
 
 def shown(text: str) -> str:
-    """`text` as a message quotes it: one line, ASCII, not too long."""
+    """Returns `text` as messages quote it: one line, ASCII, shortened."""
     return ascii(text if len(text) <= 60 else text[:57] + "...")

@@ -1,4 +1,4 @@
-"""Initial postures: where the inverse of the transforms puts the servos, and whether they may be there."""
+"""Initial postures: the servo angles that the inverse transforms give, and the check against the limits."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from tci.robot.xml.transforms import separable
 from tci.robot.xml.values import in_unit
 
 _SLACK = 1e-9
-"""What conversion between units may add to an angle [rad]."""
+"""Rounding error [rad] that conversion between units may add to an angle."""
 _SOLVED = 1e-6
-"""The same for the angles of a retargeted shoulder [rad], which are solved for."""
+"""Error [rad] of the angles of a retargeted shoulder, which are solved for numerically."""
 
 
 def initial_angles(parts: Sequence[GenericPart]) -> dict[int, float]:
-    """Initial angle [rad] of every mapped servo by its index (inverse of the transforms), but those of
-    retargeted shoulders, which need the kinematic model, and of transforms with faults."""
+    """Returns the initial angle [rad] of every mapped servo by its index (inverse of the transforms), except
+    those of retargeted shoulders, which need the kinematic model, and of transforms with faults."""
     return {
         servo: angle
         for part in parts
@@ -38,8 +38,8 @@ def check_initial(
     servos: Servos,
     faults: Faults,
 ) -> None:
-    """A part's initial posture is within the limits of its servos. `nodes` are its generic servos by id,
-    `positions` the elements that give their initial positions."""
+    """Checks that a part's initial posture is within the limits of its servos. `nodes` are its generic servos
+    by id, `positions` the elements that give their initial positions."""
     initial = {joint.id: joint.initial for joint in generic}
     for transform in _transforms(generic):
         ids = transform.ids.tolist()
@@ -64,7 +64,8 @@ def check_initial(
 
 
 def check_retargeted(root: Node, robot: Robot, faults: Faults) -> None:
-    """The same for retargeted shoulders, whose model can be read now. Raises what their transform raises."""
+    """Checks the initial posture of retargeted shoulders, whose model can be read by now. Raises what their
+    transform raises."""
     retargeted = {
         joint.servo: part.name
         for part in robot.parts
@@ -101,7 +102,7 @@ def _transforms(generic: Sequence[GenericServo]) -> list[Transform]:
 
 
 def _angles(transform: Transform, generic: Sequence[GenericServo]) -> dict[int, float]:
-    """Angles [rad] of a transform's servos by their index."""
+    """Returns the angles [rad] of a transform's servos by their index."""
     initial = {joint.id: joint.initial for joint in generic}
     angles = np.array([initial[id] for id in transform.ids.tolist()])
     found = transform.robot(angles, np.zeros(len(angles)))

@@ -1,4 +1,4 @@
-"""`model`: where the kinematic model is, and whether it has the links and joints that a file names."""
+"""`model`: the path of the kinematic model, and the check of the links and joints that a file names."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from tci.robot.xml.document import Faults, parse, read_bytes
 from tci.robot.xml.node import Node, nearest
 
 MAX_MODEL_BYTES = 16 << 20
-"""Largest model file [bytes] whose names are checked."""
+"""Size [bytes] of the largest model file whose names are checked."""
 
 _OPAQUE = ("include", "attach", "replicate")
-"""Elements of MJCF that bring names which the file itself does not show."""
+"""Elements of MJCF that add names which the file itself does not contain."""
 
 _ONE_AXIS = ("revolute", "continuous", "prismatic", "hinge", "slide")
-"""Joints that a servo can be, of a URDF and of MJCF."""
+"""Types of joints, in URDF and MJCF, that a servo can be."""
 
 
 @dataclass(frozen=True)
 class ModelNames:
-    """Names that a description may use."""
+    """Names of links and joints that a description may use."""
 
     links: frozenset[str]
     joints: frozenset[str]
 
 
 def read_model(root: Node, source: Path, faults: Faults) -> tuple[Model | None, str | None]:
-    """The model of the file `source`, and the package that it wants but that is missing."""
+    """Returns the model of the file `source`, and the package that it needs if that is missing."""
     node = root.first("model")
     if node is None or not node.ok:
         return None, None
@@ -67,14 +67,15 @@ def read_model(root: Node, source: Path, faults: Faults) -> tuple[Model | None, 
 
 
 def beside(node: Node, source: Path, what: str, faults: Faults) -> Path | None:
-    """The file that `node` names, which lies beside the description `source` or below, links followed."""
+    """Returns the file that `node` names, which must be in the folder of the description `source` or below,
+    links followed."""
     file = node.get("file")
     if file is None:
         return None
     folder = source.absolute().parent
     try:
         path: Path = (folder / file).resolve()
-        # Some installers link each file of a package to a store of their own.
+        # Some installers replace each file of a package by a link to a central store.
         homes = folder.resolve(), source.resolve().parent
         if not path.is_file():
             faults.add(node.line, f"{what} file {file!r} is not a file in {folder}")
@@ -88,7 +89,7 @@ def beside(node: Node, source: Path, what: str, faults: Faults) -> Path | None:
 
 
 def packaged(package: str, file: str) -> Path | None:
-    """A file that an installed package brought, by the end of its path; None when it has none.
+    """Returns a file of an installed package, by the end of its path; None if it has none.
 
     Raises PackageNotFoundError.
     """
@@ -99,7 +100,7 @@ def packaged(package: str, file: str) -> Path | None:
             found = Path(str(installed.locate_file(entry))).resolve()
             if found.is_file():
                 return found
-    # Some packagers (conda, Debian) don't list the files that they put below share/.
+    # Some packagers (conda, Debian) don't list the files that they install below share/.
     shared = Path(sys.prefix, "share", *steps)
     return shared if shared.is_file() else None
 
@@ -122,7 +123,7 @@ def _names(node: Node, path: Path, format: str, faults: Faults) -> ModelNames | 
     links, joints = ("link", "joint") if format == "urdf" else ("worldbody//body", "worldbody//joint")
     usual = {"urdf": "", "mjcf": "hinge"}[format]
     moving = [joint for joint in root.iterfind(joints) if joint.get("type", usual) in _ONE_AXIS]
-    # The world is no link, whatever a URDF calls its root: nothing is seen from it.
+    # The world is no link, even if a URDF names its root so: it is no valid reference frame.
     return ModelNames(frozenset(_attribute(root.iterfind(links))) - {"world"}, frozenset(_attribute(moving)))
 
 
@@ -131,7 +132,7 @@ def _attribute(elements: Iterable[etree._Element]) -> list[str]:
 
 
 def _check_names(root: Node, names: ModelNames, faults: Faults) -> None:
-    """Every link, joint and frame that the description names is in the model."""
+    """Checks that every link, joint and frame that the description names is in the model."""
 
     def check(node: Node | None, attribute: str, valid: frozenset[str], what: str) -> None:
         name = None if node is None else node.get(attribute)

@@ -1,4 +1,4 @@
-"""Elements with their values read: what the grammar says of each is checked here, and only here."""
+"""XML elements with converted values; the only place that checks them against the grammar."""
 
 from __future__ import annotations
 
@@ -14,46 +14,46 @@ from tci.robot.xml.grammar import UNIT, Element
 from tci.robot.xml.values import InvalidValueError, Unit, Value
 
 _XSI = "{http://www.w3.org/2001/XMLSchema-instance}"
-"""Attributes of this namespace tell an editor where the schema is."""
+"""Namespace of the attributes that point an editor to the schema."""
 _SPACE = " \t\r\n"
-"""White space of XML: pretty-printing puts it around the text of an element."""
+"""White space of XML: pretty-printing adds it around the text of an element."""
 
 
 @dataclass
 class Node:
-    """One element. A value or a child that is wrong is left out here and noted as a fault."""
+    """One element. A value or a child that is wrong is left out here and recorded as a fault."""
 
     tag: str
     line: int
     unit: Unit
     values: dict[str, Any] = field(default_factory=dict)
-    """Attributes by name, in SI units and radians."""
+    """Values of the attributes by name, in SI units and radians."""
     text: Any = None
     """Value of the element's text."""
     children: dict[str, list[Node]] = field(default_factory=dict)
     ok: bool = True
-    """Whether this element and all below it are without fault, as far as the grammar goes."""
+    """True if this element and all below it satisfy the grammar."""
 
     def all(self, tag: str) -> list[Node]:
-        """Its children of that name, in the order of the file."""
+        """Returns its children of that name, in the order of the file."""
         return self.children.get(tag, [])
 
     def first(self, tag: str) -> Node | None:
-        """Its only child of that name."""
+        """Returns its only child of that name."""
         return next(iter(self.all(tag)), None)
 
     def value(self, tag: str, default: Any = None) -> Any:
-        """The text value of its only child of that name."""
+        """Returns the text value of its only child of that name."""
         child = self.first(tag)
         return default if child is None or child.text is None else child.text
 
     def get(self, name: str, default: Any = None) -> Any:
-        """The value of an attribute."""
+        """Returns the value of an attribute."""
         return self.values.get(name, default)
 
 
 def read_node(element: etree._Element, grammar: Element, unit: Unit, faults: Faults) -> Node:
-    """`element` and all below it, by `grammar`; angles without `type` are in `unit`."""
+    """Reads `element` and all below it, by `grammar`; angles without `type` are in `unit`."""
     reader = _Reader(element, faults)
     node = Node(str(element.tag), element.sourceline or 0, reader.unit(grammar, unit))
     reader.attributes(node, grammar)
@@ -64,20 +64,20 @@ def read_node(element: etree._Element, grammar: Element, unit: Unit, faults: Fau
 
 
 def listed(names: Iterable[str], *, most: int = 40) -> str:
-    """Valid names as a message gives them."""
+    """Returns valid names as messages list them."""
     names = list(names)
     more = f", and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(names[:most]) + more or "(none)"
 
 
 def nearest(name: str, valid: Iterable[str]) -> str:
-    """`; did you mean ...?; valid: ...`, for a name that does not exist."""
+    """Returns `; did you mean ...?; valid: ...`, for a name that does not exist."""
     valid = list(valid)
     return f"{meant(name, valid)}; valid: {listed(valid)}"
 
 
 class _Reader:
-    """Reads one element, and knows whether it found a fault there."""
+    """Reads one element, and records if it found a fault there."""
 
     def __init__(self, element: etree._Element, faults: Faults) -> None:
         self.element = element
@@ -89,7 +89,7 @@ class _Reader:
         self.faults.add(self.element.sourceline or 0 if line is None else line, message)
 
     def value(self, value: Value, text: str, what: str, unit: Unit) -> Any:
-        """The value of `text`, or None and a fault."""
+        """Returns the value of `text`, or None after recording a fault."""
         try:
             return value.read(text, unit)
         except InvalidValueError as error:

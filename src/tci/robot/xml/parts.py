@@ -20,23 +20,24 @@ from tci.robot.xml.transforms import check_coupled, check_retarget, read_table, 
 from tci.robot.xml.values import in_unit
 
 _SLACK = 1e-9
-"""What conversion between units may add to an angle [rad]."""
+"""Rounding error [rad] that conversion between units may add to an angle."""
 
 
 def read_parts(root: Node, servos: Servos, faults: Faults) -> tuple[GenericPart, ...]:
-    """The generic parts of a file."""
+    """Reads the generic parts of a file."""
     nodes = once_only(root.all("generic_robot_part"), "name", "generic_robot_part with", faults)
     return tuple(_part(node, servos, faults) for node in nodes)
 
 
 def kind_of(name: str) -> str:
-    """What a part without `kind` is: `head` for `icub_head`, `other` where its name is not clear."""
+    """Returns the kind of a part that gives none, from its name: `head` for `icub_head`, `other` if
+    unclear."""
     found = set(_words(name)) & (set(KINDS) - {"other"})
     return found.pop() if len(found) == 1 else "other"
 
 
 def side_of(name: str) -> str | None:
-    """Side of a part without `side`: `left` for `left_arm` and `LArm`, None where it is not clear."""
+    """Returns the side of a part that gives none: `left` for `left_arm` and `LArm`, None if unclear."""
     letters = {"l": "left", "left": "left", "r": "right", "right": "right"}
     found = {letters[word] for word in _words(name) if word in letters}
     return found.pop() if len(found) == 1 else None
@@ -76,7 +77,7 @@ def _part(node: Node, servos: Servos, faults: Faults) -> GenericPart:
 
 
 def _by_id(node: Node, name: str, faults: Faults) -> dict[int, Node]:
-    """The generic servos by id, when the ids are 0, 1, ... without a gap."""
+    """Returns the generic servos by id, if the ids are 0, 1, ... without a gap."""
     nodes = once_only(node.all("generic_servo"), "id", f"generic_servo of {name!r} with", faults)
     count = node.value("generic_servo_number")
     total = len(node.all("generic_servo"))
@@ -95,7 +96,7 @@ def _by_id(node: Node, name: str, faults: Faults) -> dict[int, Node]:
 
 
 def _names(node: Node, name: str, kind: str, nodes: Mapping[int, Node], faults: Faults) -> dict[int, str]:
-    """Name of each generic servo; an arm's are those of the generic arm."""
+    """Returns the name of each generic servo; those of an arm are the generic arm's joints."""
     once_only(
         [child for child in nodes.values() if "name" in child.values],
         "name",
@@ -121,7 +122,7 @@ def _names(node: Node, name: str, kind: str, nodes: Mapping[int, Node], faults: 
 
 
 def _initial_positions(node: Node, nodes: Mapping[int, Node], faults: Faults) -> dict[int, Node]:
-    """The `servo` elements of `initial_positions` by generic id: the paper counts generic servos there."""
+    """Returns the `servo` elements of `initial_positions` by generic id, as the paper numbers them there."""
     group = node.first("initial_positions")
     if group is None:
         return {}

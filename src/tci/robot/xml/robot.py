@@ -1,4 +1,5 @@
-"""Robot descriptions in XML: the paper's Listing 2, and what it lacks (docs/robot-description.md)."""
+"""Reader of robot descriptions in XML: the paper's Listing 2 and its extensions
+(docs/robot-description.md)."""
 
 from __future__ import annotations
 
@@ -20,11 +21,11 @@ from tci.robot.xml.skin import read_skin
 
 
 def read_robot(path: str | os.PathLike[str]) -> Robot:
-    """The robot that the description at `path` tells of, in SI units and radians.
+    """Reads the robot that the file at `path` describes, in SI units and radians.
 
-    Raises DescriptionError with every fault of the file, each with its line and what would be
-    valid, or when a retargeted shoulder does not fit the kinematic model; MissingExtraError when the
-    file is right but that model comes from a package that is not installed.
+    Raises DescriptionError with every fault of the file, each with its line and what would be valid, or when
+    a retargeted shoulder does not fit the kinematic model; MissingExtraError when the file is right but that
+    model comes from a package that is not installed.
     """
     file = Path(path)
     data = read_bytes(file)
@@ -33,7 +34,7 @@ def read_robot(path: str | os.PathLike[str]) -> Robot:
         tag = shown(str(element.tag))
         raise refuse(str(file), element.sourceline or 1, f"the root element is {tag}; valid: <{ROOT}>")
     faults = Faults(str(file))
-    # Without a unit the file is refused; its angles are still looked at, as if in degrees.
+    # Without a unit the file is refused; its angles are still checked, as if in degrees.
     unit = element.get("angle_unit")
     root = read_node(element, GENERIC_ROBOT, "rad" if unit == "rad" else "deg", faults)
     servos = read_servos(root, faults)
@@ -66,12 +67,13 @@ def read_robot(path: str | os.PathLike[str]) -> Robot:
 
 
 def schema_path() -> Path:
-    """The XSD schema of the dialect, for an editor. `read_robot` checks more than it can say."""
+    """Returns the path of the dialect's XSD schema, for editors. `read_robot` checks more than a schema can
+    express."""
     return Path(__file__).with_name("robot.xsd")
 
 
 def _addressable(root: Node, servos: Servos) -> set[str]:
-    """What a binding can have an address for; patches too that have faults of their own."""
+    """Returns the names that a binding can give an address for, including patches with faults."""
     skin = root.first("skin")
     patches = skin.all("patch") if skin is not None else []
     names = {name for servo in servos.all for name in (servo.name, servo.robot_part)}

@@ -1,4 +1,4 @@
-"""`robot_part`, `servo` and `coupling`: the robot in its own terms."""
+"""`robot_part`, `servo` and `coupling`: the robot's own joints."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from tci.robot.xml.node import Node, listed, nearest
 from tci.robot.xml.values import in_unit
 
 Key = tuple[str, int]
-"""Robot part and id: what a file calls a servo by."""
+"""Robot part and id that identify a servo in a file."""
 
 _RADIANS_LIKE = math.radians(2.0 * math.pi)
-"""2 pi degrees, in radians: limits in degrees that are all smaller were written in radians."""
+"""2 pi degrees, in radians: if all limits given in degrees are smaller, they were written in radians."""
 
 
 class Servos:
-    """The servos of a robot, and the lines on which they stand."""
+    """The servos of a robot, and their line numbers in the file."""
 
     def __init__(self, declared: bool) -> None:
         self.declared = declared
         """False for a file without `robot_part`: its servos are those that its parts mention."""
         self.all: list[Servo] = []
         self.line: dict[int, int] = {}
-        """Line of each servo, by its index."""
+        """Line number of each servo, by its index."""
         self._index: dict[Key, int] = {}
 
     def add(self, line: int, robot_part: str, id: int, **fields: Any) -> None:
-        """Give the servo the next index."""
+        """Adds a servo with the next index."""
         index = len(self.all)
         self._index[robot_part, id] = index
         self.line[index] = line
@@ -43,7 +43,7 @@ class Servos:
         return tuple(dict.fromkeys(part for part, _ in self._index))
 
     def find(self, robot_part: str, id: int, line: int, faults: Faults) -> Servo | None:
-        """The servo of that part and id; None and a fault on `line` when there is none."""
+        """Returns the servo of that part and id; None and a fault on `line` if there is none."""
         if (robot_part, id) in self._index:
             return self.all[self._index[robot_part, id]]
         if robot_part not in self.robot_parts:
@@ -55,7 +55,8 @@ class Servos:
 
 
 def once_only(nodes: Iterable[Node], key: str, what: str, faults: Faults) -> list[Node]:
-    """The nodes without those whose attribute `key` an earlier one has; each of those is a fault."""
+    """Returns the nodes without those that repeat an earlier node's attribute `key`; each of those is a
+    fault."""
     first: dict[Any, Node] = {}
     kept = []
     for node in nodes:
@@ -69,7 +70,7 @@ def once_only(nodes: Iterable[Node], key: str, what: str, faults: Faults) -> lis
 
 
 def read_servos(root: Node, faults: Faults) -> Servos:
-    """All servos of a file; those of one robot part in the order of their ids."""
+    """Reads all servos of a file; those of one robot part in the order of their ids."""
     servos = Servos(declared=bool(root.all("robot_part")))
     if not servos.declared:
         _mentioned(root, servos)
@@ -98,8 +99,7 @@ def read_servos(root: Node, faults: Faults) -> Servos:
 def read_couplings(
     root: Node, servos: Servos, initial: Mapping[int, float], faults: Faults
 ) -> tuple[Coupling, ...]:
-    """The couplings of a file. `initial` is the initial angle [rad] of servos by index,
-    where it is known."""
+    """Reads the couplings of a file. `initial` is the initial angle [rad] of servos by index, if known."""
     couplings = []
     for node in once_only(root.all("coupling"), "name", "coupling with", faults):
         name = node.get("name", "?")
@@ -124,7 +124,7 @@ def read_couplings(
 
 
 def _mentioned(root: Node, servos: Servos) -> None:
-    """Bare servos: those that the generic parts of a file like Listing 2 are mapped to."""
+    """Adds servos without limits: those that the generic parts of a file like Listing 2 are mapped to."""
     mentioned: dict[Key, int] = {}
     for part in root.all("generic_robot_part"):
         for node in part.all("generic_servo"):
@@ -155,7 +155,7 @@ def _limits(node: Node, faults: Faults) -> Limits:
 
 
 def check_range(node: Node, what: str, faults: Faults) -> bool:
-    """Whether the node's angles min and max are in order. They are never swapped."""
+    """Returns True if the node's angles min and max are in order. They are never swapped."""
     lower, upper = node.get("min"), node.get("max")
     if lower < upper:
         return True
@@ -165,7 +165,8 @@ def check_range(node: Node, what: str, faults: Faults) -> bool:
 
 
 def _check_unit(root: Node, servos: Servos, faults: Faults) -> None:
-    """Limits in radians under angle_unit="deg" would let a robot move by a few degrees only."""
+    """Reports limits in radians under angle_unit="deg", which would let a robot move by a few degrees
+    only."""
     ranges = [
         (node.first("position"), servos.line) for part in root.all("robot_part") for node in part.all("servo")
     ]
@@ -211,7 +212,8 @@ def _check_coupling(
 def check_initial_sum(
     node: Node, coupling: Coupling, initial: Mapping[int, float], slack: float, faults: Faults
 ) -> None:
-    """A coupling holds in the `initial` posture [rad], by servo, but for `slack` [rad]."""
+    """Checks that a coupling holds in the `initial` posture [rad], by servo, with a tolerance of `slack`
+    [rad]."""
     total = sum(c * initial[index] for index, c in zip(coupling.servos, coupling.coefficients, strict=True))
     if not coupling.lower - slack <= total <= coupling.upper + slack:
         faults.add(

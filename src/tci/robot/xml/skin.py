@@ -1,4 +1,4 @@
-"""`skin`: patches, their sensors, and the three ways to say where taxels are (eqs 3-4)."""
+"""`skin`: patches, their sensors, and the three ways to give the positions of taxels (eqs 3-4)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ PER_MODULE = 12
 
 
 def read_skin(root: Node, source: Path, faults: Faults) -> tuple[Patch, ...]:
-    """The skin patches of the file `source`."""
+    """Reads the skin patches of the file `source`."""
     skin = root.first("skin")
     if skin is None:
         return ()
@@ -81,7 +81,7 @@ def _axes(sensor: Node, faults: Faults) -> Literal[1, 3]:
 
 
 def _response(sensor: Node, faults: Faults) -> tuple[tuple[float, float], ...]:
-    """The points of a response curve: counts away from rest, and pressure [Pa]."""
+    """Returns the points of a response curve: counts away from rest, and pressure [Pa]."""
     node = sensor.first("response")
     if node is None:
         return ()
@@ -94,7 +94,7 @@ def _response(sensor: Node, faults: Faults) -> tuple[tuple[float, float], ...]:
 
 
 def _places(patch: Node) -> int | None:
-    """Channels of the skin: values of a frame by axes of the sensor."""
+    """Returns the number of channels of the skin: values of a frame divided by the axes of the sensor."""
     channels, sensor = patch.get("channels"), patch.first("sensor")
     axes = 1 if sensor is None else sensor.get("axes", 1)
     return None if channels is None or axes is None else channels // axes

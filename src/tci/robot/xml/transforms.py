@@ -1,4 +1,4 @@
-"""Transforms of generic servos beside the linear one: tables, couplings, retargeted shoulders."""
+"""Transforms of generic servos other than linear: tables, couplings, retargeted shoulders."""
 
 from __future__ import annotations
 
@@ -12,15 +12,17 @@ from tci.robot.xml.node import Node, listed
 from tci.robot.xml.servos import Servos
 
 STEEPEST = 1e3
-"""Largest slope, and inverse of the smallest, between neighbouring points of a table: as for gamma. Ours."""
+"""Largest slope, and inverse of the smallest, between neighbouring points of a table. Assumed: the bounds of
+gamma (`values.Factor`)."""
 WORST = 1e4
-"""Largest condition number of a coupling's matrix. Ours."""
+"""Largest condition number of a coupling's matrix. Assumed; no published value."""
 SHOULDER = (0, 1, 2)
-"""Generic ids of an arm that are retargeted together."""
+"""Generic ids of the arm joints that are retargeted together."""
 
 
 def read_table(node: Node, kind: str, faults: Faults) -> tuple[tuple[float, float], ...]:
-    """Pairs of robot's and generic angle [rad] of a generic servo, in the order of the robot's."""
+    """Reads pairs (robot's angle, generic angle) [rad] of a generic servo, in the order of the robot's
+    angle."""
     table = node.first("transform_table")
     if kind != "table":
         if table is not None:
@@ -52,7 +54,7 @@ def read_table(node: Node, kind: str, faults: Faults) -> tuple[tuple[float, floa
 
 
 def read_terms(part: Node, node: Node, kind: str, servos: Servos, faults: Faults) -> tuple[Term, ...]:
-    """The servos that make up a coupled generic servo."""
+    """Reads the servos of which a coupled generic servo is the linear combination."""
     children = node.all("coupled_term")
     if kind != "coupled":
         if children:
@@ -76,7 +78,8 @@ def read_terms(part: Node, node: Node, kind: str, servos: Servos, faults: Faults
 
 
 def check_coupled(node: Node, generic: Sequence[GenericServo], faults: Faults) -> None:
-    """A part's coupled joints are made of their own servos, and can be told apart."""
+    """Checks that a part's coupled joints combine their own servos only, and that their matrix is
+    invertible."""
     coupled = [joint for joint in generic if joint.transform == "coupled" and joint.servo is not None]
     own = [joint.servo for joint in coupled]
     for joint in coupled:
@@ -93,8 +96,8 @@ def check_coupled(node: Node, generic: Sequence[GenericServo], faults: Faults) -
 
 
 def separable(coupled: Sequence[GenericServo]) -> bool:
-    """Whether a part's coupled joints, at least one, are made of their own servos only and their matrix can
-    be inverted."""
+    """Returns True if a part's coupled joints, at least one, combine their own servos only and their matrix
+    is invertible."""
     own = [joint.servo for joint in coupled]
     if any(term.servo not in own for joint in coupled for term in joint.terms):
         return False
@@ -106,7 +109,7 @@ def separable(coupled: Sequence[GenericServo]) -> bool:
 
 
 def check_retarget(node: Node, kind: str, generic: Sequence[GenericServo], faults: Faults) -> None:
-    """Retargeting is for the whole shoulder of an arm whose geometry is known."""
+    """Checks that retargeting is used for the whole shoulder of an arm whose geometry is known."""
     ids = tuple(joint.id for joint in generic if joint.transform == "retarget")
     if not ids:
         return

@@ -1,7 +1,7 @@
-"""The kinds of values that a description holds, each with the words that say what is valid.
+"""Kinds of values in a description, each with the text that says what is valid.
 
-Numbers are plain ASCII decimals: what `float` takes beside them (nan, inf, 1_0, other digits,
-spaces around them) is more often a slip than meant.
+Numbers are plain ASCII decimals: other forms that `float` accepts (nan, inf, 1_0, other digits, surrounding
+spaces) are more often mistakes than intended.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from tci.robot.description import Vector
 Unit = Literal["deg", "rad"]
 
 MAX_ANGLE = 4.0 * math.pi
-"""Two turns [rad]: no joint goes further, so a larger angle is in the wrong unit (ours)."""
+"""Largest angle [rad]. Assumed: no joint turns further than two turns, so a larger angle is in the wrong
+unit."""
 
 NUMBER = r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?"
 """Pattern of a plain ASCII decimal."""
@@ -26,28 +27,28 @@ _INTEGER = re.compile(r"[0-9]{1,9}")
 
 
 class InvalidValueError(ValueError):
-    """What is valid instead; caught by the reader, which adds the place and the value."""
+    """Text that says what is valid; the reader catches it and adds the place and the value."""
 
 
 def to_rad(value: float, unit: Unit) -> float:
-    """`value` [unit] in radians."""
+    """Returns `value` [unit] in radians."""
     return math.radians(value) if unit == "deg" else value
 
 
 def in_unit(angle: float, unit: Unit) -> str:
-    """An angle [rad] in the words of a file with that unit: `15 deg`."""
+    """Returns an angle [rad] as text in the file's unit: `15 deg`."""
     return f"{round(math.degrees(angle), 6) if unit == 'deg' else round(angle, 9):.9g} {unit}"
 
 
 class Value(ABC):
-    """How one attribute, or the text of one element, is written."""
+    """The form of one attribute, or of the text of one element."""
 
     angular = False
-    """Whether the angle unit matters to it."""
+    """True if the value depends on the angle unit."""
 
     @abstractmethod
     def read(self, text: str, unit: Unit) -> object:
-        """The value in SI units and radians. Raises InvalidValueError."""
+        """Returns the value in SI units and radians. Raises InvalidValueError."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +65,7 @@ class Name(Value):
 
 @dataclass(frozen=True)
 class Choice(Value):
-    """One of some words."""
+    """One of several keywords."""
 
     valid: tuple[str, ...]
 
@@ -76,7 +77,7 @@ class Choice(Value):
 
 @dataclass(frozen=True)
 class Choices(Value):
-    """One or more of some words, each once, with spaces between them."""
+    """One or more of several keywords, each once, separated by spaces."""
 
     valid: tuple[str, ...]
 
@@ -94,7 +95,7 @@ class Integer(Value):
     least: int = 0
     most: int = 1_000_000
     word: str | None = None
-    """A word that may stand instead, and is then the value."""
+    """Keyword that is valid instead of a number, and is then the value."""
 
     def read(self, text: str, unit: Unit) -> int | str:
         if text == self.word:
@@ -107,12 +108,12 @@ class Integer(Value):
 
 @dataclass(frozen=True)
 class Number(Value):
-    """A number, within bounds."""
+    """A number within bounds."""
 
     least: float = -1e12
     most: float = 1e12
     positive: bool = False
-    """Whether it must be above 0."""
+    """True if it must be above 0."""
     unit: str = ""
     """Unit for the message."""
 
@@ -132,7 +133,7 @@ class Number(Value):
 
 @dataclass(frozen=True)
 class Factor(Value):
-    """A transform factor, gamma of eq. 1: it may turn the sign, but neither vanish nor explode."""
+    """A transform factor, gamma of eq. 1: of either sign, with a bounded absolute value."""
 
     least: float = 1e-3
     most: float = 1e3
@@ -146,13 +147,13 @@ class Factor(Value):
 
 @dataclass(frozen=True)
 class Angle(Value):
-    """An angle, or a speed, acceleration or jerk of one; read as radians."""
+    """An angle or its derivative (speed, acceleration, jerk), in radians."""
 
     positive: bool = False
     most: float = MAX_ANGLE
-    """Largest size [rad...] that is plausible; beyond, the unit must be wrong (ours)."""
+    """Largest plausible absolute value [rad...]. Assumed: a larger one is in the wrong unit."""
     per: str = ""
-    """`/s`, `/s2`, `/s3`, for the message."""
+    """Derivative in the message: `/s`, `/s2`, `/s3`."""
 
     angular = True
 
@@ -168,13 +169,13 @@ class Angle(Value):
 
 @dataclass(frozen=True)
 class Three(Value):
-    """Three values of one kind, with spaces between them."""
+    """Three values of one kind, separated by spaces."""
 
     of: Value
 
     @property
     def angular(self) -> bool:  # type: ignore[override] # that of its values
-        """Whether the angle unit matters to it."""
+        """True if its values depend on the angle unit."""
         return self.of.angular
 
     def read(self, text: str, unit: Unit) -> Vector:
@@ -201,7 +202,7 @@ class RelativePath(Value):
 
 
 def decimal(text: str) -> float:
-    """A finite number, written as an ASCII decimal. Raises InvalidValueError."""
+    """Returns a finite number, written as an ASCII decimal. Raises InvalidValueError."""
     value = float(text) if len(text) <= 60 and _NUMBER.fullmatch(text) else math.nan
     if not math.isfinite(value):
         raise InvalidValueError("a finite decimal number such as -12.5 or 1e-3")

@@ -11,8 +11,8 @@ from types import ModuleType
 
 import pytest
 
-from tci.errors import MissingExtraError
 from yarpwire.bindings.module import load, version
+from yarpwire.errors import BindingsError
 
 ROOT = Path(__file__).parent.parent
 DEBIAN_PYTHON = "/usr/bin/python3"
@@ -78,7 +78,7 @@ def bindings_dialect() -> str | None:
     """What YARP's own bindings speak, `3` or `4`; None where this Python can't import them."""
     try:
         return version(load())[1].name
-    except MissingExtraError:
+    except BindingsError:
         return None
 
 

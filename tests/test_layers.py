@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import sys
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -39,15 +40,25 @@ LAYERS = (
 RANK = {name: rank for rank, layer in enumerate(LAYERS) for name in layer.split()}
 GENERATED = "tci_lcm"
 """Folder of code that lcm-gen made."""
+WIRE = ROOT.parent / "yarpwire"
+"""The package that knows nothing of TCI."""
+
+
+def module_of(path: Path) -> str:
+    """Dotted name of a file of either package."""
+    return ".".join(path.relative_to(ROOT.parent).with_suffix("").parts).removesuffix(".__init__")
+
+
 MODULES = {
-    ".".join(("tci", *path.relative_to(ROOT).with_suffix("").parts)).removesuffix(".__init__"): path
+    module_of(path): path
     for path in sorted(ROOT.rglob("*.py"))
     if path != ROOT / "__init__.py" and GENERATED not in path.parts
 }
+WIRE_MODULES = {module_of(path): path for path in sorted(WIRE.rglob("*.py")) if path != WIRE / "__init__.py"}
 
 
 def imported(path: Path) -> set[str]:
-    """Modules of `tci` that a file imports, also inside functions and for types only."""
+    """Modules that a file imports, also inside functions and for types only."""
     names = set()
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
@@ -56,8 +67,8 @@ def imported(path: Path) -> set[str]:
             assert node.level == 0, f"{path}: relative import"
             module = node.module or ""
             inner = {f"{module}.{alias.name}" for alias in node.names}
-            names |= {name if name in MODULES else module for name in inner}
-    return {name for name in names if name.startswith("tci.")}
+            names |= {name if name in MODULES or name in WIRE_MODULES else module for name in inner}
+    return names
 
 
 def test_every_folder_has_a_layer() -> None:
@@ -68,14 +79,27 @@ def test_every_folder_has_a_layer() -> None:
 @pytest.mark.parametrize("name", MODULES)
 def test_imports_point_to_the_left(name: str) -> None:
     own = name.split(".")[1]
-    others = {other.split(".")[1] for other in imported(MODULES[name])} - {own}
+    others = {other for other in imported(MODULES[name]) if other.startswith("tci.")}
+    others = {other.split(".")[1] for other in others} - {own}
     wrong = {other for other in others if RANK[other] > RANK[own] or (RANK[other] == RANK[own] != 0)}
     assert not wrong, f"{name} must not import {sorted(wrong)}"
 
 
-def test_no_files_import_each_other_in_a_circle() -> None:
-    graph = {name: imported(path) & MODULES.keys() - {name} for name, path in MODULES.items()}
+@pytest.mark.parametrize("name", ["yarpwire", *WIRE_MODULES])
+def test_yarpwire_needs_numpy_and_nothing_of_tci(name: str) -> None:
+    packages = {other.split(".")[0] for other in imported(WIRE_MODULES.get(name, WIRE / "__init__.py"))}
+    assert packages - sys.stdlib_module_names <= {"yarpwire", "numpy"}
+
+
+@pytest.mark.parametrize("modules", [MODULES, WIRE_MODULES], ids=["tci", "yarpwire"])
+def test_no_files_import_each_other_in_a_circle(modules: dict[str, Path]) -> None:
+    graph = {name: imported(path) & modules.keys() - {name} for name, path in modules.items()}
     try:
         TopologicalSorter(graph).prepare()
     except CycleError as error:
         pytest.fail(" -> ".join(error.args[1]))
+
+
+def test_yarpwire_does_not_import_the_bindings_that_stand_on_it() -> None:
+    below = {name for name in WIRE_MODULES if not name.startswith("yarpwire.bindings")}
+    assert not [name for name in below if any("bindings" in one for one in imported(WIRE_MODULES[name]))]

@@ -10,7 +10,7 @@ import hmac
 import secrets
 import socket
 
-from tci.errors import WireError
+from yarpwire.errors import WireError
 from yarpwire.source import SocketSource
 
 NONCE, DIGEST = 8, 32

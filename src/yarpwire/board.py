@@ -13,12 +13,11 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any
 
-from tci.errors import DriverError, UnknownNameError
-from tci.frames import Array
 from yarpwire.dialect import V3, V4, Dialect
+from yarpwire.errors import PortError, UnknownNameError
 from yarpwire.names import PATIENCE, Contact
 from yarpwire.network import Network
-from yarpwire.values import Int16, Vocab
+from yarpwire.values import Array, Int16, Vocab
 
 IDLE, POSITION, DIRECT = Vocab("idl"), Vocab("pos"), Vocab("posd")
 VELOCITY, TORQUE = Vocab("vel"), Vocab("torq")
@@ -50,7 +49,7 @@ class AxisLimits:
 def find_board(network: Network, prefix: str, sender: str, dialect: Dialect | None = None) -> Board:
     """The board whose ports begin with `prefix`, in the dialect that it speaks: its call port's name tells.
 
-    Raises UnknownNameError when there is none, DriverError when the name server doesn't answer.
+    Raises UnknownNameError when there is none, PortError when the name server doesn't answer.
     """
     there = {contact.name: contact for contact in network.list()}
     for kind in (BoardV3, BoardV4):
@@ -68,7 +67,7 @@ def find_board(network: Network, prefix: str, sender: str, dialect: Dialect | No
 
 
 class Board(ABC):
-    """Calls to one control board. All raise DriverError when it does not answer or refuses."""
+    """Calls to one control board. All raise PortError when it does not answer or refuses."""
 
     dialect: Dialect
     port: str
@@ -79,7 +78,7 @@ class Board(ABC):
         """Its ports' common beginning: `/icub/left_arm`."""
         self._rpc = network.caller(contact, sender, self.dialect)
         self._asked: deque[tuple[Sequence[Any], float]] = deque()
-        self._refusal: DriverError | None = None
+        self._refusal: PortError | None = None
 
     def close(self) -> None:
         """Let go of the connection."""
@@ -111,7 +110,7 @@ class Board(ABC):
 
     @abstractmethod
     def check(self, call: Sequence[Any], answer: Sequence[Any]) -> Sequence[Any]:
-        """What an answer says. Raises DriverError for one that refuses."""
+        """What an answer says. Raises PortError for one that refuses."""
 
     def set_modes(self, joints: Sequence[int], mode: Vocab) -> None:
         """Switch joints to a control mode."""
@@ -132,7 +131,7 @@ class Board(ABC):
 
     def settle(self, patience: float = 0.0) -> bool:
         """Whether all that was asked is answered, at the latest after `patience` [s] for each. Raises
-        DriverError when something was refused, or not answered in time."""
+        PortError when something was refused, or not answered in time."""
         while self._asked:
             call, since = self._asked[0]
             if not self._rpc.answered(patience) and time.monotonic() - since < PATIENCE:
@@ -140,12 +139,12 @@ class Board(ABC):
             self._asked.popleft()
             try:
                 answer = self._rpc.hear()
-            except DriverError:
+            except PortError:
                 self._asked.clear()
                 raise
             try:
                 self.check(call, answer)
-            except DriverError as error:
+            except PortError as error:
                 self._refusal = error
         refusal, self._refusal = self._refusal, None
         if refusal is not None:
@@ -170,7 +169,7 @@ class Board(ABC):
 
     def _numbers(self, found: Sequence[Any], count: int, what: Sequence[Any]) -> list[float]:
         if len(found) != count or not all(isinstance(value, int | float) for value in found):
-            raise DriverError(f"{self.prefix} answers {str(found)[:80]} to {what}; valid: {count} numbers")
+            raise PortError(f"{self.prefix} answers {str(found)[:80]} to {what}; valid: {count} numbers")
         return [float(value) for value in found]
 
 
@@ -214,7 +213,7 @@ class BoardV3(Board):
         """Data in the answer, without its words and its time."""
         answer = self.call(_words("get", *words))
         if answer[0] != Vocab("is") or len(answer) < 6 or answer[-4] != Vocab("tsta"):
-            raise DriverError(
+            raise PortError(
                 f"{self.prefix} answers {str(answer)[:80]} to {words}; valid: [is] ... [tsta] n t [ok]"
             )
         return list(answer[2:-4])
@@ -224,7 +223,7 @@ class BoardV3(Board):
 
     def check(self, call: Sequence[Any], answer: Sequence[Any]) -> Sequence[Any]:
         if not answer or answer[-1] != OK:
-            raise DriverError(f"{self.prefix} refuses {call}: {answer or 'no answer'}")
+            raise PortError(f"{self.prefix} refuses {call}: {answer or 'no answer'}")
         return answer
 
 
@@ -275,5 +274,5 @@ class BoardV4(Board):
     def check(self, call: Sequence[Any], answer: Sequence[Any]) -> Sequence[Any]:
         head = answer[0] if answer else None
         if head != OK and head != [OK]:
-            raise DriverError(f"{self.prefix} refuses {call[0]} {call[1:]}: {answer or 'no answer'}")
+            raise PortError(f"{self.prefix} refuses {call[0]} {call[1:]}: {answer or 'no answer'}")
         return answer[1:]

@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.errors import WireError
-from tci.frames import Array
 from yarpwire.dialect import DIALECTS, Dialect
+from yarpwire.errors import WireError
 from yarpwire.source import Memory, Source
 from yarpwire.values import (
     FALSE,
     TRUE,
+    Array,
     Dict,
     Float32,
     Int8,

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from tci.drivers.yarp.served_board import FULL_DAMPING, FULL_STIFFNESS, ServedBoard
-from tci.errors import CommandError, TciError
 from yarpwire.board import Stream
+from yarpwire.board_service import BoardService
+from yarpwire.errors import CallError, YarpError
 from yarpwire.values import Vocab
 
 PROTOCOL = (1, 9, 0)
@@ -18,27 +18,26 @@ OK, FAIL, IS = Vocab("ok"), Vocab("fail"), Vocab("is")
 Words = Sequence[Any]
 
 
-def answer_v3(board: ServedBoard, items: Words) -> list[Any]:
+def answer_v3(board: BoardService, items: Words) -> list[Any]:
     """What 3.12 answers to a call: `[fail]` for anything that it can't do."""
     words = [item.word if isinstance(item, Vocab) else item for item in items]
     try:
         if words[:2] == ["get", "prot"]:
             return [Vocab("prot"), *PROTOCOL, OK]
         if words[:1] == ["set"]:
-            board.book.begin()
-            _set(board, words[1], words[2:])
-            board.book.settle()
+            with board.awaited():
+                _set(board, words[1], words[2:])
             return [OK]
         if words[:1] != ["get"]:
             return [Vocab("nak")] if words == ["help"] else [FAIL]
         found = _get(board, words[1], words[2:])
-    except (TciError, ArithmeticError, LookupError, TypeError, ValueError):
+    except (YarpError, ArithmeticError, LookupError, TypeError, ValueError):
         return [FAIL]
     board.counter += 1
     return [*found, Vocab("tsta"), board.counter - 1, board.stamp, OK]
 
 
-def _set(board: ServedBoard, word: str, rest: Words) -> None:
+def _set(board: BoardService, word: str, rest: Words) -> None:
     if word == "icmd":
         _set_words(rest, {"cmod": 1, "cmog": 2, "cmds": 3}, board.set_modes)
     elif word == "intm":
@@ -60,7 +59,7 @@ def _set(board: ServedBoard, word: str, rest: Words) -> None:
         elif stem in ("vel", "acc"):
             (board.set_speeds if stem == "vel" else board.set_accelerations)(joints, values)
         else:
-            raise CommandError(f"[set] [{word}] is not known")
+            raise CallError(f"[set] [{word}] is not known")
 
 
 def _targets(kind: str, rest: Words) -> tuple[Sequence[int] | None, Sequence[float]]:
@@ -82,7 +81,7 @@ def _set_words(
             act(None, rest[1])
 
 
-def _get(board: ServedBoard, word: str, rest: Words) -> list[Any]:
+def _get(board: BoardService, word: str, rest: Words) -> list[Any]:
     head = [IS, Vocab(word)]
     state = board.state
     if word == "icmd" or word == "intm":
@@ -92,7 +91,7 @@ def _get(board: ServedBoard, word: str, rest: Words) -> list[Any]:
         if rest[0] == "ipr":
             return [*head, board.impedance(joint).tolist()]
         if rest[0] == "llim":
-            return [*head, [0.0, FULL_STIFFNESS, 0.0, FULL_DAMPING]]
+            return [*head, [x for most in board.impedance_limits() for x in (0.0, most)]]
         raise KeyError(rest[0])
     if word == "torq":
         return [*head, *_torque(board, rest)]
@@ -107,7 +106,7 @@ def _get(board: ServedBoard, word: str, rest: Words) -> list[Any]:
         case "axes":
             return [*head, board.count]
         case "name":
-            return [*head, board.servos[board.joints([rest[0]])[0]].name]
+            return [*head, board.name(rest[0])]
         case "type":
             return [*head, int(Vocab("atrv"))]
         case "llim":
@@ -123,7 +122,7 @@ def _get(board: ServedBoard, word: str, rest: Words) -> list[Any]:
     raise KeyError(word)
 
 
-def _get_words(board: ServedBoard, word: str, rest: Words) -> list[Any]:
+def _get_words(board: BoardService, word: str, rest: Words) -> list[Any]:
     modes = board.state.modes if word == "icmd" else board.state.interactions
     words = [Vocab(mode) for mode in modes or ()]
     head = [IS, Vocab(rest[0])] if word == "icmd" else []
@@ -135,7 +134,7 @@ def _get_words(board: ServedBoard, word: str, rest: Words) -> list[Any]:
     return [*head, words]
 
 
-def _torque(board: ServedBoard, rest: Words) -> list[Any]:
+def _torque(board: BoardService, rest: Words) -> list[Any]:
     torque = board.state.torque
     match rest[0]:
         case "trq":
@@ -153,5 +152,5 @@ def _torque(board: ServedBoard, rest: Words) -> list[Any]:
 
 def _array(values: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
     if values is None:
-        raise CommandError("the robot does not say")
+        raise CallError("the robot does not say")
     return np.asarray(values, dtype=float)

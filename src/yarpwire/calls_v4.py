@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from tci.drivers.yarp.served_board import FULL_DAMPING, FULL_STIFFNESS, ServedBoard
-from tci.errors import CommandError, TciError
-from tci.frames import Array
 from yarpwire.board import Stream
-from yarpwire.values import Loose, Vocab
+from yarpwire.board_service import BoardService
+from yarpwire.errors import CallError, YarpError
+from yarpwire.values import Array, Loose, Vocab
 
 OK, FAIL = Vocab("ok"), Vocab("fail")
 METHOD_FAILED = Vocab("err5")
@@ -24,7 +23,7 @@ INTERFACES = (
 Answers = Callable[..., Sequence[Any] | None]
 
 
-def answer_v4(board: ServedBoard, items: Sequence[Any]) -> list[Any] | bytes:
+def answer_v4(board: BoardService, items: Sequence[Any]) -> list[Any] | bytes:
     """What 4.0 answers to a call: `[ok]`, `([ok]) data`, `[err5]` for a failure, `[fail]` for none such."""
     method = items[0] if items and isinstance(items[0], str) else ""
     if method == "getRemoteProtocolVersion":
@@ -32,21 +31,20 @@ def answer_v4(board: ServedBoard, items: Sequence[Any]) -> list[Any] | bytes:
     if method not in CALLS:
         return [FAIL]
     try:
-        board.book.begin()
-        found = CALLS[method](board, *items[1:])
-        board.book.settle()
-    except (TciError, ArithmeticError, LookupError, TypeError, ValueError):
+        with board.awaited():
+            found = CALLS[method](board, *items[1:])
+    except (YarpError, ArithmeticError, LookupError, TypeError, ValueError):
         return Loose([METHOD_FAILED])
     return Loose([OK]) if found is None else [Loose([OK]), *found]
 
 
-def _axis(values: Callable[[ServedBoard], Array | None]) -> tuple[Answers, Answers]:
+def _axis(values: Callable[[BoardService], Array | None]) -> tuple[Answers, Answers]:
     """Answers with the value of one joint, and with those of all."""
 
-    def one(board: ServedBoard, joint: int) -> list[Any]:
+    def one(board: BoardService, joint: int) -> list[Any]:
         return [float(_known(values(board))[board.joints([joint])[0]])]
 
-    def every(board: ServedBoard) -> list[Any]:
+    def every(board: BoardService) -> list[Any]:
         return [_known(values(board)).tolist()]
 
     return one, every
@@ -54,16 +52,16 @@ def _axis(values: Callable[[ServedBoard], Array | None]) -> tuple[Answers, Answe
 
 def _known(values: Array | None) -> Array:
     if values is None:
-        raise CommandError("the robot does not say")
+        raise CallError("the robot does not say")
     return values
 
 
-def _words(board: ServedBoard, joints: Sequence[int] | None) -> list[int]:
+def _words(board: BoardService, joints: Sequence[int] | None) -> list[int]:
     interactions = board.state.interactions or (0,) * board.count
     return [int(interactions[joint]) for joint in board.joints(joints)]
 
 
-def _interfaces(board: ServedBoard) -> list[Any]:
+def _interfaces(board: BoardService) -> list[Any]:
     return [[[name, OK] for name in INTERFACES]]
 
 
@@ -71,7 +69,7 @@ def _truth(value: bool) -> list[Any]:
     return [OK if value else FAIL]
 
 
-def _zeros(board: ServedBoard) -> Array:
+def _zeros(board: BoardService) -> Array:
     return np.zeros(board.count)
 
 
@@ -81,7 +79,7 @@ SPEEDS, ACCELERATIONS = _axis(lambda b: b.speeds), _axis(lambda b: b.acceleratio
 
 CALLS: dict[str, Answers] = {
     "getAxesRPC": lambda b: [b.count],
-    "getAxisNameRPC": lambda b, j: [b.servos[b.joints([j])[0]].name],
+    "getAxisNameRPC": lambda b, j: [b.name(j)],
     "getJointTypeRPC": lambda b, j: [int(Vocab("atrv"))],
     "getDeviceInterfacesRPC": _interfaces,
     "getPosLimitsRPC": lambda b, j: [*b.limits(j)],
@@ -110,7 +108,7 @@ CALLS: dict[str, Answers] = {
     "setInteractionModesAllRPC": lambda b, modes: b.set_interactions(None, modes),
     "getImpedanceRPC": lambda b, j: b.impedance(j).tolist(),
     "setImpedanceRPC": lambda b, j, k, d: b.set_impedance(j, k, d),
-    "getCurrentImpedanceLimitRPC": lambda b, j: [0.0, FULL_STIFFNESS, 0.0, FULL_DAMPING],
+    "getCurrentImpedanceLimitRPC": lambda b, j: [x for most in b.impedance_limits() for x in (0.0, most)],
     "positionMoveOneRPC": lambda b, j, value: b.move([j], [value]),
     "positionMoveGroupRPC": lambda b, js, values: b.move(js, values),
     "positionMoveAllRPC": lambda b, values: b.move(None, values),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from tci.errors import UnknownNameError
+from yarpwire.errors import UnknownNameError
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,11 +6,10 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Generic, Protocol, TypeVar
 
-from tci.drivers.remote.source_clock import SourceClock
-from tci.errors import DriverError, UnknownNameError, WireError
 from yarpwire.dialect import Dialect
+from yarpwire.errors import PortError, WireError
 from yarpwire.incoming import Delivery
 from yarpwire.network import Network
 
@@ -36,6 +35,19 @@ class Sample(Generic[Value]):
     """Counts up with each message that was new."""
 
 
+class Clock(Protocol):
+    """Maps the clock of a sender to this machine's monotonic clock."""
+
+    difference: float | None
+    """Ours minus theirs [s]; None before the first message."""
+
+    def place(self, stamp: float, arrival: float) -> float | None:
+        """Time [s, ours] of what was stamped `stamp` [s, theirs] and came at `arrival` [s, ours].
+
+        None if it is older than something before it, or has its stamp.
+        """
+
+
 class Feed(Generic[Value]):
     """Reads one port. Only the latest messages are kept; what can't be read is counted and dropped."""
 
@@ -48,13 +60,16 @@ class Feed(Generic[Value]):
         *,
         own: str,
         carrier: str,
+        clock: Clock | None = None,
     ) -> None:
-        """Connect. Raises DriverError, UnknownNameError for a port that is not there."""
+        """Connect. `clock` tells when a message was measured; without one, the time of its arrival counts.
+
+        Raises PortError, as UnknownNameError for a port that is not there."""
         self.source = source
         self.recent: tuple[Sample[Value], ...] = ()
         """The latest few messages, oldest first."""
-        self.clock = SourceClock()
-        """Their clock and ours."""
+        self.clock = clock
+        """Maps their clock to ours, if one was handed in."""
         self.lost = 0
         """Messages missing between those that came, by their count."""
         self.wrong = 0
@@ -70,7 +85,7 @@ class Feed(Generic[Value]):
         self.port = network.port(own, dialect, self._receive)
         try:
             self.port.listen_to(source, carrier)
-        except (DriverError, UnknownNameError):
+        except PortError:
             self.port.close()
             raise
 
@@ -102,7 +117,7 @@ class Feed(Generic[Value]):
         return now - self._arrived
 
     def reconnect(self) -> None:
-        """Ask the source again. Raises DriverError, UnknownNameError."""
+        """Ask the source again. Raises PortError."""
         self.port.listen_to(self.source, self._carrier)
 
     def close(self) -> None:
@@ -126,11 +141,7 @@ class Feed(Generic[Value]):
         if stamp is not None:
             if self._is_old(stamp.count):
                 return
-            placed = self.clock.place(stamp.time, delivery.arrived)
-            if placed is None and self.clock.difference is not None:
-                # Newer by its count: some stamps are too coarse for messages that come together.
-                placed = stamp.time + self.clock.difference
-            measured = placed if placed is not None else delivery.arrived
+            measured = self._measured(stamp.time, delivery.arrived)
         if self.recent:
             gap = measured - self.recent[-1].stamp
             self._every += (gap - self._every) * (MIXED if self._every else 1.0)
@@ -138,6 +149,16 @@ class Feed(Generic[Value]):
         self.recent = (*self.recent[1 - KEPT :], Sample(value, measured, sequence))
         self._came.set()
         self._fresh.set()
+
+    def _measured(self, stamp: float, arrived: float) -> float:
+        """Time [s, ours] of a message that is new by its count."""
+        if self.clock is None:
+            return arrived
+        placed = self.clock.place(stamp, arrived)
+        if placed is None and self.clock.difference is not None:
+            # Some stamps are too coarse for messages that come together.
+            placed = stamp + self.clock.difference
+        return arrived if placed is None else placed
 
     def _is_old(self, count: int) -> bool:
         before, self._count = self._count, count

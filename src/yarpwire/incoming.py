@@ -13,16 +13,16 @@ from typing import Any
 
 import numpy as np
 
-from tci.errors import WireError
-from tci.frames import Array
 from yarpwire import auth, message
 from yarpwire.bottle import decode_bottle, decode_vector, encode_bottle
 from yarpwire.carrier import BY_CODE, TEXT, TEXT_ACK, UDP, Carrier
 from yarpwire.dialect import Dialect
+from yarpwire.errors import WireError
 from yarpwire.message import Command, Stamp
 from yarpwire.names import PATIENCE
 from yarpwire.source import Memory, SocketSource
 from yarpwire.text import from_text, to_text
+from yarpwire.values import Array
 from yarpwire.visitors import Visitor
 
 BURST, SLICE = 200, 0.01

@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable
 from functools import partial
 
-from tci.errors import DriverError, TciError
+from yarpwire.errors import PortError, YarpError
 from yarpwire.visitors import MOST, Visitor, Visitors
 
 
@@ -18,7 +18,7 @@ class Listener:
     def __init__(
         self, host: str, port: int, serve: Callable[[socket.socket, Visitor], None], *, name: str
     ) -> None:
-        """Raises DriverError when the port is taken."""
+        """Raises PortError when the port is taken."""
         self._name, self._serve = name, serve
         self._visitors = Visitors()
         self._wrong = 0
@@ -27,7 +27,7 @@ class Listener:
         try:
             self._socket = socket.create_server((host, port), backlog=MOST)
         except OSError as error:
-            raise DriverError(
+            raise PortError(
                 f"{name} can't listen at {host}:{port}: {error.strerror or error}; valid: a free port"
             ) from error
         bound = self._socket.getsockname()
@@ -87,4 +87,4 @@ def _end(sock: socket.socket) -> None:
 
 def told(error: Exception) -> str:
     """What is said of it: the kind too, of what nobody foresaw."""
-    return str(error) if isinstance(error, TciError | OSError) else f"{type(error).__name__}: {error}"
+    return str(error) if isinstance(error, YarpError | OSError) else f"{type(error).__name__}: {error}"

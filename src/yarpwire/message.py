@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 
-from tci.errors import WireError
+from yarpwire.errors import WireError
 from yarpwire.source import LONGEST, Source
 
 INDEX = struct.Struct("<2si2sBB8x")

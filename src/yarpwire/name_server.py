@@ -7,8 +7,8 @@ import re
 import socket
 import threading
 
-from tci.errors import DriverError, WireError
 from yarpwire import auth
+from yarpwire.errors import PortError, WireError
 from yarpwire.listener import Listener
 from yarpwire.names import END, PATIENCE, ROOT, Contact
 from yarpwire.source import SocketSource
@@ -26,7 +26,7 @@ class NameServer:
     def __init__(
         self, host: str = "127.0.0.1", port: int = 0, *, key: bytes | None = None, space: str = ROOT
     ) -> None:
-        """Listen at once; port 0 takes a free one. Raises DriverError for a port that is taken."""
+        """Listen at once; port 0 takes a free one. Raises PortError for a port that is taken."""
         self._lock = threading.Lock()
         self._contacts: dict[str, Contact] = {}
         self._properties: dict[str, dict[str, list[str]]] = {}
@@ -116,7 +116,7 @@ class NameServer:
             port, self._next = self._next, self._next + 1 if self._next < 65000 else 10002
             if port not in taken and _is_free(port):
                 return port
-        raise DriverError("no free port is left")
+        raise PortError("no free port is left")
 
 
 def _is_free(port: int) -> bool:

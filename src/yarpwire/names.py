@@ -15,8 +15,8 @@ import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
-from tci.errors import DriverError, UnknownNameError, WireError
 from yarpwire import auth
+from yarpwire.errors import PortError, UnknownNameError, WireError
 from yarpwire.source import SocketSource
 
 END = "*** end of message"
@@ -68,17 +68,17 @@ def config_file(space: str) -> Path:
 
 
 def parse_address(text: str, *, port: int = 10000) -> tuple[str, int]:
-    """`HOST:PORT` or `HOST`. Raises DriverError."""
+    """`HOST:PORT` or `HOST`. Raises PortError."""
     host, _, digits = text.partition(":")
     if digits and not (digits.isascii() and digits.isdigit() and 0 <= int(digits[:6]) < 65536):
-        raise DriverError(
+        raise PortError(
             f"port {digits!r} in {text!r}; valid: HOST:PORT, port 1 to 65535, 0 to serve at a free one"
         )
     return host, int(digits) if digits else port
 
 
 def read_key() -> bytes | None:
-    """The key of `auth.conf`, group AUTH; None where authentication is off. Raises DriverError for no key."""
+    """The key of `auth.conf`, group AUTH; None where authentication is off. Raises PortError for no key."""
     path = config_folder() / "auth.conf"
     if not path.is_file():
         return None
@@ -86,27 +86,27 @@ def read_key() -> bytes | None:
     group = re.search(r"^\s*\[AUTH\]\s*$(.*?)(?=^\s*\[|\Z)", text, re.MULTILINE | re.DOTALL)
     found = re.search(r'^\s*key\s+("?)([^"\n]+?)\1\s*$', group[1], re.MULTILINE) if group else None
     if found is None:
-        raise DriverError(f"{path} has no key; valid: a line [AUTH] and below it: key THE_SECRET")
+        raise PortError(f"{path} has no key; valid: a line [AUTH] and below it: key THE_SECRET")
     return found[2].encode()
 
 
 def find_server(space: str | None = None) -> tuple[str, int]:
     """Host and port of the name server, from the file, else by asking the network.
 
-    Raises DriverError that says what to do when there is neither.
+    Raises PortError that says what to do when there is neither.
     """
     space = space or namespace()
     path = config_file(space)
     if path.is_file():
         words = path.read_text(encoding="utf-8", errors="replace").split()
         if len(words) < 2 or not words[1].isdigit():
-            raise DriverError(f"{path} says {' '.join(words)[:60]!r}; valid: HOST PORT yarp")
+            raise PortError(f"{path} says {' '.join(words)[:60]!r}; valid: HOST PORT yarp")
         return words[0], int(words[1])
     found = detect(space)
     if found is None:
-        raise DriverError(
-            f"no YARP name server: {path} is not there and nobody answers for {space}; start one "
-            "(yarpserver, or tci serve ROBOT --via yarp), or give its address: --via yarp:HOST:PORT"
+        raise PortError(
+            f"no YARP name server: {path} is not there and nobody answers for {space}; "
+            "valid: the address HOST:PORT of one, or one that runs here (yarpserver)"
         )
     return found
 
@@ -141,12 +141,12 @@ class Names:
         """Key of the authentication; None where it is off."""
 
     def ask(self, *words: str) -> list[str]:
-        """Lines of the answer to a request. Raises DriverError when nobody answers, and for what is no
+        """Lines of the answer to a request. Raises PortError when nobody answers, and for what is no
         line."""
         host, port = self.address
         line = f"NAME_SERVER {' '.join(words)}"
         if not line.isprintable():
-            raise DriverError(f"{line[:80]!r} is no question to a name server; valid: one line of text")
+            raise PortError(f"{line[:80]!r} is no question to a name server; valid: one line of text")
         lines: list[str] = []
         try:
             with socket.create_connection(self.address, timeout=PATIENCE) as sock:
@@ -163,11 +163,11 @@ class Names:
                     if words[0] != "announce":  # which has no end; what came may be half of it, or a nonce
                         raise WireError("it hung up; does it want a key (auth.conf)?") from None
         except (OSError, WireError) as error:
-            raise DriverError(f"the YARP name server at {host}:{port} does not answer: {error}") from error
+            raise PortError(f"the YARP name server at {host}:{port} does not answer: {error}") from error
         return lines
 
     def query(self, name: str) -> Contact:
-        """Where a port is. Raises UnknownNameError for one that is not registered, DriverError as `ask`."""
+        """Where a port is. Raises UnknownNameError for one that is not registered, PortError as `ask`."""
         for line in self.ask("query", name):
             if (contact := parse_contact(line)) is not None:
                 return contact
@@ -181,9 +181,7 @@ class Names:
         """Tell that a port is there."""
         lines = self.ask("register", contact.name, contact.carrier, contact.host, str(contact.port))
         if not any(parse_contact(line) for line in lines):
-            raise DriverError(
-                f"the name server at {self.address[0]} did not register {contact.name}: {lines}"
-            )
+            raise PortError(f"the name server at {self.address[0]} did not register {contact.name}: {lines}")
         for name, value in (properties or {}).items():
             self.ask("set", contact.name, name, value)
         self.ask("announce", contact.name)

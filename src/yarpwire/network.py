@@ -1,6 +1,6 @@
 """What a driver asks of YARP: ports by name, and what carries messages between them.
 
-Two ways there are, `wire` (TCI's own) and `bindings` (YARP's). All else, boards and skin above all, is said
+Two ways there are, `wire` (pure Python) and `bindings` (YARP's). All else, boards and skin above all, is said
 once and knows neither.
 """
 
@@ -10,11 +10,11 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
-from tci.frames import Array
 from yarpwire.dialect import Dialect
 from yarpwire.incoming import Answer, Delivery
 from yarpwire.message import Stamp
 from yarpwire.names import PATIENCE, Contact
+from yarpwire.values import Array
 
 
 class NamedPort(Protocol):
@@ -32,10 +32,10 @@ class NamedPort(Protocol):
         """Send a Vector (an array) or a Bottle (a list) to all readers. It never waits; nothing queues."""
 
     def listen_to(self, source: str, carrier: str) -> None:
-        """Have a port send to this one. Raises DriverError when it refuses, UnknownNameError."""
+        """Have a port send to this one. Raises PortError, also when it refuses."""
 
     def register(self) -> None:
-        """Tell the name server, again after it restarted. Raises DriverError."""
+        """Tell the name server, again after it restarted. Raises PortError."""
 
     def close(self) -> None:
         """Unregister and let go of every connection."""
@@ -45,7 +45,7 @@ class Writer(Protocol):
     """A connection of ours to somebody's port. It never waits."""
 
     def offer(self, value: Array | Sequence[Any], dialect: Dialect, stamp: Stamp | None = None) -> bool:
-        """Send a Vector (an array) or a Bottle (a list), or drop it. Raises DriverError for a lost reader."""
+        """Send a Vector (an array) or a Bottle (a list), or drop it. Raises PortError for a lost reader."""
 
     def is_over(self) -> bool:
         """Whether the reader is gone."""
@@ -55,7 +55,7 @@ class Writer(Protocol):
 
 
 class Caller(Protocol):
-    """Calls to somebody's port, and their replies. What fails is a DriverError; there is no second try."""
+    """Calls to somebody's port, and their replies. Every failure is a PortError; there is no second try."""
 
     def call(self, *items: Any, patience: float = PATIENCE) -> list[Any]:
         """The reply to a call; empty where the other end says nothing."""
@@ -74,7 +74,7 @@ class Caller(Protocol):
 
 
 class Network(ABC):
-    """Who is where, and how to talk with them. Methods raise DriverError when the name server is silent."""
+    """Who is where, and how to talk with them. Methods raise PortError when the name server is silent."""
 
     title: str
     """What it is, for people."""
@@ -99,7 +99,7 @@ class Network(ABC):
 
     @abstractmethod
     def writer(self, target: str, sender: str) -> Writer:
-        """Connect to a port by fast_tcp. Raises DriverError, UnknownNameError."""
+        """Connect to a port by fast_tcp. Raises PortError."""
 
     @abstractmethod
     def caller(self, target: Contact, sender: str, dialect: Dialect) -> Caller:

@@ -12,16 +12,16 @@ from typing import Any
 
 import numpy as np
 
-from tci.errors import DriverError, WireError
-from tci.frames import Array
 from yarpwire import auth, message
 from yarpwire.bottle import encode_bottle, encode_vector
 from yarpwire.carrier import TEXT, TEXT_ACK, UDP, Carrier
 from yarpwire.dialect import Dialect
+from yarpwire.errors import PortError, WireError
 from yarpwire.message import Stamp
 from yarpwire.names import PATIENCE, Contact
 from yarpwire.source import SocketSource
 from yarpwire.text import to_text
+from yarpwire.values import Array
 
 MOST_UNANSWERED = 16
 """Messages that may lack their acknowledgement before new ones are dropped. Ours."""
@@ -37,7 +37,7 @@ def dial(
 ) -> tuple[socket.socket, SocketSource, int]:
     """Connect to a port and say who we are. The last value is what the other end answered.
 
-    Raises DriverError when nobody is there, or when it doesn't answer as a YARP port does.
+    Raises PortError when nobody is there, or when it doesn't answer as a YARP port does.
     """
     sock = None
     try:
@@ -56,7 +56,7 @@ def dial(
     except (OSError, EOFError, WireError, ValueError) as error:  # ValueError: no name of a host
         if sock is not None:
             sock.close()
-        raise DriverError(
+        raise PortError(
             f"{contact.name} at {contact.host}:{contact.port} can't be reached by {carrier.name}: "
             f"{error or 'it closed the connection'}"
         ) from error
@@ -64,7 +64,7 @@ def dial(
 
 def order(contact: Contact, words: Sequence[Any], key: bytes | None) -> str:
     """Give an order to somebody's port, as `yarp connect` does, and return what it says. Raises
-    DriverError."""
+    PortError."""
     sock, source, _ = dial(contact, "admin", TEXT_ACK, key)
     with sock:
         try:
@@ -73,7 +73,7 @@ def order(contact: Contact, words: Sequence[Any], key: bytes | None) -> str:
             while (line := source.line()) != "<ACK>":
                 lines.append(line)
         except (OSError, EOFError, WireError) as error:
-            raise DriverError(f"{contact.name} does not answer {to_text(words)}: {error}") from error
+            raise PortError(f"{contact.name} does not answer {to_text(words)}: {error}") from error
     return "\n".join(lines)
 
 
@@ -92,7 +92,7 @@ class Outgoing:
     """Sends messages and never waits: to a reader that is too slow, the newer ones are dropped."""
 
     def __init__(self, contact: Contact, sender: str, carrier: Carrier, key: bytes | None = None) -> None:
-        """Raises DriverError as `dial`."""
+        """Raises PortError as `dial`."""
         self.contact, self.carrier = contact, carrier
         self._sender, self._key = sender, key
         self.dropped = 0
@@ -106,7 +106,7 @@ class Outgoing:
         self._socket.setblocking(False)
 
     def offer(self, value: Array | Sequence[Any], dialect: Dialect, stamp: Stamp | None = None) -> bool:
-        """Send a Vector (an array) or a Bottle (a list), or drop it. Raises DriverError for a lost reader."""
+        """Send a Vector (an array) or a Bottle (a list), or drop it. Raises PortError for a lost reader."""
         rest = "" if stamp is None else str(stamp)
         if self.carrier.code is None:
             return self.push(f"{f'D {rest}'.strip()}\r\n{to_text(list(value))}\r\n".encode())
@@ -117,7 +117,7 @@ class Outgoing:
         return self.push(message.pack_message([message.pack_command(message.DATA, rest), *blocks]))
 
     def push(self, data: bytes) -> bool:
-        """Send a message that is ready. Raises DriverError when nobody is there."""
+        """Send a message that is ready. Raises PortError when nobody is there."""
         try:
             if self.carrier is UDP:
                 self._send_datagrams(data)
@@ -133,7 +133,7 @@ class Outgoing:
             self.dropped += 1
             return False
         except OSError as error:
-            raise DriverError(f"{self.contact.name} is gone: {error}") from error
+            raise PortError(f"{self.contact.name} is gone: {error}") from error
         return True
 
     def is_over(self) -> bool:
@@ -142,7 +142,7 @@ class Outgoing:
 
     def close(self) -> None:
         """Say goodbye and let go."""
-        with contextlib.suppress(OSError, EOFError, DriverError, WireError):
+        with contextlib.suppress(OSError, EOFError, PortError, WireError):
             if self.carrier is UDP:
                 self._part()
             elif not self._rest:
@@ -193,7 +193,7 @@ class Outgoing:
             self._socket.connect((peer[0], port))
         except OSError as error:
             self._socket.close()
-            raise DriverError(f"{self.contact.name} can't be reached by udp: {error}") from error
+            raise PortError(f"{self.contact.name} can't be reached by udp: {error}") from error
 
     def _send_datagrams(self, data: bytes) -> None:
         for number, at in enumerate(range(0, len(data), DATAGRAM)):

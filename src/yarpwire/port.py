@@ -10,17 +10,16 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
-from tci.errors import DriverError, UnknownNameError
-from tci.frames import Array
 from yarpwire import message, outgoing
 from yarpwire.carrier import FAST_TCP, TCP, find_carrier
 from yarpwire.dialect import Dialect
+from yarpwire.errors import PortError
 from yarpwire.incoming import Answer, Delivery, Incoming
 from yarpwire.listener import Listener, told
 from yarpwire.message import Stamp
 from yarpwire.names import Contact, Names
 from yarpwire.outgoing import Outgoing
-from yarpwire.values import Vocab
+from yarpwire.values import Array, Vocab
 from yarpwire.visitors import MOST, Visitor
 
 SPOKEN = "tcp fast_tcp udp text text_ack"
@@ -42,10 +41,10 @@ class Port:
         receive: Callable[[Delivery], Answer] | None = None,
         host: str | None = None,
     ) -> None:
-        """Listen and register. Raises DriverError when the name server doesn't answer or the port is
+        """Listen and register. Raises PortError when the name server doesn't answer or the port is
         taken."""
         if not name.startswith("/") or any(letter.isspace() for letter in name):
-            raise DriverError(f"port name {name!r}; valid: it begins with / and has no spaces")
+            raise PortError(f"port name {name!r}; valid: it begins with / and has no spaces")
         self.name, self.dialect, self.names = name, dialect, names
         self.wrong = 0
         """Messages that were not understood."""
@@ -63,12 +62,12 @@ class Port:
         """Where it is."""
         try:
             self.register()
-        except DriverError:
+        except PortError:
             self._listener.close()
             raise
 
     def register(self) -> None:
-        """Tell the name server, again after it restarted. Raises DriverError."""
+        """Tell the name server, again after it restarted. Raises PortError."""
         properties = {
             "offers": SPOKEN,
             "accepts": SPOKEN,
@@ -97,7 +96,7 @@ class Port:
         for name, output in list(self._outputs.items()):
             try:
                 output.offer(value, self.dialect, stamp)
-            except DriverError as error:
+            except PortError as error:
                 self.last_error = str(error)
                 with self._lock:
                     if self._outputs.get(name) is output:
@@ -105,9 +104,9 @@ class Port:
                 output.drop()
 
     def connect(self, target: str, carrier: str = FAST_TCP.name) -> None:
-        """Send to a port from now on. Raises DriverError, UnknownNameError."""
+        """Send to a port from now on. Raises PortError."""
         if target not in self._outputs and len(self._outputs) >= MOST:
-            raise DriverError(f"{self.name} sends to {MOST} ports already; valid: at most {MOST}")
+            raise PortError(f"{self.name} sends to {MOST} ports already; valid: at most {MOST}")
         found = Outgoing(self.names.query(target), self.name, find_carrier(carrier), self.names.key)
         with self._lock:
             old, self._outputs[target] = self._outputs.get(target), found
@@ -115,16 +114,16 @@ class Port:
             old.drop()  # the reader has ended it, as the second of a name
 
     def listen_to(self, source: str, carrier: str = FAST_TCP.name) -> None:
-        """Have a port send to this one. Raises DriverError when it refuses, UnknownNameError."""
+        """Have a port send to this one. Raises PortError, also when it refuses."""
         contact = self.names.query(source)
         url = f"{find_carrier(carrier).name}:/{self.name}"
         said = outgoing.order(contact, [Vocab("add"), url], self.names.key)
         if source not in self._inputs and not said.startswith("0"):
-            raise DriverError(f"{source} does not connect to {self.name} by {carrier}: {said.strip()[:120]}")
+            raise PortError(f"{source} does not connect to {self.name} by {carrier}: {said.strip()[:120]}")
 
     def close(self) -> None:
         """Unregister and let go of every connection. A second call does nothing."""
-        with contextlib.suppress(DriverError):
+        with contextlib.suppress(PortError):
             self.names.unregister(self.name)
         with self._lock:
             self._closed = True
@@ -226,7 +225,7 @@ class Port:
         name = name if name.startswith("/") else f"/{name}"
         try:
             self.connect(name, carrier)
-        except (DriverError, UnknownNameError) as error:
+        except PortError as error:
             return [-1, f"Cannot connect from {self.name} to {name}: {error}\r\n"]
         return [0, f"Added connection from {self.name} to {carrier}:/{name}\r\n"]
 
@@ -255,5 +254,5 @@ def own_host(server: tuple[str, int]) -> str:
         try:
             probe.connect(server)
         except OSError as error:
-            raise DriverError(f"the name server's address {server[0]} can't be reached: {error}") from error
+            raise PortError(f"the name server's address {server[0]} can't be reached: {error}") from error
         return str(probe.getsockname()[0])

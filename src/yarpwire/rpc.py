@@ -9,11 +9,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from tci.errors import DriverError, WireError
 from yarpwire import message
 from yarpwire.bottle import encode_bottle, read_bottle
 from yarpwire.carrier import TCP, Carrier
 from yarpwire.dialect import Dialect
+from yarpwire.errors import PortError, WireError
 from yarpwire.names import PATIENCE, Contact
 from yarpwire.outgoing import dial, is_over
 from yarpwire.source import SocketSource
@@ -44,7 +44,7 @@ class Rpc:
     def call(self, *items: Any, patience: float = PATIENCE) -> list[Any]:
         """The reply to a call; empty where the other end says nothing.
 
-        Raises DriverError when nobody is there or no answer comes within `patience` [s], and when what comes
+        Raises PortError when nobody is there or no answer comes within `patience` [s], and when what comes
         is no reply. There is no second try: who calls decides that.
         """
         with self._lock, self._told(items):
@@ -55,7 +55,7 @@ class Rpc:
             return self._reply(source)
 
     def ask(self, *items: Any) -> None:
-        """Send a call without waiting for its reply; `hear` gets it. Raises DriverError."""
+        """Send a call without waiting for its reply; `hear` gets it. Raises PortError."""
         with self._lock, self._told(items):
             self._send(self._connect(PATIENCE)[0], items)
             self._asked += 1
@@ -71,7 +71,7 @@ class Rpc:
             return True
 
     def hear(self, patience: float = SOON) -> list[Any]:
-        """The reply to the oldest call that was asked. Raises DriverError as `call`."""
+        """The reply to the oldest call that was asked. Raises PortError as `call`."""
         with self._lock, self._told(()):
             return self._hear(patience)
 
@@ -83,14 +83,14 @@ class Rpc:
 
     @contextmanager
     def _told(self, items: Sequence[Any]) -> Iterator[None]:
-        """What fails inside is a DriverError, and the end of the connection."""
+        """What fails inside is a PortError, and the end of the connection."""
         try:
             yield
         except (OSError, EOFError, WireError) as error:
             self.close()
             self._asked = 0
             what = "does not answer" if isinstance(error, TimeoutError) else "failed at"
-            raise DriverError(f"{self.contact.name} {what} {to_text(items)[:80]}: {error}") from error
+            raise PortError(f"{self.contact.name} {what} {to_text(items)[:80]}: {error}") from error
 
     def _connect(self, patience: float) -> tuple[socket.socket, SocketSource]:
         if self._open is not None and not self._asked and is_over(self._open[0]):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 from typing import Protocol
 
-from tci.errors import WireError
+from yarpwire.errors import WireError
 
 LONGEST = 1 << 24
 """Longest message [bytes] that is read. Ours: a skin of 4000 taxels has 32 kB."""

@@ -11,10 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from tci.errors import WireError
-from tci.frames import Array
 from yarpwire.dialect import V4, Dialect
-from yarpwire.values import Float32, Vocab
+from yarpwire.errors import WireError
+from yarpwire.values import Array, Float32, Vocab
 
 OK, FAIL = Vocab("ok"), Vocab("fail")
 JOINTS = ("position", "velocity", "acceleration", "motor_position", "motor_velocity", "motor_acceleration")

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-from tci.errors import WireError
+from yarpwire.errors import WireError
 from yarpwire.values import FALSE, TRUE, Value, Vocab, Vocab64
 
 DEEPEST = 32

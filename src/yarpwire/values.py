@@ -9,7 +9,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from tci.errors import WireError
+import numpy as np
+from numpy.typing import NDArray
+
+from yarpwire.errors import WireError
+
+Array = NDArray[np.float64]
 
 
 class Vocab(int):

@@ -1,4 +1,4 @@
-"""YARP's network by TCI's own library, in pure Python."""
+"""YARP's network in pure Python."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from yarpwire.rpc import Rpc
 class Wire(Network):
     """Speaks both dialects and needs nothing installed."""
 
-    title = "TCI's own YARP library"
+    title = "yarpwire, YARP in pure Python"
 
     def __init__(self, server: tuple[str, int] | None = None) -> None:
         """`server` is host and port of the name server; None for the one of yarp.conf.
 
-        Raises DriverError when nothing says where the name server is.
+        Raises PortError when nothing says where the name server is.
         """
         self.names = Names(server or find_server(), key=read_key())
         self.address = self.names.address

@@ -28,8 +28,8 @@ from tci.drivers.ros.ros2_dds import DdsNode
 from tci.drivers.ros.rosbridge import RosbridgeNode, parse
 from tci.drivers.simulated import SimulatedDriver
 from tci.drivers.zenoh.session import close_session, open_session, parse_address
-from tci.errors import DriverError
 from yarpwire.carrier import FAST_TCP
+from yarpwire.errors import PortError
 from yarpwire.names import Names
 from yarpwire.names import parse_address as parse_names
 from yarpwire.outgoing import dial
@@ -211,7 +211,7 @@ class Yarp(Process):
                 sock = dial(contact, f"/stranger/{number}", FAST_TCP, None)[0]
                 with sock:
                     sock.sendall(message)
-            except (DriverError, OSError):
+            except (PortError, OSError):
                 continue
 
 

@@ -15,11 +15,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mutated import mutated
-from tci.errors import WireError
 from yarp_captures import DIALECTS, binary
 from yarpwire import message
 from yarpwire.bottle import decode_bottle, decode_vector, encode_bottle, encode_vector
 from yarpwire.dialect import V3, V4, Dialect
+from yarpwire.errors import WireError
 from yarpwire.source import Memory
 from yarpwire.text import from_text, to_text
 from yarpwire.values import Dict, Float32, Int8, Int16, Int64, Vocab, Vocab64

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from tci.errors import DriverError, UnknownNameError
 from yarp_captures import NAMES, naming
 from yarpwire import names as yarp_names
+from yarpwire.errors import PortError, UnknownNameError
 from yarpwire.listener import Listener
 from yarpwire.name_server import NameServer
 from yarpwire.names import Contact, Names, find_server, parse_contact, read_key
@@ -79,16 +79,16 @@ def test_a_connection_may_be_used_again_and_nonsense_ends_it(server: NameServer)
 
 
 def test_36_a_taken_port_is_a_clear_error(server: NameServer) -> None:
-    with pytest.raises(DriverError, match=rf"{server.address[1]}.*valid: a free port"):
+    with pytest.raises(PortError, match=rf"{server.address[1]}.*valid: a free port"):
         NameServer(*server.address)
 
 
 def test_who_knows_the_key_is_answered_and_nobody_else() -> None:
     with NameServer(key=b"secret") as server:
         assert Names(server.address, key=b"secret").list()
-        with pytest.raises(DriverError, match=r"auth\.conf"):
+        with pytest.raises(PortError, match=r"auth\.conf"):
             Names(server.address, key=b"wrong").list()
-        with pytest.raises(DriverError, match="does not answer"):
+        with pytest.raises(PortError, match="does not answer"):
             Names(server.address).ask("query", "/root")
 
 
@@ -103,7 +103,7 @@ def test_an_answer_without_its_end_is_none(said: bytes) -> None:
         sock.sendall(said)
 
     listener = Listener("127.0.0.1", 0, hang_up, name="a server")
-    with pytest.raises(DriverError, match="hung up"):
+    with pytest.raises(PortError, match="hung up"):
         Names(listener.address).query("/a")
     listener.close()
 
@@ -122,7 +122,7 @@ def test_the_name_server_is_found_in_its_file(home: Path, monkeypatch: pytest.Mo
     (home / "_my_robot.conf").write_text("10.0.0.3 10000 yarp\n")
     assert find_server() == ("10.0.0.3", 10000)
     (home / "_my_robot.conf").write_text("nothing\n")
-    with pytest.raises(DriverError, match="HOST PORT"):
+    with pytest.raises(PortError, match="HOST PORT"):
         find_server()
 
 
@@ -130,7 +130,7 @@ def test_without_a_file_and_an_answer_the_error_says_what_to_do(
     home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(yarp_names, "detect", lambda space: None)
-    with pytest.raises(DriverError, match="yarpserver, or tci serve"):
+    with pytest.raises(PortError, match=r"HOST:PORT of one.*yarpserver"):
         find_server()
 
 
@@ -139,5 +139,5 @@ def test_the_key_is_read_from_its_file(home: Path) -> None:
     (home / "auth.conf").write_text('[AUTH]\nkey "an other secret"\n')
     assert read_key() == b"an other secret"
     (home / "auth.conf").write_text("key nothing\n")
-    with pytest.raises(DriverError, match=r"\[AUTH\]"):
+    with pytest.raises(PortError, match=r"\[AUTH\]"):
         read_key()

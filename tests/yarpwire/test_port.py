@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tci.errors import DriverError, UnknownNameError
 from yarpwire import message, outgoing
 from yarpwire.carrier import CARRIERS, FAST_TCP, TCP, TEXT, TEXT_ACK
 from yarpwire.dialect import V3, V4, Dialect
+from yarpwire.errors import PortError, UnknownNameError
 from yarpwire.incoming import Delivery
 from yarpwire.message import Stamp
 from yarpwire.name_server import NameServer
@@ -111,7 +111,7 @@ def test_no_reply_is_an_empty_one_and_silence_a_time_out(make: Callable[..., Por
         stop.wait(5)
 
     rpc = Rpc(make("/slow", receive=slow).contact, "/client", V3)
-    with pytest.raises(DriverError, match="does not answer"):
+    with pytest.raises(PortError, match="does not answer"):
         rpc.call(Vocab("get"), patience=0.1)
     stop.set()
 
@@ -121,7 +121,7 @@ def test_a_call_goes_on_after_the_port_came_back(make: Callable[..., Port], name
     rpc = Rpc(port.contact, "/client", V3)
     assert rpc.call(0) == [1]
     port.close()
-    with pytest.raises(DriverError):
+    with pytest.raises(PortError):
         rpc.call(0)
     rpc.contact = make("/rpc", receive=lambda delivery: [2]).contact
     assert rpc.call(0) == [2]
@@ -138,7 +138,7 @@ def test_a_second_connection_of_a_sender_ends_the_first(make: Callable[..., Port
     def lost() -> bool:
         try:
             return not first.offer(np.ones(1), V3)
-        except DriverError:
+        except PortError:
             return True
 
     assert until(lost)
@@ -218,7 +218,7 @@ def test_more_connections_than_allowed_are_refused(make: Callable[..., Port]) ->
 def _answers(port: Port) -> bool:
     try:
         return outgoing.order(port.contact, [Vocab("ver")], None) == "[ver] 1 2 3"
-    except DriverError:
+    except PortError:
         return False
 
 
@@ -227,9 +227,9 @@ def test_keys_must_be_the_same() -> None:
         names = Names(server.address, key=b"secret")
         port = Port("/rpc", names, V3, receive=lambda delivery: [1])
         assert Rpc(port.contact, "/client", V3, key=b"secret").call(0) == [1]
-        with pytest.raises(DriverError, match=r"auth\.conf"):
+        with pytest.raises(PortError, match=r"auth\.conf"):
             Rpc(port.contact, "/client", V3, key=b"wrong").call(0)
-        with pytest.raises(DriverError):
+        with pytest.raises(PortError):
             Rpc(port.contact, "/client", V3).call(0)
         other = Port("/w", names, V4)
         other.connect("/rpc", "udp")
@@ -243,7 +243,7 @@ def test_what_the_receiver_raises_ends_the_connection_only(make: Callable[..., P
 
     port = make("/r", receive=receive)
     rpc = Rpc(port.contact, "/client", V3)
-    with pytest.raises(DriverError):
+    with pytest.raises(PortError):
         rpc.call("no numbers")
     assert port.wrong == 1
     assert _answers(port)

@@ -26,6 +26,7 @@ from tci.drivers.ros.ros2 import open_node
 from tci.drivers.ros.rosbridge import RosbridgeNode
 from tci.messages import SkinFrame
 from yarpwire.dialect import DIALECTS
+from yarpwire.errors import PortError
 from yarpwire.names import Names
 from yarpwire.port import Port
 
@@ -132,7 +133,7 @@ def over_yarp(where: str, there: bool) -> Ways:
         try:
             out.connect(f"/bench/{other}:i")
             break
-        except tci.TciError:
+        except PortError:
             assert time.monotonic() < end
             time.sleep(0.1)
 

@@ -125,16 +125,16 @@ def lcm() -> tuple[Target, Iterable[bytes]]:
 
 def yarp() -> tuple[Target, Iterable[bytes]]:
     """Bottles, vectors and messages in both of YARP's dialects."""
-    from tci.errors import TciError
     from yarpwire.bottle import decode_bottle, decode_vector, encode_bottle
     from yarpwire.dialect import V3, V4
+    from yarpwire.errors import YarpError
     from yarpwire.message import read_message
     from yarpwire.source import Memory
 
     def target(data: bytes) -> None:
         for dialect in (V3, V4):
             for read in (decode_bottle, decode_vector):
-                with contextlib.suppress(TciError):
+                with contextlib.suppress(YarpError):
                     read(data, dialect)
         read_message(Memory(data))
 
@@ -177,9 +177,10 @@ def main() -> None:
     with atheris.instrument_imports(include=["tci", "yarpwire"]):
         target, seeds = TARGETS[name]()
     from tci.errors import TciError
+    from yarpwire.errors import YarpError
 
     def one_input(data: bytes) -> None:
-        with contextlib.suppress(TciError):
+        with contextlib.suppress(TciError, YarpError):
             target(data)
 
     corpus = Path(tempfile.mkdtemp())

@@ -26,7 +26,7 @@ from tci.drivers.ros.names import Names
 from tci.drivers.ros.native import NativeRobot
 from tci.drivers.ros.node import Hear, Publish, RosNode
 from tci.drivers.ros.tree import Trees
-from tci.errors import DriverError, FrameError, WireError
+from tci.errors import DriverError, FrameError
 from tci.recording.schemas import CLOUD, JOINTS, SKIN, joints_values, skin_values
 from tci.robot.kinematics import Kinematics
 from tci.rosmsg.cdr import MessageType, decode, encode
@@ -37,6 +37,7 @@ from yarp_captures import DIALECTS, binary
 from yarpwire import message
 from yarpwire.bottle import decode_bottle, decode_vector
 from yarpwire.dialect import V3
+from yarpwire.errors import WireError
 from yarpwire.name_server import NameServer
 from yarpwire.names import Names as YarpNames
 from yarpwire.port import Port

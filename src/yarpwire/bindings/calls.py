@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import Any
 
-from tci.errors import DriverError
 from yarpwire.bindings.module import (
     RESTED,
     close_port,
@@ -19,6 +18,7 @@ from yarpwire.bindings.module import (
     to_bottle,
 )
 from yarpwire.carrier import TCP
+from yarpwire.errors import PortError
 from yarpwire.names import PATIENCE
 from yarpwire.text import from_text, to_text
 
@@ -45,7 +45,7 @@ class BindingsCaller:
 
     def hear(self) -> list[Any]:
         if not self._asked:
-            raise DriverError(f"{self._target}: the connection was closed")
+            raise PortError(f"{self._target}: the connection was closed")
         return self._result(self._asked.popleft(), 0.0)
 
     def close(self) -> None:
@@ -68,12 +68,12 @@ class BindingsCaller:
     def _result(self, found: Future[list[Any]], patience: float) -> list[Any]:
         try:
             return found.result(patience)
-        except DriverError:
+        except PortError:
             self._let_go()
             raise
         except TimeoutError:
             self._let_go()
-            raise DriverError(f"{self._target} does not answer in time") from None
+            raise PortError(f"{self._target} does not answer in time") from None
 
 
 class Line:
@@ -87,7 +87,7 @@ class Line:
         self._thread = ThreadPoolExecutor(1, thread_name_prefix=f"yarp {sender}")
 
     def submit(self, items: Sequence[Any]) -> Future[list[Any]]:
-        """Make a call; the future has its reply, or a DriverError."""
+        """Make a call; the future has its reply, or a PortError."""
         return self._thread.submit(self._exchange, items)
 
     def close(self) -> Future[None]:
@@ -108,7 +108,7 @@ class Line:
             connect(self._yarp, self._sender, self._target, TCP.name)
         reply = self._yarp.Bottle()
         if not self._port.write(to_bottle(self._yarp, items), reply):
-            raise DriverError(f"{self._target} does not answer {to_text(items)[:80]}")
+            raise PortError(f"{self._target} does not answer {to_text(items)[:80]}")
         return from_text(reply.toString())
 
     def _hang_up(self) -> None:

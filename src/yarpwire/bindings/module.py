@@ -10,15 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from tci.errors import DriverError, MissingExtraError, WireError
 from yarpwire.dialect import DIALECTS, Dialect
+from yarpwire.errors import BindingsError, PortError, WireError
 from yarpwire.names import PATIENCE, read_key
 from yarpwire.values import FALSE, TRUE, Float32, Int8, Int16, Int64, Vocab
 
 HOW = (
     "conda has it (conda install -c conda-forge yarp-python), or YARP is built with "
-    "-DYARP_COMPILE_BINDINGS=ON -DCREATE_PYTHON=ON; PyPI's yarp is something else. "
-    "Without `bindings` TCI speaks YARP by itself"
+    "-DYARP_COMPILE_BINDINGS=ON -DCREATE_PYTHON=ON; PyPI's yarp is something else"
 )
 ADDERS: dict[type, str] = {
     int: "addInt32", float: "addFloat64", str: "addString", Vocab: "addVocab32",
@@ -30,22 +29,22 @@ _open: dict[int, Any] = {}
 
 
 def load() -> Any:
-    """The module, silent about what goes well. Raises MissingExtraError that says how to get it."""
+    """The module, silent about what goes well. Raises BindingsError that says how to get it."""
     os.environ.setdefault("YARP_QUIET", "1")
     try:
         yarp = importlib.import_module("yarp")
     except (ImportError, OSError) as error:
-        raise MissingExtraError("yarp:bindings", f"YARP's own module ({error})", HOW) from error
+        raise BindingsError(f"YARP's own module ({error})", HOW) from error
     if not hasattr(yarp, "NetworkBase"):
-        raise MissingExtraError("yarp:bindings", f"YARP's own module ({yarp.__file__} is another yarp)", HOW)
+        raise BindingsError(f"YARP's own module ({yarp.__file__} is another yarp)", HOW)
     return yarp
 
 
 def version(yarp: Any) -> tuple[str, Dialect]:
-    """Version of the bindings and what they speak. Raises DriverError for one that is not known."""
+    """Version of the bindings and what they speak. Raises PortError for one that is not known."""
     dialect = DIALECTS.get(str(yarp.YARP_VERSION_MAJOR))
     if dialect is None:
-        raise DriverError(f"bindings of YARP {yarp.YARP_VERSION}; valid: {' and '.join(DIALECTS)}.x")
+        raise PortError(f"bindings of YARP {yarp.YARP_VERSION}; valid: {' and '.join(DIALECTS)}.x")
     return str(yarp.YARP_VERSION), dialect
 
 
@@ -53,15 +52,15 @@ def importable() -> str:
     """What can be imported, for people; empty where nothing can."""
     try:
         name, dialect = version(load())
-    except (DriverError, MissingExtraError):
+    except (PortError, BindingsError):
         return ""
     return f"YARP's bindings {name}, dialect {dialect.name}"
 
 
 def open_port(yarp: Any, port: Any, name: str) -> None:
-    """Open a port of YARP's. Raises DriverError when YARP refuses."""
+    """Open a port of YARP's. Raises PortError when YARP refuses."""
     if not port.open(name):
-        raise DriverError(f"YARP does not open a port {name!r}; valid: a free name that begins with /")
+        raise PortError(f"YARP does not open a port {name!r}; valid: a free name that begins with /")
     _open[id(port)] = port
 
 
@@ -85,11 +84,11 @@ def closes_at_rest() -> bool:
 
 
 def connect(yarp: Any, source: str, target: str, carrier: str) -> None:
-    """As `yarp connect`. Raises DriverError."""
+    """As `yarp connect`. Raises PortError."""
     style = yarp.ContactStyle()
     style.quiet, style.timeout, style.carrier = True, PATIENCE, carrier
     if not yarp.NetworkBase.connect(source, target, style):
-        raise DriverError(f"{source} does not connect to {target} by {carrier}")
+        raise PortError(f"{source} does not connect to {target} by {carrier}")
 
 
 def to_bottle(yarp: Any, items: Sequence[Any], into: Any = None) -> Any:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from tci.errors import DriverError
 from yarpwire.bindings.calls import BindingsCaller
 from yarpwire.bindings.module import importable, load, version
 from yarpwire.bindings.port import BindingsPort, BindingsWriter
 from yarpwire.dialect import Dialect
+from yarpwire.errors import PortError
 from yarpwire.incoming import Answer, Delivery
 from yarpwire.names import Contact, Names, read_key
 from yarpwire.network import Network
@@ -18,7 +18,7 @@ class Bindings(Network):
     """Speaks the dialect that the bindings were built for, by any carrier that they have."""
 
     def __init__(self, server: tuple[str, int] | None = None) -> None:
-        """Raises MissingExtraError without the bindings, DriverError when YARP's configuration has no name
+        """Raises BindingsError without the bindings, PortError when YARP's configuration has no name
         server, or another one than `server`: there is one for the whole process."""
         self._yarp = load()
         self.dialect: Dialect = version(self._yarp)[1]
@@ -27,10 +27,10 @@ class Bindings(Network):
         contact = self._yarp.NetworkBase.getNameServerContact()
         self.address = (contact.getHost(), contact.getPort())
         if not contact.isValid():
-            raise DriverError("YARP's configuration has no name server; valid after: yarp conf HOST PORT")
+            raise PortError("YARP's configuration has no name server; valid after: yarp conf HOST PORT")
         if server is not None and server != self.address:
             host, port = server
-            raise DriverError(
+            raise PortError(
                 "YARP's bindings ask the name server of YARP's configuration, {}:{}, ".format(*self.address)
                 + f"not {host}:{port}; valid: yarp conf {host} {port} before, or without bindings"
             )

@@ -1,4 +1,4 @@
-"""A port of YARP's own. What comes in goes to the same readers as on TCI's wire: YARP hands over bytes."""
+"""A port of YARP's own. What comes in goes to the same readers as by `wire`: YARP hands over bytes."""
 
 from __future__ import annotations
 
@@ -10,8 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from tci.errors import DriverError
-from tci.frames import Array
 from yarpwire.bindings.module import (
     RESTED,
     close_port,
@@ -24,10 +22,12 @@ from yarpwire.bindings.module import (
 from yarpwire.bottle import encode_bottle
 from yarpwire.carrier import FAST_TCP
 from yarpwire.dialect import Dialect
+from yarpwire.errors import PortError
 from yarpwire.incoming import Answer, Delivery
 from yarpwire.listener import told
 from yarpwire.message import CALL, DATA, Command, Stamp
 from yarpwire.source import LONGEST
+from yarpwire.values import Array
 
 KEPT = 16
 """Messages that are kept when they are sent: YARP calls them once more from a thread of its own. Ours."""
@@ -41,7 +41,7 @@ class BindingsPort:
     def __init__(
         self, yarp: Any, name: str, dialect: Dialect, receive: Callable[[Delivery], Answer] | None = None
     ) -> None:
-        """Raises DriverError when YARP refuses the name."""
+        """Raises PortError when YARP refuses the name."""
         self.name = name
         self.last_error = ""
         self.dropped = 0
@@ -135,19 +135,19 @@ class BindingsWriter:
     """A port that sends to one other."""
 
     def __init__(self, yarp: Any, target: str, sender: str, dialect: Dialect) -> None:
-        """Raises DriverError."""
+        """Raises PortError."""
         self._target = target
         self._closes, self._used = closes_at_rest(), time.monotonic()
         self._port = BindingsPort(yarp, sender, dialect)
         try:
             connect(yarp, sender, target, FAST_TCP.name)
-        except DriverError:
+        except PortError:
             self._port.close()
             raise
 
     def offer(self, value: Array | Sequence[Any], dialect: Dialect, stamp: Stamp | None = None) -> bool:
         if self.is_over():
-            raise DriverError(f"{self._target} is gone")
+            raise PortError(f"{self._target} is gone")
         self._used = time.monotonic()
         before = self._port.dropped
         self._port.write(value, stamp)

@@ -13,12 +13,12 @@ import tci
 from tci.drivers.yarp.order_book import OrderBook
 from tci.drivers.yarp.served_board import ServedBoard
 from tci.drivers.yarp.skin_events import decode_events
-from tci.errors import CommandError, WireError
 from tci.messages import Order
 from yarpwire.bottle import decode_bottle, encode_bottle
 from yarpwire.calls_v3 import answer_v3
 from yarpwire.calls_v4 import CALLS, answer_v4
 from yarpwire.dialect import DIALECTS, V3, V4, Dialect
+from yarpwire.errors import CallError, WireError
 from yarpwire.incoming import Delivery
 from yarpwire.message import ADMIN, Command
 from yarpwire.port import Port
@@ -109,7 +109,7 @@ def strange_messages(port: Port) -> Callable[[random.Random], None]:
             assert to_text(said)
 
     def stream(items: list[Any], dialect: Dialect) -> None:
-        with suppress(CommandError):
+        with suppress(CallError):
             obey(boards[dialect], items, dialect)
 
     def order(items: list[Any], dialect: Dialect) -> None:

@@ -15,9 +15,10 @@ import tci
 from tci.drivers.diagnosis import Level
 from tci.drivers.yarp.address import parse
 from tci.drivers.yarp.driver import YarpDriver
-from tci.errors import DriverError, MissingExtraError, WireError
+from tci.errors import DriverError, MissingExtraError
 from yarpwire.bindings.module import reader, to_bottle
 from yarpwire.bindings.network import Bindings
+from yarpwire.errors import BindingsError, WireError
 from yarpwire.values import Float32, Int8, Int16, Int64, Vocab
 
 
@@ -42,7 +43,7 @@ def test_another_package_of_that_name_is_not_taken_for_yarp(
     monkeypatch.delitem(sys.modules, "yarp", raising=False)
     (tmp_path / "yarp.py").write_text("def parse(): pass\n")
     monkeypatch.syspath_prepend(str(tmp_path))
-    with pytest.raises(MissingExtraError, match=r"yarp\.py is another yarp"):
+    with pytest.raises(BindingsError, match=r"yarp\.py is another yarp"):
         Bindings()
 
 

@@ -20,11 +20,12 @@ from drivers.yarp.show import Show, until
 from peers import needs_yarp_bindings
 from tci.drivers.yarp.address import parse
 from tci.drivers.yarp.driver import YarpDriver
-from tci.errors import DriverError, UnknownNameError
+from tci.errors import DriverError
 from tci.gate.gate import GateState
 from yarpwire.bindings.network import Bindings
 from yarpwire.board import find_board
 from yarpwire.dialect import DIALECTS, Dialect
+from yarpwire.errors import PortError, UnknownNameError
 from yarpwire.incoming import Delivery
 from yarpwire.message import Stamp
 from yarpwire.name_server import NameServer
@@ -93,7 +94,7 @@ def test_calls_are_answered(ends: tuple[Network, Network], dialect: Dialect) -> 
     finally:
         caller.close()
         port.close()
-    with pytest.raises(DriverError):
+    with pytest.raises(PortError):
         caller.call(1)
 
 
@@ -108,7 +109,7 @@ def test_a_call_that_nobody_answers_is_an_error_and_the_next_one_is_made_anew(di
     port = Wire().port("/slow", dialect, answer)
     caller = network.caller(network.query("/slow"), "/asks", dialect)
     try:
-        with pytest.raises(DriverError, match="/slow does not answer"):
+        with pytest.raises(PortError, match="/slow does not answer"):
             caller.call(1, patience=0.2)
         assert caller.call(2) == [0]
     finally:
@@ -143,7 +144,7 @@ def test_a_writer_tells_that_its_reader_is_gone(dialect: Dialect) -> None:
     def lost() -> bool:
         try:
             return not writer.offer([1], dialect) and writer.is_over()
-        except DriverError:
+        except PortError:
             return True
 
     assert until(lost)

@@ -15,11 +15,11 @@ from drivers.yarp.show import until
 from tci.drivers.simulated import SimulatedDriver
 from tci.drivers.yarp.served_board import ServedBoard
 from tci.drivers.yarp.server import YarpServer
-from tci.errors import CommandError, DriverError
 from yarpwire import message, outgoing
 from yarpwire.bottle import encode_bottle
 from yarpwire.carrier import TCP, TEXT
 from yarpwire.dialect import DIALECTS, V3, V4
+from yarpwire.errors import CallError, PortError
 from yarpwire.incoming import Delivery
 from yarpwire.name_server import NameServer
 from yarpwire.names import Names, parse_contact
@@ -93,7 +93,7 @@ def test_calls_about_no_joint_are_answered(shown: YarpServer) -> None:
 def test_a_board_says_what_joints_and_modes_it_has(numbers: object, words: object) -> None:
     board = ServedBoard("LArm", tci.load_robot("nao").servos_of("LArm"))
     for act in (board.set_modes, board.set_interactions):
-        with pytest.raises(CommandError, match="valid"):
+        with pytest.raises(CallError, match="valid"):
             act(numbers, words)  # type: ignore[arg-type]
 
 
@@ -112,7 +112,7 @@ def test_orders_with_a_name_that_is_none_are_answered(names: Names, target: byte
 def test_a_host_that_is_none_can_not_be_reached(names: Names) -> None:
     names.ask("register", "/odd", "tcp", "a..b", "4000")
     port = Port("/r", names, V3)
-    with pytest.raises(DriverError, match="can't be reached"):
+    with pytest.raises(PortError, match="can't be reached"):
         port.connect("/odd")
     port.close()
 

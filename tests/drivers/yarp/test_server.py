@@ -21,13 +21,14 @@ from tci.drivers.yarp import served_board, server
 from tci.drivers.yarp.served_board import ServedBoard
 from tci.drivers.yarp.server import YarpServer
 from tci.drivers.yarp.skin_events import decode_events
-from tci.errors import CommandError, DriverError
+from tci.errors import DriverError
 from tci.messages import Mode, PlatformCommand, PlatformSwitch
 from tci.runtime.serve import serve
 from tci.skin.skin import Skin
 from yarpwire import names
 from yarpwire.board import COMPLIANT, DIRECT, POSITION, VELOCITY, Stream, find_board
 from yarpwire.dialect import DIALECTS, V3, V4
+from yarpwire.errors import CallError, PortError
 from yarpwire.incoming import Delivery
 from yarpwire.name_server import NameServer
 from yarpwire.names import Names
@@ -54,7 +55,7 @@ def insist(act: Callable[[], object]) -> None:
         try:
             act()
             return
-        except DriverError:
+        except PortError:
             time.sleep(0.25)
     act()
 
@@ -81,7 +82,7 @@ def test_every_part_is_a_board_with_its_joints_names_and_limits(show: Show) -> N
             if servo.limits.lower is not None:
                 found = board.limits(number)
                 assert found.lower == pytest.approx(np.rad2deg(servo.limits.lower))
-        with pytest.raises(DriverError, match="refuses"):
+        with pytest.raises(PortError, match="refuses"):
             board.limits(99)
         board.close()
 
@@ -156,9 +157,9 @@ def test_a_commander_of_velocities_that_falls_silent_leaves_the_arm_at_rest(show
 
 def test_a_mode_that_the_gate_refuses_is_refused_on_the_wire(show: Show) -> None:
     board = find_board(show.network, "/nao/LArm", "/test/refused")
-    with pytest.raises(DriverError, match="refuses"):
+    with pytest.raises(PortError, match="refuses"):
         board.set_modes([ELBOW], Vocab("idl"))
-    with pytest.raises(DriverError, match="refuses"):
+    with pytest.raises(PortError, match="refuses"):
         board.set_interaction(ELBOW, Vocab("soft"))
     board.close()
 
@@ -168,13 +169,13 @@ def test_a_board_whose_change_of_mode_was_refused_is_in_the_mode_from_before() -
     board.set_modes(None, [DIRECT] * board.count)
     board.book.take()
     board.book.judge([], ["hold: joint data is old"])
-    with pytest.raises(CommandError, match=r"is in \[pos\]"):
+    with pytest.raises(CallError, match=r"is in \[pos\]"):
         board.stream(Stream.POSITION, [ELBOW], [10.0])
     board.set_modes([ELBOW], [DIRECT])
     board.book.judge(board.book.take(), [])
     board.stream(Stream.POSITION, [ELBOW], [10.0])
     board.armed = False
-    with pytest.raises(CommandError, match="read-only"):
+    with pytest.raises(CallError, match="read-only"):
         board.set_modes([ELBOW], [POSITION])
     board.armed = True
     board.stream(Stream.POSITION, [ELBOW], [10.0])
@@ -188,7 +189,7 @@ def test_set_points_that_overtake_their_change_of_mode_wait_for_it(
 ) -> None:
     monkeypatch.setattr(served_board, "OVERTAKES", waits)
     board = ServedBoard("LArm", tci.load_robot("nao").servos_of("LArm"))
-    with pytest.raises(CommandError, match="this command needs"):
+    with pytest.raises(CallError, match="this command needs"):
         board.stream(Stream.POSITION, [ELBOW], [-10.0])
     board.set_modes([ELBOW], [DIRECT])
     assert [type(order) for order in board.book.take()] == kinds
@@ -203,7 +204,7 @@ def test_compliance_and_impedance(show: Show) -> None:
         assert until(lambda: show.server.boards["LArm"].state.interactions[ELBOW] == COMPLIANT)
         insist(lambda: board.set_interaction(ELBOW, Vocab("stif")))
     else:
-        with pytest.raises(DriverError, match="refuses"):
+        with pytest.raises(PortError, match="refuses"):
             board.set_interaction(ELBOW, COMPLIANT)
     insist(lambda: board.set_impedance(ELBOW, 0.5, 0.02))
     assert board.impedance(ELBOW) == (0.5, 0.02)
@@ -284,7 +285,7 @@ def test_55_a_driver_that_is_not_armed_is_read_only(monkeypatch: pytest.MonkeyPa
             driver.read().joints.position[[servo.index for servo in driver.robot.servos_of("LArm")]],
         )
         board = find_board(server.network, "/nao/LArm", "/test/unarmed")
-        with pytest.raises(DriverError, match="refuses"):
+        with pytest.raises(PortError, match="refuses"):
             board.set_modes([ELBOW], DIRECT)
         assert server.orders() == []
         assert board.axes() == 6

@@ -19,7 +19,7 @@ from tci.drivers.diagnosis import Level
 from tci.drivers.yarp import driver as yarp_driver
 from tci.drivers.yarp.board_driver import BoardDriver
 from tci.drivers.yarp.driver import YarpDriver
-from tci.errors import CommandError, DriverError, UnknownNameError
+from tci.errors import DriverError, UnknownNameError
 from tci.frames import Array
 from tci.gate.gate import GateState, SafeCommand
 from tci.messages import Mode, Order, PlatformCommand, PlatformOrder, PlatformSwitch, SwitchMode
@@ -28,6 +28,7 @@ from tci.runtime.loop import Tick
 from tci.skin.skin import Skin
 from yarpwire.board import Stream
 from yarpwire.dialect import DIALECTS, V3, V4
+from yarpwire.errors import CallError
 from yarpwire.name_server import NameServer
 from yarpwire.names import Names
 
@@ -177,7 +178,7 @@ def test_a_board_that_refuses_a_mode_for_a_moment_means_hold_and_one_that_goes_o
     def refuse(joints: Sequence[int] | None, words: Sequence[int]) -> None:
         left[0] -= 1
         if left[0] >= 0:
-            raise CommandError("the gate holds")
+            raise CallError("the gate holds")
         take(joints, words)
 
     monkeypatch.setattr(board, "set_modes", refuse)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
+from tci.drivers.yarp.driver_errors import raises_driver_errors
 from tci.errors import DriverError
 from tci.robot.description import Robot
 from yarpwire.bindings.network import Bindings
@@ -35,6 +36,7 @@ class YarpAddress:
     without: tuple[str, ...] = ()
     """Patches that are left out, joined by +."""
 
+    @raises_driver_errors
     def network(self) -> Network:
         """What carries the messages. Raises DriverError, MissingExtraError."""
         network = Bindings(self.server) if self.bindings else Wire(self.server)
@@ -43,6 +45,7 @@ class YarpAddress:
         return network
 
 
+@raises_driver_errors
 def parse(text: str) -> YarpAddress:
     """Raises DriverError that says what is valid."""
     server = None

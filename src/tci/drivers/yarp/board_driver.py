@@ -6,7 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from tci.errors import DriverError, WireError
+from tci.drivers.remote.source_clock import SourceClock
+from tci.drivers.yarp.driver_errors import raises_driver_errors
+from tci.errors import DriverError
 from tci.frames import Array
 from tci.gate.safe_command import SafeCommand
 from tci.messages import Mode
@@ -24,6 +26,7 @@ from yarpwire.board import (
     find_board,
 )
 from yarpwire.dialect import Dialect
+from yarpwire.errors import WireError, YarpError
 from yarpwire.feed import Feed
 from yarpwire.incoming import Delivery
 from yarpwire.network import Network, Writer
@@ -52,6 +55,7 @@ ignored those that came before it had changed. Ours."""
 class BoardDriver:
     """The joints of one robot part. Methods raise DriverError when the board refuses or is not there."""
 
+    @raises_driver_errors
     def __init__(
         self,
         prefix: str,
@@ -81,6 +85,7 @@ class BoardDriver:
                 self._decode,
                 own=f"{own}/stateExt:i",
                 carrier=carrier,
+                clock=SourceClock(),
             )
             self._connect_commands()
         except BaseException:
@@ -132,10 +137,12 @@ class BoardDriver:
             found.append((mode, mode is not None))
         return found
 
+    @raises_driver_errors
     def limits(self) -> list[AxisLimits]:
         """How far each servo may go, by the board [deg]."""
         return [self.board.limits(axis) for axis in self.axis]
 
+    @raises_driver_errors
     def send(self, safe: SafeCommand, ahead: Array) -> None:
         """Switch modes as the gate did, then send set-points to its servos that are under command.
 
@@ -160,6 +167,7 @@ class BoardDriver:
             # What came before the board had the new modes moved nothing.
             self._stream_all(safe, ahead, obeying, mine)
 
+    @raises_driver_errors
     def let_go(self, safe: SafeCommand) -> None:
         """Send the torques of its servos in torque mode, and nothing else: to a board whose state does not
         come. It may still hear, and would keep the last ones; the gate ends torques that nobody watches."""
@@ -171,6 +179,7 @@ class BoardDriver:
         ]
         self._stream_all(safe, safe.position, loose, mine)
 
+    @raises_driver_errors
     def halt(self) -> None:
         """The board's own stop, in position mode: its joints stay where they are. Raises DriverError."""
         self.board.set_modes(list(self.axis), POSITION)
@@ -182,8 +191,9 @@ class BoardDriver:
         self._direct.clear()
         self.board.close()
 
+    @raises_driver_errors
     def reconnect(self) -> None:
-        """Connect again. Raises DriverError, UnknownNameError."""
+        """Connect again. Raises DriverError."""
         assert self.feed is not None
         fresh = find_board(self._network, self.prefix, f"{self._own}/rpc:o", self.board.dialect)
         self.board.close()
@@ -192,9 +202,10 @@ class BoardDriver:
         self._connect_commands()
         self.feed.reconnect()
 
+    @raises_driver_errors
     def mind_commands(self) -> None:
         """Connect again where the board has closed the connection that commands take: one that authenticates
-        does so after 2 s without any. Raises DriverError, UnknownNameError."""
+        does so after 2 s without any. Raises DriverError."""
         output = self._output  # the loop lets go of it too
         if output is None or output.is_over():
             self._connect_commands()
@@ -236,7 +247,7 @@ class BoardDriver:
             if answered:
                 self._switching = {}
             return answered
-        except DriverError:
+        except YarpError:
             self._told |= self._switching
             for servo in self._switching:
                 self._direct.pop(servo, None)
@@ -278,7 +289,7 @@ class BoardDriver:
         output = self._output
         try:
             output.offer(self.board.command(stream, joints, values), self.board.dialect)
-        except DriverError:
+        except YarpError:
             output.close()
             if self._output is output:
                 self._output = None  # nothing queues; whoever watches connects again

@@ -17,6 +17,7 @@ from tci.robot.description import Robot
 from yarpwire.bindings.module import importable
 from yarpwire.board import find_board
 from yarpwire.dialect import Dialect
+from yarpwire.errors import YarpError
 from yarpwire.feed import Feed
 from yarpwire.network import Network
 
@@ -35,7 +36,7 @@ def probe(robot: Robot, address: str) -> tuple[Finding, ...]:
         return (_no_server(error),)
     try:
         there = {contact.name for contact in network.list()}
-    except TciError as error:
+    except YarpError as error:
         return _library(network), _no_server(error)
     host, port = network.address
     found = [_library(network)]
@@ -50,7 +51,7 @@ def probe(robot: Robot, address: str) -> tuple[Finding, ...]:
             found.append(
                 Finding(Level.OK, part, f"a control board of YARP {board.dialect.name}, {axes} axes")
             )
-        except TciError as error:
+        except YarpError as error:
             advice = "is its device running (yarprobotinterface)? another name? --via yarp:...,robot=NAME"
             found.append(Finding(Level.FAULT, part, str(error), advice))
     for patch in robot.patches:
@@ -68,7 +69,7 @@ def _library(network: Network) -> Finding:
     return Finding(Level.OK, "YARP library", said, figures={"library": network.title, "bindings": bindings})
 
 
-def _no_server(error: TciError) -> Finding:
+def _no_server(error: Exception) -> Finding:
     advice = "start yarpserver, or say where it is: --via yarp:HOST:PORT; see docs/yarp.md"
     return Finding(Level.FAULT, "name server", str(error), advice)
 
@@ -89,7 +90,7 @@ def examine(
         what = f"{feed.lost} messages lost, {feed.wrong} wrong"
         advice = said or ("a faster carrier or network: yarp:...,carrier=fast_tcp" if feed.lost else "")
         figures: dict[str, float | str] = {"lost": feed.lost, "wrong": feed.wrong}
-        if feed.clock.difference is not None:
+        if feed.clock is not None and feed.clock.difference is not None:
             figures["clock_offset_s"] = feed.clock.difference
         found.append(Finding(level, name, what, advice if level is not Level.OK else "", figures=figures))
     return tuple(found)

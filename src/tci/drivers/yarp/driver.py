@@ -18,17 +18,20 @@ from tci.drivers.diagnosis import Finding
 from tci.drivers.driver import Driver
 from tci.drivers.info import DriverInfo
 from tci.drivers.remote.hosts import numeric
+from tci.drivers.remote.source_clock import SourceClock
 from tci.drivers.yarp import address as addresses
 from tci.drivers.yarp.address import patch_port
 from tci.drivers.yarp.board_driver import AHEAD, BoardDriver
 from tci.drivers.yarp.diagnose import examine, probe
+from tci.drivers.yarp.driver_errors import raises_driver_errors
 from tci.drivers.yarp.skin_events import SkinEvent, decode_events
-from tci.errors import DriverError, UnknownNameError, WireError
+from tci.errors import DriverError
 from tci.frames import read_only
 from tci.gate.gate import SafeCommand
 from tci.messages import JointReading, Mode, Reading, SkinFrame
 from tci.robot.description import Patch, Robot
 from yarpwire.dialect import Dialect
+from yarpwire.errors import UnknownNameError, WireError, YarpError
 from yarpwire.feed import Feed
 from yarpwire.incoming import Delivery
 from yarpwire.network import Network
@@ -53,6 +56,7 @@ class YarpDriver(Driver):
     """A driver of a robot on YARP. It is armed only on request. After a restart of the name server, a board
     or the robot it goes on by itself; meanwhile the joint data is old, and the gate holds."""
 
+    @raises_driver_errors
     def __init__(
         self, robot: Robot, address: str = "", *, arm: bool = False, joints: bool = True, skin: bool = True
     ) -> None:
@@ -109,6 +113,7 @@ class YarpDriver(Driver):
             return self._dialect
         return next(iter(self.boards.values())).board.dialect
 
+    @raises_driver_errors
     def skin_events(self) -> tuple[SkinEvent, ...]:
         """The contacts that the robot's own skinManager says now. Raises DriverError when it is not
         running."""
@@ -116,7 +121,7 @@ class YarpDriver(Driver):
             try:
                 self._events = Feed(
                     EVENTS, self.network, self.dialect, lambda d: decode_events(d.items(self.dialect)),
-                    own=f"{self._own}/skin_events:i", carrier=self._carrier,
+                    own=f"{self._own}/skin_events:i", carrier=self._carrier, clock=SourceClock(),
                 )  # fmt: skip
             except UnknownNameError as error:
                 raise DriverError(f"no skinManager: {error}") from error
@@ -211,6 +216,7 @@ class YarpDriver(Driver):
         for board in self.boards.values():
             board.halt()
 
+    @raises_driver_errors
     def _close(self) -> None:
         self._closed.set()
         for connection in (*self.boards.values(), *self.skin.values(), self._events):
@@ -244,6 +250,7 @@ class YarpDriver(Driver):
             decode,
             own=f"{self._own}/skin/{patch.name}:i",
             carrier=self._carrier,
+            clock=SourceClock(),
         )
 
     def _wait_for_all(self) -> None:
@@ -270,19 +277,19 @@ class YarpDriver(Driver):
             now = time.monotonic()
             for board in self.boards.values():
                 if board.feed is not None and board.feed.silent(now) > AWAY:
-                    with contextlib.suppress(DriverError, UnknownNameError):
+                    with contextlib.suppress(DriverError):
                         board.reconnect()
                         self._reconnected.set()
                 else:
-                    with contextlib.suppress(DriverError, UnknownNameError):
+                    with contextlib.suppress(DriverError):
                         board.mind_commands()
             for feed in self._feeds(boards=False):
                 if feed.silent(now) > AWAY:
-                    with contextlib.suppress(DriverError, UnknownNameError):
+                    with contextlib.suppress(YarpError):
                         feed.reconnect()
             if now > due:
                 due = now + REGISTER_AGAIN
-                with contextlib.suppress(DriverError):
+                with contextlib.suppress(YarpError):
                     known = {contact.name for contact in self.network.list()}
                     for feed in self._feeds():
                         if feed.port.name not in known and not self._closed.is_set():

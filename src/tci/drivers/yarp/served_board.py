@@ -6,19 +6,21 @@ Both dialects lead here. Degrees on this side of it, radians on the other.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from tci.drivers.yarp.order_book import OrderBook
-from tci.errors import CommandError, WireError
+from tci.errors import CommandError
 from tci.frames import Array
 from tci.messages import JointReading, Mode, Order, PlatformCommand, PlatformSwitch
 from tci.robot.description import Servo
 from yarpwire.board import COMPLIANT, DIRECT, IDLE, POSITION, STIFF, TORQUE, VELOCITY, Stream
+from yarpwire.board_service import BoardService
+from yarpwire.errors import CallError, WireError
 from yarpwire.state import BoardState
 from yarpwire.values import Vocab
 
@@ -39,8 +41,8 @@ STREAMS = {Stream.POSITION: DIRECT, Stream.VELOCITY: VELOCITY, Stream.TORQUE: TO
 COMMANDS = {Stream.POSITION: Mode.POSITION, Stream.VELOCITY: Mode.VELOCITY, Stream.TORQUE: Mode.TORQUE}
 
 
-class ServedBoard:
-    """A robot part as a control board. Its methods raise CommandError for what it can't do."""
+class ServedBoard(BoardService):
+    """A robot part as a control board."""
 
     def __init__(self, part: str, servos: Sequence[Servo]) -> None:
         self.part = part
@@ -64,8 +66,6 @@ class ServedBoard:
         """When it was measured [s], as a time of day."""
         self.armed = True
         """Whether orders are taken at all."""
-        self.counter = 0
-        """Counts the answers that carry a time."""
 
     def see(self, joints: JointReading, modes: Sequence[Mode]) -> None:
         """Take over this period's joints, and the control mode that the gate has for every servo."""
@@ -101,19 +101,29 @@ class ServedBoard:
         wanted = self._words[number]
         return wanted if wanted in (POSITION, DIRECT) else POSITION
 
+    @contextmanager
+    def awaited(self) -> Iterator[None]:
+        self.book.begin()
+        yield
+        try:
+            self.book.settle()
+        except CommandError as error:
+            raise CallError(str(error)) from error
+
+    def name(self, joint: int) -> str:
+        return self.servos[self.joints([joint])[0]].name
+
     def joints(self, numbers: Sequence[int] | None) -> list[int]:
-        """Joints by number, all for None. Whatever came over the wire may be given."""
         if numbers is None:
             return list(range(self.count))
         chosen = [int(n) for n in _listed(numbers) if isinstance(n, int) and 0 <= n < self.count]
         if not chosen or not len(numbers) == len(chosen) == len(set(chosen)):
-            raise CommandError(
+            raise CallError(
                 f"joints {str(numbers)[:60]} of {self.part}; valid: 0 to {self.count - 1}, each once"
             )
         return chosen
 
     def move(self, joints: Sequence[int] | None, angles: Sequence[float], *, relative: bool = False) -> None:
-        """Go to angles (k,) [deg] at the speed that is set."""
         chosen, values = self._checked(joints, angles)
         self._need(chosen, (POSITION,))
         values = values + self.state.position[chosen] if relative else values
@@ -121,7 +131,6 @@ class ServedBoard:
         self._order(chosen, Mode.POSITION, np.deg2rad(values), np.deg2rad(self.speeds[chosen]))
 
     def stream(self, stream: Stream, joints: Sequence[int] | None, numbers: Sequence[float]) -> None:
-        """A command that comes again and again: angles [deg], velocities [deg/s] or torques [N m]."""
         chosen, values = self._checked(joints, numbers)
         self._early = time.monotonic(), stream, chosen, numbers
         self._need(chosen, (STREAMS[stream],))
@@ -135,7 +144,6 @@ class ServedBoard:
             self._order([chosen[k] for k in mine], mode, values[mine], np.full(len(mine), np.inf))
 
     def stop(self, joints: Sequence[int] | None) -> None:
-        """Stay here."""
         chosen = self.joints(joints)
         for number in chosen:
             if self._words[number] in (POSITION, DIRECT):
@@ -146,12 +154,10 @@ class ServedBoard:
                 self._order([number], Mode.VELOCITY, np.zeros(1), np.full(1, np.inf))
 
     def is_done(self, joints: Sequence[int] | None) -> bool:
-        """Whether moves have arrived."""
         chosen = self.joints(joints)
         return not np.any(np.abs(self.state.position[chosen] - self._targets[chosen]) >= THERE)
 
     def set_modes(self, joints: Sequence[int] | None, words: Sequence[int]) -> None:
-        """Switch to control modes (k,), as vocabularies."""
         chosen = self.joints(joints)
         asked = self._vocabularies(words, len(chosen), MODES)
         wanted = [self._mode(number, MODES[word]) for number, word in zip(chosen, asked, strict=True)]
@@ -164,11 +170,10 @@ class ServedBoard:
         self._switch(chosen, wanted, before)
         early, self._early = self._early, None
         if early is not None and time.monotonic() - early[0] < OVERTAKES:
-            with suppress(CommandError):
+            with suppress(CallError):
                 self.stream(*early[1:])
 
     def set_interactions(self, joints: Sequence[int] | None, words: Sequence[int]) -> None:
-        """Make joints stiff or compliant."""
         chosen = self.joints(joints)
         asked = self._vocabularies(words, len(chosen), (STIFF, COMPLIANT))
         for number, word in zip(chosen, asked, strict=True):
@@ -182,16 +187,17 @@ class ServedBoard:
             self._compliant[number] = soft[number]
 
     def impedance(self, joint: int) -> Array:
-        """Stiffness [N m/deg] and damping [N m s/deg] of a joint (2,)."""
         pair: Array = self._impedance[self.joints([joint])[0]]
         return pair
 
+    def impedance_limits(self) -> tuple[float, float]:
+        return FULL_STIFFNESS, FULL_DAMPING
+
     def set_impedance(self, joint: int, stiffness: float, damping: float) -> None:
-        """Set them, as shares of what the servo has."""
         number = self.joints([joint])[0]
         shares = _finite([stiffness, damping], 2) / (FULL_STIFFNESS, FULL_DAMPING)
         if not np.all((shares >= 0.0) & (shares <= 1.0)):
-            raise CommandError(
+            raise CallError(
                 f"impedance {stiffness} {damping}; valid: 0 to {FULL_STIFFNESS} N m/deg, 0 to {FULL_DAMPING}"
             )
         self._impedance[number] = stiffness, damping
@@ -199,34 +205,28 @@ class ServedBoard:
             self._order([number], mode, np.array([share]), np.full(1, np.inf))
 
     def limits(self, joint: int) -> tuple[float, float]:
-        """How far a joint may go [deg]."""
         limits = self.servos[self.joints([joint])[0]].limits
         if limits.lower is None or limits.upper is None:
             return 0.0, 0.0
         return float(np.rad2deg(limits.lower)), float(np.rad2deg(limits.upper))
 
     def speed_limit(self, joint: int) -> float:
-        """How fast a joint may go [deg/s]."""
         return float(np.rad2deg(self.servos[self.joints([joint])[0]].limits.velocity or 0.0))
 
     def torque_limit(self, joint: int) -> float:
-        """How hard a joint may push [N m]."""
         return float(self.servos[self.joints([joint])[0]].limits.torque or 0.0)
 
     def set_speeds(self, joints: Sequence[int] | None, speeds: Sequence[float]) -> None:
-        """Speeds (k,) [deg/s] of moves from now on."""
         chosen, values = self._checked(joints, speeds)
         if np.any(values < 0.0):
-            raise CommandError(f"speeds {values.tolist()[:20]}; valid: at least 0")
+            raise CallError(f"speeds {values.tolist()[:20]}; valid: at least 0")
         self.speeds[chosen] = values
 
     def set_accelerations(self, joints: Sequence[int] | None, values: Sequence[float]) -> None:
-        """Kept for those who ask [deg/s2]."""
         chosen, numbers = self._checked(joints, values)
         self.accelerations[chosen] = numbers
 
     def available(self, joint: int) -> list[Vocab]:
-        """Control modes that a joint may be switched to."""
         servo = self.servos[self.joints([joint])[0]]
         return [word for word, mode in MODES.items() if mode in servo.modes]
 
@@ -239,7 +239,7 @@ class ServedBoard:
             found = [Vocab(word) for word in _listed(words)]
             if len(found) == count and all(word in valid for word in found):
                 return found
-        raise CommandError(
+        raise CallError(
             f"modes {str(words)[:60]} for {count} joints of {self.part}; valid, one per joint: "
             + ", ".join(str(word) for word in valid)
         )
@@ -247,7 +247,7 @@ class ServedBoard:
     def _need(self, joints: Sequence[int], words: Sequence[Vocab]) -> None:
         for number in joints:
             if self._words[number] not in words:
-                raise CommandError(
+                raise CallError(
                     f"{self.servos[number].name} is in {self._words[number]}; this command needs {words[0]}"
                 )
 
@@ -255,7 +255,7 @@ class ServedBoard:
         servo = self.servos[number]
         if mode not in servo.modes:
             valid = ", ".join(known.value for known in servo.modes)
-            raise CommandError(f"{servo.name} has no {mode.value} mode; valid: {valid}")
+            raise CallError(f"{servo.name} has no {mode.value} mode; valid: {valid}")
 
     def _mode(self, number: int, mode: Mode) -> Mode:
         return Mode.IMPEDANCE if mode is Mode.POSITION and self._compliant[number] else mode
@@ -271,7 +271,7 @@ class ServedBoard:
             )
             try:
                 self._put(PlatformSwitch(servos=self._index[chosen], mode=mode), undo)
-            except CommandError:
+            except CallError:
                 undo()
                 raise
 
@@ -280,7 +280,7 @@ class ServedBoard:
 
     def _put(self, order: Order, undo: Callable[[], None] | None = None) -> None:
         if not self.armed:
-            raise CommandError(f"{self.part} is read-only: serve it with --arm")
+            raise CallError(f"{self.part} is read-only: serve it with --arm")
         self.book.put(order, undo)
 
 
@@ -292,5 +292,5 @@ def _listed(items: object) -> Sequence[Any]:
 def _finite(numbers: Sequence[Any], count: int) -> Array:
     values = [float(number) for number in _listed(numbers) if isinstance(number, int | float)]
     if not len(values) == len(_listed(numbers)) == count or not np.all(np.isfinite(values)):
-        raise CommandError(f"{str(numbers)[:60]} in the place of numbers; valid: {count}, finite")
+        raise CallError(f"{str(numbers)[:60]} in the place of numbers; valid: {count}, finite")
     return np.array(values)

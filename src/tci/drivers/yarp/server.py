@@ -19,15 +19,17 @@ from tci.drivers.driver import Driver
 from tci.drivers.server import Server
 from tci.drivers.yarp import address as addresses
 from tci.drivers.yarp.address import YarpAddress, patch_port
+from tci.drivers.yarp.driver_errors import raises_driver_errors
 from tci.drivers.yarp.served_board import ServedBoard
 from tci.drivers.yarp.skin_events import encode_events
-from tci.errors import CommandError, DriverError
+from tci.errors import DriverError
 from tci.frames import Array
 from tci.gate.safe_command import SafeCommand
 from tci.messages import Order, Perception, Reading, SkinFrame
 from yarpwire.calls_v3 import answer_v3
 from yarpwire.calls_v4 import answer_v4
 from yarpwire.dialect import V3, V4, Dialect
+from yarpwire.errors import CallError, YarpError
 from yarpwire.incoming import Answer, Delivery
 from yarpwire.message import CALL, Stamp
 from yarpwire.name_server import NameServer
@@ -50,6 +52,7 @@ REGISTER_AGAIN = 1.0
 class YarpServer(Server):
     """A robot on YARP. Commands need a driver that is armed."""
 
+    @raises_driver_errors
     def __init__(self, driver: Driver, address: str = "") -> None:
         """Open all ports. Without a name server, one of our own is started.
 
@@ -85,7 +88,7 @@ class YarpServer(Server):
                 self._open(name)
                 self._open(f"{name}_comp")
             self._events = self._open("/skinManager/skin_events:o")
-        except DriverError:
+        except (DriverError, YarpError):
             self.close()
             raise
         threading.Thread(target=self._keep_registered, name="yarp registration", daemon=True).start()
@@ -110,6 +113,7 @@ class YarpServer(Server):
         for board in self.boards.values():
             board.book.refuse(order, reason)
 
+    @raises_driver_errors
     def show(self, reading: Reading) -> None:
         offset = time.time() - self.driver.clock.now()
         for frame in reading.skin:
@@ -118,6 +122,7 @@ class YarpServer(Server):
                 self._felt = time.monotonic()
                 self._publish_skin(frame, offset)
 
+    @raises_driver_errors
     def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
         self._shown = True
         for board in self.boards.values():
@@ -141,6 +146,7 @@ class YarpServer(Server):
                 encode_events(perception.contacts), self._stamp("events", offset + perception.stamp)
             )
 
+    @raises_driver_errors
     def close(self) -> None:
         self._closed.set()
         for port in self._ports.values():
@@ -159,7 +165,7 @@ class YarpServer(Server):
             where = network.address
             network.list()
             return None, network
-        except DriverError:
+        except (DriverError, YarpError):
             own = NameServer(*where, key=read_key(), space=namespace())
             try:
                 return own, replace(options, server=own.address).network()
@@ -167,6 +173,7 @@ class YarpServer(Server):
                 own.close()
                 raise
 
+    @raises_driver_errors
     def open_board(self, part: str) -> None:
         """Show one robot part as a control board. Raises DriverError."""
         board = self.boards[part]
@@ -179,13 +186,14 @@ class YarpServer(Server):
         def command(delivery: Delivery) -> None:
             try:
                 obey(board, delivery.items(self.dialect), self.dialect)
-            except CommandError as error:
+            except CallError as error:
                 self._refuse(str(error))
 
         board.armed = self.driver.armed
         for name, receive in ((calls, call), ("command:i", command), ("state:o", None), ("stateExt:o", None)):
             self._open(f"/{self.prefix}/{part}/{name}", receive)
 
+    @raises_driver_errors
     def close_board(self, part: str) -> None:
         """Let one control board be away until `open_board`, as one that restarts; for rehearsals."""
         for name in list(self._ports):
@@ -222,7 +230,7 @@ class YarpServer(Server):
     def _keep_registered(self) -> None:
         """A name server that restarts forgets its ports; what flows between ports goes on meanwhile."""
         while not self._closed.wait(REGISTER_AGAIN):
-            with contextlib.suppress(DriverError):
+            with contextlib.suppress(YarpError):
                 known = {contact.name for contact in self.network.list()}
                 for port in list(self._ports.values()):
                     if port.name not in known and not self._closed.is_set():

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from tci.errors import WireError
 from tci.frames import Array, read_only
 from tci.messages import Contact
+from yarpwire.errors import WireError
 
 NEWTON = 0.05
 """Force [N] per taxel and unit of pressure, by skinManager's own formula."""

@@ -1,0 +1,34 @@
+"""The edge between yarpwire and TCI: every YarpError leaves this folder as a DriverError."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import wraps
+from typing import ParamSpec, TypeVar
+
+from tci.errors import DriverError, MissingExtraError, TciError
+from yarpwire.errors import BindingsError, YarpError
+
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
+
+
+def raises_driver_errors(call: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """The same function, except that a YarpError becomes a DriverError with its text."""
+
+    @wraps(call)
+    def translated(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
+        try:
+            return call(*args, **kwargs)
+        except YarpError as error:
+            raise driver_error(error) from error
+
+    return translated
+
+
+def driver_error(error: YarpError) -> TciError:
+    """A DriverError with the text of `error`; MissingExtraError if YARP's own bindings are not installed."""
+    if isinstance(error, BindingsError):
+        advice = f"{error.advice}. Without `bindings` TCI speaks YARP by itself"
+        return MissingExtraError("yarp:bindings", error.missing, advice)
+    return DriverError(str(error))

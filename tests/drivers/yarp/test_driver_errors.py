@@ -1,0 +1,180 @@
+"""Whatever fails in yarpwire, the methods of driver and server raise TCI's errors and no others."""
+
+from __future__ import annotations
+
+import contextlib
+import inspect
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from drivers.patient import patient
+from drivers.yarp.show import Show, until
+from tci.drivers.simulated import SimulatedDriver
+from tci.drivers.yarp.address import YarpAddress
+from tci.drivers.yarp.driver import YarpDriver
+from tci.drivers.yarp.driver_errors import raises_driver_errors
+from tci.drivers.yarp.server import YarpServer
+from tci.errors import DriverError, MissingExtraError, TciError
+from tci.messages import Mode, Perception, PlatformSwitch
+from yarpwire import errors
+from yarpwire.dialect import V3
+from yarpwire.errors import BindingsError, PortError, UnknownNameError, YarpError
+from yarpwire.network import Caller, NamedPort, Network, Writer
+
+pytestmark = [
+    pytest.mark.timeout(180),
+    pytest.mark.filterwarnings("error::pytest.PytestUnhandledThreadExceptionWarning"),
+]
+RETURNS: dict[str, type[Any]] = {"port": NamedPort, "writer": Writer, "caller": Caller}
+"""Interface of the object that a method of the network returns."""
+CALLS = [
+    f"{interface.__name__}.{name}"
+    for interface in (Network, *RETURNS.values())
+    for name, _ in inspect.getmembers(interface, inspect.isfunction)
+    if not name.startswith("_")
+]
+"""All that driver and server may call of yarpwire's networks."""
+OF_SERVER = {"NamedPort.write"}
+"""Calls that a driver does not make."""
+
+
+class Case:
+    """One call that fails, from the beginning or later."""
+
+    def __init__(self, call: str) -> None:
+        self.call = call
+        self.armed = self.reached = False
+        self.said: list[TciError] = []
+
+    def look(self, call: str) -> None:
+        if self.armed and call == self.call:
+            self.reached = True
+            raise PortError(f"{call} fails")
+
+    def attempt(self, act: Callable[[], object]) -> None:
+        """Only TCI's errors are expected of `act`."""
+        try:
+            act()
+        except TciError as error:
+            self.said.append(error)
+
+
+class Failing:
+    """A network, or what its methods return: the call of the case raises, the others do their work."""
+
+    def __init__(self, inner: Any, interface: type[Any], case: Case) -> None:
+        self._inner, self._interface, self._case = inner, interface, case
+
+    def __getattr__(self, name: str) -> Any:
+        found = getattr(self._inner, name)
+        if not inspect.ismethod(found):
+            return found
+
+        def made(*args: Any, **kwargs: Any) -> Any:
+            self._case.look(f"{self._interface.__name__}.{name}")
+            result = found(*args, **kwargs)
+            interface = RETURNS.get(name) if self._interface is Network else None
+            return Failing(result, interface, self._case) if interface is not None else result
+
+        return made
+
+
+@pytest.fixture(scope="module")
+def show(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Show]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("YARP_CONFIG_HOME", str(tmp_path_factory.mktemp("yarp")))
+        running = Show(V3)
+        yield running
+        running.close()
+
+
+@pytest.fixture(params=CALLS)
+def case(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Case:
+    """A case whose networks fail, however they are opened."""
+    found, network = Case(request.param), YarpAddress.network
+    monkeypatch.setattr(
+        YarpAddress, "network", raises_driver_errors(lambda self: Failing(network(self), Network, found))
+    )
+    return found
+
+
+def where(show: Show) -> str:
+    return "{}:{}".format(*show.names.address)
+
+
+def use(driver: YarpDriver, case: Case) -> None:
+    """All that a program may ask of a driver."""
+    servo = driver.robot.servos[0]
+    switch = PlatformSwitch(servos=np.array([servo.index]), mode=Mode.IMPEDANCE)
+    command = driver.native(servo.robot_part).command({servo.name: 0.0})
+    for act in (driver.skin_events, driver.diagnose, driver.read):
+        case.attempt(act)
+    for order in (command, switch, command):
+        for _ in range(5):
+            safe = driver.gate.step([order], driver.read().joints, driver.clock.now())
+            case.attempt(lambda safe=safe: driver.write(safe))  # type: ignore[misc]
+            time.sleep(driver.period)
+    case.attempt(driver.halt)
+
+
+def test_a_driver_raises_no_other_errors(show: Show, case: Case) -> None:
+    robot = patient("nao")
+    case.armed = True
+    with contextlib.suppress(TciError):
+        YarpDriver(robot, where(show), arm=True).close()
+    for finding in YarpDriver.probe(robot, where(show)):
+        assert finding.what
+    case.armed = False
+    driver = YarpDriver(robot, where(show), arm=True)
+    show.names.unregister(next(iter(driver.skin.values())).port.name)
+    case.armed = True
+    use(driver, case)
+    if case.call not in OF_SERVER:
+        assert until(lambda: case.reached or case.call.endswith("close"))
+    case.attempt(driver.close)
+    assert case.reached or case.call in OF_SERVER
+
+
+def test_a_server_raises_no_other_errors(case: Case, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("YARP_CONFIG_HOME", str(tmp_path))
+    inner = SimulatedDriver(patient("nao"))
+    case.armed = True
+    with contextlib.suppress(TciError):
+        YarpServer(inner, "127.0.0.1:0").close()
+    case.armed = False
+    server = YarpServer(inner, "127.0.0.1:0")
+    case.armed = True
+    reading = inner.read()
+    perception = Perception(0.0, {}, ())
+    sent = inner.gate.step([], reading.joints, inner.clock.now())
+    for act in (lambda: server.show(reading), lambda: server.publish(reading, perception, sent)):
+        case.attempt(act)
+    part = next(iter(server.boards))
+    for act in (lambda: server.close_board(part), lambda: server.open_board(part), server.close):
+        case.attempt(act)
+    assert case.reached or case.call not in OF_SERVER
+
+
+@pytest.mark.parametrize(
+    "kind", [kind for kind in vars(errors).values() if inspect.isclass(kind) and issubclass(kind, YarpError)]
+)
+def test_each_error_becomes_a_driver_error_with_its_text(kind: type[YarpError]) -> None:
+    made: dict[type[YarpError], tuple[Any, ...]] = {
+        UnknownNameError: ("port", "/a", ["/b"]),
+        BindingsError: ("yarp", "conda has it"),
+    }
+    error = kind(*made.get(kind, ("the reason",)))
+
+    @raises_driver_errors
+    def fails() -> None:
+        raise error
+
+    with pytest.raises(MissingExtraError if kind is BindingsError else DriverError) as found:
+        fails()
+    assert found.value.__cause__ is error
+    assert kind is BindingsError or str(found.value) == str(error)

@@ -1,4 +1,4 @@
-"""The viewer: puts robots, controls and plots together and keeps them up to date."""
+"""The viewer application: combines robots, controls and plots, and updates them."""
 
 from __future__ import annotations
 
@@ -28,22 +28,22 @@ from tci.viewer.plots import Plots
 from tci.viewer.session import Session
 
 RATE = 30.0
-"""Pictures per second [Hz]."""
+"""Picture rate [Hz]."""
 SLOW = 6
-"""Pictures between two updates of plots, sliders and words."""
+"""Number of pictures between two updates of plots, sliders and texts."""
 WIDTH = 390
-"""Of the panel with the controls [pixels]: an event takes one line."""
+"""Width [pixels] of the panel with the controls: an event takes one line."""
 SPACE = 0.25
 """Free space [m] between two robots."""
 SKY = (208, 218, 230), (250, 250, 250)
-"""Colours of the background, from the top down: darker than a white robot."""
+"""Colours of the background, from top to bottom: darker than a white robot."""
 Source = Session | Player
-"""A robot that goes on, or one that was recorded."""
+"""A source of views: a running robot or a recorded one."""
 HINT = "**Click the skin of an arm** to poke it there. Drag to turn, scroll to come nearer."
 
 
 class Viewer:
-    """A page with all robots side by side. `run` until told to stop."""
+    """A page with all robots side by side. `run` returns after `stop`."""
 
     def __init__(
         self,
@@ -53,13 +53,13 @@ class Viewer:
         port: int = 8080,
         folder: Path = Path("recordings"),
     ) -> None:
-        """Open the page; recordings go into `folder`. Raises DriverError for a port that is taken."""
+        """Opens the page; recordings go into `folder`. Raises DriverError for a port that is in use."""
         self.sources: Mapping[str, Source] = _by_key(sources)
         self.sessions = {key: source for key, source in self.sources.items() if isinstance(source, Session)}
-        """Those that are not recorded, by key."""
+        """The sessions, which are the sources that are not recorded, by key."""
         self.server, self.guard, self.address = open_server(host, port, label="TCI")
         self.pictures = 0
-        """Pictures that were shown."""
+        """Number of pictures shown."""
         self._stop = threading.Event()
         self._clicks: list[tuple[Array, Array]] = []
         self.figures = {key: Figure(self.server, source.robot, key) for key, source in self.sources.items()}
@@ -70,7 +70,7 @@ class Viewer:
         self._add_panels(folder)
 
     def run(self, *, duration: float | None = None, until: Callable[[], bool] = lambda: False) -> None:
-        """Show what happens until `stop`, for `duration` [s], or until `until` says so."""
+        """Updates the page until `stop`, for `duration` [s], or until `until` returns True."""
         begin = due = time.monotonic()
         while not (self._stop.is_set() or until()) and (
             duration is None or time.monotonic() - begin < duration
@@ -80,23 +80,23 @@ class Viewer:
             self._stop.wait(due - time.monotonic())
 
     def stop(self) -> None:
-        """End `run`. From any thread."""
+        """Ends `run`. May be called from any thread."""
         self._stop.set()
 
     def close(self) -> None:
-        """Bring the robots to rest and close the page."""
+        """Brings the robots to rest and closes the page."""
         for source in self.sources.values():
             source.close()
         close_server(self.server)
 
     def update(self, *, words: bool) -> None:
-        """One picture; with `words` also plots, sliders and texts."""
+        """Draws one picture; with `words` also plots, sliders and texts."""
         self.pictures += 1
         now = time.monotonic()
         if self.playback is not None:
             self.playback.advance(now)
         if not self.server.get_clients():
-            return  # a page that is opened gets what was drawn last, and the next picture
+            return  # a page that opens gets the last drawing, and the next picture
         self._framing.update()
         for key, source in self.sources.items():
             if source.view is not None:
@@ -112,7 +112,8 @@ class Viewer:
                 self.playback.update()
 
     def poke(self, key: str, place: Place) -> None:
-        """Poke a robot's skin as the sliders say, and where asked for the same place on the others."""
+        """Pokes a robot's skin with the sliders' settings and, if selected, the same place on the other
+        robots."""
         touched = self.sources[key]
         self._poke(touched, place)
         if self._everywhere is None or not self._everywhere.value or touched.view is None:
@@ -159,7 +160,7 @@ class Viewer:
             self.poke(key, place)
 
     def _stand_side_by_side(self) -> None:
-        """Robots in a row, the first on the left of the picture."""
+        """Places the robots in a row, the first on the left of the picture."""
         total = sum(figure.width for figure in self.figures.values()) + SPACE * (len(self.figures) - 1)
         left = -total / 2.0
         for figure in self.figures.values():
@@ -232,7 +233,7 @@ class Viewer:
 
         @self.server.scene.on_click()
         def _(event: viser.SceneClickEvent) -> None:
-            # Figures belong to the thread that draws.
+            # Figures may be used by the drawing thread only.
             self._clicks.append((np.array(event.ray_origin), np.array(event.ray_direction)))
 
     def _set_pace(self, pace: float) -> None:

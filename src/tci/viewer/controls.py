@@ -1,4 +1,4 @@
-"""What a person can do to one robot: its posture, faults, reset, recording."""
+"""Controls of one robot on the page: posture, faults, reset, recording."""
 
 from __future__ import annotations
 
@@ -19,19 +19,20 @@ from tci.viewer.rehearsal import description
 from tci.viewer.session import Session
 
 LEFT_OUT = ("sigterm",)
-"""Faults that would end the viewer itself."""
+"""Faults that are not offered because they would end the viewer itself."""
 MINE = 1.0
-"""How long [s] a slider stays where a person put it before it follows the robot again. Ours."""
+"""Time [s] that a slider keeps the position that a person gave it before it follows the robot again. Assumed;
+no published value."""
 STEP = 0.5
-"""Finest step of a slider [deg]."""
+"""Finest step [deg] of a slider."""
 FULL_TURN = 180.0
 
 
 class Controls:
-    """The controls of one session, inside the container that is open."""
+    """The controls of one session, inside the open container of the page."""
 
     def __init__(self, server: viser.ViserServer, session: Session, key: str, folder: Path) -> None:
-        """Recordings go into `folder`."""
+        """Adds the controls; recordings go into `folder`."""
         self._server = server
         self._gui = server.gui
         self._session = session
@@ -44,14 +45,15 @@ class Controls:
         self._add_recording()
 
     def update(self) -> None:
-        """Say how a fault is answered, and let sliders follow, in viser's thread: a person is heard first."""
+        """Shows the gate's answer to a fault and updates the sliders, in viser's thread so that a person's
+        input comes first."""
         rehearsal = self._session.rehearsal
         if rehearsal is not None and self._answer.content != rehearsal.words:
             self._answer.content = rehearsal.words
         self._server.get_event_loop().call_soon_threadsafe(self._follow)
 
     def _follow(self) -> None:
-        """Move the sliders to where the robot is, unless a person has them."""
+        """Moves the sliders to the robot's posture, unless a person has just moved them."""
         view = self._session.view
         if view is None:
             return
@@ -96,11 +98,11 @@ class Controls:
             else:
                 self._session.reset()
 
-    # `async`: at once, in viser's thread.
+    # `async`: viser then runs it at once, in its own thread.
     async def _moved(self, part: str, event: viser.GuiEvent[Any]) -> None:
         view = self._session.view
         if event.client is None or view is None:
-            return  # the viewer itself has set it
+            return  # set by the viewer itself
         self._touched[part] = time.monotonic()
         posture = np.array(view.posture[part])
         for joint, slider in self._sliders[part]:
@@ -158,5 +160,5 @@ class Controls:
 
 
 def _on_slider(degrees: float, low: float, high: float) -> float:
-    """The nearest value [deg] that a slider from `low` to `high` has."""
+    """Returns the nearest value [deg] that a slider from `low` to `high` can have."""
     return float(np.clip(round(degrees / STEP) * STEP, low, high))

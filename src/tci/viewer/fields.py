@@ -1,4 +1,4 @@
-"""Receptive fields on the page: the one that a place lies in, their colours and their legend."""
+"""Receptive fields on the page: the field of a place, the fields' colours and their legend."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from tci.pictures.paint import FIELD_COLOURS
 from tci.robot.limb import generic_limb_distance
 
 OUTSIDE = "touched outside all fields"
-"""Words for a touch that no field answers."""
+"""Text for a touch that lies in no field."""
 REST = np.array([0.42, 0.45, 0.50])
 """Colour of taxels at rest outside all fields."""
 TINT = 0.6
-"""How strongly a receptive field tints its taxels."""
+"""Fraction 0..1 of a field's colour in the colour of its taxels at rest."""
 
 
 def fields_of(capability: Capability[Any]) -> tuple[ReceptiveField, ...]:
-    """Receptive fields of a behaviour; empty for one that has none on limbs."""
+    """Returns the receptive fields of a behaviour; empty for one that has none on limbs."""
     return tuple(capability.fields) if isinstance(capability, WithdrawalReflex) else ()
 
 
 def nearest_field(
     fields: Sequence[ReceptiveField], segment: str, u: ArrayLike, theta: ArrayLike
 ) -> NDArray[np.intp]:
-    """Index (...) of the nearest field that each place of a segment lies in, -1 where it lies in none."""
+    """Returns the index (...) of the nearest field that contains each place of a segment; -1 if none does."""
     u = np.asarray(u, dtype=float)
     found, least = np.full(u.shape, -1), np.full(u.shape, np.inf)
     for index, field in enumerate(fields):
@@ -45,18 +45,18 @@ def nearest_field(
 
 
 def is_outside(fields: Sequence[ReceptiveField], contact: Contact) -> bool:
-    """Whether a contact lies in none of the fields; False where there are none."""
+    """Returns True if a contact lies in none of the fields; False if there are no fields."""
     return bool(fields) and bool(nearest_field(fields, contact.segment, contact.u, contact.theta) < 0)
 
 
 def tints(fields: NDArray[np.intp]) -> Array:
-    """Colours (n, 3), 0 to 1, of taxels at rest in `fields` (n,), -1 for none."""
+    """Returns the colours (n, 3), 0 to 1, of taxels at rest in `fields` (n,), -1 for none."""
     colours = REST + TINT * (np.array(FIELD_COLOURS)[fields % len(FIELD_COLOURS)] - REST)
     return np.where(fields[:, None] < 0, REST, colours)
 
 
 def legend(fields: Sequence[ReceptiveField]) -> str:
-    """Each field's colour and name as HTML."""
+    """Returns each field's colour and name as HTML."""
     names = [*(field.name.replace("_", " ") for field in fields), "outside all fields"]
     colours = np.rint(255.0 * tints(np.array([*range(len(fields)), -1]))).astype(int)
     rows = [

@@ -24,32 +24,32 @@ from tci.viewer.fields import OUTSIDE, REST, is_outside, nearest_field, tints
 from tci.viewer.meshes import body_meshes, disc, quaternion, towards
 from tci.viewer.view import View
 
-# All looks are ours.
+# Sizes, times and colours of the drawing are assumed; they change the picture only.
 FADE = 0.15
-"""Time constant [s] with which a shown pressure fades: a touch of 50 ms would not be seen."""
+"""Time constant [s] with which a shown pressure fades; without it a touch of 50 ms would not be visible."""
 ARROW = 0.02
-"""Length of a contact's arrow [m/N]."""
+"""Length [m/N] of a contact's arrow."""
 LONGEST = 0.15
-"""Of an arrow [m]."""
+"""Length [m] of the longest arrow."""
 GAMMA = 2.2
-"""viser takes the colours of a batch as linear light."""
+"""Exponent to linear light, in which viser takes the colours of a batch."""
 COVER = 0.012
-"""Highest cover [m] over a taxel. An iCub's forearm has one of up to 10 mm."""
+"""Thickness [m] of the thickest cover over a taxel. An iCub's forearm has one of up to 10 mm."""
 ABOVE = 0.0008
-"""How far [m] over the skin taxels are drawn."""
+"""Height [m] above the skin at which taxels are drawn."""
 MOVED = 1e-5
-"""A body that moved less than this [m, or share of a turn] is not sent again."""
+"""Smallest change of a body's pose [m, or fraction of a turn] that is sent to the page."""
 TURNED = np.deg2rad(1.0)
-"""How far a joint turns [rad] before the fields are found anew."""
+"""Change [rad] of a joint after which the fields of the taxels are computed again."""
 _INK = (225, 60, 50)
 _FINGER = (215, 140, 115)
 
 
 class Figure:
-    """Draws the views of one robot. One thread uses it."""
+    """Draws the views of one robot. Only one thread may use it."""
 
     def __init__(self, server: viser.ViserServer, robot: Robot, key: str) -> None:
-        """Add the robot as `key`. Raises DescriptionError for one without a model."""
+        """Adds the robot as `key`. Raises DescriptionError for a robot without a model."""
         if robot.model is None:
             raise DescriptionError(robot.source, [Fault(0, NO_MODEL)])
         self.robot = robot
@@ -71,10 +71,10 @@ class Figure:
         low, high = self._extent()
         middle = (low + high) / 2.0
         self.width, self.height = float(high[1] - low[1]), float(high[2] - low[2])
-        """Of the robot [m]."""
+        """Size [m] of the robot."""
         self._standing = -np.array([middle[0], middle[1], low[2]])
         self.T_SW = transform(self._turn, self._standing)
-        """The model's world in the scene (4, 4)."""
+        """Pose (4, 4) of the model's world in the scene."""
         self.stand(0.0)
         self._bodies: dict[int, viser.FrameHandle] = {}
         for body in sorted(set(self._links.values()) | {mesh.body for mesh in meshes}):
@@ -116,18 +116,18 @@ class Figure:
         self._draw_taxels(initial_position(robot))
 
     def stand(self, y: float) -> None:
-        """Put the robot on the floor, its middle `y` [m] to its left."""
+        """Puts the robot on the floor, its middle `y` [m] to the left of the scene's origin."""
         self.T_SW = transform(self._turn, self._standing + np.array([0.0, y, 0.0]))
         self._root.position = self.T_SW[:3, 3]
         self._root.wxyz = quaternion(self._turn)
 
     def show_fields(self, fields: Sequence[ReceptiveField]) -> None:
-        """The receptive fields that tint the skin; none for no tint."""
+        """Sets the receptive fields that tint the skin; none for no tint."""
         self._fields = tuple(fields)
         self._tinted = None
 
     def show(self, view: View) -> None:
-        """Draw a view; only what changed is sent."""
+        """Draws a view and sends only the changes to the page."""
         position = view.joints.position
         self._move(position)
         now = time.monotonic()
@@ -151,12 +151,13 @@ class Figure:
                 self._finger.wxyz = quaternion(view.finger[:3, :3])
 
     def pose(self, link: str) -> Array:
-        """`T_SL` (4, 4): a link in the scene, as shown. For one thread as all else."""
+        """Returns `T_SL` (4, 4), the pose of a link in the scene, as shown. For the drawing thread only."""
         pose: Array = self.T_SW @ self._pose(self._model.body(link).id)
         return pose
 
     def distance(self, origin: Array, direction: Array) -> float:
-        """Distance [m] at which a ray of the scene meets a link as shown; infinite where it meets none."""
+        """Returns the distance [m] at which a ray of the scene meets a link as shown; infinite if it meets
+        none."""
         groups = np.array([1, 1, 1, 0, 0, 0], dtype=np.uint8)
         geom = np.zeros(1, dtype=np.int32)
         T_WS = invert(self.T_SW)
@@ -172,12 +173,13 @@ class Figure:
         return transform(self._data.xmat[body].reshape(3, 3), np.array(self._data.xpos[body]))
 
     def _facing(self) -> Array:
-        """`R_SW` (3, 3): the turn around z after which the torso looks along x."""
+        """Returns `R_SW` (3, 3): the rotation around z after which the torso faces along x."""
         forward = (self._pose(self._torso_body) @ self._T_LT)[:3, 0]
         return rotation_z(-float(np.arctan2(forward[1], forward[0])))
 
     def _extent(self) -> tuple[Array, Array]:
-        """Lowest and highest coordinates (3,) [m] of what is shown of the model at its present posture."""
+        """Returns the lowest and highest coordinates (3,) [m] of the visible geoms at the model's present
+        posture."""
         reach = self._model.geom_rbound[:, None]
         shown = (self._model.geom_group < 3) & (self._model.geom_rbound > 0.0)
         rotation = self._turn @ self._data.geom_xmat.reshape(-1, 3, 3)
@@ -224,7 +226,8 @@ class Figure:
         )
 
     def _lift(self, name: str) -> Array:
-        """How far (taxels,) [m] a cover of the link stands over each taxel, which is drawn on top of it."""
+        """Returns the height (taxels,) [m] of the link's cover over each taxel; taxels are drawn on top of
+        it."""
         surface = self.skin.surfaces[name]
         T_WL = self._pose(self._links[name])
         starts = apply(T_WL, surface.positions + COVER * surface.normals)
@@ -253,7 +256,7 @@ class Figure:
             handle.batched_colors = sent
 
     def _tint(self, position: Array) -> None:
-        """Colours of the taxels at rest: those of the receptive field that they lie in."""
+        """Returns the colours of the taxels at rest: those of the receptive field that they lie in."""
         joints = JointReading(0.0, 0, position, np.zeros_like(position))
         for name, surface in self.skin.surfaces.items():
             patch = self.robot.patch(name)

@@ -1,4 +1,4 @@
-"""The camera: all robots are in the picture, however narrow the window is."""
+"""The camera: keeps all robots in the picture, at any shape of the window."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ import viser
 FOV, USUAL = 0.7, 0.8
 """Vertical angle of view [rad] of a picture that is `USUAL` times as wide as it is high."""
 AROUND = 1.32, 1.2
-"""Height and width of the picture at the robots, in theirs. Assumed: room for arms that move."""
+"""Height and width of the picture at the robots, relative to theirs. Assumed: room for moving arms."""
 NARROW = 400
-"""Width of a picture [pixels] below which the panel beside it is folded, once. Assumed."""
+"""Width of a picture [pixels] below which the panel next to it is folded, once. Assumed."""
 
 
 class Framing:
-    """Cameras of all who look. The angle of view follows the window's shape; the rest is theirs."""
+    """Cameras of all clients. The angle of view follows the window's shape; clients choose the rest."""
 
     def __init__(
         self, server: viser.ViserServer, panel: viser.PanelHandle, *, width: float, height: float
     ) -> None:
-        """Robots that stand around the origin are `width` [m] wide and `height` [m] tall; `panel` is beside
+        """Frames robots around the origin that are `width` [m] wide and `height` [m] tall; `panel` is next to
         the picture."""
         self._server, self._panel = server, panel
         self._folded: set[int] = set()
@@ -33,14 +33,15 @@ class Framing:
         camera.fov = FOV
 
     def angle(self, aspect: float) -> float:
-        """Vertical angle of view [rad] that shows all, of a window `aspect` times as wide as it is high."""
+        """Returns the vertical angle of view [rad] that shows all robots in a window `aspect` times as wide
+        as high."""
         return float(2.0 * np.arctan(self._half(aspect) / self._distance))
 
     def update(self) -> None:
-        """Let every camera follow the shape of its window, and make room in narrow ones."""
+        """Adapts every camera to the shape of its window, and folds the panel in narrow windows."""
         for number, client in self._server.get_clients().items():
             if min(client.camera.image_width, client.camera.image_height) <= 0:
-                continue  # a window that is folded away has no shape
+                continue  # a minimised window has no shape
             client.camera.fov = self.angle(client.camera.aspect)
             if client.camera.image_width < NARROW and number not in self._folded:
                 self._folded.add(number)
@@ -49,6 +50,6 @@ class Framing:
                 handle.minimize()
 
     def _half(self, aspect: float) -> float:
-        """Half the height [m] of the picture at the robots."""
+        """Returns half the height [m] of the picture at the robots."""
         across, up = self._reach
         return max(up, across / aspect)

@@ -1,8 +1,8 @@
-"""Who may look: the web server answers to its own page only, and from elsewhere only with a token.
+"""Access control of the web server: it serves its own page only, and other machines only with a token.
 
-A page of somebody else in the same browser could talk to a server on the loopback, by its own name or
-through DNS rebinding. So every request must name a host that is this machine, and every web socket must
-come from a page of that host.
+Another web site in the same browser could send requests to a server on the loopback interface, by its own
+name or through DNS rebinding. Therefore every request must name a host that is this machine, and every web
+socket must come from a page of that host.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from yarpwire.visitors import PATIENCE, Visitors
 
 LOOPBACK = ("127.0.0.1", "::1", "localhost")
 ALIVE = "/alive"
-"""Path that a page asks for, to know that its server is there."""
+"""Path that a page requests to check that its server is running."""
 SCRIPT = Path(__file__).with_name("page.js").read_text(encoding="utf-8")
 _patching = threading.Lock()
 
@@ -41,20 +41,21 @@ Answer = Callable[[Any, Request], Response | None]
 
 
 class Guard:
-    """Judges requests before anything else sees them."""
+    """Checks each request before the server handles it."""
 
     def __init__(self, host: str, token: str) -> None:
-        """`host` that the server listens on; `token` that everybody needs, empty for none."""
+        """Takes the `host` that the server listens on and the `token` that every client needs, empty for
+        none."""
         self.local = host in LOOPBACK
         self.token = token
         self.refused = 0
-        """Requests that were refused."""
+        """Number of refused requests."""
         names = () if self.local else (host, socket.gethostname())
         self._names = {"localhost", *(name.lower() for name in names)}
         self._cookie = f"tci_{secrets.token_hex(4)}"
 
     def wrap(self, answer: Answer) -> Answer:
-        """`answer`, for those requests only that may pass."""
+        """Returns `answer` behind the check: it is called for permitted requests only."""
 
         def judge(connection: Any, request: Request) -> Response | None:
             reason = self.refusal(request)
@@ -67,7 +68,7 @@ class Guard:
             if urlsplit(request.path).path == ALIVE:
                 return Response(HTTPStatus.NO_CONTENT, "No Content", Headers())
             if "Accept-Encoding" in request.headers:
-                del request.headers["Accept-Encoding"]  # a page comes unpacked, to be added to
+                del request.headers["Accept-Encoding"]  # a script is added to the page
             response = answer(connection, request)
             if response is not None:
                 _add_script(response)
@@ -81,7 +82,7 @@ class Guard:
         return judge
 
     def refusal(self, request: Request) -> str:
-        """Why a request may not pass; empty when it may."""
+        """Returns the reason to refuse a request; empty if it is permitted."""
         try:
             host, origin = request.headers.get("Host"), request.headers.get("Origin")
             socket_wanted = (request.headers.get("Upgrade") or "").lower() == "websocket"
@@ -97,7 +98,8 @@ class Guard:
         return ""
 
     def _is_here(self, host: str) -> bool:
-        """Whether a Host header names this machine. An address has no DNS that could be rebound."""
+        """Returns True if a Host header names this machine. A numeric address needs no DNS, so it can't be
+        rebound."""
         try:
             name = urlsplit(f"//{host}").hostname or ""
         except ValueError:
@@ -120,11 +122,11 @@ class Guard:
 
 
 def _bounded() -> type[ServerConnection]:
-    """Connections of one server, which count each other."""
+    """Returns the connection class of one server; its connections share a counter."""
     visitors = Visitors()
 
     class Bounded(ServerConnection):
-        """A connection that goes when there are too many; a stranger until its request may pass."""
+        """A connection that closes if there are too many; untrusted until its request is permitted."""
 
         def connection_made(self, transport: asyncio.BaseTransport) -> None:
             super().connection_made(transport)
@@ -144,11 +146,11 @@ def _bounded() -> type[ServerConnection]:
 
 
 class LoopEvent(asyncio.Event):
-    """An event that only the thread of its loop sets, for which `call_soon_threadsafe` is there.
+    """An event that only the thread of its loop may set; others use `call_soon_threadsafe`.
 
-    viser sets the one that wakes its sender from other threads as well, beside the safe call. Where that
-    falls between the sender's look and its wait, the safe call finds it set and does nothing, and the sender
-    waits for ever: nothing reaches the page again, while what the page sends arrives.
+    viser sets the event that wakes its sender from other threads too, in addition to the safe call. If that
+    happens between the sender's check and its wait, the safe call finds the event set and does nothing, and
+    the sender waits for ever: the page gets no more updates, though its own messages still arrive.
     """
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
@@ -156,19 +158,19 @@ class LoopEvent(asyncio.Event):
         self._home = loop
 
     def set(self) -> None:
-        """As that of `asyncio.Event`; from elsewhere nothing."""
+        """Sets the event as `asyncio.Event` does; calls from other threads do nothing."""
         if asyncio._get_running_loop() is self._home:
             super().set()
 
 
 def close_server(server: viser.ViserServer) -> None:
-    """Close the page without a word."""
+    """Closes the page without printing."""
     with redirect_stdout(StringIO()):
         server.stop()
 
 
 def _add_script(response: Response) -> None:
-    """Let a page say when its server has ended."""
+    """Adds a script with which the page reports that its server has ended."""
     if not response.headers.get("Content-Type", "").startswith("text/html"):
         return
     script = f"<script>{SCRIPT}</script></head>".encode()
@@ -182,12 +184,12 @@ def _query_token(request: Request) -> str:
 
 
 def open_server(host: str, port: int, *, label: str) -> tuple[viser.ViserServer, Guard, str]:
-    """A viser server behind a guard, the guard, and the address to open.
+    """Opens a viser server behind a guard; returns the server, the guard, and the address to open.
 
-    Off the loopback a token is made. Raises DriverError for a port that is taken or a host that is not
-    this machine's.
+    If the host is not the loopback interface, a token is made. Raises DriverError for a port that is in use
+    or a host that is not this machine's.
     """
-    # Strangers' broken requests are refused by the library; users need no traceback of each.
+    # The library refuses malformed requests of strangers itself; users need no traceback of each.
     logging.getLogger("websockets.server").setLevel(logging.CRITICAL)
     guard = Guard(host, "" if host in LOOPBACK else secrets.token_urlsafe(24))
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
@@ -210,11 +212,11 @@ def open_server(host: str, port: int, *, label: str) -> tuple[viser.ViserServer,
             create_connection=_bounded(), **options,
         )  # fmt: skip
 
-    # viser has no place for a check of its own, and takes the next port when one is taken.
+    # viser has no hook for a check, and takes the next port if one is in use.
     with _patching:
         websockets.asyncio.server.serve = serve_guarded  # type: ignore[assignment,misc]
         try:
-            with redirect_stdout(StringIO()):  # its banner names an address without the token
+            with redirect_stdout(StringIO()):  # the library's banner names an address without the token
                 server = viser.ViserServer(host=host, port=bound, label=label, verbose=False)
         finally:
             websockets.asyncio.server.serve = serve  # type: ignore[misc]
@@ -223,7 +225,7 @@ def open_server(host: str, port: int, *, label: str) -> tuple[viser.ViserServer,
         raise TciError("this version of viser opens its server unguarded; install the one that tci names")
     buffer = server._websock_server._broadcast_buffer
     before, buffer.message_event = buffer.message_event, LoopEvent(server.get_event_loop())
-    server.get_event_loop().call_soon_threadsafe(before.set)  # a page may be there already
+    server.get_event_loop().call_soon_threadsafe(before.set)  # a page may already be connected
     shown = f"[{host}]" if ":" in host else {"0.0.0.0": socket.gethostname()}.get(host, host)
     suffix = f"/?token={guard.token}" if guard.token else ""
     return server, guard, f"http://{shown}:{bound}{suffix}"

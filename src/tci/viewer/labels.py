@@ -1,4 +1,4 @@
-"""What the page says of a robot, in words and colour."""
+"""Texts and colours of the page that describe a robot."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SIDES = ("flexor", "lateral", "extensor", "medial")
 
 
 def badge(title: str, view: View | None, ended: str, loop: str = "") -> str:
-    """State of a robot's gate and loop as HTML."""
+    """Returns the state of a robot's gate and loop as HTML."""
     if ended:
         colour, name, words = COLOURS[GateState.STOP], "LOOP ENDED", ended
     elif view is None:
@@ -47,12 +47,13 @@ def badge(title: str, view: View | None, ended: str, loop: str = "") -> str:
 
 
 def touched(contact: Contact, fields: Sequence[ReceptiveField]) -> str:
-    """The event of a touch: `touched: left forearm, flexor side: 3.1 N`, or that no field answers it."""
+    """Returns the event of a touch: `touched: left forearm, flexor side: 3.1 N`, or that it lies in no
+    field."""
     return f"{OUTSIDE if is_outside(fields, contact) else 'touched'}: {touch(contact)}"
 
 
 def touch(contact: Contact) -> str:
-    """A contact in words: `left forearm, flexor side: 3.1 N`."""
+    """Returns a contact as text: `left forearm, flexor side: 3.1 N`."""
     if not np.isfinite(contact.theta):
         return f"{contact.patch.replace('_', ' ')}: {contact.force:.1f} N"
     side = SIDES[int(np.round(contact.theta / (np.pi / 2.0))) % 4]
@@ -61,7 +62,7 @@ def touch(contact: Contact) -> str:
 
 
 def event_list(events: list[tuple[str, float, str]]) -> str:
-    """The latest events of all robots as HTML, the newest first."""
+    """Returns the latest events of all robots as HTML, the newest first."""
     rows = [
         f'<div><span style="color:{GREY}">{time:.2f} s {escape(robot)}</span> {escape(words)}</div>'
         for robot, time, words in events
@@ -71,6 +72,6 @@ def event_list(events: list[tuple[str, float, str]]) -> str:
 
 
 def moves(part: str, values: Array) -> str:
-    """A command of generic angles [rad] in words: `left arm goes to 5, 25, 15, 40, 0 deg`."""
+    """Returns a command of generic angles [rad] as text: `left arm goes to 5, 25, 15, 40, 0 deg`."""
     degrees = np.rint(np.rad2deg(values)) + 0.0  # no -0
     return f"{part.replace('_', ' ')} goes to {', '.join(f'{angle:.0f}' for angle in degrees)} deg"

@@ -1,4 +1,4 @@
-"""The shapes of a robot's links as triangles, light enough for a browser."""
+"""The shapes of a robot's links as triangle meshes, small enough for a browser."""
 
 from __future__ import annotations
 
@@ -14,9 +14,11 @@ from tci.pictures.paint import SKIN_COLOUR
 from tci.pictures.render import model_colours
 
 CELL, COARSER = 0.003, 1.25
-"""Vertices within a cube of this size [m] become one; it grows by this factor if there are too many. Ours."""
+"""Edge [m] of the cubes in which vertices are merged, and the factor by which it grows while there are too
+many triangles. Assumed: a balance of detail and transfer time."""
 ENOUGH, COARSEST = 4000, 0.006
-"""Triangles of one colour on one body that are enough, unless cubes become larger than this [m]. Ours."""
+"""Number of triangles of one colour on one body that is small enough, and the largest edge [m] of a cube,
+which ends the merging. Assumed: a balance of detail and transfer time."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,13 +30,13 @@ class BodyMesh:
     vertices: Array
     """Corners (n, 3) [m] in the body's frame."""
     faces: NDArray[np.intp]
-    """Triangles (m, 3)."""
+    """Vertex indices (m, 3) of the triangles."""
     colour: tuple[int, int, int]
     """Red, green, blue, 0 to 255."""
 
 
 def body_meshes(model: mujoco.MjModel, covered: set[int]) -> list[BodyMesh]:
-    """What is shown of a model. Bodies in `covered` carry skin and have its colour."""
+    """Returns the visible meshes of a model. Bodies in `covered` carry skin and have its colour."""
     colours = model_colours(model)
     found: dict[tuple[int, tuple[int, int, int]], list[tuple[Array, NDArray[np.intp]]]] = {}
     for geom in range(model.ngeom):
@@ -58,7 +60,8 @@ def body_meshes(model: mujoco.MjModel, covered: set[int]) -> list[BodyMesh]:
 
 
 def _triangles(model: mujoco.MjModel, geom: int) -> tuple[Array, NDArray[np.intp]] | None:
-    """Vertices (n, 3) and faces (m, 3) of a geom in its own frame; None for what has no shape here."""
+    """Returns vertices (n, 3) and faces (m, 3) of a geom in its own frame; None for a geom that is not
+    drawn."""
     kind, size = int(model.geom_type[geom]), model.geom_size[geom]
     kinds = mujoco.mjtGeom
     if kind == kinds.mjGEOM_MESH:
@@ -91,7 +94,8 @@ def _joined(shapes: list[tuple[Array, NDArray[np.intp]]]) -> tuple[Array, NDArra
 
 
 def _lighter(vertices: Array, faces: NDArray[np.intp], *, coarsest: float) -> tuple[Array, NDArray[np.intp]]:
-    """Fewer triangles: the vertices in each cube become their mean (Rossignac and Borrel 1993)."""
+    """Reduces the number of triangles: the vertices in each cube become their mean (Rossignac and Borrel
+    1993)."""
     fewer, cell = (vertices, faces), CELL
     while len(fewer[1]) > ENOUGH and cell <= coarsest:
         fewer = _merged(vertices, faces, cell)
@@ -100,7 +104,7 @@ def _lighter(vertices: Array, faces: NDArray[np.intp], *, coarsest: float) -> tu
 
 
 def _merged(vertices: Array, faces: NDArray[np.intp], size: float) -> tuple[Array, NDArray[np.intp]]:
-    """The same with the vertices in each cube of `size` [m] as one, and without what has become flat."""
+    """Merges the vertices in each cube of `size` [m] and drops the triangles that become degenerate."""
     _, cell = np.unique(np.floor(vertices / size).astype(np.int64), axis=0, return_inverse=True)
     cell = cell.ravel()
     count = np.bincount(cell)
@@ -111,7 +115,7 @@ def _merged(vertices: Array, faces: NDArray[np.intp], size: float) -> tuple[Arra
 
 
 def disc(radius: float) -> tuple[Array, NDArray[np.intp]]:
-    """A hexagon of `radius` [m] across z."""
+    """Returns a hexagon of `radius` [m] across z."""
     angle = np.arange(6) * np.pi / 3.0
     rim = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(6)])
     faces = np.array([[0, k, k + 1] for k in range(1, 5)])
@@ -119,14 +123,14 @@ def disc(radius: float) -> tuple[Array, NDArray[np.intp]]:
 
 
 def towards(normal: Array) -> Array:
-    """Quaternion (4,) that turns z to `normal`."""
+    """Returns the quaternion (4,) that turns z to `normal`."""
     found = np.zeros(4)
     mujoco.mju_quatZ2Vec(found, normal)
     return found
 
 
 def quaternion(rotation: Array) -> Array:
-    """Quaternion (4,) of a rotation (3, 3)."""
+    """Returns the quaternion (4,) of a rotation (3, 3)."""
     found = np.zeros(4)
     mujoco.mju_mat2Quat(found, np.ascontiguousarray(rotation).ravel())
     return found

@@ -1,4 +1,4 @@
-"""From a click to a place on the skin."""
+"""Conversion of a click to a place on the skin."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from tci.frames import Array, apply, invert, read_only
 from tci.viewer.figure import Figure
 
 NEAR = 0.015
-"""How far [m] beside the skin a click may fall. Ours."""
+"""Largest distance [m] between a click and the skin that it selects. Assumed; no published value."""
 BEHIND = 0.03
-"""How far [m] below what is drawn the skin may lie: covers stand over it. Ours."""
+"""Largest depth [m] of the skin below the visible surface. Assumed: covers lie over the skin."""
 
 
 def pick(figure: Figure, origin: Array, direction: Array) -> tuple[Place, float] | None:
-    """The place of a figure's skin that a ray of the scene meets, and its distance [m].
+    """Returns the place of a figure's skin that a ray of the scene meets, and its distance [m].
 
-    `origin` (3,) [m], `direction` (3,), a unit vector. None where it meets no skin, or something else
-    first. One that goes by within `NEAR` finds the nearest taxel that it sees.
+    `origin` (3,) [m] and the unit vector `direction` (3,) define the ray. None if it meets no skin, or
+    something else first. A ray that passes within `NEAR` selects the nearest visible taxel.
     """
     best: tuple[float, Place] | None = None
     for name, surface in figure.skin.surfaces.items():
@@ -32,10 +32,10 @@ def pick(figure: Figure, origin: Array, direction: Array) -> tuple[Place, float]
         near = np.flatnonzero(aside < NEAR)
         if not near.size:
             continue
-        # Of taxels in the ray's way the one in front.
+        # Of the taxels near the ray, the one in front.
         taxel = near[np.argmin(depth[near] + 2.0 * aside[near])]
         if best is None or depth[taxel] < best[0]:
-            # The tangent plane at that taxel is met where the ray points to.
+            # The place is where the ray meets the tangent plane at that taxel.
             normal = surface.normals[taxel]
             reach = (
                 float(offset[taxel] @ normal / (along @ normal))

@@ -1,4 +1,4 @@
-"""Play, pause, scrub and speed of the recordings on the page. They share one time."""
+"""Play, pause, seek and speed of the recordings on the page. All recordings share one time."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from tci.viewer.player import Player
 
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "5")
 MINE = 0.5
-"""How long [s] the slider stays where a person put it before it follows again. Ours."""
+"""Time [s] that the slider keeps the position that a person gave it. Assumed; no published value."""
 STEP = 0.01
-"""Finest step of the slider [s]."""
+"""Finest step [s] of the slider."""
 
 
 class Playback:
-    """The controls of all players, inside the container that is open. `advance` does what they ask for."""
+    """The controls of all players, inside the open container of the page. `advance` executes the requests."""
 
     def __init__(self, server: viser.ViserServer, players: Sequence[Player]) -> None:
         self._server = server
@@ -38,33 +38,33 @@ class Playback:
         jump.on_click(lambda _: self._asked.put(self.next_touch))
         speed.on_update(lambda _: self._asked.put(partial(self.set_speed, float(speed.value))))
 
-        # `async`: at once, in viser's thread.
+        # `async`: viser then runs it at once, in its own thread.
         @self.slider.on_update
         async def _(event: viser.GuiEvent[Any]) -> None:
             if event.client is None:
-                return  # the viewer itself has moved it
+                return  # moved by the viewer itself
             self._touched = time.monotonic()
             self._asked.put(partial(self.seek, float(self.slider.value)))
 
     @property
     def time(self) -> float:
-        """Time [s] from the begin of all; a shorter recording waits at its end."""
+        """Time [s] since the beginning of all recordings; a shorter recording stays at its end."""
         return max(player.time - player.begin for player in self._players)
 
     @property
     def playing(self) -> bool:
-        """Whether it goes on."""
+        """True if any recording plays."""
         return any(player.playing for player in self._players)
 
     def advance(self, now: float) -> None:
-        """Do what was asked for, and follow the machine's clock, `now` [s] on it."""
+        """Executes the requests and follows the machine's clock, `now` [s] on it."""
         while not self._asked.empty():
             self._asked.get()()
         for player in self._players:
             player.advance(now)
 
     def play_or_pause(self) -> None:
-        """Pause, or go on; from the begin where all were at their end."""
+        """Pauses or continues; starts from the beginning if all recordings are at their end."""
         if self.playing:
             for player in self._players:
                 player.pause()
@@ -73,13 +73,13 @@ class Playback:
             self._play(self._players if over else self._unfinished())
 
     def seek(self, moment: float) -> None:
-        """Pause at a time [s] from the begin."""
+        """Pauses at a time [s] from the beginning."""
         for player in self._players:
             player.pause()
             player.seek(player.begin + moment)
 
     def next_touch(self) -> None:
-        """Go to the next touch, after the last one to the first."""
+        """Goes to the next touch; after the last one, to the first."""
         following = [moment for moment in self._began if moment > self.time + 1e-9]
         playing = self.playing
         self.seek((following or self._began)[0])
@@ -87,16 +87,16 @@ class Playback:
             self._play(self._unfinished())
 
     def set_speed(self, speed: float) -> None:
-        """Recorded seconds per second."""
+        """Sets the speed in recorded seconds per second."""
         for player in self._players:
             player.speed = speed
 
     def update(self) -> None:
-        """Let the slider follow, in viser's thread: a person who moves it is heard first."""
+        """Updates the slider in viser's thread, so that a person's input comes first."""
         self._server.get_event_loop().call_soon_threadsafe(self._follow)
 
     def _follow(self) -> None:
-        """Move the slider, then name the button: beside "Play" the slider stays, and can be typed into."""
+        """Moves the slider unless a person has just moved it, then labels the button."""
         value = min(round(self.time, 2), self.slider.max)
         if time.monotonic() - self._touched > MINE and abs(value - self.slider.value) > STEP / 2.0:
             self.slider.value = value  # type: ignore[misc] # viser's types say read-only

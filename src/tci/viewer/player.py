@@ -1,4 +1,4 @@
-"""A recording as views: played, paused, scrubbed, slower or faster."""
+"""A recording as views: played, paused, at any time, slower or faster."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from tci.viewer.labels import moves, touched
 from tci.viewer.view import WINDOW, History, View
 
 FINEST = 0.01
-"""Time [s] between two views that are kept. Ours."""
+"""Smallest time [s] between two stored views. Assumed: finer than the pictures of the page."""
 REFLEX = "withdrawal"
-"""Name of the behaviour whose fields are shown, also where nobody said which it was."""
+"""Behaviour whose fields are shown, also for a recording that names none."""
 LONGEST = 600.0
-"""Length [s] of a recording that is played: all of it is kept in memory. Ours."""
+"""Length [s] of the longest recording that is played. Assumed: all of it is kept in memory."""
 
 
 class Player:
-    """One recorded robot. One thread uses it, but for `view`, `history` and `events`."""
+    """One recorded robot. One thread uses it, except for `view`, `history` and `events`."""
 
     armed = False
     world = None
@@ -39,18 +39,18 @@ class Player:
     def __init__(
         self, recording: Recording, robot: Robot, *, progress: Callable[[float], None] = lambda now: None
     ) -> None:
-        """Feel again what was felt, telling `progress` the time [s] that was reached.
+        """Computes the perceptions of the recording again, and calls `progress` with the time [s] reached.
 
         Raises RecordingError for a recording without periods, or one that is too long.
         """
         self.robot = robot
         known = recording.about.get("capability", REFLEX) == REFLEX
         self.fields = default_fields() if known else ()
-        """Receptive fields that are shown. A recording names its behaviour and does not hold the fields."""
+        """Receptive fields that are shown. A recording has the name of its behaviour, but not the fields."""
         self.history = History()
         self.playing = False
         self.speed = 1.0
-        """Recorded seconds per second."""
+        """Speed in recorded seconds per second."""
         self._views: list[View] = []
         self._happened: list[tuple[float, str]] = []
         self._keep(recording, progress)
@@ -68,42 +68,42 @@ class Player:
 
     @property
     def end(self) -> float:
-        """Time [s] of the last one."""
+        """Time [s] of the last view."""
         return self._times[-1]
 
     @property
     def view(self) -> View:
-        """What is shown now."""
+        """View at the present time of the recording."""
         return self._views[self._index]
 
     @property
     def time(self) -> float:
-        """Time [s] in the recording."""
+        """Present time [s] in the recording."""
         return self._time
 
     @property
     def events(self) -> list[tuple[float, str]]:
-        """What had happened until now, with its time [s] from the begin."""
+        """Events up to the present time, with their time [s] from the beginning."""
         return [(stamp - self.begin, words) for stamp, words in self._happened if stamp <= self._time]
 
     @property
     def loop_words(self) -> str:
-        """Where it is, in words."""
+        """Present position in the recording, as text."""
         state = "playing" if self.playing else "paused"
         return f"recorded; {state} at {self._time - self.begin:.2f} of {self.end - self.begin:.2f} s"
 
     def play(self) -> None:
-        """Go on; from the begin when it was at the end."""
+        """Plays; from the beginning if the recording was at its end."""
         if self._time >= self.end:
             self.seek(self.begin)
         self.playing, self._before = True, None
 
     def pause(self) -> None:
-        """Stay where it is."""
+        """Stops at the present time."""
         self.playing = False
 
     def seek(self, moment: float) -> None:
-        """Go to a time [s], or the nearest one that was recorded. The plots show the seconds before it."""
+        """Goes to a time [s], or the nearest one that was recorded. The plots show the seconds before it."""
         self._time = min(max(moment, self.begin), self.end)
         self._index = max(bisect.bisect_right(self._times, self._time) - 1, 0)
         self.history.clear()
@@ -112,7 +112,7 @@ class Player:
             self.history.add(view)
 
     def advance(self, now: float | None = None) -> None:
-        """Follow the machine's clock, or `now` [s] on it; stop at the end."""
+        """Advances to the machine's clock, or `now` [s] on it; stops at the end."""
         now = time.monotonic() if now is None else now
         if self.playing and self._before is not None:
             before = self._index
@@ -124,18 +124,18 @@ class Player:
         self._before = now
 
     def start(self) -> None:
-        """Begin to play."""
+        """Begins to play."""
         self.play()
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Does nothing: a recording holds no resources."""
 
     def say(self, words: str) -> None:
-        """What a person tried is told at this place of the recording."""
+        """Adds an event at the present time of the recording: the answer to a person's attempt."""
         bisect.insort(self._happened, (self._time, words))
 
     def poke(self, place: Place, *, force: float, speed: float) -> None:
-        """Raises CommandError: what was recorded can't be touched."""
+        """Raises CommandError: a recorded robot can't be touched."""
         raise CommandError("this is a recording; nothing can touch it")
 
     def _keep(self, recording: Recording, progress: Callable[[float], None]) -> None:

@@ -13,11 +13,12 @@ from tci.robot.generic_arm import JOINTS
 from tci.viewer.view import WINDOW, History
 
 GRID = np.linspace(-WINDOW, 0.0, 201)
-"""Times [s] before now that are plotted."""
+"""Plotted times [s] relative to now."""
 LEAST_FORCE, LEAST_RESPONSE = 6.0, 60.0
-"""Least top of the axes [N, deg/s]. Ours."""
+"""Smallest upper end of the axes [N, deg/s]. Assumed; it changes the picture only."""
 ANGLE, ROOM = 15.0, 2.0
-"""The axes of angles end at multiples of this [deg], at least so far from the lines. Ours."""
+"""Step [deg] of the ends of the angle axes, and their smallest distance [deg] from the lines. Assumed; they
+change the picture only."""
 LINES = ("#1c7ed6", "#e8590c", "#2b8a3e", "#9c36b5", "#0b7285", "#c92a2a")
 
 
@@ -25,7 +26,7 @@ class Plots:
     """Plots in a panel of their own."""
 
     def __init__(self, server: viser.ViserServer, titles: Mapping[str, str], parts: tuple[str, ...]) -> None:
-        """`titles` of the robots by key; `parts` to choose from."""
+        """Adds the plots: `titles` of the robots by key, `parts` to choose from."""
         self._titles = dict(titles)
         self._gui = server.gui
         self._part = self._gui.add_dropdown("arm", parts) if parts else None
@@ -39,7 +40,7 @@ class Plots:
         }
 
     def update(self, histories: Mapping[str, History]) -> None:
-        """Draw what is known now."""
+        """Draws the present histories."""
         if self._part is None:
             return
         forces, responses = [], []
@@ -86,7 +87,7 @@ def _scales(ends: tuple[float, float]) -> dict[str, uplot.Scale]:
 
 
 def _top(rows: list[Array], least: float) -> float:
-    """The first of 1, 2, 5, 10, 20 ... times `least` that is above all."""
+    """Returns the first of 1, 2, 5, 10, 20 ... times `least` that exceeds all values."""
     largest = max((float(row.max()) for row in rows), default=0.0)
     decade = 1.0
     while True:
@@ -97,14 +98,15 @@ def _top(rows: list[Array], least: float) -> float:
 
 
 def _around(rows: list[Array]) -> tuple[float, float]:
-    """Multiples of `ANGLE` around all."""
+    """Returns the multiples of `ANGLE` that enclose all values."""
     low = np.floor((min(float(row.min()) for row in rows) - ROOM) / ANGLE) * ANGLE
     high = np.ceil((max(float(row.max()) for row in rows) + ROOM) / ANGLE) * ANGLE
     return float(low), float(high)
 
 
 def _on_grid(before: Array, values: Array) -> Array:
-    """Values at the plotted times; the first one before there were any. uPlot can't scale what is NaN."""
+    """Resamples values to the plotted times; before the first one, repeats it, since uPlot can't scale
+    NaN."""
     if len(before) < 2:
         return np.zeros(len(GRID))
     return np.interp(GRID, before, values)

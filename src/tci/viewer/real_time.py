@@ -1,28 +1,28 @@
-"""A simulation that goes no faster than a person can watch."""
+"""Slows a simulation down to real time, so that a person can watch it."""
 
 from __future__ import annotations
 
 import time
 
 AHEAD = 0.03
-"""How far [s] a simulation may run ahead of real time before it waits: one picture. Many periods at once cost
-less than each by itself. Ours."""
+"""Time [s] that a simulation may run ahead of real time before it waits. Assumed: one picture; several
+periods at once cost less than each alone."""
 LATE = 0.1
-"""How far [s] it may fall behind before it stops catching up. Ours."""
+"""Delay [s] after which a simulation no longer catches up. Assumed: three pictures."""
 
 
 class RealTime:
-    """Waits until a simulation's time has come."""
+    """Waits until the wall clock reaches the simulation's time."""
 
     def __init__(self) -> None:
         self._zero: tuple[float, float] | None = None
 
     def forget(self) -> None:
-        """Begin anew: time stood still."""
+        """Starts a new time base, after the simulation stood still."""
         self._zero = None
 
     def wait(self, now: float, pace: float) -> None:
-        """Return when `now` [s] on the simulation's clock has come, at `pace` seconds of it per second."""
+        """Waits for `now` [s] on the simulation's clock, which runs at `pace` seconds per second."""
         wall = time.monotonic()
         if self._zero is None or self._zero[1] != pace:
             self._zero = (wall - now / pace, pace)

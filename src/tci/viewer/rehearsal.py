@@ -1,4 +1,4 @@
-"""One fault that a person makes happen, and the gate's answer to it."""
+"""One fault that a person injects, and the gate's answer to it."""
 
 from __future__ import annotations
 
@@ -10,25 +10,27 @@ from tci.gate.safe_command import SafeCommand
 
 
 def description(name: str) -> str:
-    """A fault in words, what is expected of TCI, and how long that takes where it takes long."""
+    """Returns the text for a fault: its description, the expected answer, and the delay until it can be
+    detected."""
     injector = INJECTORS[name]
     late = f"; it can be known after {injector.shows_after:g} s" if injector.shows_after else ""
     return f"{injector.says}{late}.  \nExpected: {FAULTS[injector.number].expected}"
 
 
 class Rehearsal:
-    """A fault from the moment it is asked for. One thread tells it, another may ask for `words`."""
+    """A fault from its request to its end. One thread updates it, another may read `words`."""
 
     def __init__(self, plan: FaultPlan) -> None:
         self.plan = plan
         self.over = False
-        """Whether it has happened and is past."""
+        """True if the fault is over."""
         self._begun: float | None = None
         self._answers: list[str] = []
         self._state = GateState.RUN
 
     def see(self, now: float, sent: SafeCommand, *, active: bool) -> None:
-        """What was sent in a period that begins at `now` [s], while the fault goes on or not."""
+        """Records the command sent in a period that begins at `now` [s], while the fault is `active` or
+        not."""
         if self.over or not (active or self._begun is not None):
             return
         if self._begun is None:
@@ -41,13 +43,13 @@ class Rehearsal:
         self.over = not active
 
     def end(self, why: str) -> None:
-        """The loop ended."""
+        """Records that the loop ended."""
         self._answers.append(f"the loop ended: {why}")
         self.over = True
 
     @property
     def words(self) -> str:
-        """What it is and how the gate answers."""
+        """The fault and the gate's answers, as text."""
         answers = "; ".join(self._answers)
         if not answers and self.over:
             answers = "the gate let commands pass: nothing showed the fault"

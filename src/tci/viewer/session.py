@@ -1,4 +1,4 @@
-"""One robot that goes on in a thread of its own: the loop, what a person wants of it, what is seen of it."""
+"""One running robot in a thread of its own: the loop, a person's requests, and the views for the page."""
 
 from __future__ import annotations
 
@@ -35,26 +35,27 @@ from tci.viewer.steered import Steered
 from tci.viewer.view import History, View
 
 FRESH = 0.01
-"""Time [s] between two views, unless something happened."""
+"""Smallest time [s] between two views, unless something happened."""
 IDLE = 0.02
-"""Time [s] between two looks at a robot whose loop has ended. Ours."""
+"""Time [s] between two checks of a robot whose loop has ended. Assumed: shorter than one picture."""
 QUIET = 0.3
-"""A touch or a command is news after this time [s] without one. Ours."""
+"""Pause [s] after which a touch or a command becomes a new event. Assumed; no published value."""
 GAP = 0.01
-"""Distance [m] from which a poke comes. Ours."""
+"""Distance [m] from which the finger approaches. Assumed; no published value."""
 LEAVE, STAY = 0.3, 1.5
-"""How long [s] after the touch ended, or began, the finger goes away. Ours."""
+"""Times [s] after which the finger leaves: since the touch ended, and since it began. Assumed; no published
+value."""
 
 
 class _Closed(Exception):
-    """The session is over: the loop brings the robot to rest and ends."""
+    """Ends the session: the loop brings the robot to rest and returns."""
 
 
 class Session:
     """A robot, live or simulated. Methods may be called from any thread."""
 
     def __init__(self, driver: Driver, capability: Capability[Any], *, about: dict[str, str]) -> None:
-        """`about` goes into recordings. `start` begins; `close` ends."""
+        """Takes `about` for the recordings. `start` begins the loop; `close` ends it."""
         self.robot = driver.robot
         self.driver = FaultInjector(driver, [])
         self.world = driver.world if isinstance(driver, SimulatedDriver) else None
@@ -64,17 +65,17 @@ class Session:
         self.history = History()
         self.report = LoopReport()
         self.events: deque[tuple[float, str]] = deque(maxlen=50)
-        """What happened, in words, with its time [s]."""
+        """Events as text, with their time [s]."""
         self.ended = ""
-        """Why the loop ended; empty while it runs."""
+        """Reason why the loop ended; empty while it runs."""
         self.pace = 1.0
-        """Seconds of simulation per second; 0 for a pause. A live robot takes no notice."""
+        """Seconds of simulation per second; 0 for a pause. Ignored by a live robot."""
         self.pokes = 0
-        """Pokes that began."""
+        """Number of pokes that began."""
         self.recorder: Recorder | None = None
         self._about = about
         self.rehearsal: Rehearsal | None = None
-        """The latest fault that a person made happen."""
+        """The latest fault that a person injected."""
         self.fields = fields_of(capability)
         """Receptive fields of its behaviour; empty for one that has none on limbs."""
         self._steered = Steered(capability)
@@ -89,18 +90,18 @@ class Session:
 
     @property
     def loop_words(self) -> str:
-        """How the loop keeps its time, in words."""
+        """Timing of the loop, as text."""
         if not self.armed:
             return "nobody commands it from here"
         work = 1e3 * self.report.work.quantile(0.5)
         return f"{self.report.ticks} periods, {self.report.overruns} overruns, {work:.2f} ms each"
 
     def start(self) -> None:
-        """Begin the loop."""
+        """Starts the loop."""
         self._thread.start()
 
     def close(self) -> None:
-        """Bring the robot to rest, end the loop, close recording and driver."""
+        """Brings the robot to rest, ends the loop, closes recording and driver."""
         self._closing.set()
         self._again.set()
         if self._thread.ident is not None:
@@ -109,11 +110,12 @@ class Session:
         self.driver.close()
 
     def post(self, action: Callable[[], None]) -> None:
-        """Do something between two periods, in the loop's thread. What it raises becomes an event."""
+        """Runs an action between two periods, in the loop's thread. An error that it raises becomes an
+        event."""
         self._inbox.put(action)
 
     def poke(self, place: Place, *, force: float, speed: float) -> None:
-        """Let the finger press the skin with up to `force` [N], arriving at `speed` [m/s].
+        """Presses the skin with the finger, with up to `force` [N], arriving at `speed` [m/s].
 
         Raises CommandError for a robot that is not simulated.
         """
@@ -132,17 +134,17 @@ class Session:
         self.post(begin)
 
     def move(self, part: str, posture: np.ndarray) -> None:
-        """Send a generic part to a posture (n,) [rad], through the gate."""
+        """Moves a generic part to a posture (n,) [rad], through the gate."""
         self._steered.orders.put(GenericCommand(part, Mode.POSITION, np.array(posture, dtype=float)))
 
     def home(self) -> None:
-        """Send every part to its initial posture."""
+        """Moves every part to its initial posture."""
         for part in self.robot.parts:
             if any(servo.servo is not None for servo in part.servos):
                 self.move(part.name, part.initial_posture)
 
     def inject(self, name: str, *, lasts: float) -> None:
-        """Let a fault happen now for `lasts` [s]."""
+        """Injects a fault now, for `lasts` [s]."""
         plan = FaultPlan(name, 0.0, lasts)
         self.rehearsal = rehearsal = Rehearsal(plan)
 
@@ -153,7 +155,7 @@ class Session:
         self.post(begin)
 
     def reset(self) -> None:
-        """For an operator: leave STOP, or begin again after the loop ended."""
+        """Leaves STOP, or starts the loop again after it ended. An operator calls this."""
         if self.ended:
             self.driver.gate.reset()
             self._again.set()
@@ -162,7 +164,7 @@ class Session:
         self.say("reset by the operator")
 
     def record(self, path: Path) -> None:
-        """Record from now on. Raises RecordingError."""
+        """Starts a recording. Raises RecordingError."""
         about = {"recorded_by": "tci view", **self.driver.info.about, **self._about}
         middleware = self._about.get("middleware", "sim")
         self.recorder = Recorder(
@@ -176,7 +178,7 @@ class Session:
         self.say(f"recording to {path}")
 
     def stop_recording(self) -> Recorder | None:
-        """Close the recording; the one that was closed. Packing it does not hold up the loop."""
+        """Closes the recording and returns its recorder, or None. Compressing it does not delay the loop."""
         with self._recording:
             recorder, self.recorder = self.recorder, None
         if recorder is not None:
@@ -185,7 +187,7 @@ class Session:
         return recorder
 
     def say(self, words: str) -> None:
-        """Note an event."""
+        """Adds an event."""
         self.events.append((self.view.time if self.view else 0.0, words))
 
     def _work(self) -> None:
@@ -210,7 +212,7 @@ class Session:
                         self.world.advance(self.world.time + IDLE * self.pace)
 
     def _watch(self) -> None:
-        """A robot that nobody commands from here."""
+        """Shows a robot without commanding it."""
         perceiver = Perceiver(GenericBody(self.robot), keep_alive=self.driver.info.keep_alive)
         for now in self.driver.ticks():
             reading = self.driver.read()
@@ -259,7 +261,7 @@ class Session:
         self._between(tick.now)
 
     def _rehearse(self, tick: Tick) -> None:
-        """Note the gate's answer to a fault, and say it when the fault is over."""
+        """Records the gate's answer to a fault, and adds an event when the fault is over."""
         rehearsal = self.rehearsal
         if rehearsal is None or rehearsal.over:
             return
@@ -269,7 +271,7 @@ class Session:
             self.say(rehearsal.words)
 
     def _tell_moves(self, tick: Tick) -> None:
-        """Note a contact and a command that come after a pause."""
+        """Adds events for a contact and a command that follow a pause."""
         for contact in tick.perception.contacts:
             if tick.now - self._noted.get(contact.patch, -np.inf) > QUIET:
                 self.say(touched(contact, self.fields))
@@ -285,7 +287,7 @@ class Session:
         self.history.add(view)
 
     def _between(self, now: float) -> None:
-        """What is done between two periods, and the wait for real time."""
+        """Runs the posted actions between two periods and waits for real time."""
         self._take_finger_away()
         while True:
             self._serve_inbox()
@@ -293,7 +295,7 @@ class Session:
                 raise _Closed
             if self.world is None:
                 return
-            pace = self.pace  # another thread changes it
+            pace = self.pace  # read once: another thread changes it
             if pace > 0.0:
                 break
             self._real_time.forget()

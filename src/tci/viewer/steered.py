@@ -1,4 +1,4 @@
-"""A behaviour with a person beside it: what the person orders goes the same way, through the gate."""
+"""A capability with additional orders from a person, which pass through the gate like its own."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ from tci.messages import Order, Perception
 
 
 class Steered(Capability[Any]):
-    """Another capability, and orders from outside. They are recorded like the capability's own.
+    """Another capability with orders from outside. They are recorded like the capability's own.
 
-    What was ordered while no loop ran is forgotten: a robot does not move because its loop begins again.
+    Orders given while no loop runs are dropped, so that a robot does not move merely because its loop starts
+    again.
     """
 
     def __init__(self, inner: Capability[Any]) -> None:
         self.inner = inner
         self.orders: SimpleQueue[Order] = SimpleQueue()
-        """What a person wants; the latest ones are given after the capability's own."""
+        """Orders of a person; the latest ones follow the capability's own."""
 
     def init(self, body: GenericBody) -> Any:
         self._given()

@@ -1,4 +1,4 @@
-"""What is shown of one robot at one instant, wherever it comes from, and what is kept for plots."""
+"""The state of one robot at one instant as the page shows it, and the history for plots."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from tci.gate.gate import GateState
 from tci.messages import Contact, JointReading
 
 WINDOW = 10.0
-"""Time [s] that plots show."""
+"""Time span [s] of the plots."""
 SAMPLE = 0.05
-"""Time [s] between two samples of them. Of force and response the largest since the one before is kept."""
+"""Time [s] between two samples of the plots. Force and response are the largest since the sample before."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """One robot at one instant."""
+    """The state of one robot at one instant."""
 
     time: float
     """Time [s] on the driver's clock."""
     joints: JointReading
-    """Where the servos are."""
+    """Angles of the servos."""
     posture: Mapping[str, Array]
     """Generic angles (n,) [rad] by part."""
     pressure: Mapping[str, Array]
@@ -33,17 +33,17 @@ class View:
     contacts: Sequence[Contact]
     """Contacts on the skin."""
     state: GateState | None
-    """State of the gate; None where nothing is commanded."""
+    """State of the gate; None if nothing is commanded."""
     reason: str
-    """Why the gate holds or has stopped; where nothing is commanded, why the joint data can't be used."""
+    """Reason why the gate holds or has stopped; if nothing is commanded, why the joint data can't be used."""
     response: float
-    """Largest speed [rad/s] of a servo that was sent."""
+    """Largest speed [rad/s] of a servo among those sent."""
     finger: Array | None = None
-    """`T_WF` (4, 4) of the simulated finger's tip, z into the skin; None while there is none."""
+    """`T_WF` (4, 4) of the simulated finger's tip, z into the skin; None if there is no finger."""
 
     @property
     def force(self) -> float:
-        """Force [N] of all contacts."""
+        """Sum [N] of the forces of all contacts."""
         return float(sum(contact.force for contact in self.contacts))
 
 
@@ -51,14 +51,14 @@ _Row = tuple[float, float, float, Mapping[str, Array]]
 
 
 class History:
-    """The last seconds of a robot's views, for plots. One thread adds, another may look."""
+    """The last seconds of a robot's views, for plots. One thread adds, another may read."""
 
     def __init__(self) -> None:
         self._rows: deque[_Row] = deque(maxlen=int(WINDOW / SAMPLE))
         self._latest: _Row | None = None
 
     def add(self, view: View) -> None:
-        """Keep a view, at most one per `SAMPLE`. Time that runs backwards begins anew."""
+        """Adds a view, at most one per `SAMPLE`. A time before the last one clears the history first."""
         if self._rows and view.time < self._rows[-1][0]:
             self.clear()
         _, force, response, _ = self._latest or (0.0, 0.0, 0.0, {})
@@ -70,12 +70,12 @@ class History:
             self._latest = row
 
     def clear(self) -> None:
-        """Forget all."""
+        """Removes all views."""
         self._rows.clear()
         self._latest = None
 
     def series(self, part: str) -> tuple[Array, Array, Array, Array]:
-        """Time (k,) [s], force (k,) [N], response (k,) [rad/s] and posture (n, k) [rad] of a part."""
+        """Returns time (k,) [s], force (k,) [N], response (k,) [rad/s] and posture (n, k) [rad] of a part."""
         latest, rows = self._latest, list(self._rows)
         if latest is not None and rows and latest[0] > rows[-1][0]:
             rows.append(latest)

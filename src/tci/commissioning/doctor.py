@@ -1,4 +1,4 @@
-"""What is wrong with a driver, judged from what was observed, and what to do about it. Nothing moves."""
+"""Judges a driver from an observation: lists faults with advice. Commands no motion."""
 
 from __future__ import annotations
 
@@ -12,16 +12,17 @@ from tci.drivers.driver import Driver
 from tci.robot.description import Patch, Robot, Sensor
 
 SLOW = 0.8
-"""A stream with less than this share of its rate is slow. Ours."""
+"""Fraction of its nominal rate below which a stream is slow. Assumed; no published value."""
 OFF = 0.15
-"""A skin whose median is this share of the sensor's range away from its rest value is off. Ours."""
+"""Deviation of a skin's median from its rest value, as a fraction of the sensor's range, above which it gets
+a warning. Assumed; no published value."""
 TURN = 2.0 * np.pi
-"""No humanoid's joint is further [rad] from zero."""
+"""Largest plausible joint angle [rad] of a humanoid."""
 
 
 def judge(driver: Driver, seen: Observation) -> tuple[Finding, ...]:
-    """Findings about a driver that was observed, its own among them. Raises DriverError like
-    `Driver.diagnose`."""
+    """Returns findings about a driver that was observed, including its own. Raises DriverError as
+    `Driver.diagnose` does."""
     return (
         *driver.diagnose(),
         *_joint_stream(driver, seen.streams[0], seen.cost),

@@ -1,4 +1,4 @@
-"""What a person should see when a servo moves a little: worked out from the description, in words."""
+"""Predicts the visible motion of a servo from the description, as text for the operator."""
 
 from __future__ import annotations
 
@@ -12,36 +12,38 @@ from tci.robot.joint_map import joint_map
 from tci.robot.kinematics import Kinematics
 
 VISIBLE = 5e-4
-"""Displacement [m] below which a turn is easier to see. Ours."""
+"""Displacement [m] below which the rotation is described instead. Assumed: a person hardly sees half a
+millimetre."""
 _WAYS = (("forward", "backward"), ("left", "right"), ("up", "down"))
 _TURNS = (
     ("its top goes to the right", "its top goes to the left"),
     ("its top goes forward", "its top goes backward"),
     ("its front goes to the left", "its front goes to the right"),
 )
-"""Right-handed turns about x (forward), y (left) and z (up) of the torso, by positive and negative angles."""
+"""Right-handed rotations about x (forward), y (left) and z (up) of the torso, by positive and negative
+angles."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ExpectedMotion:
-    """A small motion of one servo, seen from the torso."""
+    """A small motion of one link, in the torso frame."""
 
     link: str
-    """Driver to look at."""
+    """Name of the link to watch."""
     displacement: Array
-    """Of the link's origin (3,) [m]."""
+    """Displacement (3,) [m] of the link's origin."""
     rotation: Array
-    """Of the link (3,) [rad], a rotation vector."""
+    """Rotation vector (3,) [rad] of the link."""
     words: str
-    """The same for people."""
+    """Description of the motion for a person."""
 
 
 def expected_motion(
     robot: Robot, kinematics: Kinematics, position: Array, servo: Servo, change: float
 ) -> ExpectedMotion | None:
-    """What `servo` does when it turns by `change` [rad], with all servos at `position` (n,) [rad].
+    """Predicts the motion when `servo` turns by `change` [rad], with all servos at `position` (n,) [rad].
 
-    None for a servo that moves no link of the model.
+    Returns None for a servo that moves no link of the model.
     """
     moved = [link for link in kinematics.links if servo.index in kinematics.chain(link)]
     if not moved:
@@ -66,7 +68,7 @@ def expected_motion(
 
 
 def _generic(robot: Robot, position: Array, servo: Servo, change: float) -> str:
-    """Which generic joint changes by how much."""
+    """Returns the name and change of the generic joint that changes most; empty if none does."""
     after = np.array(position)
     after[servo.index] += change
     for part in robot.parts:

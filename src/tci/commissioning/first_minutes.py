@@ -1,4 +1,4 @@
-"""The first minutes with a robot, in their order: look, compare, move each servo by 2 degrees, press skin."""
+"""The first minutes with a robot: observe, compare postures, move each servo by 2 degrees, press the skin."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from tci.robot.joint_map import generic_posture
 from tci.runtime.lease import commanding
 
 LOOK = 1.0
-"""How long [s] the robot is read before anything else. Ours."""
+"""Time [s] for which the robot is observed first. Assumed; no published value."""
 STIFFNESS = 0.8
-"""Share of its stiffness that a servo which is off gets, if the operator lets it. Ours."""
+"""Stiffness, as a fraction of the full one, of servos that are switched on. Assumed; no published value."""
 POWER = 2.0
-"""Longest time [s] that it may take. Ours."""
+"""Longest time [s] to wait until they are on. Assumed; no published value."""
 
 
 def first_minutes(
@@ -36,12 +36,12 @@ def first_minutes(
     taxels: int | None = 12,
     tell: Callable[[Finding], None] = lambda finding: None,
 ) -> tuple[tuple[Finding, ...], float]:
-    """Check `servos`, then `taxels` of each of `patches` (None: all of them).
+    """Checks `servos`, then `taxels` of each of `patches` (None: all of them), with the operator's consent.
 
-    `tell` is told each finding at once. Nothing is moved of a robot part about which a look finds anything
-    wrong, and nothing at all after a general fault. Returns all findings, and the largest motion [rad] that
-    was measured. Raises DriverError when somebody else commands the robot or it goes away, and what the
-    operator raises.
+    Calls `tell` with each finding at once. Does not move a robot part for which the observation found a fault
+    or warning, and moves nothing after a general fault. Returns all findings, and the largest motion [rad]
+    that was measured. Raises DriverError if another program commands the robot or the robot disconnects, and
+    what the operator raises.
     """
     found: list[Finding] = []
 
@@ -58,7 +58,7 @@ def first_minutes(
             note(iter([Finding(Level.NOTE, "motion", "nothing was moved", "mend the faults above first")]))
             return tuple(found), 0.0
         bad = {finding.subject for finding in found if finding.level in (Level.WARNING, Level.FAULT)}
-        # A unit or an order that is wrong is so for a whole part.
+        # A wrong unit or joint order concerns a whole part.
         parts = {servo.robot_part for servo in driver.robot.servos if servo.name in bad}
         wrong = {servo.name for servo in driver.robot.servos if servo.robot_part in parts}
         note(_postures(driver, operator, servos))
@@ -77,7 +77,8 @@ def first_minutes(
 
 
 def wanted(robot: Robot, names: Sequence[str]) -> tuple[list[Servo], list[Patch]]:
-    """Servos and patches by name, or by the robot's or the generic part that they belong to; or all.
+    """Returns servos and patches by name, or by the robot's or generic part that they belong to; all without
+    names.
 
     Raises UnknownNameError.
     """
@@ -109,7 +110,8 @@ def _left_out(servo: Servo) -> Finding:
 
 
 def _postures(driver: Driver, operator: Operator, servos: Sequence[Servo]) -> Iterator[Finding]:
-    """Ask whether the robot stands as its encoders say: zero, sign and unit of all joints at once."""
+    """Asks whether the robot's posture agrees with its encoders: zero, sign and unit of all joints at
+    once."""
     names = {servo.name for servo in servos}
     posture = generic_posture(driver.robot, driver.read().joints)
     for part in driver.robot.parts:
@@ -135,7 +137,7 @@ def _postures(driver: Driver, operator: Operator, servos: Sequence[Servo]) -> It
 
 
 def _stiffen(driver: Driver, operator: Operator, servos: Sequence[Servo]) -> Iterator[Finding]:
-    """Switch servos on that are off, if the operator lets it."""
+    """Switches on servos that are off, if the operator permits it."""
     powered = driver.read().joints.powered
     off = [] if powered is None else [servo for servo in servos if not powered[servo.index]]
     if not off:

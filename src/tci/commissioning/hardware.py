@@ -1,8 +1,8 @@
-"""One servo after the other moves by 2 degrees, slowly, and a person says whether that was right.
+"""Moves one servo after another by 2 degrees, slowly, and asks a person whether the motion was right.
 
-Encoders show what a robot believes. A joint whose sign, zero, unit or place is wrong in command and encoder
-alike can only be seen, so the operator is asked what moved. Everything passes the gate; the robot's own stop
-(`Driver.halt`) ends a motion at the first sign that it is another one than was told.
+An encoder can't show an error of sign, zero, unit or assignment that command and encoder share, so the
+operator is asked what moved. Every command passes the gate. At the first sign of a wrong motion the robot's
+own stop (`Driver.halt`) ends it.
 """
 
 from __future__ import annotations
@@ -21,37 +21,39 @@ from tci.robot.description import Robot, Servo
 from tci.robot.kinematics import Kinematics
 
 MOST = float(np.deg2rad(2.0))
-"""No servo moves further [rad] than this."""
+"""Largest motion [rad] of any servo."""
 STEPS = np.deg2rad([0.03, 0.1, 0.3, 1.0, 1.8])
-"""Ways [rad] that a servo is sent, one after the other: the first is so small that degrees taken for radians
-stay below MOST; the last leaves room for what overshoots."""
+"""Successive displacements [rad] of a servo. The first is so small that degrees taken for radians stay below
+MOST; the last leaves room for overshoot."""
 SPEED = float(np.deg2rad(4.0))
-"""Of these motions [rad/s]. Ours."""
+"""Speed [rad/s] of these motions. Assumed: slow enough for a person to watch, 2 degrees in half a second."""
 SETTLE = 0.3
-"""Time [s] after a motion before it is measured. Ours."""
+"""Time [s] between the end of a motion and its measurement. Assumed; no published value."""
 ARRIVE = 8.0
-"""Longest time [s] for one step. Ours."""
+"""Longest time [s] of one step. Assumed: far above the half second that a step takes."""
 HOLDS = 2.0
-"""Time [s] for which the gate may hold in all while one step is made. Ours."""
+"""Longest total time [s] of gate holds during one step. Assumed; no published value."""
 STRAY = float(np.deg2rad(0.4))
-"""Motion [rad] of another servo, or the wrong way, that ends a step at once. Ours: NAO's play is below it."""
+"""Motion [rad] of another servo, or in the wrong direction, that ends a step. Assumed: above NAO's
+backlash."""
 RATIO = (0.6, 1.4)
-"""Share of the way told that a sound servo goes, by its own encoder. Ours."""
+"""Range of measured over commanded motion of a healthy servo, by its own encoder. Assumed; no published
+value."""
 UNIT = 180.0 / np.pi
 
 
 class ServoCheck:
-    """Moves one servo after the other and judges what it did."""
+    """Moves one servo after another and judges the motions."""
 
     def __init__(self, driver: Driver, operator: Operator) -> None:
         self.driver, self.operator = driver, operator
         self._kinematics = Kinematics(driver.robot) if driver.robot.model is not None else None
         self._small: set[str] = set()
         self.largest = 0.0
-        """Largest motion [rad] of any servo that was measured so far."""
+        """Largest motion [rad] of any servo measured so far."""
 
     def check(self, servo: Servo) -> Finding:
-        """Move one servo a little and back, if the operator lets it."""
+        """Moves one servo a little and back, if the operator permits it."""
         limits = servo.limits
         if None in (limits.lower, limits.upper, limits.velocity, limits.acceleration, limits.jerk):
             return Finding(Level.NOTE, servo.name, "not moved: its description lacks limits")
@@ -86,7 +88,8 @@ class ServoCheck:
         return _verdict(self.driver.robot, servo, way * moved, reason, noise, seen)
 
     def _out(self, servo: Servo, start: Array, way: float, noise: float) -> tuple[Array, str]:
-        """Steps outward: how far every servo (n,) went at the end, and why they ended early."""
+        """Moves a servo outward in STEPS. Returns the final motion (n,) [rad] of every servo, and the reason
+        for an early end."""
         moved = np.zeros(len(start))
         here = start[servo.index]
         for index, step in enumerate(STEPS):
@@ -99,7 +102,7 @@ class ServoCheck:
                 self.driver.halt()
                 return moved, f"it went {own / step:.0f} times as far as it was told"
             if index == 0 and servo.robot_part not in self._small:
-                # Where encoder and command share a wrong unit, only eyes can tell.
+                # A wrong unit that encoder and command share can only be seen.
                 if not self.operator.still(
                     f"{servo.name} was sent {np.rad2deg(step):.2f} degrees, too little to see"
                 ):
@@ -108,9 +111,9 @@ class ServoCheck:
         return moved, ""
 
     def _move(self, servo: Servo, target: float, way: float, start: Array, noise: float) -> tuple[Array, str]:
-        """Send a servo to `target` [rad], `way` being the sign of its motion away from `start`, and wait.
+        """Sends a servo to `target` [rad] and waits; `way` is the sign of its motion away from `start`.
 
-        Returns what all servos moved (n,) from there, and why it ended early.
+        Returns the motion (n,) [rad] of all servos from `start`, and the reason for an early end.
         """
         driver = self.driver
         command = PlatformCommand(
@@ -147,7 +150,8 @@ class ServoCheck:
         return moved, "" if tail else f"it did not arrive within {ARRIVE:.0f} s"
 
     def _stray(self, moved: Array, servo: Servo, way: float, others: NDArray[np.bool_], noise: float) -> str:
-        """Why a motion must end now: another servo, the wrong way, or too far."""
+        """Returns the reason to end a motion now: another servo, the wrong direction, or too far; empty if
+        there is none."""
         robot = self.driver.robot
         away = np.abs(moved) > max(STRAY, 3.0 * noise)
         if (away & others).any():
@@ -165,7 +169,7 @@ class ServoCheck:
         return ""
 
     def _at_rest(self) -> tuple[Array, float]:
-        """Mean angles (n,) [rad] for a while, and the noise [rad] of the encoders."""
+        """Returns mean angles (n,) [rad] over SETTLE, and the noise [rad] of the encoders."""
         samples = [self.driver.read().joints.position for _ in self.driver.ticks(duration=SETTLE)]
         noise = float(np.std(samples, axis=0).max()) * 3.0
         return np.mean(samples, axis=0), max(noise, float(np.deg2rad(0.01)))
@@ -174,7 +178,7 @@ class ServoCheck:
 def _verdict(
     robot: Robot, servo: Servo, moved: Array, reason: str, noise: float, seen: bool | None
 ) -> Finding:
-    """What to make of a servo that moved by `moved` (n,) [rad] along its way."""
+    """Judges a servo after a motion by `moved` (n,) [rad], positive in the commanded direction."""
     own = float(moved[servo.index])
     ratio = own / float(STEPS[-1])
     figures = {"told_deg": float(np.rad2deg(STEPS[-1])), "measured_deg": float(np.rad2deg(own))}

@@ -1,4 +1,4 @@
-"""Taxel by taxel: the operator presses where a taxel should be, and the robot says what it felt."""
+"""Checks a skin taxel by taxel: the operator presses a taxel, and the response is compared with its place."""
 
 from __future__ import annotations
 
@@ -17,19 +17,22 @@ from tci.robot.description import Patch
 from tci.skin.skin import Skin
 
 REST = 0.5
-"""Time [s] for which the skin is watched before it is touched. Ours."""
+"""Time [s] over which rest values are averaged before a touch. Assumed; no published value."""
 PRESS = 10.0
-"""Longest time [s] to wait for a touch, and for its end. Ours."""
+"""Longest time [s] to wait for a touch, and for its end. Assumed: enough for the operator to find the
+place."""
 LEAST = 0.02
-"""Change, as a share of the sensor's range, that is a touch; or six times the noise if that is more. Ours."""
+"""Least change that counts as a touch, as a fraction of the sensor's range; six times the noise if that is
+more. Assumed; no published value."""
 NEAR = 0.02
-"""A touch felt further [m] from its taxel than this is elsewhere: a fingertip, and a module's size. Ours."""
+"""Largest distance [m] of a response's centre from the pressed taxel. Assumed: size of a fingertip and a skin
+module."""
 _WAYS = (("forward", "backward"), ("left", "right"), ("up", "down"))
 _SIDES = ("front (the flexor side)", "outer side", "back (the extensor side)", "inner side")
 
 
 class SkinCheck:
-    """Compares where the skin is pressed with where it says so."""
+    """Compares the place where the skin is pressed with the place of its response."""
 
     def __init__(self, driver: Driver, operator: Operator) -> None:
         """Raises what Skin raises."""
@@ -37,7 +40,7 @@ class SkinCheck:
         self.skin = Skin(driver.robot)
 
     def check(self, patch: Patch, count: int | None) -> Iterator[Finding]:
-        """Press `count` taxels of a patch, evenly over its numbers; None: all of them."""
+        """Checks `count` taxels of a patch, spread evenly over its indices; None checks all of them."""
         total = len(self.skin.surfaces[patch.name].positions)
         chosen = np.arange(total)
         if count is not None and count < total:
@@ -95,7 +98,8 @@ class SkinCheck:
         return Finding(Level.OK, subject, f"felt {1e3 * away:.0f} mm away", figures=figures)
 
     def _felt(self, rest: dict[str, Array], noise: dict[str, Array], reading: Reading) -> dict[str, Array]:
-        """Patches that feel something: change (taxels,) [counts] of each taxel, positive with pressure."""
+        """Returns the change (taxels,) [counts] of each taxel, positive with pressure, for patches with a
+        response."""
         found = {}
         for name, values in self._values(reading).items():
             if name in rest:
@@ -107,7 +111,7 @@ class SkinCheck:
         return found
 
     def _rest(self) -> tuple[dict[str, Array], dict[str, Array]]:
-        """Mean value of each taxel, and the change that is a touch."""
+        """Returns the mean value of each taxel, and the least change that counts as a touch."""
         samples: dict[str, list[Array]] = {}
         for _ in self.driver.ticks(duration=REST):
             for name, values in self._values(self.driver.read()).items():
@@ -123,12 +127,12 @@ class SkinCheck:
         return rest, noise
 
     def _settle(self) -> None:
-        """The first value of a touch is not its place: look again a little later."""
+        """Reads for 0.1 s, since the first values of a touch do not yet show its place."""
         for _ in self.driver.ticks(duration=0.1):
             self.driver.read()
 
     def _values(self, reading: Reading) -> dict[str, NDArray[np.float64]]:
-        """Raw values of each patch's taxels."""
+        """Returns the raw values of each patch's taxels."""
         found = {}
         for frame in reading.skin:
             patch = self.driver.robot.patch(frame.patch)
@@ -142,7 +146,7 @@ class SkinCheck:
         return found
 
     def _where(self, patch: Patch, taxel: int) -> str:
-        """Where a taxel is, for people."""
+        """Describes the place of a taxel for the operator."""
         if self.driver.robot.limb_segment(patch) is None:
             normal = self.skin.normals(patch.name, self.driver.read().joints, frame="torso")[taxel]
             axis = int(np.argmax(np.abs(normal)))

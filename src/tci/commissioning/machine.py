@@ -1,4 +1,4 @@
-"""What this machine offers: versions, drivers and robots that are installed, and how well it keeps time."""
+"""Examines this machine: versions, installed drivers and robots, and the accuracy of its clock."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from tci.robot.catalogue import load_robot, robot_names
 from tci.runtime.lease import FOLDER, lease
 
 PERIOD = 0.002
-"""Of the trial of the clock [s]: the simulated robots' own."""
+"""Period [s] in the test of the clock: that of the simulated robots."""
 LATE = 1e-3
-"""Waking up this late [s] is too late for such a loop. Ours."""
+"""Wake-up delay [s] above which the clock gets a warning. Assumed: half of PERIOD."""
 
 
 def examine_machine(*, duration: float = 0.4) -> tuple[Finding, ...]:
-    """Findings about this machine; the clock is watched for `duration` [s]."""
+    """Returns findings about this machine; the clock is tested for `duration` [s]."""
     system = f"TCI {tci.__version__}, Python {platform.python_version()}, {platform.platform(terse=True)}"
     return (
         Finding(Level.OK, "machine", f"{system}, {os.cpu_count()} processors"),
@@ -87,7 +87,7 @@ def _timing(duration: float) -> Iterator[Finding]:
     clock = MonotonicClock()
     begin = clock.now()
     late = np.array([(now - begin) % PERIOD for now in ticks(clock, PERIOD, duration=duration)])
-    # A tick a hair before its time looks like one a whole period late.
+    # Modulo PERIOD, a tick that is slightly early looks almost one period late.
     late = np.where(late > PERIOD * 0.999, 0.0, late)
     middle, worst = np.quantile(late, [0.5, 0.99])
     said = f"wakes up {1e6 * middle:.0f} us late (median), {1e3 * worst:.2f} ms (p99)"

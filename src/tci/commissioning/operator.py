@@ -1,4 +1,4 @@
-"""Who stands beside a robot while it is checked: permits, looks and touches."""
+"""The operator: the person beside a robot under test, who permits motions, watches and touches."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from tci.commissioning.expected_motion import ExpectedMotion
 
 
 class Operator(Protocol):
-    """Who stands beside the robot."""
+    """The person beside the robot."""
 
     def may(self, what: str) -> bool:
-        """Whether that may be done now."""
+        """True if the action is permitted now."""
 
     def saw(self, what: str, expected: ExpectedMotion | None) -> bool | None:
-        """Whether that is what happened, or what is; None when it can't be told."""
+        """True if the operator saw the described motion or state; None if it can't be told."""
 
     def still(self, what: str) -> bool:
-        """Whether nothing moved that could be seen."""
+        """True if no visible motion happened."""
 
     def press(self, patch: str, taxel: int, where: str) -> bool:
-        """Asked to press a taxel and hold it; False: not this one."""
+        """Asks to press a taxel and hold it; False if the operator skips it."""
 
     def release(self) -> None:
-        """Asked to let go."""
+        """Asks to release the taxel."""

@@ -1,4 +1,4 @@
-"""How well data flows through a driver: rates, lost frames, ages, and what reading costs."""
+"""Measures the data flow through a driver: rates, lost frames, ages, and the cost of reading."""
 
 from __future__ import annotations
 
@@ -15,29 +15,30 @@ from tci.messages import Reading
 
 @dataclass(frozen=True, slots=True)
 class Stream:
-    """What was seen of one source of frames: the joints, or a patch of skin."""
+    """Statistics of one source of frames: the joints, or a patch of skin."""
 
     name: str
     """`joints`, or the patch's name."""
     expected: float | None
-    """Frames per second [Hz] that the description promises; None for the joints."""
+    """Nominal frame rate [Hz] in the description; None for the joints."""
     frames: int
-    """Different frames that were seen."""
+    """Number of different frames that were read."""
     sent: int
-    """Frames that the robot numbered in that time."""
+    """Number of frames that the robot sent in that time, by its sequence numbers."""
     rate: float
-    """Frames per second [Hz] that the robot numbered; 0 when there were fewer than two."""
+    """Rate [Hz] at which the robot sent frames, by its sequence numbers; 0 for fewer than two frames."""
     lost: int
-    """Numbered frames that nobody saw although the driver was read often enough for all of them."""
+    """Number of frames that were sent and not read; 0 if the driver was read too seldom to read all of
+    them."""
     older: int
-    """Frames that came after a newer one."""
+    """Number of frames that arrived after a newer one."""
     age: float
-    """Median age [s] of the newest frame when it is read."""
+    """Median age [s] of the newest frame when read."""
     oldest: float
-    """Largest age [s] of the newest frame when it is read."""
+    """Largest age [s] of the newest frame when read."""
 
     def to_json(self) -> dict[str, object]:
-        """Plain values; times in ms."""
+        """Returns plain values for JSON; times in ms."""
         return {
             "name": self.name,
             "rate_hz": self.rate,
@@ -53,24 +54,25 @@ class Stream:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observation:
-    """A driver, read for a while."""
+    """Readings of a driver over some time, and their statistics."""
 
     streams: tuple[Stream, ...]
-    """Joints first, then the patches of the description in their order."""
+    """Statistics of the joints first, then of the patches in the order of the description."""
     readings: tuple[Reading, ...]
-    """At most HISTORY readings, evenly over the time, the newest last."""
+    """At most HISTORY readings, evenly spaced in time, the newest last."""
     cost: Array
-    """How long each `read` took (n,) [s], on this machine's clock."""
+    """Duration (n,) [s] of each `read`, on this machine's clock."""
 
 
 HISTORY = 50
-"""Readings that an observation keeps."""
+"""Number of readings that an observation keeps."""
 ENOUGH = 1.5
-"""A source is seen whole when the driver is read this many times as often as it sends. Ours."""
+"""Ratio of read rate to frame rate from which missing frames count as lost. Assumed: leaves a margin for
+uneven reading."""
 
 
 class _Count:
-    """One source while it is watched."""
+    """Counts the frames of one source during an observation."""
 
     def __init__(self) -> None:
         self.seen: list[tuple[int, float]] = []
@@ -86,7 +88,7 @@ class _Count:
         self.ages.append(now - stamp)
 
     def stream(self, name: str, expected: float | None, elapsed: float, reads: int) -> Stream:
-        """Raises nothing; a source that never sent anything has rate 0 and infinite age."""
+        """Returns the statistics; a source that never sent anything has rate 0 and infinite age."""
         if not self.seen:
             return Stream(name, expected, 0, 0, 0.0, 0, self.older, np.inf, np.inf)
         (first, begin), (last, end) = self.seen[0], self.seen[-1]
@@ -110,9 +112,10 @@ class _Count:
 def observe(
     driver: Driver, duration: float, *, progress: Callable[[float], None] | None = None
 ) -> Observation:
-    """Read a driver once per period for `duration` [s]; `progress` is told the share 0..1 that is done.
+    """Reads a driver once per period for `duration` [s]; calls `progress` with the fraction 0..1 that is
+    done.
 
-    Nothing is commanded. Raises DriverError when the robot can't be read.
+    Commands nothing. Raises DriverError if the robot can't be read.
     """
     patches = {patch.name: patch.rate for patch in driver.robot.patches}
     joints, skin = _Count(), {name: _Count() for name in patches}

@@ -1,4 +1,4 @@
-"""Pictures of robots and of what happened to them.
+"""Pictures of robots and of their runs.
 
 The renderer casts rays on the processor, so it needs no OpenGL. Plots and films are made from runs and
 recordings.

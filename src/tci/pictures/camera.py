@@ -1,4 +1,4 @@
-"""A camera without distortion: from pixels to rays and back."""
+"""A camera without distortion: maps pixels to rays and points to pixels."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from tci.errors import TciError
 from tci.frames import Array, apply, invert, read_only, transform
 
 _NEAREST = 1e-3
-"""Least depth [m] of what a fitted picture shows."""
+"""Least depth [m] of the points that a fitted picture shows."""
 _HALVINGS = 60
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Camera:
-    """Where a picture is taken from. Camera frame C: x to the right, y down, z into the picture."""
+    """A pinhole camera. Camera frame C: x to the right, y down, z into the picture."""
 
     T_WC: Array
-    """Pose (4, 4) of the camera in the world; its origin is the one point that all rays come from."""
+    """Pose (4, 4) of the camera in the world; all rays start at its origin."""
     fov: float
     """Vertical angle of view [rad]."""
     width: int
-    """Picture's width [pixels]."""
+    """Width of the picture [pixels]."""
     height: int
-    """Picture's height [pixels]."""
+    """Height of the picture [pixels]."""
 
     @property
     def focal(self) -> float:
@@ -45,11 +45,11 @@ def look_at(
     height: int = 600,
     frame: Array | None = None,
 ) -> Camera:
-    """A camera that looks at `point` (3,) [m] from `distance` [m].
+    """Returns a camera that looks at `point` (3,) [m] from `distance` [m].
 
-    It stands at `azimuth` [rad] around z, 0 in front (x) and +pi/2 on the left (y), and `elevation`
-    [rad] above. Point, angles and "up" belong to `frame` `T_WF` (4, 4), the world where it is None.
-    Raises TciError for a distance, angle or size that gives no picture.
+    It stands at `azimuth` [rad] around z, 0 in front (x) and +pi/2 on the left (y), and `elevation` [rad]
+    above. Point, angles and "up" are in `frame` `T_WF` (4, 4); None stands for the world. Raises TciError for
+    a distance, angle or size that gives no picture.
     """
     if not distance > 0.0:
         raise TciError(f"camera distance {distance} m; valid: more than 0")
@@ -84,9 +84,9 @@ def fit(
     height: int = 600,
     frame: Array | None = None,
 ) -> Camera:
-    """The camera of `look_at` that shows all `points` (n, 3) [m] of the world as large as can be.
+    """Returns the camera of `look_at` that shows all `points` (n, 3) [m] of the world as large as possible.
 
-    It leaves `margin`, a share of the picture, free on each side. Raises TciError as `look_at` does.
+    It leaves `margin`, a fraction of the picture, free on each side. Raises TciError as `look_at` does.
     """
     camera = look_at(
         (0.0, 0.0, 0.0), azimuth=azimuth, elevation=elevation, distance=1.0,
@@ -96,7 +96,7 @@ def fit(
     points_C = points @ R_WC
     sides, depth = points_C[:, :2], points_C[:, 2]
     slope = np.array([width, height]) * (0.5 - margin) / camera.focal
-    # All points are inside the four planes of the view: x - x0 <= slope (z - z0), and so on.
+    # All points lie inside the four planes of the view: x - x0 <= slope (z - z0), and so on.
     far = depth[:, None] * slope
     back = -((sides - far).max(axis=0) + (-sides - far).max(axis=0)) / (2.0 * slope)
     z = min(float(back.min()), float(depth.min()) - _NEAREST)
@@ -105,7 +105,8 @@ def fit(
 
 
 def _middle(sides: Array, depth: Array) -> float:
-    """Where to stand so that points (n,) [m] to the side, at depths (n,) [m], reach as far left as right."""
+    """Returns the sideways position [m] from which points at `sides` (n,) [m] and `depth` (n,) [m] are
+    centred in the view."""
     low, high = float(sides.min()), float(sides.max())
     for _ in range(_HALVINGS):
         middle = (low + high) / 2.0
@@ -115,13 +116,13 @@ def _middle(sides: Array, depth: Array) -> float:
 
 
 def pixel_centres(camera: Camera) -> Array:
-    """Centres (height * width, 2) of all pixels, row by row: x to the right, y down [pixels]."""
+    """Returns the centres (height * width, 2) of all pixels, row by row: x to the right, y down [pixels]."""
     x, y = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
     return np.stack([x.ravel(), y.ravel()], axis=1)
 
 
 def rays(camera: Camera, pixels: Array) -> Array:
-    """Unit directions (n, 3) in the world of the rays through `pixels` (n, 2)."""
+    """Returns unit directions (n, 3) in the world of the rays through `pixels` (n, 2)."""
     centre = np.array([camera.width, camera.height]) / 2.0
     direction_C = np.ones((len(pixels), 3))
     direction_C[:, :2] = (pixels - centre) / camera.focal
@@ -131,10 +132,10 @@ def rays(camera: Camera, pixels: Array) -> Array:
 
 
 def project(camera: Camera, points: Array) -> tuple[Array, Array]:
-    """Pixels (n, 2) on which points (n, 3) [m] of the world fall, and their depths (n,) [m].
+    """Projects points (n, 3) [m] of the world to pixels (n, 2), and returns their depths (n,) [m] too.
 
-    Depth is measured along the camera's axis; the pixel of a point that is not in front of the
-    camera (depth <= 0) is NaN.
+    Depth is measured along the camera's axis; the pixel of a point that is not in front of the camera (depth
+    <= 0) is NaN.
     """
     points_C = apply(invert(camera.T_WC), points)
     depth = points_C[:, 2]

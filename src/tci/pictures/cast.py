@@ -1,4 +1,4 @@
-"""Rays into a MuJoCo scene, on the processor: no screen, no graphics library."""
+"""Casts rays into a MuJoCo scene on the processor, without a screen or a graphics library."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from tci.frames import Array
 from tci.pictures.camera import Camera, rays
 
 _CHUNK = 8192
-"""Rays per call: few enough that all threads are busy to the end."""
+"""Rays per call: few enough to keep all threads busy to the end."""
 _OPAQUE, _GLASS, _HIDDEN = 0, 1, 5
-"""Groups that the copied model's geoms are sorted into."""
+"""Geom groups in the copied model, by kind."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hits:
-    """What n rays meet first."""
+    """The nearest hits of n rays."""
 
     geom: NDArray[np.int32]
-    """Geom (n,) that is hit; -1 where there is none."""
+    """Index (n,) of the geom that is hit; -1 for none."""
     surface: NDArray[np.int32]
-    """Surface (n,) that the geom is a piece of; -1 where there is none."""
+    """Index (n,) of the surface that the geom belongs to; -1 for none."""
     distance: Array
-    """Distance (n,) [m] from the camera; infinite where nothing is hit."""
+    """Distance (n,) [m] from the camera; infinite without a hit."""
     points: Array
-    """Where (n, 3) [m] in the world; NaN where nothing is hit."""
+    """Points (n, 3) [m] in the world; NaN without a hit."""
     normals: Array
-    """Unit normals (n, 3) that face the camera; 0 where nothing is hit."""
+    """Unit normals (n, 3) that face the camera; 0 without a hit."""
 
 
 def nearer(first: Hits, second: Hits) -> Hits:
-    """Of two sets of hits (n,) by the same rays, each ray's nearer one."""
+    """Merges two sets of hits (n,) of the same rays; each ray keeps the nearer hit."""
     closer = second.distance < first.distance
     return Hits(
         geom=np.where(closer, second.geom, first.geom),
@@ -49,31 +49,31 @@ def nearer(first: Hits, second: Hits) -> Hits:
 
 
 class Caster:
-    """Casts a camera's rays at the geoms of a scene, as opaque, as glass or not at all.
+    """Casts a camera's rays at the geoms of a scene, which are opaque, transparent ("glass") or hidden.
 
-    Geoms of one body and one colour are one surface, and so is all glass of one colour.
+    All geoms of one body and one colour form one surface; so does all glass of one colour.
     """
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, colours: Array) -> None:
-        """`colours` (ngeom, 4) of the geoms. Alpha 1 is opaque, 0 is not there, between them is glass.
+        """Args: `colours` (ngeom, 4) of the geoms. Alpha 1 is opaque, 0 is hidden, values between are glass.
 
-        The scene stays as it is in `data` when the first rays are cast.
+        The scene is that of `data` at the time of the first `cast`.
         """
-        # MuJoCo selects by group and by the model's own alpha, so the choice is written into a copy.
+        # MuJoCo selects geoms by group and by the model's own alpha, so both are set in a copy.
         self._model = copy.copy(model)
         alpha = colours[:, 3]
         self._model.geom_group[:] = np.select([alpha >= 1.0, alpha > 0.0], [_OPAQUE, _GLASS], _HIDDEN)
         self._model.geom_matid[:] = -1
         self._model.geom_rgba[:, 3] = 1.0
         self._data = data
-        # MuJoCo takes its working memory from the data, so each thread has its own.
+        # MuJoCo takes its working memory from the data, so each thread needs its own copy.
         self._copies: list[mujoco.MjData] = []
         looks = np.column_stack([np.where(alpha >= 1.0, model.geom_bodyid, -1), colours])
         surfaces = np.unique(looks, axis=0, return_inverse=True)[1].ravel()
-        self._surfaces = np.append(surfaces, -1).astype(np.int32)  # the last one is that of geom -1
+        self._surfaces = np.append(surfaces, -1).astype(np.int32)  # the last one belongs to geom -1
 
     def cast(self, camera: Camera, pixels: Array, *, opaque: bool = True, glass: bool = False) -> Hits:
-        """What the rays through `pixels` (n, 2) meet first of the kinds asked for."""
+        """Returns the nearest hits of the rays through `pixels` (n, 2) on geoms of the selected kinds."""
         groups = np.zeros(mujoco.mjNGROUP, dtype=np.uint8)
         groups[_OPAQUE], groups[_GLASS] = opaque, glass
         origin = np.ascontiguousarray(camera.T_WC[:3, 3])
@@ -105,7 +105,7 @@ class Caster:
             )
             self._copies.append(data)
 
-        # The call lets go of Python's lock, so threads help.
+        # The call releases Python's global lock, so threads run in parallel.
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             list(pool.map(cast_chunk, range(0, len(pixels), _CHUNK)))
         missed = geom < 0

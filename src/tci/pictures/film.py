@@ -1,4 +1,4 @@
-"""A simulated run as an animated picture, without a screen."""
+"""Makes an animated picture of a simulated run, without a screen."""
 
 from __future__ import annotations
 
@@ -19,27 +19,28 @@ from tci.simulation.world import World
 
 VIDEO = "mp4"
 FORMATS = ("gif", "webp", "png", VIDEO)
-"""Animated pictures, and a video with the extra `video`, by the file's suffix."""
-# All looks are ours.
+"""Formats by the file's suffix: animated pictures, and a video with the extra `video`."""
+# Times, sizes and directions below are chosen by eye.
 EVERY = 0.02
-"""Time [s] of the robot between two pictures."""
+"""Time [s] of the run between two pictures."""
 SHOWN = 0.06
-"""Time [s] that each is shown: three times slower than it was."""
+"""Time [s] for which each picture is shown: a third of real-time speed."""
 LAST = 1.0
-"""Time [s] that the last one is shown."""
+"""Time [s] for which the last picture is shown."""
 WIDTH, HEIGHT = 440, 480
 AZIMUTH, ELEVATION = 0.5, 0.4
-"""From where [rad] it is seen."""
+"""Direction [rad] to the camera."""
 MOST = 2000
-"""Pictures that a film holds."""
+"""Largest number of pictures in a film."""
 
 
 class Film:
-    """A film in the making: give it every tick of the run, and `save` it."""
+    """Records a film: call `see` with every tick of the run, then `save`."""
 
     def __init__(self, world: World, path: Path, *, fields: Sequence[ReceptiveField], part: str) -> None:
-        """Of the upper body with `part`. Raises UnknownNameError for a format, MissingExtraError for a
-        video without the extra, CommandError for a file that exists or a folder that does not."""
+        """The film shows the upper body with `part`. Raises UnknownNameError for an unknown format,
+        MissingExtraError for a video without the extra, CommandError for a file that exists or a folder that
+        does not."""
         self._format = path.suffix.removeprefix(".").lower()
         if self._format not in FORMATS:
             raise UnknownNameError("format of a film", path.suffix.removeprefix("."), FORMATS)
@@ -58,7 +59,7 @@ class Film:
         self._pictures: list[Image.Image] = []
 
     def see(self, tick: Tick) -> None:
-        """Take a picture when one is due."""
+        """Takes a picture if one is due."""
         if tick.now < self._due or len(self._pictures) >= MOST:
             return
         self._due = tick.now + EVERY - 1e-9
@@ -79,7 +80,7 @@ class Film:
         self._pictures.append(picture)
 
     def save(self) -> int:
-        """Write the file; how many pictures it has. Raises CommandError for a run without any."""
+        """Writes the file; returns its number of pictures. Raises CommandError for a run without pictures."""
         if not self._pictures:
             raise CommandError(f"no film at {self.path}: the run had no period")
         if self._format == VIDEO:
@@ -89,7 +90,7 @@ class Film:
         times[-1] = round(1e3 * LAST)
         pictures: list[Image.Image] = self._pictures
         if self._format == "gif":
-            # One palette for all, or the colours would flicker.
+            # One palette for all pictures, as colours would flicker otherwise.
             palette = self._pictures[len(self._pictures) // 2].quantize(256)
             pictures = [
                 picture.quantize(palette=palette, dither=Image.Dither.NONE) for picture in self._pictures

@@ -1,4 +1,4 @@
-"""Paint for the skin: taxels as dots coloured by pressure, receptive fields as tinted patches."""
+"""Paints the skin: taxels as dots coloured by pressure, receptive fields as tinted areas."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from tci.pictures.cast import Hits
 from tci.robot.generic_arm import Side, limb_coordinates
 from tci.robot.limb import generic_limb_distance
 
-# All looks are ours.
+# Colours and sizes below are chosen by eye.
 PRESSURE_COLOURS = ((0.50, 0.58, 0.67), (0.87, 0.34, 0.29), (0.97, 0.58, 0.16), (1.00, 0.94, 0.50))
-"""From no pressure to full scale, evenly spaced: ever warmer and lighter on the dark skin."""
+"""Colours from no pressure to full scale, evenly spaced: warmer and lighter with pressure, on dark skin."""
 FIELD_COLOURS = (
     (0.25, 0.60, 0.95), (0.45, 0.80, 0.30), (0.10, 0.80, 0.76), (0.74, 0.55, 0.98), (0.85, 0.88, 0.92)
 )  # fmt: skip
-"""Of the receptive fields, in their order and again: cool, since pressure is warm."""
+"""Colours of the receptive fields, repeated in order: cool ones, since those of pressure are warm."""
 SKIN_COLOUR = (0.30, 0.32, 0.36)
-"""Of links that carry skin."""
+"""Colour of links that carry skin."""
 FULL_SCALE = 40e3
-"""Pressure [Pa] at the end of the colours."""
+"""Pressure [Pa] at the upper end of the colours."""
 _SWELL = 1.0
-"""A taxel's dot grows by this share up to full scale, so that a small contact is seen."""
+"""Relative growth of a taxel's dot from no pressure to full scale, so that a small contact is visible."""
 _LEVEL = 0.010
-"""A taxel colours surfaces that lie at most this far [m] above or below it."""
+"""Largest height [m] above or below a taxel of surfaces that it colours."""
 
 
 def pressure_colours(pressure: ArrayLike, full_scale: float) -> Array:
-    """Colours (n, 3), 0 to 1, of `pressure` (n,) [Pa]; `full_scale` [Pa] and more is the last colour."""
+    """Returns colours (n, 3), 0 to 1, of `pressure` (n,) [Pa]; from `full_scale` [Pa] on the last colour."""
     share = np.clip(np.asarray(pressure, dtype=float) / full_scale, 0.0, 1.0)
     anchors = np.array(PRESSURE_COLOURS)
     places = np.linspace(0.0, 1.0, len(anchors))
@@ -41,15 +41,15 @@ def pressure_colours(pressure: ArrayLike, full_scale: float) -> Array:
 
 
 class TaxelPaint:
-    """A dot on the surface around every taxel, coloured by its pressure."""
+    """Paints a dot on the surface around every taxel, coloured by its pressure."""
 
     def __init__(
         self, positions: Array, normals: Array, pressure: Array, *, full_scale: float, radius: float = 0.0016
     ) -> None:
-        """Taxels at `positions` (n, 3) [m] with outward `normals` (n, 3), both in the world.
+        """Args: `positions` (n, 3) [m] and outward `normals` (n, 3) of the taxels, both in the world;
+        `pressure` (n,) [Pa] on them; `radius` [m] of a dot.
 
-        They feel `pressure` (n,) [Pa]. A dot has `radius` [m] and is drawn on the surface that the
-        taxel lies on, so it is hidden where that surface is.
+        A dot is drawn on the surface that the taxel lies on, so it is hidden where that surface is.
         """
         self._tree = KDTree(positions)
         self._normals = normals
@@ -87,7 +87,7 @@ class FieldLook:
     colour: tuple[float, float, float]
     """Red, green, blue, 0 to 1."""
     strength: float = 0.45
-    """How strongly the field tints the skin, 0 to 1."""
+    """Strength of the tint on the skin, 0 to 1."""
 
 
 def field_looks(fields: Sequence[ReceptiveField]) -> list[FieldLook]:
@@ -101,7 +101,7 @@ def field_looks(fields: Sequence[ReceptiveField]) -> list[FieldLook]:
 
 
 class FieldPaint:
-    """Tints the receptive fields on one segment of a limb, each with its rim."""
+    """Tints the receptive fields on one segment of a limb, and draws their rims."""
 
     def __init__(
         self,
@@ -114,10 +114,10 @@ class FieldPaint:
         *,
         reach: float = 0.009,
     ) -> None:
-        """Fields of the segment whose frame is `T_SW` (4, 4) and whose length is `length` [m].
+        """Args: `positions` (n, 3) [m] and outward `normals` (n, 3) of taxels, both in the world; `T_SW` (4,
+        4), the world in the segment's frame; `length` [m] of the segment.
 
-        Only surfaces within `reach` [m] of a taxel are painted, and only their outside. Taxels are at
-        `positions` (n, 3) [m] with outward `normals` (n, 3), both in the world.
+        Only the outer side of surfaces within `reach` [m] of a taxel is painted.
         """
         self._tree = KDTree(positions)
         self._normals = normals

@@ -1,4 +1,4 @@
-"""The figure of a recording: forces, response, joint angles, latencies, and the skin unrolled."""
+"""The figure of a recording: forces, response, joint angles, latencies, and the unrolled skin."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from tci.robot.joint_map import generic_posture
 from tci.robot.limb import RHO
 from tci.skin.skin import Skin
 
-# All looks are ours.
+# Colours are chosen by eye.
 INK, PALE, GRID = "#1d2733", "#5b6878", "#e3e7eb"
 LINES = ("#1c7ed6", "#e8590c", "#2b8a3e", "#9c36b5", "#0b7285")
 SIDES = ("flexor", "lateral", "extensor", "medial")
@@ -33,24 +33,24 @@ SIDES = ("flexor", "lateral", "extensor", "medial")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Series:
-    """A recording as lines, one value per period."""
+    """Time series of a recording, one value per period."""
 
     time: Array
-    """Time [s] of each period (k,)."""
+    """Time (k,) [s] of each period."""
     forces: dict[str, Array]
     """Force (k,) [N] on each patch that was touched."""
     response: Array
-    """Largest speed (k,) [rad/s] of a servo that was sent."""
+    """Largest commanded speed (k,) [rad/s] of any servo."""
     measured: Array
     """Generic angles (k, n) [rad] of the part."""
     sent: Array
-    """The same as they were sent; NaN where none was."""
+    """Generic angles (k, n) [rad] that were sent to the part; NaN where none were."""
     peak: dict[str, Array]
     """Largest pressure (taxels,) [Pa] of each patch."""
     joints: JointReading
-    """Where the servos were at the first touch."""
+    """Joint reading at the first touch."""
     touches: tuple[Touch, ...]
-    """Touches of every part."""
+    """Touches of all parts."""
 
 
 def collect(
@@ -61,9 +61,10 @@ def collect(
     end: float = np.inf,
     part: str | None,
 ) -> tuple[str, Series]:
-    """The part that is drawn (the one touched first, else the first arm) and its lines.
+    """Returns the part to draw (by default the one touched first, else the first arm) and its series.
 
-    Raises RecordingError for a recording without periods, UnknownNameError for an unknown part.
+    Raises RecordingError if no period lies between `begin` and `end` [s], UnknownNameError for an unknown
+    part.
     """
     chosen = [period for period in periods if begin <= period.now <= end]
     if not chosen:
@@ -101,7 +102,8 @@ def collect(
 
 
 def _sent(robot: Robot, period: Perceived, part: str) -> Array:
-    """Generic angles (n,) of a part as they were sent; NaN before its servos were under command."""
+    """Returns the generic angles (n,) [rad] that were sent to a part; NaN before its servos were under
+    command."""
     mapped = [servo.servo for servo in robot.part(part).servos]
     decision = period.decision
     nothing = np.full(len(mapped), np.nan)
@@ -116,7 +118,7 @@ def _sent(robot: Robot, period: Perceived, part: str) -> Array:
 def draw(
     robot: Robot, series: Series, part: str, path: Path, *, fields: Sequence[ReceptiveField], title: str
 ) -> None:
-    """Write the figure; its format is that of the path's suffix (png, pdf, svg).
+    """Writes the figure in the format of the path's suffix (png, pdf, svg).
 
     Raises UnknownNameError for another format.
     """
@@ -143,7 +145,7 @@ def draw(
 
 
 def _window(series: Series) -> tuple[float, float]:
-    """What is worth seeing [s]: around the touches, or all of it."""
+    """Returns the time range [s] to draw: around the touches, or everything without touches."""
     begin, end = float(series.time[0]), float(series.time[-1])
     if series.touches:
         begin = max(begin, series.touches[0].began - 0.3)
@@ -186,7 +188,7 @@ def _draw_angles(axes: Axes, robot: Robot, series: Series, part: str) -> None:
 def _draw_skin(
     figure: Figure, axes: Axes, robot: Robot, series: Series, part: str, fields: Sequence[ReceptiveField]
 ) -> None:
-    """Largest pressure of every taxel of the part, over the angle around and the place along the limb."""
+    """Draws the largest pressure of every taxel of the part over angle around and place along the limb."""
     skin = Skin(robot)
     colours = LinearSegmentedColormap.from_list("pressure", PRESSURE_COLOURS)
     highest = max((float(peak.max()) for peak in series.peak.values()), default=0.0) / 1e3
@@ -223,7 +225,8 @@ def _draw_skin(
 
 
 def _outline(field: ReceptiveField) -> Array:
-    """Points (60, 2) of a field's rim: theta [rad], u. Its distance is straight through the limb (eq. 6)."""
+    """Returns points (60, 2) of a field's rim, theta [rad] and u. Distance is measured straight through the
+    limb (eq. 6)."""
     around = np.linspace(0.0, 2.0 * np.pi, 60)
     half = np.clip(field.radius * np.sin(around) / (2.0 * RHO), -1.0, 1.0)
     theta = field.theta + 2.0 * np.arcsin(half)

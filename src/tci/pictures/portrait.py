@@ -1,4 +1,4 @@
-"""A picture of a simulated robot at one moment: its skin with pressures and receptive fields, the finger."""
+"""Draws a simulated robot at one instant: its skin with pressures and receptive fields, and the finger."""
 
 from __future__ import annotations
 
@@ -23,36 +23,36 @@ from tci.simulation.world import World
 from tci.skin.live_skin import LiveSkin
 from tci.skin.skin import Skin
 
-# All looks are ours.
 _FINGER_ALPHA = 0.6
-"""The finger is glass, so that it does not hide the taxels it presses."""
+"""Opacity of the finger, which is transparent so that it does not hide the taxels it presses."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Moment:
-    """A world at one instant, kept for a picture."""
+    """State of a world at one instant, kept for a picture."""
 
     time: float
     """Time on the world's clock [s]."""
     reading: Reading
-    """What the robot sent last."""
+    """Latest reading of the robot."""
     data: mujoco.MjData
-    """A copy of the physics."""
+    """Copy of the physics."""
 
 
 def keep_moment(world: World, reading: Reading) -> Moment:
-    """The world as it is now. The world goes on as if nobody had looked."""
+    """Copies the current state of a world, without any effect on its simulation."""
     world.refresh()
     return Moment(world.time, reading, copy.copy(world.data))
 
 
 class Portrait:
-    """Draws moments of one world."""
+    """Draws instants of one world."""
 
     def __init__(self, world: World, fields: Sequence[FieldLook], *, full_scale: float) -> None:
-        """`fields` are drawn on both arms; `full_scale` [Pa] is the end of the colours of pressure."""
+        """Args: `fields` are drawn on both arms; `full_scale` [Pa] is the upper end of the colours of
+        pressure."""
         self.skin = Skin(world.robot)
-        """The robot's skin as an interface sees it."""
+        """Skin of the robot, as in `GenericBody`."""
         self._robot = world.robot
         self._worn = [patch for patch in world.robot.patches if patch.name in world.surfaces]
         self._model = world.model
@@ -61,20 +61,21 @@ class Portrait:
         self._colours = _colours(world)
 
     def torso(self, moment: Moment) -> Array:
-        """`T_WT` (4, 4): the torso in the world."""
+        """Returns `T_WT` (4, 4), the pose of the torso frame in the world."""
         assert self._robot.model is not None  # World
         body = moment.data.body(self._robot.model.torso_link)
         T_WT: Array = transform(body.xmat.reshape(3, 3), body.xpos) @ self._robot.model.T_LT
         return T_WT
 
     def draw(self, moment: Moment, camera: Camera) -> NDArray[np.uint8]:
-        """The picture (height, width, 3)."""
+        """Returns the picture (height, width, 3)."""
         return render(self._model, moment.data, camera, paint=self._paint(moment), colours=self._colours)
 
     def outline(self, moment: Moment, *, part: str, lowest: float) -> Array:
-        """Corners (n, 3) [m, world] of boxes around the geoms of the robot, without other arms than `part`.
+        """Returns corners (n, 3) [m, world] of boxes around the robot's geoms, without other arms than
+        `part`.
 
-        Only corners at least as high as `lowest` [m] in the torso count.
+        Only corners at least as high as `lowest` [m] in the torso are included.
         """
         model, data = self._model, moment.data
         others = {
@@ -96,7 +97,7 @@ class Portrait:
         return points[apply(invert(self.torso(moment)), points)[:, 2] >= lowest]
 
     def _paint(self, moment: Moment) -> list[Painter]:
-        """Receptive fields first, taxels over them."""
+        """Returns the painters: receptive fields first, taxels over them."""
         if not self._worn:
             return []
         skin, robot, joints = self.skin, self._robot, moment.reading.joints
@@ -122,7 +123,7 @@ class Portrait:
                         [field for field in self._fields if field.segment == segment],
                     )
                 )
-        # A skin of its own: pressures are made from this reading alone.
+        # A separate LiveSkin, so that pressures depend on this reading alone.
         state = LiveSkin(robot, skin=skin).update(moment.reading)
         pressure = np.concatenate([state.patches[name].pressure for name in names])
         paint.append(
@@ -137,7 +138,8 @@ class Portrait:
 
 
 def _colours(world: World) -> Array:
-    """The model's colours, but for limbs with skin, which are dark all over, and the finger."""
+    """Returns the model's colours, except for limbs with skin, which are dark all over, and for the
+    finger."""
     model = world.model
     colours = model_colours(model)
     limbs = [patch.name for patch in world.robot.patches if world.robot.limb_segment(patch)]
@@ -150,7 +152,7 @@ def _colours(world: World) -> Array:
 
 
 def _below(model: mujoco.MjModel, bodies: Sequence[int]) -> NDArray[np.bool_]:
-    """Which bodies (nbody,) are among `bodies` or carried by one of them."""
+    """Returns a mask (nbody,) of `bodies` and all bodies that they carry."""
     found = np.isin(np.arange(model.nbody), bodies)
     for body in range(1, model.nbody):  # a parent comes before its children
         found[body] |= found[model.body_parentid[body]]

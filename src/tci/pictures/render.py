@@ -1,4 +1,4 @@
-"""A picture of a MuJoCo scene by ray casting on the processor. It needs no GL library and no screen."""
+"""Renders a MuJoCo scene by ray casting on the processor, without a GL library or a screen."""
 
 from __future__ import annotations
 
@@ -16,18 +16,19 @@ from tci.pictures.cast import Caster, Hits, nearer
 from tci.pictures.shade import darken, light, outlines, smooth_normals
 
 _SKY = np.array([[1.0, 1.0, 1.0], [0.93, 0.945, 0.96]])
-"""Background at the top and at the bottom of a picture."""
+"""Background colours at the top and at the bottom of a picture."""
 _SUBPIXELS = np.array([[-0.125, -0.375], [0.375, -0.125], [0.125, 0.375], [-0.375, 0.125]])
-"""Extra rays of a pixel on an outline: a rotated grid, which treats steep and flat lines alike."""
+"""Offsets of additional rays in a pixel on an outline: a rotated grid, which treats steep and flat lines
+alike."""
 
 
 class Painter(Protocol):
-    """Colours the surfaces of a scene, pixel by pixel."""
+    """A function that colours the surfaces of a scene, pixel by pixel."""
 
     def __call__(self, hits: Hits, footprint: Array) -> Array:
-        """Red, green, blue and alpha (n, 4), 0 to 1, of n points that rays have hit.
+        """Returns red, green, blue and alpha (n, 4), 0 to 1, of n points hit by rays.
 
-        `footprint` (n,) is the size [m] of a pixel there; an edge should be as soft as that.
+        `footprint` (n,) is the size [m] of a pixel at each point; edges should be blurred over that size.
         """
         ...
 
@@ -40,11 +41,11 @@ def render(
     paint: Sequence[Painter] = (),
     colours: Array | None = None,
 ) -> NDArray[np.uint8]:
-    """A picture (height, width, 3) of the scene at `data`, which must be up to date (`mj_forward`).
+    """Returns a picture (height, width, 3) of the scene at `data`, which must be up to date (`mj_forward`).
 
-    `paint` is laid over opaque surfaces in its order, before the light falls on them. `colours`
-    (ngeom, 4), 0 to 1, are those of the geoms; None takes `model_colours`. A geom with alpha 0 is not
-    drawn; one with an alpha below 1 is glass, of which only the nearest layer shows.
+    `paint` is applied in order to opaque surfaces, before lighting. `colours` (ngeom, 4), 0 to 1, are those
+    of the geoms; None takes `model_colours`. A geom with alpha 0 is not drawn; one with an alpha below 1 is
+    transparent, and only the nearest transparent layer is drawn.
     """
     if colours is None:
         colours = model_colours(model)
@@ -59,14 +60,14 @@ def render(
 
 
 def background(height: int) -> Array:
-    """Colours (height, 3), 0 to 1, of the rows of a picture where it shows nothing."""
+    """Returns the background colours (height, 3), 0 to 1, of the rows of a picture."""
     return np.linspace(_SKY[0], _SKY[1], height)
 
 
 def model_colours(model: mujoco.MjModel) -> Array:
-    """Colours (ngeom, 4), 0 to 1, that the model gives its geoms, or their materials.
+    """Returns the colours (ngeom, 4), 0 to 1, of the model's geoms or their materials.
 
-    Geoms in group 3 and above get alpha 0: by custom they are for collisions only.
+    Geoms in group 3 and above get alpha 0: by convention they are for collisions only.
     """
     colours = np.array(model.geom_rgba, dtype=float)
     material = model.geom_matid >= 0
@@ -76,7 +77,7 @@ def model_colours(model: mujoco.MjModel) -> Array:
 
 
 def _shaded(camera: Camera, hits: Hits, colours: Array, paint: Sequence[Painter]) -> Array:
-    """Colours (h, w, 3) of a whole picture, still without outlines."""
+    """Returns the colours (h, w, 3) of a whole picture before outlines are drawn."""
     shape = camera.height, camera.width
     result = np.repeat(background(camera.height), camera.width, axis=0)
     normals = smooth_normals(hits.surface.reshape(shape), hits.normals.reshape(*shape, 3)).reshape(-1, 3)
@@ -98,7 +99,7 @@ def _shaded(camera: Camera, hits: Hits, colours: Array, paint: Sequence[Painter]
 
 
 def _glazed(caster: Caster, camera: Camera, behind: Hits, picture: Array, colours: Array) -> Array:
-    """The picture (h, w, 3) with the nearest layer of glass in front of what it shows."""
+    """Returns the picture (h, w, 3) with the nearest transparent layer blended over it."""
     shape = camera.height, camera.width
     hits = nearer(behind, caster.cast(camera, pixel_centres(camera), opaque=False, glass=True))
     front = (hits.geom != behind.geom).reshape(shape)
@@ -117,10 +118,10 @@ def _resolve(
     *,
     glass: bool = False,
 ) -> Array:
-    """The picture (h, w, 3) with soft outlines.
+    """Returns the picture (h, w, 3) with anti-aliased outlines.
 
-    Each pixel at an outline becomes the mean of a few more rays. Such a ray takes the colour of the
-    pixel around it that shows the same surface at the nearest distance, so nothing is shaded twice.
+    Each pixel at an outline becomes the mean over a few additional rays. Such a ray takes the colour of the
+    adjacent pixel that shows the same surface at the nearest distance, so nothing is shaded twice.
     """
     rows, columns = np.nonzero(border)
     if not len(rows):
@@ -138,7 +139,7 @@ def _resolve(
             for dx in (0, -1, 1):
                 y, x = np.clip(rows + dy, 0, shape[0] - 1), np.clip(columns + dx, 0, shape[1] - 1)
                 away = np.abs(distance[y, x] - np.minimum(extra.distance, mujoco.mjMAXVAL))
-                # Among pixels that fit equally well the middle one, which may carry the line, wins.
+                # The middle pixel, which may carry the outline, is preferred to neighbours that fit as well.
                 away += 0.5 * (dx != 0 or dy != 0) * distance[y, x] / camera.focal
                 away[surface[y, x] != extra.surface] = np.inf
                 better = away < best

@@ -1,4 +1,4 @@
-"""From hits to colours: smooth normals, two lights, and dark lines along outlines."""
+"""Shading of ray hits: smooth normals, two lights, and dark outlines."""
 
 from __future__ import annotations
 
@@ -9,22 +9,23 @@ from tci.frames import Array
 from tci.pictures.camera import Camera
 from tci.pictures.cast import Hits
 
-# All looks are ours.
+# Values below are chosen by eye.
 _CREASE = np.cos(np.deg2rad(40.0))
-"""Faces that meet at a larger angle than this stay an edge; below it they are one smooth surface."""
+"""Cosine of the largest angle between faces that are shaded as one smooth surface."""
 _KEY = np.array([-0.55, -0.75, -0.55])
-"""Direction to the key light in the camera frame: above, from the left, behind the camera."""
+"""Direction from the scene to the key light in the camera frame: above, from the left, behind the camera."""
 _AMBIENT, _KEY_STRENGTH, _HEAD_STRENGTH = 0.50, 0.45, 0.32
 _JUMP = 3.0
-"""Steps in depth of more than this many pixel sizes, across the surface, are outlines."""
+"""Step in depth across the surface, in pixel sizes, above which there is an outline."""
 _OUTLINE = 0.55
-"""How much of an outline's colour is black."""
+"""Fraction of black in the colour of an outline."""
 
 Offset = tuple[slice, slice]
 
 
 def _neighbours(step: int) -> list[tuple[Offset, Offset]]:
-    """Pairs of views of an image: each pixel, and the one `step` pixels right, below, and diagonally."""
+    """Returns pairs of views of an image: each pixel, and the one `step` pixels right, below, and
+    diagonally."""
     here, there, everywhere = slice(None, -step), slice(step, None), slice(None)
     return [
         ((everywhere, here), (everywhere, there)),
@@ -35,7 +36,7 @@ def _neighbours(step: int) -> list[tuple[Offset, Offset]]:
 
 
 def smooth_normals(surface: NDArray[np.int32], normals: Array, *, passes: int = 2) -> Array:
-    """Normals (h, w, 3) without a mesh's facets, averaged within a surface (h, w) and its creases.
+    """Returns normals (h, w, 3) without a mesh's facets, averaged within a surface (h, w) and its creases.
 
     Dammertz et al. 2010, edge-avoiding a-trous wavelet: each pass reaches twice as far.
     """
@@ -52,7 +53,7 @@ def smooth_normals(surface: NDArray[np.int32], normals: Array, *, passes: int = 
 
 
 def light(camera: Camera, normals: Array) -> Array:
-    """Brightness (n,) of surfaces with unit normals (n, 3) in the world, by Lambert's law."""
+    """Returns the brightness (n,) of surfaces with unit normals (n, 3) in the world, by Lambert's law."""
     normals_C = normals @ camera.T_WC[:3, :3]
     key = np.clip(normals_C @ (_KEY / np.linalg.norm(_KEY)), 0.0, None)
     head = np.clip(-normals_C[:, 2], 0.0, None)
@@ -62,10 +63,10 @@ def light(camera: Camera, normals: Array) -> Array:
 
 
 def outlines(camera: Camera, hits: Hits) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which pixels of a whole picture carry an outline, and which lie at one: two masks (h, w).
+    """Returns two masks (h, w) of a picture: pixels that carry an outline, and pixels on either side of one.
 
-    An outline lies where neighbouring pixels show different surfaces or a step in depth; the pixel that
-    is nearer to the camera carries it.
+    An outline lies where neighbouring pixels show different surfaces or a step in depth; the pixel nearer to
+    the camera carries it.
     """
     shape = camera.height, camera.width
     surface, distance = hits.surface.reshape(shape), hits.distance.reshape(shape)
@@ -87,5 +88,5 @@ def outlines(camera: Camera, hits: Hits) -> tuple[NDArray[np.bool_], NDArray[np.
 
 
 def darken(colours: Array, line: NDArray[np.bool_]) -> Array:
-    """Colours (h, w, 3) with the outlines (h, w) drawn in."""
+    """Returns colours (h, w, 3) with the outlines (h, w) drawn."""
     return colours * np.where(line, 1.0 - _OUTLINE, 1.0)[..., None]

@@ -1,4 +1,4 @@
-"""Pictures as an MP4 video that browsers and slides play (extra `video`: PyAV)."""
+"""Saves pictures as an MP4 video for browsers and slides (extra `video`: PyAV)."""
 
 from __future__ import annotations
 
@@ -13,17 +13,18 @@ from PIL import Image
 from tci.installed import needs
 
 QUALITY = "20"
-"""Of H.264, x264's constant rate factor: 0 is lossless, 51 the worst. Ours."""
+"""Constant rate factor of x264: 0 is lossless, 51 the worst. Assumed: better than x264's default of 23."""
 
 
 def needs_video() -> None:
-    """Raises MissingExtraError without the extra."""
+    """Raises MissingExtraError without the extra `video`."""
     with needs("a film as MP4", "video"):
         import av  # noqa: F401
 
 
 def save_video(path: Path, pictures: Sequence[Image.Image], *, shown: float, last: float) -> None:
-    """Write pictures, of one size that is even, each `shown` for so long [s] and the last one for `last` [s].
+    """Writes pictures of one size, which must be even; each is shown for `shown` [s], the last one for `last`
+    [s].
 
     Raises MissingExtraError.
     """
@@ -34,7 +35,7 @@ def save_video(path: Path, pictures: Sequence[Image.Image], *, shown: float, las
     with av.open(str(path), "w") as file:
         stream = file.add_stream(codec, Fraction(1 / shown).limit_denominator(1000), options={"crf": QUALITY})
         stream.width, stream.height = pictures[0].size
-        stream.pix_fmt = "yuv420p"  # the one that all players know
+        stream.pix_fmt = "yuv420p"  # supported by all players
         for picture in [*pictures, *[pictures[-1]] * (round(last / shown) - 1)]:
             frame = av.VideoFrame.from_ndarray(np.asarray(picture.convert("RGB")), format="rgb24")
             file.mux(stream.encode(frame))

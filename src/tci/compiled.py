@@ -1,13 +1,12 @@
-"""Compiled loops, and the types of the arrays that they take: one signature for all callers.
+"""Compiles loops ahead of time with numba, for one signature that all callers share.
 
-Loops are compiled once and kept on disk, until any source that they are made of changes.
+Loops are compiled once and cached on disk, until a source file that they depend on changes.
 
-Numba looks only at the file of the loop itself, and at its date: after an update of a file that the loop
-calls into, it would run the old machine code. So what it compares here is the content of that file and of all
-that it imports.
+Numba checks only the file of the loop itself, and only its date: after an update of a file with a called loop
+it would run the old machine code. Here the check is a hash of that file and of all files that it imports.
 
-Numba counts who uses an array, with locked instructions: that was most of what a small loop did. A loop that
-makes no array need not count (`_nrt`, which numba's own loops use too).
+Numba counts references to arrays with locked instructions, which took most of the time of small loops. A loop
+that allocates no array does not need them (`_nrt`, an option that numba's own loops use too).
 """
 
 from __future__ import annotations
@@ -28,10 +27,10 @@ IMPORT = re.compile(r"^from (tci[\w.]*) import (?:\(([^)]*)\)|(.*))$", re.MULTIL
 
 
 def compiled(*signatures: Any, allocates: bool = False) -> Callable[[Callable[..., Any]], Any]:
-    """Compile a loop for these signatures now, or load what was compiled before.
+    """Compiles a loop for these signatures now, or loads it from the cache.
 
-    One that makes or copies arrays `allocates`: numba raises "NRT required" for another that does. Where
-    nothing can be written, neither beside the source nor in the user's cache, it is compiled each time.
+    Set `allocates` for a loop that makes or copies arrays: numba raises "NRT required" without it. If neither
+    the folder of the source nor the user's cache is writable, the loop is compiled at each start.
     """
 
     def decorate(loop: Callable[..., Any]) -> Any:
@@ -58,9 +57,9 @@ def compiled(*signatures: Any, allocates: bool = False) -> Callable[[Callable[..
 
 
 def inlined(loop: Callable[..., Any]) -> Any:
-    """A loop that only compiled loops call, which keep it with themselves; it makes no arrays.
+    """Compiles a loop that only compiled loops call, and inlines it into them. It must not allocate arrays.
 
-    It becomes part of them: an array is seven numbers or more, which a call would write and read again.
+    Inlining saves passing arrays: each is seven numbers or more, which a call would write and read again.
     """
     return _jit(loop, _nrt=False, forceinline=True)
 
@@ -72,7 +71,7 @@ def _jit(loop: Callable[..., Any], **options: bool) -> Any:
 
 @cache
 def _stamp(file: Path) -> str:
-    """A hash of the file and of all files of TCI that it imports, and they."""
+    """Returns a hash of the file and of all files of TCI that it imports, directly or indirectly."""
     digest = hashlib.sha256()
     for one in sorted(_sources(file)):
         digest.update(one.read_bytes())
@@ -80,7 +79,7 @@ def _stamp(file: Path) -> str:
 
 
 def _sources(file: Path) -> set[Path]:
-    """Files that a loop may be made of: it takes loops and constants from no others."""
+    """Returns the files that a loop may depend on: loops and constants come from no others."""
     found, new = {Path(__file__)}, [file]
     while new:
         found.add(one := new.pop())
@@ -101,20 +100,21 @@ def _imported(file: Path) -> frozenset[Path]:
 
 
 def reads(dimensions: int, dtype: Any = float64) -> Any:
-    """An array that the loop only reads; contiguous."""
+    """Returns the type of a contiguous array that the loop only reads."""
     return types.Array(dtype, dimensions, "C", readonly=True)
 
 
 def views(dimensions: int, dtype: Any = float64) -> Any:
-    """A small array that the loop only reads, with any strides."""
+    """Returns the type of a small array with any strides that the loop only reads."""
     return types.Array(dtype, dimensions, "A", readonly=True)
 
 
 def writes(dimensions: int, dtype: Any = float64) -> Any:
-    """An array that the loop changes; contiguous."""
+    """Returns the type of a contiguous array that the loop changes."""
     return types.Array(dtype, dimensions, "C")
 
 
 def returns(*results: Any) -> Any:
-    """What a loop gives back, called with its arguments: the whole signature."""
+    """Returns the type of a tuple of `results`. Called with a loop's argument types, it makes a whole
+    signature."""
     return types.Tuple(results)  # type: ignore[no-untyped-call] # Numba's has no types

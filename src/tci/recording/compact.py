@@ -1,4 +1,4 @@
-"""A closed recording: packed with zstd, indexed, and with clouds of points that other programs show."""
+"""Compacts a closed recording: zstd compression, an index, and point clouds for display in other programs."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from tci.rosmsg.cdr import MessageType, encode
 from tci.skin.live_skin import LiveSkin
 
 CLOUDS = 10.0
-"""Clouds of points per second [Hz], for people to look at. Every raw frame is there beside them. Ours."""
+"""Rate [Hz] of point clouds. Assumed: enough for display, as every raw frame is kept as well."""
 FINEST = 2.0**-13
-"""Step [m] that points of a cloud are rounded to, 0.12 mm, so that they pack well."""
+"""Resolution [m] to which points of a cloud are rounded, 0.12 mm, so that they compress well."""
 
 Stamped = tuple[int, str, MessageType, bytes]
 """Time [ns], topic, type and bytes of a message."""
@@ -38,11 +38,13 @@ def compact(
     end: float = np.inf,
     about: Mapping[str, str] | None = None,
 ) -> None:
-    """Write a recording again, packed, from `begin` to `end` [s] on its clock; `target` may be the same file.
+    """Writes a recording again, compressed, from `begin` to `end` [s] on its clock; `target` may be the same
+    file.
 
-    With the robot that it was made with, the skin's clouds of points are added, if it has a model. What was
-    known before `begin` is told at the start. `source` stays as it was where the disk fails, or it can't be
-    read: raises RecordingError; or where the robot's model can't be used: raises what `LiveSkin` does.
+    Adds point clouds of the skin if the `robot` of the recording is given and has a model. The latest joints
+    and skin frames before `begin` are repeated at the start. On any error `source` is unchanged. Raises
+    RecordingError if the disk fails or the recording can't be read, and what `LiveSkin` raises if the robot's
+    model can't be used.
     """
     part = target.with_name(target.name + ".part")
     recording = Recording(source)
@@ -72,7 +74,7 @@ def compact(
 
 
 def _between(recording: Recording, begin: float, end: float) -> Iterator[Stamped]:
-    """The messages between two times, after the latest joints and skin frames before them."""
+    """Yields the messages between two times, after the latest joints and skin frames before them."""
     first = to_nanoseconds(begin) if np.isfinite(begin) else 0
     last = to_nanoseconds(end) if np.isfinite(end) else 2**63
     before: dict[str, Stamped] = {}
@@ -89,7 +91,8 @@ def _between(recording: Recording, begin: float, end: float) -> Iterator[Stamped
 
 
 def _clouds(recording: Recording, skin: LiveSkin, begin: float, end: float) -> Iterator[Stamped]:
-    """The whole skin with its pressure, seen from the torso. A reading that does not fit gives none."""
+    """Yields point clouds of the whole skin with its pressure, in the torso frame; none for a reading that
+    does not fit."""
     due = -np.inf
     for tick in recording.ticks():
         if not max(begin, due) <= tick.now < end:

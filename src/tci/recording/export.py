@@ -1,4 +1,4 @@
-"""A recording as tables for other programs: CSV, NPZ, Parquet."""
+"""Exports a recording as tables for other programs: CSV, NPZ, Parquet."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ from tci.rosmsg.cdr import decode
 
 FORMATS = ("csv", "npz", "parquet")
 Table = dict[str, NDArray[Any]]
-"""Columns by name, with a row (k,) for each instant; a column of a skin is a matrix (k, n)."""
+"""Columns by name, with one row (k,) per instant; a column of skin data is a matrix (k, n)."""
 CONTACT = (
     "time_s", "sequence", "patch", "part", "segment", "identity", "began_s", "force_n", "peak_force_n",
     "area_m2", "taxels", "u", "theta_rad", "x_m", "y_m", "z_m", "force_x_n", "force_y_n", "force_z_n",
 )  # fmt: skip
-"""Columns of the table of contacts; places and forces are seen from the torso."""
+"""Columns of the table of contacts; positions and forces are in the torso frame."""
 
 
 def tables(recording: Recording, robot: Robot | None = None) -> dict[str, Table]:
-    """`joints`, `decisions`, `skin_PATCH` of each patch, and with its `robot` what the skin felt: `contacts`.
+    """Returns `joints`, `decisions` and a `skin_PATCH` for each patch; with its `robot` also `contacts`.
 
-    Every table has a column `time_s` on the driver's clock: when that was measured or decided. Angles are in
-    [rad], speeds in [rad/s], torques in [N m]. Of a patch, `raw` (frames, channels) are the values as they
-    came; with a `robot`, `pressure_pa` and `force_n` (frames, taxels) are worked out again from them, NaN
-    where a frame did not fit. Raises RecordingError.
+    Every table has a column `time_s`, the time of measurement or decision on the driver's clock. Angles are
+    in [rad], speeds in [rad/s], torques in [N m]. For a patch, `raw` (frames, channels) are the unchanged
+    values; with a `robot`, `pressure_pa` and `force_n` (frames, taxels) are computed from them, NaN for
+    frames that did not fit. Raises RecordingError.
     """
     rows: dict[str, list[tuple[float, dict[str, Any]]]] = {}
     frames: dict[str, list[SkinFrame]] = {}
@@ -46,7 +46,7 @@ def tables(recording: Recording, robot: Robot | None = None) -> dict[str, Table]
             fields = decode(kind, data)
             names = names or distinct(fields["name"])
             measured = fields["sec"] + fields["nanosec"] / 1e9
-            if row := _joints(fields):  # an imported skin has none
+            if row := _joints(fields):  # a recording of skin alone has none
                 rows.setdefault("joints", []).append((measured, row))
         elif kind is SKIN:
             frame = to_frame(decode(kind, data))
@@ -65,13 +65,14 @@ def tables(recording: Recording, robot: Robot | None = None) -> dict[str, Table]
 
 
 def export(recording: Recording, out: Path, form: str, robot: Robot | None = None) -> list[Path]:
-    """Write the tables: a file for each in the folder `out`, or one file `out` for npz (named so); the files.
+    """Writes the tables and returns their paths: one file each in the folder `out`, or one file `out` for
+    npz.
 
-    NPZ holds a matrix under its name, as in `skin_left_forearm.force_n` (frames, taxels); in CSV and Parquet
-    its columns are `force_n_0`, `force_n_1` and so on.
+    NPZ holds each matrix under one name, such as `skin_left_forearm.force_n` (frames, taxels); in CSV and
+    Parquet its columns are `force_n_0`, `force_n_1` and so on.
 
-    Raises UnknownNameError for a format, MissingExtraError for parquet without its library,
-    RecordingError for a recording whose names could lead out of the folder.
+    Raises UnknownNameError for an unknown format, MissingExtraError for parquet without its library,
+    RecordingError for a recording with names that could lead out of the folder.
     """
     if form not in FORMATS:
         raise UnknownNameError("format", form, FORMATS)
@@ -109,7 +110,7 @@ def _decision(fields: dict[str, Any], names: Sequence[str]) -> dict[str, Any]:
 
 
 def _table(rows: list[tuple[float, dict[str, Any]]]) -> Table:
-    """Rows as columns; what a row lacks is NaN, for servos that come under command later."""
+    """Converts rows to columns; missing values are NaN, for servos that come under command later."""
     columns = dict.fromkeys(key for _, row in rows for key in row)
     table = {"time_s": np.array([stamp for stamp, _ in rows])}
     for column in columns:
@@ -130,7 +131,7 @@ def _skin(patch: str, frames: list[SkinFrame]) -> Table:
 def _felt(
     recording: Recording, robot: Robot, frames: dict[str, list[SkinFrame]]
 ) -> tuple[dict[str, Table], Table]:
-    """Pressure and force of each patch in its `frames`, and the contacts in them."""
+    """Computes pressure and force for the `frames` of each patch, and the contacts in them."""
     row = {patch: {(f.stamp, f.sequence): k for k, f in enumerate(some)} for patch, some in frames.items()}
     felt: dict[str, Table] = {}
     contacts: dict[tuple[str, float, int, int], tuple[Any, ...]] = {}
@@ -138,7 +139,7 @@ def _felt(
         for patch, state in period.skin.patches.items():
             k = row.get(patch, {}).get((state.stamp, state.sequence))
             if k is None:
-                continue  # a frame that was filled in, where the skin sends changes only
+                continue  # a repeated frame of a skin that sends on change
             if patch not in felt:
                 shape = len(frames[patch]), state.pressure.size
                 felt[patch] = {name: np.full(shape, np.nan) for name in ("pressure_pa", "force_n")}
@@ -156,7 +157,7 @@ def _felt(
 
 
 def _wide(table: Table) -> Table:
-    """The table with the columns of its matrices beside each other: `force_n` becomes `force_n_0`, ..."""
+    """Returns the table with each matrix split into columns: `force_n` becomes `force_n_0`, ..."""
     wide: Table = {}
     for name, values in table.items():
         if values.ndim == 1:

@@ -1,4 +1,4 @@
-"""Making a recording of somebody else's file: all of it, or none."""
+"""Converts a file of another program to a recording, completely or not at all."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from tci.robot.description import Robot
 def importing(
     out: Path, robot: Robot | None, *, middleware: str, source: str, period: float = 0.0
 ) -> Iterator[Recorder]:
-    """A recording that goes away again where the block raises, or the disk is full.
+    """Opens a recording that is deleted if the block raises or the disk is full.
 
-    Raises RecordingError where there is a file already, or none can be written.
+    Raises RecordingError if the file exists or can't be written.
     """
     recorder = Recorder(out, robot, middleware=middleware, period=period, about={"source": source})
     try:

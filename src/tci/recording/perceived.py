@@ -1,4 +1,4 @@
-"""What a recorded robot felt: the interface worked out again from the raw frames, period by period."""
+"""Computes the perceptions of a recording again from its raw frames, period by period."""
 
 from __future__ import annotations
 
@@ -19,30 +19,31 @@ from tci.rosmsg.cdr import decode
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Perceived:
-    """One recorded period."""
+    """One recorded period with its perception."""
 
     now: float
     """Time [s] on the driver's clock."""
     reading: Reading
-    """What the robot sent."""
+    """Reading of the robot."""
     perception: Perception
-    """Posture and contacts; from before, when this reading did not fit the robot."""
+    """Posture and contacts; those of the previous period if this reading did not fit the robot."""
     commands: tuple[dict[str, Any], ...]
-    """What was wanted: the fields of `schemas.COMMAND`."""
+    """Commands of the behaviour, with the fields of `schemas.COMMAND`."""
     decision: dict[str, Any] | None
-    """What was sent: the fields of `schemas.DECISION`; None where nothing was."""
+    """Decision of the gate that was sent, with the fields of `schemas.DECISION`; None if nothing was sent."""
 
     @property
     def skin(self) -> SkinState:
         """Pressure on the whole skin."""
-        assert self.perception.skin is not None  # as a Perceiver made it
+        assert self.perception.skin is not None  # a Perceiver always sets it
         return self.perception.skin
 
 
 def recorded_robot(recording: Recording, robot: str | None = None) -> Robot | None:
-    """The robot of a recording, by its name or by `robot`; None for a recording without one.
+    """Returns the robot of a recording, loaded by its recorded name or by `robot`; None if the recording
+    names none.
 
-    Raises RecordingError when its description is not the one that was recorded.
+    Raises RecordingError if its description is not the one that was recorded.
     """
     name = recording.about.get("robot", "")
     if not name:
@@ -60,7 +61,7 @@ def recorded_robot(recording: Recording, robot: str | None = None) -> Robot | No
 
 
 def perceive(recording: Recording, robot: Robot) -> Iterator[Perceived]:
-    """Every recorded period with what `robot` felt then. Raises RecordingError on the way."""
+    """Yields every recorded period with the perception of `robot`. Raises RecordingError on the way."""
     perceiver = Perceiver(GenericBody(robot), keep_alive=recording.keep_alive)
     perception: Perception | None = None
     for tick in recording.ticks():

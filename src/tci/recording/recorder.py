@@ -1,7 +1,7 @@
-"""Writing a recording while the robot runs: every period is in the file before the next one begins.
+"""Writes a recording while the robot runs: every period is in the file before the next one begins.
 
-While it runs the file has no chunks and no compression, so that a killed process loses nothing that was
-written; closing compacts it. When the disk fails the recording ends, and the control goes on.
+Until it is closed, the file has no chunks and no compression, so that a killed process loses nothing that was
+written; closing compacts it. If the disk fails, the recording ends and the control continues.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ from tci.recording.topics import Topics
 from tci.robot.description import Robot
 
 OF_THIS_MACHINE: Any = {"source": True, "model": {"path"}, "patches": {"__all__": {"surface": {"file"}}}}
-"""Paths in a description: a recording that is given away tells nobody where its maker keeps files."""
+"""Fields of a description that hold local paths. They are not recorded, as recordings may be published."""
 PACKAGES = ("tci", "numpy", "mujoco", "ruckig", "numba", "mcap")
-"""Whose versions a recording names, beside Python's."""
+"""Packages whose versions a recording names, besides that of Python."""
 
 
 class Recorder:
-    """One recording in the making."""
+    """Writes one recording."""
 
     def __init__(
         self,
@@ -60,17 +60,15 @@ class Recorder:
         keep_alive: float | None = None,
         about: Mapping[str, str] | None = None,
     ) -> None:
-        """Begin a new file. `about` goes into it: capability, its settings, seed, ...
+        """Creates a new file. `about` is added to its metadata: capability, its settings, seed, ...
 
-        `keep_alive` [s] is that of the driver.
-
-        Raises RecordingError where there is a file already, or none can be made.
+        `keep_alive` [s] is that of the driver. Raises RecordingError if the file exists or can't be made.
         """
         self.path = Path(path)
         self.failed = ""
-        """That it ended early or could not be packed, and why; empty while all is well."""
+        """Reason why the recording ended early or could not be compacted; empty without an error."""
         self.ticks = 0
-        """Periods written."""
+        """Number of periods written."""
         try:
             self._file = _Out(self.path)
         except FileExistsError:
@@ -98,7 +96,8 @@ class Recorder:
         commands: Sequence[Order] = (),
         sent: SafeCommand | None = None,
     ) -> None:
-        """One period of the loop. Never raises for the disk: then `failed` says why."""
+        """Writes one period of the loop. Never raises for an error of the disk: `failed` then holds the
+        reason."""
         if self.failed or not self._open:
             return
         with _Guard(self):
@@ -118,7 +117,7 @@ class Recorder:
             self.ticks += 1
 
     def close(self, *, compacted: bool = True) -> None:
-        """End the file: index, compression, clouds of points. A second call does nothing."""
+        """Ends the file and compacts it: index, compression, point clouds. A second call does nothing."""
         if not self._open:
             return
         self._open = False
@@ -150,7 +149,7 @@ class Recorder:
 
 
 class _Guard:
-    """Turns an error of the disk into the end of the recording, at the last whole period."""
+    """Ends the recording at the last complete period if the disk fails."""
 
     def __init__(self, recorder: Recorder) -> None:
         self._recorder = recorder
@@ -169,7 +168,7 @@ class _Guard:
 
 
 class _Out:
-    """A new file that is written in whole periods: what is put goes to the system with `flush`."""
+    """A new file that is written in complete periods: data reaches the system only with `flush`."""
 
     def __init__(self, path: Path) -> None:
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o644)
@@ -192,7 +191,7 @@ class _Out:
             del self._waiting[:written]
 
     def cut(self) -> None:
-        """Forget what waits."""
+        """Discards data that is not yet flushed."""
         self._waiting.clear()
 
     def close(self) -> None:
@@ -200,7 +199,7 @@ class _Out:
 
 
 def _same_joints(a: JointReading, b: JointReading) -> bool:
-    """Whether a JointState of `a` is one of `b` too; the rest is in every Tick."""
+    """True if the JointState messages of `a` and `b` are equal; other fields are in every Tick."""
     if a is b:
         return True
     return a.stamp == b.stamp and all(
@@ -217,7 +216,7 @@ def _same_frame(a: SkinFrame, b: SkinFrame) -> bool:
 
 
 def versions() -> dict[str, str]:
-    """What of this machine decides which bits come out."""
+    """Returns the versions on which bit-for-bit results depend."""
     found = {name: str(import_module(name).__version__) for name in PACKAGES}
     return found | {"python": platform.python_version(), "machine": f"{sys.platform} {platform.machine()}"}
 
@@ -225,7 +224,7 @@ def versions() -> dict[str, str]:
 def _metadata(
     robot: Robot | None, middleware: str, period: float, about: Mapping[str, str]
 ) -> dict[str, str]:
-    """All that says where a recording comes from, as texts."""
+    """Returns the origin of a recording as strings."""
     found = {
         "robot": robot.name if robot else "",
         "description_sha256": robot.digest if robot else "",

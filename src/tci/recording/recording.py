@@ -1,7 +1,7 @@
-"""Reading a recording, whole or cut off by a killed process, from anybody.
+"""Reads recordings, complete or cut off by a killed process, from untrusted sources.
 
-Nothing in the file is trusted: sizes are bounded before memory is taken, only the messages of
-`schemas` are understood, and nothing in it is run.
+Nothing in the file is trusted: sizes are bounded before memory is allocated, only the messages of `schemas`
+are decoded, and nothing in it is executed.
 """
 
 from __future__ import annotations
@@ -25,29 +25,30 @@ from tci.recording.schemas import COMMAND, DECISION, JOINTS, SKIN, TICK, to_fram
 from tci.rosmsg.cdr import MessageType, decode
 
 LARGEST = 64 * 2**20
-"""Largest record, and largest chunk once unpacked [bytes]. Ours are below 2 MiB."""
+"""Largest record, and largest chunk once decompressed [bytes]. Assumed: those of TCI's own recordings are
+below 2 MiB."""
 _PERIODS = (1e-4, 10.0)
-"""Shortest and longest period [s] that is believed. Ours."""
+"""Shortest and longest period [s] that is accepted. Assumed: no control loop is outside this range."""
 KINDS: dict[str, MessageType] = {kind.name: kind for kind in (JOINTS, SKIN, TICK, COMMAND, DECISION)}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedTick:
-    """One period of the loop, as it was."""
+    """One recorded period of the loop."""
 
     now: float
     """Time [s] on the driver's clock."""
     reading: Reading
-    """What the robot sent."""
+    """Reading of the robot."""
     commands: tuple[dict[str, Any], ...]
-    """What the capability wanted: the fields of `schemas.COMMAND`."""
+    """Commands of the capability, with the fields of `schemas.COMMAND`."""
     decision: bytes | None
-    """What was sent, as the bytes of `schemas.DECISION`; None where nothing was."""
+    """Decision that was sent, as the bytes of `schemas.DECISION`; None if nothing was sent."""
 
 
 @dataclass(slots=True)
 class _State:
-    """What is known at one place of the file."""
+    """Latest joints and frames at one place of the file."""
 
     joints: dict[str, Any] | None = None
     frames: dict[int, SkinFrame] = field(default_factory=dict)
@@ -55,15 +56,15 @@ class _State:
 
 
 class Recording:
-    """A recording on disk. It is read as it is asked for, never all at once."""
+    """A recording on disk. It is read on demand, never all at once."""
 
     def __init__(self, path: Path | str) -> None:
-        """Raises RecordingError for a file that is no recording, FileNotFoundError and other OSError."""
+        """Raises RecordingError for a file that is not a recording, FileNotFoundError and other OSError."""
         self.path = Path(path)
         self.about: dict[str, str] = {}
         """Metadata: robot, description_sha256, middleware, period_s, begun, versions, capability, ..."""
         self.complete = False
-        """Whether the file was closed. Known once it has been read to its end."""
+        """True if the file was closed. Known only after it has been read to its end."""
         for record in self._records():
             if isinstance(record, Metadata) and record.name == "tci":
                 self.about = dict(record.metadata)
@@ -74,7 +75,7 @@ class Recording:
 
     @property
     def period(self) -> float:
-        """Time between two periods [s]; 0 where the file does not say, or nothing that a loop could have."""
+        """Period of the loop [s]; 0 if the file gives none, or one that no loop could have."""
         try:
             period = float(self.about.get("period_s", "0"))
         except ValueError:
@@ -83,16 +84,17 @@ class Recording:
 
     @property
     def keep_alive(self) -> float | None:
-        """Longest time [s] between two frames of a patch that sends changes only; None where all are sent."""
+        """Longest time [s] between two frames of a patch that sends on change; None if all frames are
+        sent."""
         try:
             return float(self.about["keep_alive_s"])
         except (KeyError, ValueError):
             return None
 
     def span(self) -> tuple[float, float]:
-        """Times [s] of the first and the last message on the recording's clock. Reads the whole file.
+        """Returns the times [s] of the first and last message on the recording's clock. Reads the whole file.
 
-        Raises RecordingError for one without messages.
+        Raises RecordingError for a recording without messages.
         """
         stamps = [stamp for _, _, stamp, _ in self.messages()]
         if not stamps:
@@ -100,11 +102,11 @@ class Recording:
         return min(stamps) * 1e-9, max(stamps) * 1e-9
 
     def counts(self) -> dict[str, int]:
-        """How many messages each topic has. Reads the whole file."""
+        """Returns the number of messages of each topic. Reads the whole file."""
         return dict(Counter(topic for topic, *_ in self.messages()))
 
     def ticks(self) -> Iterator[RecordedTick]:
-        """Every whole period, in the order of the file. Raises RecordingError on the way."""
+        """Yields every complete period, in the order of the file. Raises RecordingError on the way."""
         state = _State()
         waiting: tuple[float, Reading] | None = None
         commands: list[dict[str, Any]] = []
@@ -129,13 +131,14 @@ class Recording:
             yield RecordedTick(*waiting, tuple(commands), decision)
 
     def frames(self) -> Iterator[SkinFrame]:
-        """Every raw frame of the skin, in the order of the file. Raises RecordingError on the way."""
+        """Yields every raw frame of the skin, in the order of the file. Raises RecordingError on the way."""
         for _, kind, _, data in self.messages():
             if kind is SKIN:
                 yield to_frame(decode(kind, data))
 
     def messages(self) -> Iterator[tuple[str, MessageType, int, bytes]]:
-        """Topic, type, time [ns] and bytes of every message that is ours. Raises RecordingError."""
+        """Yields topic, type, time [ns] and bytes of every message of a type in `schemas`. Raises
+        RecordingError."""
         schemas: dict[int, str] = {}
         channels: dict[int, tuple[str, MessageType | None]] = {}
         for record in self._records():
@@ -158,16 +161,16 @@ class Recording:
         return Reading(to_joints(state.joints, tick), skin)
 
     def _records(self) -> Iterator[Any]:
-        """Every record outside and inside chunks, up to where the file ends or was cut off."""
+        """Yields every record outside and inside chunks, up to where the file ends or was cut off."""
         self.complete = False
         with _Bounded(io.FileIO(self.path)) as file:
             limit = min(LARGEST, self.path.stat().st_size)
-            # Channels and schemas come again after the data; that does no harm.
+            # Channels and schemas are repeated after the data, which has no effect.
             records = _Records(file, emit_chunks=True, record_size_limit=limit).records
             try:
                 yield from self._unpacked(records)
             except (EndOfFile, struct.error):
-                return  # cut off: what came before is whole
+                return  # cut off: all records before are complete
             except (
                 McapError, CRCValidationError, UnicodeDecodeError, OverflowError, zstandard.ZstdError
             ) as error:  # fmt: skip
@@ -190,17 +193,20 @@ class Recording:
 
 
 class _Records(StreamReader):
-    """The records of a file or a chunk, up to where it is zeros: a system that crashed leaves such files, and
-    of a hole of gigabytes every nine bytes would be a record."""
+    """Reads the records of a file or a chunk, up to where it contains zeros.
+
+    A system that crashed leaves files that end in zeros; in gigabytes of zeros every nine bytes would be a
+    record.
+    """
 
     def _read_record(self, opcode: int, length: int) -> McapRecord | None:
-        if opcode == 0:  # no record has it
+        if opcode == 0:  # no record has this opcode
             raise EndOfFile
         return super()._read_record(opcode, length)
 
 
 class _Bounded(io.BufferedReader):
-    """A file of which nobody reads much at once, whatever length it declares."""
+    """A file from which no read is larger than LARGEST, whatever length it declares."""
 
     def read(self, size: int | None = -1, /) -> bytes:
         if size is None or not 0 <= size <= LARGEST:
@@ -209,7 +215,7 @@ class _Bounded(io.BufferedReader):
 
 
 def _check_chunk(chunk: Chunk) -> None:
-    """Raises RecordingError for a chunk that would take too much memory."""
+    """Raises RecordingError for a chunk that would need too much memory."""
     if chunk.compression not in ("", "zstd"):
         raise RecordingError(f"a chunk packed with {chunk.compression[:20]!r}; valid: zstd or none")
     size = chunk.uncompressed_size

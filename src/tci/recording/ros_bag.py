@@ -1,4 +1,4 @@
-"""Bags of ROS 1 and ROS 2 with the messages of a recording: joint states and raw frames of skin.
+"""Imports joint states and raw skin frames from bags of ROS 1 and ROS 2.
 
 Needs rosbags (extra `ros2`).
 """
@@ -23,24 +23,26 @@ from tci.robot.description import Robot
 
 SUFFIXES = (".bag", ".db3", ".mcap")
 FIRST = 100
-"""Periods whose median is that of the recording. Ours."""
+"""Number of first readings whose median interval is the period of the recording. Assumed; no published
+value."""
 JUMP = 1.0
-"""A stamp that is by more than this [s] before the last one is of a clock that was set. Ours."""
+"""Backward step [s] of a stamp from which on the clock counts as set back. Assumed: far above delays on a
+network."""
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path looks like a bag: the folder that `ros2 bag record` makes, or a file of one."""
+    """True if a path looks like a bag: a folder made by `ros2 bag record`, or a file of a bag."""
     return path.suffix in SUFFIXES or (path / "metadata.yaml").is_file()
 
 
 def import_ros_bag(bag: Path, out: Path, robot: Robot) -> int:
-    """Make a recording of a bag's `sensor_msgs/JointState` and `tci_msgs/SkinFrame`; the number of periods.
+    """Converts the `sensor_msgs/JointState` and `tci_msgs/SkinFrame` of a bag to a recording; returns the
+    number of periods.
 
-    A period for each joint state that names every servo of the robot, as the robot calls it or as its model
-    does, with the latest frame of each patch. Times [s] are those of the headers, of the bag where no
-    joint state is stamped; a joint state that is not newer than the one before is left out. Raises
-    MissingExtraError, RecordingError for a bag that can't be read, does not fit the robot, or whose clock was
-    set back.
+    Each joint state that names every servo of the robot, by the servo's or the joint's name, makes a period,
+    with the latest frame of each patch. Times [s] are those of the headers, or of the bag if no message is
+    stamped; a joint state that is not newer than the previous one is dropped. Raises MissingExtraError,
+    RecordingError for a bag that can't be read, does not fit the robot, or whose clock was set back.
     """
     known = {binding.middleware for binding in robot.bindings}
     middleware = "ros2" if "ros2" in known else "sim"
@@ -65,7 +67,7 @@ def _readings(bag: Path, robot: Robot) -> Iterator[Reading]:
     for kind, arrival, message in _messages(bag):
         stamp = _stamp(message) if stamped else 1e-9 * arrival
         if kind == SKIN.name:
-            # Its field `stamp` is on the sender's own clock, not on that of the joints.
+            # The header's stamp, as the field `stamp` is on the sender's clock, not on that of the joints.
             frame = to_frame({name: getattr(message, name) for _, name in SKIN.fields} | {"stamp": stamp})
             if frame.patch not in patches:
                 valid = ", ".join(sorted(patches))
@@ -86,12 +88,12 @@ def _readings(bag: Path, robot: Robot) -> Iterator[Reading]:
 
 
 def _stamp(message: Any) -> float:
-    """The stamp [s] in a message's header."""
+    """Returns the stamp [s] in a message's header."""
     return float(message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec)
 
 
 def _joints(message: Any, robot: Robot, stamp: float, number: int) -> JointReading | None:
-    """The reading in a JointState of `stamp` [s]; None when it is another's."""
+    """Returns the reading in a JointState at `stamp` [s]; None if it lacks a servo of the robot."""
     index = {name: place for place, name in enumerate(message.name)}
     names = zip(servo_names(robot), robot.servos, strict=True)
     places = [index.get(name, index.get(servo.joint or name)) for name, servo in names]
@@ -104,7 +106,8 @@ def _joints(message: Any, robot: Robot, stamp: float, number: int) -> JointReadi
 
 
 def _messages(bag: Path) -> Iterator[tuple[str, int, Any]]:
-    """Type, time in the bag [ns] and message of those that count, in the order of the bag."""
+    """Yields type, time in the bag [ns] and message of joint states and skin frames, in the order of the
+    bag."""
     with needs("importing a ROS bag", "ros2"):
         from rosbags.highlevel import AnyReader, AnyReaderError
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -120,5 +123,5 @@ def _messages(bag: Path) -> Iterator[tuple[str, int, Any]]:
         raise
     except (AnyReaderError, OSError) as error:
         raise RecordingError(f"{bag} is no ROS bag that can be read: {error}") from error
-    except Exception as error:  # whatever a damaged message makes rosbags raise
+    except Exception as error:  # rosbags raises errors of many types for damaged messages
         raise RecordingError(f"{bag} is damaged: {type(error).__name__}: {error}") from error

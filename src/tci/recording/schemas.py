@@ -1,4 +1,4 @@
-"""The messages of a recording, and the way from TCI's own types to them and back."""
+"""Message types of a recording, and conversions between them and TCI's own types."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ from tci.messages import (
 from tci.rosmsg.cdr import MessageType, encode
 
 MODES = tuple(Mode)
-"""Modes are numbers in a recording: their place here, 255 for unknown."""
+"""Modes in the order of their numbers in a recording; 255 stands for unknown."""
 UNKNOWN = 255
 DTYPE = re.compile(r"[<>|]?[buif][1248]")
-"""Types of raw values that a recording may hold."""
+"""Types of raw values that a recording may contain."""
 
 JOINTS = MessageType(
     "sensor_msgs/msg/JointState",
@@ -86,41 +86,42 @@ CLOUD = MessageType(
 
 
 def header(stamp: float, frame: str = "") -> tuple[int, int, str]:
-    """The values of a `std_msgs/Header` at `stamp` [s]."""
+    """Returns the values of a `std_msgs/Header` at `stamp` [s]."""
     nanoseconds = to_nanoseconds(stamp)
     return min(nanoseconds // 10**9, 2**31 - 1), nanoseconds % 10**9, frame
 
 
 def to_nanoseconds(stamp: float) -> int:
-    """Whole nanoseconds for the clocks of other programs; exact times stand in our own messages."""
+    """Converts a time [s] to whole nanoseconds, for other programs; TCI's own messages contain the exact
+    time."""
     return int(min(max(stamp, 0.0), 9e9) * 1e9) if np.isfinite(stamp) else 0
 
 
 def joints_values(names: Sequence[str], joints: JointReading, stamp: float) -> tuple[Any, ...]:
-    """The values of a JointState, stamped `stamp` [s]."""
+    """Returns the values of a JointState, stamped `stamp` [s]."""
     effort = joints.torque if joints.torque is not None else ()
     return *header(stamp), names, joints.position, joints.velocity, effort
 
 
 def joints_bytes(names: list[str], joints: JointReading) -> bytes:
-    """A JointState. Raises ValueError for what is no vector of floats."""
+    """Encodes a JointState. Raises ValueError for values that are not a vector of floats."""
     return encode(JOINTS, joints_values(names, joints, joints.stamp))
 
 
 def skin_values(frame: SkinFrame, number: int, stamp: float) -> tuple[Any, ...]:
-    """The values of a SkinFrame whose header says `stamp` [s]."""
+    """Returns the values of a SkinFrame whose header is stamped `stamp` [s]."""
     data = np.frombuffer(np.ascontiguousarray(frame.values).tobytes(), dtype=np.uint8)
     values = (frame.stamp, frame.sequence, number, frame.patch, frame.values.dtype.str, data)
     return *header(stamp, frame.patch), *values
 
 
 def skin_bytes(frame: SkinFrame, number: int) -> bytes:
-    """A SkinFrame with the raw values as they came."""
+    """Encodes a SkinFrame with unchanged raw values."""
     return encode(SKIN, skin_values(frame, number, frame.stamp))
 
 
 def tick_bytes(now: float, joints: JointReading, skin: list[int]) -> bytes:
-    """A Tick."""
+    """Encodes a Tick."""
     modes = [] if joints.modes is None else [mode_number(mode) for mode in joints.modes]
     powered = () if joints.powered is None else joints.powered
     return encode(
@@ -133,7 +134,7 @@ def tick_bytes(now: float, joints: JointReading, skin: list[int]) -> bytes:
 
 
 def command_bytes(now: float, command: Order) -> bytes:
-    """A Command of any kind: of a generic part by name, or of servos by their indices."""
+    """Encodes a Command of any kind, for a generic part by name, or for servos by their indices."""
     kind = type(command).__name__
     part = getattr(command, "part", "")
     nothing = np.empty(0)
@@ -153,7 +154,7 @@ def command_bytes(now: float, command: Order) -> bytes:
 
 
 def decision_bytes(sent: SafeCommand) -> bytes:
-    """A Decision. Equal bytes mean equal decisions, bit for bit."""
+    """Encodes a Decision. Equal bytes mean equal decisions, bit for bit."""
     return encode(
         DECISION,
         (
@@ -166,7 +167,7 @@ def decision_bytes(sent: SafeCommand) -> bytes:
 
 
 def cloud_fields(points: NDArray[np.float32]) -> tuple[Any, ...]:
-    """The fields of a CLOUD after its header: x, y, z [m] and pressure [Pa] of each point (n, 4)."""
+    """Returns the fields of a CLOUD after its header: x, y, z [m] and pressure [Pa] of each point (n, 4)."""
     float32 = 7  # PointField.FLOAT32
     names = ("x", "y", "z", "pressure")
     fields = [(name, 4 * place, float32, 1) for place, name in enumerate(names)]
@@ -175,7 +176,7 @@ def cloud_fields(points: NDArray[np.float32]) -> tuple[Any, ...]:
 
 
 def to_frame(fields: Mapping[str, Any]) -> SkinFrame:
-    """The frame in a SkinFrame message. Raises RecordingError."""
+    """Returns the frame in a SkinFrame message. Raises RecordingError."""
     if not DTYPE.fullmatch(fields["dtype"]):
         raise RecordingError(f"skin values of type {fields['dtype']!r}; valid: as <f8, |u1")
     try:
@@ -186,7 +187,7 @@ def to_frame(fields: Mapping[str, Any]) -> SkinFrame:
 
 
 def to_joints(state: Mapping[str, Any], tick: Mapping[str, Any]) -> JointReading:
-    """The joint reading in a JointState and its Tick. Raises RecordingError."""
+    """Returns the joint reading in a JointState and its Tick. Raises RecordingError."""
     try:
         modes = tuple(None if number == UNKNOWN else MODES[number] for number in tick["modes"])
     except IndexError:

@@ -1,8 +1,9 @@
-"""iCub's own conventions for contacts, so that results compare with skinManager's.
+"""The iCub's conventions for contacts, for comparison of results with skinManager's.
 
-A contact is a set of taxels within 12 mm of each other (single link). Its geometric centre is the mean of
-their positions, its pressure the mean of their values, its force -0.05 N per taxel and unit of pressure along
-the mean normal. Written from the conventions (facts and measurements), with none of skinManager's code.
+A contact is a set of taxels linked by distances of up to 12 mm (single-link clusters). Its geometric centre
+is the mean of their positions, its pressure the mean of their values, its force -0.05 N per taxel and unit of
+pressure along the mean normal. Written from the conventions (facts and measurements), without any of
+skinManager's code.
 """
 
 from __future__ import annotations
@@ -30,31 +31,31 @@ SKIN_PARTS = (
     "unknown", "left_hand", "left_forearm", "left_arm", "right_hand", "right_forearm", "right_arm", "torso",
     "left_leg_upper", "left_leg_lower", "left_foot", "right_leg_upper", "right_leg_lower", "right_foot",
 )  # fmt: skip
-"""Names of the parts of the skin by their number."""
+"""Names of the skin parts in the order of their numbers."""
 LONGEST_LINE = 1_000_000
-"""Characters of a line that are read. Ours: 30 contacts take 20 000."""
+"""Longest line [characters] that is read. Assumed: 30 contacts take 20 000."""
 _TOKEN = re.compile(r"\s*(\(|\)|[^\s()]+)")
 _DEEPEST = 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SkinContact:
-    """One contact in skinManager's terms, in the frame of the skin part's position file."""
+    """One contact as skinManager describes it, in the frame of the skin part's position file."""
 
     id: int
-    """Counts up with each new contact."""
+    """Number that increases with each new contact."""
     body_part: int
-    """1 torso, 2 head, 3 and 4 arms, 5 and 6 legs."""
+    """Body part: 1 torso, 2 head, 3 and 4 arms, 5 and 6 legs."""
     link: int
-    """Number of the link in that part."""
+    """Number of the link in the body part."""
     skin_part: int
     """Index into SKIN_PARTS."""
     centre: Array
     """Centre of pressure (3,) [m]."""
     force: Array
-    """(3,) [N]"""
+    """Force (3,) [N]."""
     moment: Array
-    """(3,) [N m]"""
+    """Moment (3,) [N m]."""
     geometric_centre: Array
     """Mean of the taxels' positions (3,) [m]."""
     normal: Array
@@ -66,15 +67,16 @@ class SkinContact:
 
 
 def contact_force(taxels: int, pressure: float, normal: Array) -> Array:
-    """Force (3,) [N] of a contact of so many taxels: F = -0.05 n p normal."""
+    """Returns the force (3,) [N] of a contact of `taxels` taxels: F = -0.05 n p normal."""
     force: Array = -FORCE * taxels * pressure * normal
     return force
 
 
 def partition(positions: Array, taxels: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-    """Contacts among active `taxels` (k,) by the positions (n, 3) [m] of all: single-link clusters.
+    """Divides active `taxels` (k,) into contacts by the positions (n, 3) [m] of all taxels: single-link
+    clusters.
 
-    Each holds its taxels in ascending order, the one with the smallest taxel comes first.
+    Each contact lists its taxels in ascending order; contacts are in the order of their smallest taxels.
     """
     active = np.unique(taxels)
     pairs = cKDTree(positions[active]).query_pairs(NEIGHBOUR, output_type="ndarray")
@@ -85,7 +87,7 @@ def partition(positions: Array, taxels: NDArray[np.intp]) -> list[NDArray[np.int
 
 
 def read_skin_events(path: Path) -> Iterator[tuple[float, tuple[SkinContact, ...]]]:
-    """Stamp [s] and contacts of each line of a yarpdatadumper log of /skinManager/skin_events:o.
+    """Yields stamp [s] and contacts of each line of a yarpdatadumper log of /skinManager/skin_events:o.
 
     Raises FrameError with the line for anything else.
     """
@@ -132,7 +134,7 @@ def _contact(fields: list[Any]) -> SkinContact:
 
 
 def _parse(text: str) -> list[Any]:
-    """A bottle in text: words, and lists in parentheses."""
+    """Parses a YARP bottle in text form into strings and nested lists."""
     stack: list[list[Any]] = [[]]
     for token in _TOKEN.findall(text):
         if token == "(":

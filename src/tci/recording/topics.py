@@ -1,4 +1,4 @@
-"""The topics of a file in the making: each gets its channel when it first has something to say."""
+"""The topics of a file that is being written. A topic gets its channel with its first message."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tci.rosmsg.cdr import MessageType
 
 
 class Topics:
-    """Puts messages into one MCAP file."""
+    """Writes messages to one MCAP file."""
 
     def __init__(self, writer: Writer) -> None:
         self._writer: Any = writer  # parts of mcap carry no types
@@ -18,14 +18,14 @@ class Topics:
         self._channels: dict[str, int] = {}
 
     def put(self, topic: str, kind: MessageType, stamp: int, data: bytes) -> None:
-        """A message at `stamp` [ns]."""
+        """Writes a message at `stamp` [ns]."""
         channel = self._channels.get(topic)
         if channel is None:
             channel = self._channels[topic] = self._register(topic, kind)
         self._writer.add_message(channel, log_time=stamp, data=data, publish_time=stamp)
 
     def finish(self) -> None:
-        """End the file with its index."""
+        """Ends the file with its index."""
         self._writer.finish()
 
     def _register(self, topic: str, kind: MessageType) -> int:

@@ -1,4 +1,4 @@
-"""The touches in a recording, and how long each answer took."""
+"""Finds the touches in a recording, and the latencies of the responses."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from tci.frames import Array
 from tci.recording.perceived import Perceived
 
 PAUSE = 0.3
-"""Time [s] without contact after which the next one is another touch. Ours."""
+"""Time [s] without contact that separates two touches. Assumed; no published value."""
 MOVED = np.deg2rad(0.5)
-"""Turn [rad] of a generic joint that counts as motion. Ours."""
+"""Change [rad] of a generic joint that counts as motion. Assumed; no published value."""
 
 
 @dataclass(slots=True)
@@ -23,20 +23,20 @@ class Touch:
     part: str
     """Generic part that was touched."""
     patch: str
-    """Patch that felt it first."""
+    """Patch with the first contact."""
     began: float
-    """Time [s] of the first period in which a contact was known."""
+    """Time [s] of the first period with a contact."""
     ended: float
-    """Time [s] of the last one."""
+    """Time [s] of the last period with a contact."""
     peak_force: float = 0.0
-    """Largest sum [N] of the part's contacts."""
+    """Largest total force [N] of the part's contacts."""
     commanded: float | None = None
-    """Time [s] of the first command for the part after that; None: there was none."""
+    """Time [s] of the first command for the part since then; None without one."""
     moved: float | None = None
-    """Time [s] at which a generic joint of the part had turned by `MOVED`; None: none did."""
+    """Time [s] at which a generic joint of the part had changed by `MOVED`; None if none did."""
 
     def to_json(self) -> dict[str, object]:
-        """Plain values; times count from the first contact, in milliseconds."""
+        """Returns plain values for JSON; times are relative to the first contact, in milliseconds."""
         return {
             "part": self.part,
             "patch": self.patch,
@@ -49,7 +49,7 @@ class Touch:
 
 
 def find_touches(periods: Iterable[Perceived]) -> list[Touch]:
-    """Every touch, in the order in which they began."""
+    """Returns all touches in the order of their beginnings."""
     found: list[Touch] = []
     last: dict[str, Touch] = {}
     start: dict[str, Array] = {}

@@ -1,4 +1,4 @@
-"""Logs of YARP's yarpdatadumper: a line per message, `sequence stamp values...`."""
+"""Imports logs of YARP's yarpdatadumper: one line per message, `sequence stamp values...`."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ LONGEST = 2**20
 """Longest line [characters] that is read."""
 
 EVENTS_PERIOD = 0.02
-"""Time [s] between two contact lists: skinManager's 50 Hz."""
+"""Time [s] between two contact lists: skinManager runs at 50 Hz."""
 
 
 def read_yarp_log(log: Path, *, patch: str) -> Iterator[SkinFrame]:
-    """The frames of a log of numbers, `data.log` or the folder that it lies in, with its own times [s].
+    """Yields the frames of a log of numbers, `data.log` or the folder with it, at the log's own times [s].
 
-    Raises RecordingError that names the line for anything else, a contact list for example.
+    Raises RecordingError with the line for anything else, such as a contact list.
     """
     path = log / "data.log" if log.is_dir() else log
     with path.open(encoding="utf-8", errors="replace") as file:
@@ -53,7 +53,8 @@ def _frame(words: list[str], patch: str, where: str) -> SkinFrame:
 
 
 def import_yarp_log(log: Path, out: Path, *, patch: str) -> int:
-    """Make a recording of such a log; the number of frames. It has no joints, so no robot replays it.
+    """Converts such a log to a recording and returns the number of frames. Without joints it can't be
+    replayed on a robot.
 
     Raises RecordingError.
     """
@@ -70,12 +71,12 @@ def import_yarp_log(log: Path, out: Path, *, patch: str) -> int:
 
 
 def import_skin_events(log: Path, out: Path, robot: Robot) -> tuple[int, int]:
-    """Make a recording of a log of iCub's contact list for the `robot` whose skin it was.
+    """Converts a log of iCub's contact lists to a recording for the `robot` with that skin.
 
-    A list says which taxels each contact has and their mean value; each of them gets that mean, as a raw
-    value of its patch. It says nothing of the joints: they are at the robot's initial posture. Contacts on
-    parts that the robot has no patch of that name and size for are left out. Returns the number of periods
-    and of contacts left out. Raises RecordingError.
+    A list gives the taxels of each contact and their mean value; each of these taxels gets the mean as its
+    raw value. It contains no joint angles: they are set to the robot's initial posture. Contacts on parts
+    without a patch of that name and size on the robot are left out. Returns the number of periods and of
+    contacts left out. Raises RecordingError.
     """
     path = log / "data.log" if log.is_dir() else log
     patches = {patch.name: patch for patch in robot.patches if patch.surface.kind != "truncated_cone"}

@@ -1,5 +1,5 @@
 """Simulated robots with skin, in MuJoCo.
 
-A world holds one robot, its servos, its taxels and a finger that pokes it. Links reach it as they reach a
-real robot.
+A world holds one robot, its servos, its taxels and a finger that pokes it. Drivers connect to it as to a real
+robot.
 """

@@ -1,4 +1,4 @@
-"""What patches feel of the contacts on them, in compiled loops: from MuJoCo's sensors to channels."""
+"""Turns MuJoCo's contact sensors into channel values of all patches, in compiled loops."""
 
 from __future__ import annotations
 
@@ -11,42 +11,44 @@ from tci.frames import Array
 from tci.simulation.kernel import REACH, ROWS, SHARE, share_into, within
 
 SLOTS = 16
-"""Contacts on one patch at a time. A finger makes one."""
+"""Largest number of contacts on one patch at a time. A finger makes one."""
 FOUND, FORCE, POSITION, NORMAL, TANGENT = 0, 1, 4, 7, 10
-"""Places in a slot: how many contacts there are; 3 each of force (along normal, tangent and the third axis),
+"""Indices in a slot: number of contacts; 3 values each of force (along normal, tangent and the third axis),
 position, normal and tangent."""
 NUMBERS = 13
 """Numbers per slot."""
 WIDE = 0.02
-"""[m]; far wider than a taxel. Ours."""
+"""Width [m] of a kernel from which on its softness needs a correction. Assumed: far above that of a taxel."""
 SENSOR, FLOOR, BODY, BEGIN, END, CHANNEL, NODE, NODES, AXES, COUNT, DUE, TAKEN, TOUCHED, PRESSED = range(14)
-"""Columns of a patch's whole numbers: its slots in `sensordata`, what a floor does to it there or -1, its
-link; its taxels; its first channel; its response's nodes; axes; of its latest frame: its number, the step in
-which the next is due and the step in which it was taken, contacts, taxels that felt something."""
+"""Columns of a patch's integers: first value of its slots in `sensordata`, and of its floor sensor or -1; its
+link; begin and end of its taxels; first channel; begin and end of its response's nodes; axes. Then, of its
+latest frame: sequence number, step of the next one, step in which it was taken, number of contacts, number of
+active taxels."""
 REST, PER_COUNT, SHEAR_PER_COUNT, RATE, WIDTH, SIZE, OUTWARD = range(7)
-"""Columns of a patch's numbers (9): the sensor's [count], [Pa/count]; frames per step; width of the kernel
-and half its longest side [m]; the mean of its normals (3)."""
+"""Columns of a patch's floats (9): rest [count] and scales [Pa/count] of the sensor; frames per step; width
+of the kernel and half of the longest side [m]; mean of its normals (3)."""
 X, Y, AREA = 0, 3, 6
 """Columns of a taxel (7): its tangents, its area [m2]."""
 PRESSING, MARK = 2, 3
-"""Rows of what taxels feel (4): force [N] along x and y and pressing; whether they do. Else 0."""
+"""Rows of the load on taxels (4): force [N] along x, along y and normal; 1 for an active taxel. 0
+elsewhere."""
 ALL, NEAR, FELT, LATEST, AROUND = range(5)
-"""Rows of lists of taxels, by their number in the patch: all; those near a contact; those that feel
-something; those that did in the latest frame; those around each contact, a row for each slot and the floor.
-"""
+"""Rows of lists of taxels, by their number in the patch: all; those near a contact; active ones; those active
+in the latest frame; those around each contact, a row for each slot and the floor."""
 CENTRE, RADIUS, MEMBERS = 0, 3, 4
-"""Columns of what is known of `AROUND` (5), for each patch's slots and floor: all taxels nearer to a point
-[m] than a radius [widths], how many."""
+"""Columns that describe a list `AROUND` (5), for each patch's slots and floor: it holds all taxels nearer to
+a point [m] than a radius [widths]; their number."""
 SKIN = returns(
     reads(1), reads(2), reads(2), writes(2, int64), reads(2), reads(2), reads(2), reads(1, int64), reads(2),
     writes(2), writes(2, int64), writes(2), writes(2), writes(1),
 )  # fmt: skip
-"""Types of what the loops know of all patches: MuJoCo's sensors, links' positions and orientations; `patches`
-and their `sizes`; positions of taxels, what else they have, their channels; nodes of responses; what taxels
-feel; lists of them; spots; room to work in; values of the channels."""
+"""Types of the data of all patches: MuJoCo's sensors, positions and orientations of links; `patches` and
+their `sizes`; positions of taxels, their tangents and areas, their channels; nodes of responses; load on
+taxels; lists of taxels; centres of the lists; workspace; values of the channels."""
 Arrays = tuple[Array, ...]
 _SLACK = 1.0
-"""How far [widths] a contact goes until the taxels around it are looked for anew (Verlet 1967). Ours."""
+"""Distance [widths] that a contact may move before the list of taxels around it is renewed (Verlet 1967).
+Assumed; no published value."""
 
 
 @inlined
@@ -60,9 +62,10 @@ def _share(
     spot: Array,
     work: Array,
 ) -> int:
-    """`spread` over a patch's taxels: who feels anything, in the list `NEAR`, and their shares; how many.
+    """Writes the taxels that share a force into the list `NEAR`, and their shares (see `kernel.spread`);
+    returns their number.
 
-    A wide one is aimed twice, since its softness is in widths.
+    A wide kernel is aimed twice, since its softness is in units of its width.
     """
     near, around, count = lists[NEAR], lists[AROUND + row], 0
     for _ in range(2 if sigma > WIDE else 1):
@@ -96,8 +99,8 @@ def _share(
 @inlined
 def _add(force: float, x: float, y: float, z: float, count: int, axes: int, taxels: Array, lists: Array,
          felt: int, total: Array, work: Array) -> int:  # fmt: skip
-    """Give the taxels `NEAR` their shares of a pressing force and, where they feel three axes, of a force
-    (x, y, z) along the skin [N]; how many feel something now."""
+    """Adds the shares of a normal force to the taxels `NEAR`, and, for three axes, those of a tangential
+    force (x, y, z) [N]. Returns the number of active taxels."""
     for j in range(count):
         k, share = lists[NEAR, j], work[SHARE, j]
         if total[MARK, k] == 0.0:
@@ -114,10 +117,10 @@ def _add(force: float, x: float, y: float, z: float, count: int, axes: int, taxe
 
 @inlined
 def press(patch: int, skin: Arrays) -> tuple[int, int]:
-    """Write which taxels of a patch feel something, `FELT`, and their forces [N].
+    """Writes the active taxels of a patch, `FELT`, and the forces [N] on them.
 
-    Returns how many contacts there are, a floor's only where there is no other, and how many taxels feel
-    them: none where there are more contacts than slots.
+    Returns the number of contacts (a floor's counts only if there is no other) and the number of active
+    taxels, which is 0 if there are more contacts than slots.
     """
     sensors, centres, turns, patches, sizes, positions, taxels, _, _, total, lists, spots, work, _ = skin
     words, size = patches[patch], sizes[patch]
@@ -133,7 +136,7 @@ def press(patch: int, skin: Arrays) -> tuple[int, int]:
     for number in range(-1 if carried else 0, found):
         at = floor if number < 0 else start + NUMBERS * number
         slot = sensors[at : at + NUMBERS]
-        # Seen from the link: R^T (p - c), for directions R^T d.
+        # In the link's frame: R^T (p - c), for directions R^T d.
         px = slot[POSITION] - centres[body, 0]
         py = slot[POSITION + 1] - centres[body, 1]
         pz = slot[POSITION + 2] - centres[body, 2]
@@ -144,8 +147,8 @@ def press(patch: int, skin: Arrays) -> tuple[int, int]:
             tangent[i] = a * slot[TANGENT] + b * slot[TANGENT + 1] + c * slot[TANGENT + 2]
         first, second, third = slot[FORCE], slot[FORCE + 1], slot[FORCE + 2]
         if number < 0:
-            # A floor presses a padded sole all over, not in the corners of its hull; its sensor's axes are
-            # the world's.
+            # A floor loads the whole of a padded sole, not the corners of its hull. The axes of its sensor
+            # are those of the world.
             row, sigma, pressing = SLOTS, size[SIZE], 0.0
             x = y = z = 0.0
             for i in range(3):
@@ -168,7 +171,7 @@ def press(patch: int, skin: Arrays) -> tuple[int, int]:
 
 @inlined
 def _counts(pressure: float, begin: int, end: int, nodes: Array, per_count: float) -> float:
-    """Deviation from rest [counts] of a pressure [Pa]; see `Sensor.counts`."""
+    """Returns the deviation from rest [counts] for a pressure [Pa]; see `Sensor.counts`."""
     if begin == end:
         return pressure / abs(per_count)
     pressure = max(pressure, nodes[1, begin])
@@ -181,10 +184,10 @@ def _counts(pressure: float, begin: int, end: int, nodes: Array, per_count: floa
 
 @inlined
 def feel(patch: int, step: int, skin: Arrays) -> int:
-    """Take a patch's next frame, at the end of a step: the values [counts] of its channels, not rounded, of
-    which only those are written that feel something or did in the frame before.
+    """Takes a patch's next frame at the end of a step: writes the unrounded values [counts] of channels that
+    are active or were so in the frame before.
 
-    Without a step (-1) there is no frame: forces are left in `total`. Returns how many contacts there are.
+    With `step` -1 it takes no frame: forces are left in `total`. Returns the number of contacts.
     """
     _, _, _, patches, sizes, _, taxels, channels, nodes, total, lists, _, _, values = skin
     words, size = patches[patch], sizes[patch]
@@ -217,5 +220,5 @@ def feel(patch: int, step: int, skin: Arrays) -> int:
 
 @compiled(int64(int64, int64, SKIN))
 def feel_now(patch: int, step: int, skin: Arrays) -> int:
-    """`feel`, for the first frame, and for those who ask between steps."""
+    """Calls `feel` from Python: for the first frame, and between steps."""
     return feel(patch, step, skin)

@@ -1,4 +1,4 @@
-"""A compliant finger that pokes the skin, and never retreats by itself."""
+"""A compliant finger that pokes the skin. Only `retire` removes it."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ from tci.simulation.posed_skin import PosedSkin
 from tci.simulation.touch import FINGER_PRIORITY, FINGER_TIP, stiff
 
 RADIUS = 0.005
-"""Of the tip [m]."""
+"""Radius of the tip [m]."""
 STIFFNESS = 800.0
-"""Of the spring between base and tip [N/m]: a near-rigid finger would give 19 N for 2 mm."""
+"""Stiffness [N/m] of the spring between base and tip: with a nearly rigid finger 2 mm would give 19 N."""
 MASS = 0.02
-"""Of the tip [kg]. Ours."""
+"""Mass of the tip [kg]. Assumed; no published value."""
 DAMPING = 1.4 * np.sqrt(STIFFNESS * MASS)
-"""Between base and tip [N s/m], 0.7 of the critical one. Ours."""
+"""Damping [N s/m] between base and tip. Assumed: 0.7 of the critical damping."""
 TRACE = 60_000
-"""Steps that the trace keeps."""
+"""Number of steps that the trace keeps."""
 
 FINGER = "tci_finger_base"
-"""Body that carries the whole finger."""
+"""Name of the body that carries the whole finger."""
 _TIP = FINGER_TIP
 _PARKED = np.array([0.0, 0.0, -20.0])
 _SHAFT = 0.06
 _COLOUR = (0.85, 0.55, 0.45, 1.0)
 _OVERLAP = 5e-4
-"""Depth [m] in the skin at which a finger must not start."""
+"""Depth [m] in the skin from which on the finger must not start."""
 
 
 def add_finger(spec: mujoco.MjSpec, *, step: float) -> None:
-    """Add the finger, far away: a base that is placed, and a tip that slides on it along its z axis."""
+    """Adds the finger, far away: a base that is placed, and a tip that slides on it along its z axis."""
     base = spec.worldbody.add_body(name=FINGER, mocap=True, pos=_PARKED)
     tip = base.add_body(name=_TIP, gravcomp=1.0)
     tip.add_joint(name=_TIP, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[0.0, 0.0, 1.0])
@@ -47,14 +47,14 @@ def add_finger(spec: mujoco.MjSpec, *, step: float) -> None:
         mass=MASS,
         contype=SKIN,
         conaffinity=0,
-        # Without friction a contact's force is normal to the skin, which is all that taxels feel.
+        # Without friction a contact's force is normal to the skin; taxels measure only the normal force.
         condim=1,
         priority=FINGER_PRIORITY,
         solref=stiff(step),
         group=2,
         rgba=_COLOUR,
     )
-    # The shaft is a body of its own: MuJoCo's rays miss most of it when it shares the tip's.
+    # The shaft needs its own body: MuJoCo's rays miss most of it if it shares that of the tip.
     tip.add_body(gravcomp=1.0).add_geom(
         type=mujoco.mjtGeom.mjGEOM_CAPSULE,
         size=[RADIUS, 0.0, 0.0],
@@ -77,10 +77,10 @@ def add_finger(spec: mujoco.MjSpec, *, step: float) -> None:
 
 
 class Finger:
-    """The finger of a world: a sphere of 10 mm at the end of a spring of 800 N/m.
+    """The finger of a world: a sphere of 10 mm diameter on a spring of 800 N/m.
 
-    A poke moves the spring's base along the skin's inward normal at a constant speed, until it is
-    `depth` beyond the place where the tip first touched. There it stays, whatever the skin does.
+    A poke moves the spring's base along the skin's inward normal at a constant speed, until it is `depth`
+    beyond the point of the tip's first contact. It stays there, however the skin moves.
     """
 
     def __init__(self, physics: Physics, skin: PosedSkin) -> None:
@@ -95,14 +95,14 @@ class Finger:
         self._actuator = model.actuator(_TIP).id
         physics.whole[at.TIP], physics.whole[at.TIP_SENSOR] = self._actuator, model.sensor(_TIP).adr[0]
         self.state = np.zeros(11)
-        """What it does and felt; places as `stepping` names them."""
+        """State and measurements of the finger; indices as in `stepping`."""
         self.state[at.LEADS] = DAMPING / STIFFNESS
         self.traced = np.empty((TRACE, 3))
-        """Time [s], contact force [N] and path of the base [m] of the latest steps, in turn."""
+        """Ring buffer of time [s], contact force [N] and path of the base [m] of the latest steps."""
         self.retire()
 
     def retire(self) -> None:
-        """Take the finger away, at once, and forget the poke."""
+        """Removes the finger at once and clears its measurements."""
         data = self._physics.data
         data.mocap_pos[self._mocap] = _PARKED
         data.qpos[self._qpos] = data.qvel[self._dof] = data.ctrl[self._actuator] = 0.0
@@ -122,12 +122,12 @@ class Finger:
 
     @property
     def first_contact(self) -> float | None:
-        """When the tip first touched in this poke [s]."""
+        """Time [s] of the tip's first contact in this poke; None without contact."""
         return self._stamp(at.FIRST)
 
     @property
     def contact_lost(self) -> float | None:
-        """When it last ceased to touch [s]; None while it touches."""
+        """Time [s] when the tip last lost contact; None while it touches."""
         return self._stamp(at.LOST)
 
     @property
@@ -141,17 +141,18 @@ class Finger:
 
     @property
     def pose(self) -> Array | None:
-        """`T_WF` (4, 4) of the tip's centre in the world, z into the skin; None while there is no finger."""
+        """`T_WF` (4, 4): pose of the tip's centre in the world, z into the skin; None while the finger is
+        away."""
         return self._physics.pose(self._tip) if self.state[at.ACTIVE] else None
 
     @property
     def touching(self) -> bool:
-        """The tip touched the skin in the latest step."""
+        """True if the tip touched the skin in the latest step."""
         return self.force > 0.0
 
     @property
     def trace(self) -> Array:
-        """Time [s], contact force [N] and path of the base [m] (steps, 3), the last 60 000 steps."""
+        """Time [s], contact force [N] and path of the base [m] (steps, 3) of the last 60 000 steps."""
         count = int(self._physics.whole[at.TRACED])
         if count <= TRACE:
             return self.traced[:count].copy()
@@ -167,12 +168,12 @@ class Finger:
         depth: float = 0.01,
         gap: float = 0.004,
     ) -> None:
-        """Start a poke of a place on the skin, along the inward normal there at the present posture.
+        """Starts a poke at a place on the skin, along the inward normal in the current posture.
 
-        `place` is a taxel or a point (3,) [m] in the patch's link, `normal` (3,) an outward normal in
-        it, if not the surface's own. `speed` [m/s] is the base's; `depth` [m] gives `depth * 800 N/m`
-        once the base rests; `gap` [m] is between tip and skin at the start. Raises UnknownNameError,
-        CommandError, and TciError when another patch is where the finger would start.
+        `place` is a taxel or a point (3,) [m] in the patch's link; an outward `normal` (3,) in the link
+        replaces that of the surface. `speed` [m/s] is that of the base; `depth` [m] gives a force of `depth *
+        800 N/m` once the base rests; `gap` [m] is the distance from tip to skin at the start. Raises
+        UnknownNameError, CommandError, and TciError if the finger would start inside another patch.
         """
         point, outward = self._skin.point(patch, place, normal)
         self._start(point, outward, speed, depth, gap)
@@ -186,7 +187,7 @@ class Finger:
         depth: float = 0.01,
         gap: float = 0.004,
     ) -> None:
-        """The same at a `point` (3,) [m] against the outward `normal` (3,), both in the torso."""
+        """Starts a poke at a `point` (3,) [m] against the outward `normal` (3,), both in the torso frame."""
         point, outward = self._skin.from_torso(point, normal)
         self._start(point, outward, speed, depth, gap)
 
@@ -197,7 +198,7 @@ class Finger:
         data = self._physics.data
         data.mocap_pos[self._mocap] = point + (RADIUS + gap) * outward
         mujoco.mju_quatZ2Vec(data.mocap_quat[self._mocap], -outward)
-        # The tip comes already moving, so that it does not swing on its spring.
+        # The tip starts at full speed, so that it does not swing on its spring.
         data.qpos[self._qpos] = 0.0
         data.qvel[self._dof] = speed
         self._clear()
@@ -208,7 +209,8 @@ class Finger:
         self._check_room()
 
     def _check_room(self) -> None:
-        """Refuse to start inside the skin: the contact would be violent, and not where it was meant."""
+        """Raises TciError if the finger starts inside the skin: contact would be violent and at the wrong
+        place."""
         self._physics.refresh()
         model, data = self._physics.model, self._physics.data
         for contact in data.contact[: data.ncon]:

@@ -1,7 +1,7 @@
-"""How one contact force spreads over the taxels around it.
+"""Distributes one contact force over the taxels around it.
 
-The kernel is no model of an elastomer: the sum of the taxels' forces and their centre are right,
-single taxels are not.
+The kernel is not a model of an elastomer: the sum of the taxels' forces and their centre are correct, the
+forces on single taxels are not.
 """
 
 from __future__ import annotations
@@ -13,24 +13,27 @@ from tci.compiled import compiled, inlined, reads, views, writes
 from tci.frames import Array
 
 SIGMA = 3e-3
-"""Width [m] of the Gaussian that the cover over the taxels makes of a point. Ours."""
+"""Width [m] of the Gaussian by which the cover over the taxels spreads a point force. Assumed; no published
+value."""
 REACH = 6.0
-"""Taxels farther from a contact than the nearest taxel and this many widths get nothing."""
+"""Distance [widths], beyond that of the nearest taxel, from which on taxels get no force."""
 _SOFTNESS = 0.02
-"""What a tilt of the weights costs. With it a contact off the skin's edge has weights too. Ours."""
+"""Penalty on the tilt of the weights. Assumed: it gives finite weights to a contact beyond the skin's edge
+too."""
 _STEPS = 30
 _TOLERANCE = 1e-4
-"""How near [widths] the taxels' mean comes to where it belongs: less than a micrometre. Ours."""
+"""Largest error [widths] of the taxels' weighted mean. Assumed: less than a micrometre."""
 _LEAST = -60.0
-"""Logarithm of weights, of a largest one of 1, that count for nothing."""
+"""Logarithm below which weights are negligible, for a largest weight of 1."""
 SHARE, _TRIAL, _LOGARITHM, _ACROSS, _UP, _NUMBERS = range(6)
-"""Rows of the workspace (6, at least n and 8): shares; others that are tried; their logarithms without a
-tilt; two offsets [widths]; and what a tilt gives: the sums in `_weigh`."""
+"""Rows of the workspace (6, at least n and 8): shares; trial shares; logarithms of the weights without a
+tilt; two offsets [widths]; sums for one tilt, see `_weigh`."""
 ROWS = 6
 
 
 def width(areas: Array) -> float:
-    """Width [m] of the kernel for taxels of `areas` (n,) [m2]: the cover's, and a taxel's own extent.
+    """Returns the width [m] of the kernel for taxels of `areas` (n,) [m2]: that of the cover and a taxel's
+    own extent.
 
     A square of that area has a variance of area / 12 along each side, and variances add.
     """
@@ -38,12 +41,12 @@ def width(areas: Array) -> float:
 
 
 def spread(positions: Array, point: Array, normal: Array, sigma: float) -> Array:
-    """Shares (n,) of a force at `point` (3,) [m] that taxels at `positions` (n, 3) [m] feel.
+    """Returns the shares (n,) of a force at `point` (3,) [m] on taxels at `positions` (n, 3) [m].
 
-    They are at least 0, their sum is 1, and the taxels' mean, weighted by them, lies at `point` as
-    seen along `normal` (3,), to 0.1 mm where taxels surround it; beside the skin's edge it lies there.
-    Weights that have these properties and are nearest to a Gaussian's of width `sigma` [m], in the
-    sense of entropy, are the local maximum-entropy ones: exp(lambda . x - x^2 / 2 sigma^2), with one
+    Shares are at least 0, their sum is 1, and the taxels' mean, weighted by them, lies at `point` in
+    projection along `normal` (3,), to 0.1 mm where taxels surround it; for a point beyond the skin's edge it
+    lies at the edge. The weights with these properties that are nearest to a Gaussian of width `sigma` [m],
+    in the sense of entropy, are the local maximum-entropy ones: exp(lambda . x - x^2 / 2 sigma^2), with one
     tilt lambda for all taxels (Arroyo and Ortiz 2006, doi:10.1002/nme.1534).
     """
     n = len(positions)
@@ -56,8 +59,8 @@ def spread(positions: Array, point: Array, normal: Array, sigma: float) -> Array
 
 @inlined
 def _exponential(x: float) -> float:
-    """exp(x) for x from `_LEAST` to 0, to 1e-11 of itself: (1 + x / 256 + ...)^256, without a branch, so that
-    a processor takes several at a time."""
+    """Returns exp(x) for x from `_LEAST` to 0, to a relative error of 1e-11: (1 + x / 256 + ...)^256. It has
+    no branch, so the compiler can vectorise it."""
     x = (x if x > _LEAST else _LEAST) * 0.00390625
     y = 1.0 + x * (1.0 / 7.0) * (1.0 + x * (1.0 / 8.0) * (1.0 + x * (1.0 / 9.0)))
     y = 1.0 + x * (1.0 / 4.0) * (1.0 + x * (1.0 / 5.0) * (1.0 + x * (1.0 / 6.0) * y))
@@ -69,9 +72,8 @@ def _exponential(x: float) -> float:
 
 @inlined
 def _weigh(u: float, v: float, count: int, work: Array, row: int) -> float:
-    """Write the weights of a tilt (u, v), the largest of them 1, into a row; their sums: plain, times
-    offsets, times products of offsets. Returns what the tilt costs: the logarithm of the sum, and its
-    softness."""
+    """Writes the weights of a tilt (u, v) into a row, the largest of them 1, and their sums: plain, times
+    offsets, times products of offsets. Returns the objective: the logarithm of the sum, and the penalty."""
     weights, logarithms, across, up = work[row], work[_LOGARITHM], work[_ACROSS], work[_UP]
     top = 0.0
     if u != 0.0 or v != 0.0:
@@ -100,10 +102,10 @@ def _weigh(u: float, v: float, count: int, work: Array, row: int) -> float:
 
 @inlined
 def _centre(count: int, work: Array) -> None:
-    """Write shares proportional to exp(logarithms + offsets . tilt), with the tilt that centres them.
+    """Writes shares proportional to exp(logarithms + offsets . tilt), with the tilt that centres them.
 
-    Newton's method on the convex function log(sum) + softness / 2 * tilt^2, whose gradient is the
-    weighted mean offset but for the softness.
+    Newton's method on the convex function log(sum) + softness / 2 * tilt^2. Its gradient is the weighted mean
+    offset plus softness * tilt.
     """
     tilt_u = tilt_v = 0.0
     row, other = SHARE, _TRIAL
@@ -138,9 +140,9 @@ def _centre(count: int, work: Array) -> None:
 
 @inlined
 def share_into(positions: Array, near: Array, point: Array, normal: Array, sigma: float, work: Array) -> None:
-    """Write the shares of taxels `near` (k,), which `within` has just found."""
+    """Writes the shares of taxels `near` (k,), as found by `within`."""
     x, y, z = abs(normal[0]), abs(normal[1]), abs(normal[2])
-    # Across the normal and the axis that it is least along.
+    # Perpendicular to the normal and to the axis that is least parallel to it.
     if x <= y and x <= z:
         a, b, c = 0.0, normal[2], -normal[1]
     elif y <= z:
@@ -163,8 +165,8 @@ def share_into(positions: Array, near: Array, point: Array, normal: Array, sigma
 def within(
     positions: Array, among: Array, point: Array, sigma: float, reach: float, near: Array, work: Array
 ) -> tuple[int, float]:
-    """Write which of the taxels `among` (k,) are near a point: no farther than the nearest one and a `reach`
-    [widths]. Returns how many they are, and how far [widths] the nearest is."""
+    """Finds the taxels, `among` (k,), near a point: up to `reach` [widths] farther away than the nearest one.
+    Writes them into `near`; returns their number and the distance [widths] of the nearest."""
     least, scale = np.inf, 1.0 / (sigma * sigma)
     px, py, pz = point[0], point[1], point[2]
     squares = work[_TRIAL]

@@ -1,4 +1,4 @@
-"""Where the skin is in the world, at the present posture."""
+"""Computes positions and normals of the skin in the world, in the current posture."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tci.skin.surfaces import Surface
 
 
 class PosedSkin:
-    """The patches of a world, seen from the world or from the torso."""
+    """The patches of a world, in the world or the torso frame."""
 
     def __init__(self, physics: Physics, model: Model, surfaces: Mapping[str, Surface]) -> None:
         self.surfaces = surfaces
@@ -25,16 +25,17 @@ class PosedSkin:
         self._bodies = {name: physics.model.body(surface.link).id for name, surface in surfaces.items()}
 
     def torso(self) -> Array:
-        """`T_WT` (4, 4): the torso in the world, now."""
+        """Returns `T_WT` (4, 4), the current pose of the torso frame in the world."""
         return self._physics.pose(self._torso) @ self._T_LT
 
     def link(self, patch: str) -> Array:
-        """`T_WL` (4, 4): the patch's link in the world, now. Raises UnknownNameError."""
+        """Returns `T_WL` (4, 4), the current pose of the patch's link in the world. Raises
+        UnknownNameError."""
         self.surface(patch)
         return self._physics.pose(self._bodies[patch])
 
     def surface(self, patch: str) -> Surface:
-        """Surface of a patch. Raises UnknownNameError."""
+        """Returns the surface of a patch. Raises UnknownNameError."""
         if patch not in self.surfaces:
             raise UnknownNameError("skin patch in this world", patch, self.surfaces)
         return self.surfaces[patch]
@@ -42,10 +43,11 @@ class PosedSkin:
     def point(
         self, patch: str, place: int | ArrayLike, normal: ArrayLike | None = None
     ) -> tuple[Array, Array]:
-        """Point (3,) [m] and outward unit normal (3,) in the world of a place on the skin, now.
+        """Returns the current position (3,) [m] and outward unit normal (3,), in the world, of a place on the
+        skin.
 
-        `place` is a taxel, or a point (3,) [m] in the patch's link; without `normal` (3,), in the
-        link too, the surface's own is taken. Raises UnknownNameError, CommandError.
+        `place` is a taxel, or a point (3,) [m] in the patch's link; `normal` (3,), also in the link, replaces
+        that of the surface. Raises UnknownNameError, CommandError.
         """
         surface = self.surface(patch)
         if isinstance(place, int | np.integer):
@@ -60,18 +62,18 @@ class PosedSkin:
         return apply(T_WL, point), T_WL[:3, :3] @ outward
 
     def from_torso(self, point: Array, normal: Array) -> tuple[Array, Array]:
-        """A point (3,) [m] and a direction (3,) given in the torso, seen from the world."""
+        """Transforms a point (3,) [m] and a direction (3,) from the torso frame to the world."""
         T_WT = self.torso()
         return apply(T_WT, _vector("point", point)), T_WT[:3, :3] @ unit("normal", normal)
 
     def to_torso(self, point: Array, normal: Array) -> tuple[Array, Array]:
-        """The same the other way round."""
+        """Transforms a point (3,) [m] and a direction (3,) from the world to the torso frame."""
         T_TW = invert(self.torso())
         return apply(T_TW, point), T_TW[:3, :3] @ normal
 
 
 def unit(name: str, values: ArrayLike) -> Array:
-    """The unit vector (3,) along `values`. Raises CommandError when it has no direction."""
+    """Returns the unit vector (3,) along `values`. Raises CommandError if it has no direction."""
     vector = _vector(name, values)
     length = float(np.linalg.norm(vector))
     if not length > 0.0:

@@ -1,4 +1,5 @@
-"""The MuJoCo scene of a world, from a robot's description only: no line here knows a robot."""
+"""Builds the MuJoCo scene of a world from a robot's description alone: nothing here is specific to a
+robot."""
 
 from __future__ import annotations
 
@@ -17,26 +18,26 @@ from tci.simulation.touch import FINGER_PRIORITY, FLOOR, add_skin
 from tci.skin.surfaces import Surface
 
 FRICTION = [0.8, 0.005, 0.0001]
-"""Of the floor: sliding, spinning [m], rolling [m]. Ours: rubber on wood."""
+"""Friction of the floor: sliding, spinning [m], rolling [m]. Assumed: rubber on wood."""
 
 
 def build_scene(
     robot: Robot, surfaces: Mapping[str, Surface], posture: Array, *, step: float, stands: bool = False
 ) -> mujoco.MjModel:
-    """The robot, its servos, its skin and a finger, ready to simulate.
+    """Builds a model of the robot, its servos, its skin and a finger, ready to simulate.
 
-    `posture` (n_servos,) [rad] is the one in which links that overlap are taken to be built so. The robot's
-    base is fixed, and it weighs nothing; one that `stands` has its weight, on a floor under its soles as
-    they are in that posture. Raises DescriptionError when the robot has no model, CommandError when it is to
-    stand and has no sole that feels.
+    Links that overlap in `posture` (n_servos,) [rad] are assumed to overlap by design. The robot's base is
+    fixed, and it has no weight; with `stands` it has its weight, on a floor under its soles in that posture.
+    Raises DescriptionError if the robot has no model, CommandError if it is to stand and has no sole with
+    skin.
     """
     spec = solid_spec(robot)
     spec.option.timestep = step
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     _add_servos(spec, robot)
     if not stands:
-        # A real servo's integral action carries the weight in the end; here there is none, so that a held
-        # posture is met exactly, and from the start.
+        # A real servo's integral action compensates the weight in the end. These servos have none, so
+        # gravity is left out: a posture is then held exactly, from the start.
         spec.option.gravity = np.zeros(3)
     for patch in robot.patches:
         if patch.name in surfaces:
@@ -54,7 +55,8 @@ def build_scene(
 
 
 def _add_floor(spec: mujoco.MjSpec, robot: Robot, surfaces: Mapping[str, Surface], posture: Array) -> None:
-    """A floor under the lowest taxel of the soles, and a base that is free to fall over."""
+    """Adds a floor under the lowest taxel of the soles, and a free joint to the base, so that it can fall
+    over."""
     soles = [
         surfaces[patch.name] for patch in robot.patches if patch.segment == SOLE and patch.name in surfaces
     ]
@@ -77,8 +79,8 @@ def _add_floor(spec: mujoco.MjSpec, robot: Robot, surfaces: Mapping[str, Surface
 
 
 def _add_servos(spec: mujoco.MjSpec, robot: Robot) -> None:
-    """Limits of the description, and a position actuator for each servo; `Servos` sets its gains."""
-    # A specification keeps angles in its file's unit until it is compiled.
+    """Adds the description's limits and a position actuator for each servo; `Servos` sets its gains."""
+    # Until a specification is compiled, its angles are in the unit of its file.
     unit = np.rad2deg(1.0) if spec.compiler.degree else 1.0
     for servo in robot.servos:
         if servo.joint is None:

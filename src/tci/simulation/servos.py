@@ -1,4 +1,4 @@
-"""Servos: stiff, critically damped, limited in speed and torque; or nothing but a motor in torque mode."""
+"""Simulated servos: stiff, critically damped, limited in speed and torque; a plain motor in torque mode."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ from tci.simulation import stepping as at
 from tci.simulation.physics import Physics
 
 TIME_CONSTANT = 5e-3
-"""Of each servo [s], ours: both poles of its answer lie here, so a set-point is met without overshoot
-and a steady motion is followed 10 ms late."""
+"""Time constant [s] of each servo. Assumed: both poles of its response lie here, so it reaches a target
+without overshoot and follows a steady motion 10 ms late."""
 _POSTURES = 32
 _LEAST_ARMATURE = 1e-4
-"""[kg m2]"""
+"""Least inertia [kg m2] of a motor, seen at the joint."""
 
 
 class Servos:
     """The actuators of a world, in the order of `Robot.servos`.
 
-    A servo's set-point goes to each new target in a straight line, within one control period or at the
-    joint's speed limit, whichever takes longer. Steps of targets then don't show in the velocity, and a
-    target that lies far off is reached at the permitted speed. A servo that was blocked, and comes free,
-    does not rush after its set-point: what it sees of the difference is what it has at top speed.
+    The set-point of a servo moves to each new target linearly, within one control period or at the joint's
+    speed limit, whichever takes longer. So steps of targets do not show in the velocity, and a distant target
+    is reached at the permitted speed. A servo that was blocked and becomes free does not jump to its
+    set-point: the error that it acts on is limited to that at full speed.
 
-    Velocity mode is the same servo: it follows the angles that the velocity leads through, as the
-    firmware of many robots does. In impedance mode it does so with a share of its stiffness. In torque
-    mode, and when it is off, nothing holds it.
+    In velocity mode the servo follows the angles that result from the velocity, as the firmware of many
+    robots does. In impedance mode it does so with a fraction of its stiffness. In torque mode, and when it is
+    off, nothing holds it.
     """
 
     def __init__(self, physics: Physics, robot: Robot, home: Array, *, period: float) -> None:
-        """`home` (n,) [rad] is where the servos start, `period` [s] the time between two targets."""
+        """Args: `home` (n,) [rad], the initial angles; `period` [s] between two targets."""
         self._physics = physics
         self._home = home
         moving = [servo.index for servo in robot.servos if servo.joint is not None]
@@ -47,7 +47,7 @@ class Servos:
         model = physics.model
         joints = [model.joint(robot.servos[index].joint) for index in self.moving]
         self.addresses: NDArray[np.intp] = np.array([joint.qposadr[0] for joint in joints], dtype=np.intp)
-        """Where the moving servos' angles are in `qpos`."""
+        """Index of each moving servo's angle in `qpos`."""
         self._dofs = np.array([joint.dofadr[0] for joint in joints], dtype=np.intp)
         self._actuators = np.array([model.actuator(joint.name).id for joint in joints], dtype=np.intp)
         self._ramp_steps = max(1, round(period / physics.step))
@@ -55,11 +55,11 @@ class Servos:
         speed = [np.inf if limit.velocity is None else limit.velocity for limit in limits]
         self._top = np.array(speed) * physics.step
         self.state = np.zeros((4, len(moving)))
-        """What the moving servos do now; rows as `stepping` names them."""
+        """Control state of the moving servos; rows as in `stepping`."""
         self.places = np.zeros((6, len(moving)), dtype=np.int64)
-        """Where the moving servos are; rows as `stepping` names them."""
+        """Indices and modes of the moving servos; rows as in `stepping`."""
         self.asked = np.zeros((2, len(home)))
-        """What all servos were asked for; rows as `stepping` names them."""
+        """Targets and torques of all servos; rows as in `stepping`."""
         self.state[at.LAG] = np.array(speed) * 2.0 * TIME_CONSTANT
         self.places[: at.LOOSE] = self.moving, self.addresses, self._dofs, self._actuators
         self._targets, self._torques = self.asked
@@ -67,11 +67,12 @@ class Servos:
         self._kp, self._kv = self._set_up(robot)
 
     def _set_up(self, robot: Robot) -> tuple[Array, Array]:
-        """Give each joint its motor's inertia and its actuator's gains and torque limit."""
+        """Sets the motor inertia, gains and torque limit of each joint; returns the full stiffness and
+        damping."""
         model, data = self._physics.model, self._physics.data
         inertia = _largest_inertia(model, data, self._dofs)
-        # A motor's inertia seen through its gear is matched to the load's, as is good practice. No
-        # maker publishes it: ours. It also keeps the damping near critical in every posture.
+        # Assumed, as no maker publishes it: the motor's inertia at the joint equals that of the load, which
+        # is good practice. It also keeps the damping near critical in every posture.
         own = model.dof_armature[self._dofs]
         armature = np.maximum(np.maximum(own, inertia - own), _LEAST_ARMATURE)
         model.dof_armature[self._dofs] = armature
@@ -85,7 +86,7 @@ class Servos:
         return kp, kv
 
     def reset(self) -> None:
-        """Full stiffness, no extra damping, targets at home."""
+        """Restores full stiffness, no additional damping, and targets at home."""
         self._stiffness = np.ones(len(self._home))
         self._damping = np.zeros(len(self._home))
         self._targets[:] = self._home
@@ -93,32 +94,32 @@ class Servos:
         self._stride[:] = 0.0
         self._torques[:] = 0.0
         self.modes = (Mode.POSITION,) * len(self._home)
-        """Control mode of each servo (n,); the same object until one changes."""
+        """Control mode of each servo (n,); the same object until a mode changes."""
         self._switched: tuple[object, ...] = ()
         self.powered = read_only(np.ones(len(self._home)), np.bool_)
-        """Whether each servo (n,) is on."""
+        """True (n,) for servos that are on."""
         self._apply_gains()
         self._physics.data.ctrl[self._actuators] = self._setpoint
 
     def set_position_targets(self, servos: ArrayLike, angles: ArrayLike) -> None:
-        """Go to `angles` (k,) [rad]. Raises CommandError."""
+        """Sets targets `angles` (k,) [rad]. Raises CommandError."""
         index, values = _checked(servos, angles, len(self._home))
         at.aim(index, values, self._top, float(self._ramp_steps), self.places, self.asked, self.state)
 
     def set_stiffness(self, servos: ArrayLike, share: ArrayLike) -> None:
-        """Share (k,) 0..1 of full stiffness; at 0 a servo is limp. Raises CommandError."""
+        """Sets fractions (k,) 0..1 of full stiffness; at 0 a servo is limp. Raises CommandError."""
         index, values = _checked(servos, share, len(self._home), share=True)
         self._stiffness[index] = values
         self._apply_gains()
 
     def set_damping(self, servos: ArrayLike, share: ArrayLike) -> None:
-        """Share (k,) 0..1 of damping on top: at 1 there is twice the critical one. Raises CommandError."""
+        """Sets fractions (k,) 0..1 of additional damping: 1 doubles the critical one. Raises CommandError."""
         index, values = _checked(servos, share, len(self._home), share=True)
         self._damping[index] = values
         self._apply_gains()
 
     def set_modes(self, servos: ArrayLike, modes: Sequence[Mode]) -> None:
-        """Switch servos to control modes (k,). Where one that was loose is held again, it is where it is.
+        """Switches servos to control modes (k,). A servo that leaves torque mode holds its current angle.
 
         Raises CommandError.
         """
@@ -128,7 +129,7 @@ class Servos:
             *modes,
         )
         if wanted == self._switched[1:] and now is self._switched[0]:
-            return  # streams say their modes in every period
+            return  # streamed commands repeat their modes in every period
         index, _ = _checked(servos, np.zeros(len(modes)), len(self._home))
         changes = [(s, mode) for s, mode in zip(index.tolist(), modes, strict=True) if mode is not now[s]]
         after = list(now)
@@ -143,12 +144,12 @@ class Servos:
         self._switched = self.modes, *wanted
 
     def set_torques(self, servos: ArrayLike, torque: ArrayLike) -> None:
-        """Torques (k,) [N m] of servos in torque mode; the motor's limit holds. Raises CommandError."""
+        """Sets torques (k,) [N m] of servos in torque mode, within the motor's limit. Raises CommandError."""
         index, values = _checked(servos, torque, len(self._home))
         self._torques[index] = values
 
     def set_power(self, servos: ArrayLike, on: bool) -> None:
-        """Switch servos off, which leaves them limp, or on, where they are. Raises CommandError."""
+        """Switches servos off, which makes them limp, or on at their current angles. Raises CommandError."""
         index, _ = _checked(servos, np.zeros(np.size(servos)), len(self._home))
         for servo in index.tolist():
             if on and not self.powered[servo]:
@@ -160,21 +161,23 @@ class Servos:
 
     @property
     def stiffness(self) -> Array:
-        """Full stiffness (n,) [N m/rad]: what a share of 1 is; 0 for a servo without a joint."""
+        """Full stiffness (n,) [N m/rad]; 0 for a servo without a joint."""
         result = np.zeros(len(self._home))
         result[self.moving] = self._kp
         return result
 
     def _catch(self, servo: int) -> None:
-        """Let a servo that was loose stay where it is, and push no more."""
+        """Makes a loose servo hold its current angle, without torque."""
         self._torques[servo] = 0.0
         here = self.measured()[at.JOINT, servo]
         self._targets[servo] = here
         self._setpoint[self.moving == servo] = here
 
     def measured(self) -> Array:
-        """Angles [rad], velocities [rad/s] and motors' torques [N m] of all servos (3, n), the latter in the
-        latest step; of a servo without a joint its target, and 0."""
+        """Returns angles [rad], velocities [rad/s] and motor torques [N m] of all servos (3, n).
+
+        Torques are those of the latest step. A servo without a joint has its target as angle, and 0 else.
+        """
         found = np.empty((3, len(self._home)))
         physics = self._physics
         at.measure(physics.qpos, physics.qvel, physics.motors, self.places, self.asked, found)
@@ -182,19 +185,19 @@ class Servos:
         return found
 
     def _apply_gains(self) -> None:
-        """Damping stays critical whatever the stiffness, so it goes with its root."""
+        """Writes the gains. Damping scales with the root of stiffness, which keeps it critical."""
         model = self._physics.model
         on = self.powered[self.moving]
         loose = np.array([self.modes[servo] is Mode.TORQUE for servo in self.moving], dtype=bool)
         stiffness, damping = self._stiffness[self.moving], self._damping[self.moving]
         kp, wanted = stiffness * self._kp, (np.sqrt(stiffness) + damping) * self._kv
-        # What the model's joint damps already is not added a second time.
+        # The damping of the model's joint counts towards it.
         kv = np.maximum(wanted - model.dof_damping[self._dofs], 0.0)
         held = on & ~loose
         kp, kv = kp * held, kv * held
         modes = [self.modes[servo] for servo in self.moving]
         yielding = np.array([mode is Mode.IMPEDANCE for mode in modes], dtype=bool)
-        # Damping in impedance mode acts on the velocity error, so what moves is no drag (Hogan 1985).
+        # Damping in impedance mode acts on the velocity error, so it does not brake a motion (Hogan 1985).
         lead = kv / np.where(kp > 0.0, kp, np.inf) / self._physics.step
         self.state[at.LEAD] = np.where(yielding, lead, 0.0)
         self.places[at.LOOSE], self.places[at.YIELDING] = loose, yielding
@@ -205,7 +208,7 @@ class Servos:
 
 
 def _largest_inertia(model: mujoco.MjModel, data: mujoco.MjData, dofs: NDArray[np.intp]) -> Array:
-    """Largest inertia (k,) [kg m2] that each joint sees in a number of postures within the limits."""
+    """Returns the largest inertia (k,) [kg m2] at each joint over random postures within the limits."""
     generator = np.random.default_rng(0)
     largest = np.zeros(len(dofs))
     full = np.zeros((model.nv, model.nv))
@@ -222,7 +225,8 @@ def _largest_inertia(model: mujoco.MjModel, data: mujoco.MjData, dofs: NDArray[n
 
 
 def _enough_torque(acceleration: float | None, inertia: float) -> float:
-    """Torque [N m] of a servo for which nobody gave one, ours: twice what its acceleration takes."""
+    """Returns a torque limit [N m] for a servo without a known one. Assumed: twice the torque for its
+    acceleration."""
     return 2.0 * inertia * (100.0 if acceleration is None else acceleration)
 
 

@@ -1,4 +1,4 @@
-"""Steps of a world in one compiled loop: servos, finger, physics, and nothing in Python between them.
+"""Steps a world in one compiled loop: servos, finger and physics, without Python between the steps.
 
 The loop calls MuJoCo's own `mj_step` by its address in the library that the bindings have loaded.
 """
@@ -18,29 +18,32 @@ from tci.frames import Array
 from tci.simulation.feeling import DUE, SKIN, SLOTS, Arrays, feel
 
 SETPOINT, STRIDE, LAG, LEAD = range(4)
-"""Rows of what moving servos (4, k) have: where they are told to be now, how far that goes in a step, how
-much they see of an error [rad], and by how many steps damping looks ahead."""
+"""Rows of the state of moving servos (4, k): set-point [rad], its change per step, limit of the error [rad]
+that they act on, and number of steps by which damping looks ahead."""
 SERVO, ADDRESS, DOF, ACTUATOR, LOOSE, YIELDING = range(6)
-"""Rows of their places (6, k) in the robot, `qpos`, `qvel` and `ctrl`; in torque mode; in impedance mode."""
+"""Rows of their indices (6, k) into the robot's servos, `qpos`, `qvel` and `ctrl`; 1 in torque mode; 1 in
+impedance mode."""
 TARGET, TORQUE = range(2)
-"""Rows of what all servos (2, n) were asked for."""
+"""Rows of the commands of all servos (2, n)."""
 ACTIVE, BEGIN, SPEED, DEPTH, LEADS, PATH, END, FORCE, FIRST, LOST, PEAK = range(11)
-"""Numbers of the finger: whether there is one; when it started, its speed, how deep it goes, damping by
-stiffness, its path and the path's end; force, when it first touched and ceased to [s], largest force."""
+"""Indices of the finger's state: 1 if it is present; start time, speed, depth, ratio of damping to stiffness,
+path and end of the path; contact force, times [s] of the first contact and of its latest loss, largest
+force."""
 TIP, TIP_SENSOR, TRACED, AHEAD = range(4)
-"""Whole numbers: the finger's actuator and sensor, steps in its trace, the step whose first half was taken
-already."""
+"""Indices of the integers: the finger's actuator and sensor, number of steps in its trace, number of the step
+whose first half is done."""
 MOVED = returns(reads(1), reads(1), writes(1), reads(1), reads(1))
-"""Types of what the joints are and what moves them: MuJoCo's `qpos`, `qvel`, `ctrl`, `qfrc_applied` and
+"""Types of the arrays that the next step depends on: MuJoCo's `qpos`, `qvel`, `ctrl`, `qfrc_applied` and
 `xfrc_applied`, row after row."""
 JOINT, VELOCITY, MOTOR = range(3)
-"""Rows of what is measured of all servos (3, n)."""
+"""Rows of the measurements of all servos (3, n)."""
 
 
 def find_library(folder: Path, version: str) -> Path:
-    """The library of MuJoCo that its module uses: another release may have left one in the same folder.
+    """Finds the library of MuJoCo that its module uses, as another release may have left one in the same
+    folder.
 
-    Raises ImportError where it is missing.
+    Raises ImportError if it is missing.
     """
     for name in (f"libmujoco.so.{version}", f"libmujoco.{version}.dylib", "mujoco.dll"):
         if (folder / name).exists():
@@ -52,7 +55,7 @@ _LIBRARY = ctypes.CDLL(str(find_library(Path(mujoco.__file__).parent, mujoco.__v
 
 
 def _bring(name: str) -> Any:
-    """A function of MuJoCo for compiled loops."""
+    """Makes a function of MuJoCo callable in compiled loops."""
     address = ctypes.cast(getattr(_LIBRARY, name), ctypes.c_void_p).value
     binding.add_symbol(name, address)
     return types.ExternalFunction(name, types.void(types.intp, types.intp))
@@ -66,7 +69,7 @@ _check, _integrate = _bring("mj_checkAcc"), _bring("mj_implicit")
 
 @inlined
 def _drive(qpos: Array, ctrl: Array, servos: Array, places: Array, asked: Array) -> None:
-    """Move the servos' set-points by one step."""
+    """Moves the servos' set-points by one step."""
     for i in range(servos.shape[1]):
         setpoint, stride, lag = servos[SETPOINT, i], servos[STRIDE, i], servos[LAG, i]
         left = asked[TARGET, places[SERVO, i]] - setpoint
@@ -84,7 +87,7 @@ def _drive(qpos: Array, ctrl: Array, servos: Array, places: Array, asked: Array)
 
 @inlined
 def _push(time: float, ctrl: Array, finger: Array, whole: Array) -> None:
-    """Move the finger's base."""
+    """Moves the finger's base by one step."""
     wanted = finger[SPEED] * (time - finger[BEGIN])
     finger[PATH] = max(finger[PATH], min(wanted, finger[END]))
     # The damper lies between base and tip, so it needs the base's speed as well.
@@ -94,14 +97,14 @@ def _push(time: float, ctrl: Array, finger: Array, whole: Array) -> None:
 
 @inlined
 def _note(time: float, sensors: Array, finger: Array, whole: Array, trace: Array) -> None:
-    """Remember what the tip felt in a step that began at `time` [s]."""
+    """Records the tip's contact in a step that began at `time` [s]."""
     at = whole[TIP_SENSOR]
     force = (sensors[at] ** 2 + sensors[at + 1] ** 2 + sensors[at + 2] ** 2) ** 0.5
     if force > 0.0:
         if finger[FIRST] != finger[FIRST]:
             finger[FIRST] = time
             finger[END] = finger[PATH] + finger[DEPTH]
-            # One that waited at the end of its path goes on from there.
+            # A finger that waited at the end of its path continues from there.
             finger[BEGIN] = max(finger[BEGIN], time - finger[PATH] / finger[SPEED])
         finger[LOST] = float("nan")
         finger[PEAK] = max(finger[PEAK], force)
@@ -124,7 +127,7 @@ def _keep(values: Array, here: Array, at: int) -> int:
 def _look_ahead(
     model: int, data: int, number: int, moved: Arrays, warm: Array, here: Array, whole: Array
 ) -> None:
-    """Make contacts and sensors belong to the present joints: all of the next step but that it moves."""
+    """Updates contacts and sensors to the current joints: does all of the next step except the motion."""
     qpos, qvel, ctrl, applied, pushed = moved
     _step1(model, data)
     at = _keep(qpos, here, 0)
@@ -137,7 +140,7 @@ def _look_ahead(
     _accelerate(model, data)
     _constrain(model, data)
     _sense(model, data)
-    # The solver starts from its last result: looking must not change what happens next.
+    # The solver starts from its last result, which is restored so that later steps are not affected.
     for i in range(len(warm)):
         warm[i] = here[at + i]
     whole[AHEAD] = number
@@ -153,8 +156,8 @@ def _differs(values: Array, here: Array, at: int) -> bool:
 
 @inlined
 def _take_step(model: int, data: int, number: int, moved: Arrays, here: Array, whole: Array) -> None:
-    """`mj_step`, or what is left of it after `_look_ahead`: after that somebody may have moved joints, or
-    changed what moves them."""
+    """Does `mj_step`, or the rest of it after `_look_ahead`, unless joints or their inputs have changed
+    since."""
     qpos, qvel, ctrl, applied, pushed = moved
     n, m, k = len(qpos), len(qvel), len(ctrl)
     if whole[AHEAD] != number or _differs(qpos, here, 0) or _differs(qvel, here, n):
@@ -193,10 +196,11 @@ def march(
     trace: Array,
     skin: Arrays,
 ) -> int:
-    """Take the steps from `begin` to `end` (their numbers), each `step` [s], and frames of the skin.
+    """Takes the steps number `begin` to `end`, each of `step` [s], and the frames of the skin that become
+    due.
 
-    Returns the number of the last step: it ends early where a patch has more contacts than slots. `model` and
-    `data` are the addresses of MuJoCo's.
+    Returns the number of the last step: it ends early if a patch has more contacts than slots. `model` and
+    `data` are the addresses of MuJoCo's objects.
     """
     qpos, _, ctrl, _, _ = moved
     sensors, patches = skin[0], skin[3]
@@ -225,8 +229,8 @@ def march(
 
 @compiled(int64(reads(1), reads(1), reads(1), reads(2, int64), reads(2), writes(2)))
 def measure(qpos: Array, qvel: Array, forces: Array, places: Array, asked: Array, found: Array) -> int:
-    """Write angles [rad], velocities and motors' torques of all servos (3, n); of one without a joint, its
-    target."""
+    """Writes angles [rad], velocities and motor torques of all servos (3, n); the angle of a servo without a
+    joint is its target."""
     for i in range(found.shape[1]):
         found[JOINT, i] = asked[TARGET, i]
         found[VELOCITY, i] = found[MOTOR, i] = 0.0
@@ -240,8 +244,8 @@ def measure(qpos: Array, qvel: Array, forces: Array, places: Array, asked: Array
 
 @compiled(int64(views(1, int64), views(1), int64))
 def fault_of(servos: Array, values: Array, count: int) -> int:
-    """0 for finite `values` (k,) of `servos` (k,) out of `count`; 1 where a servo is none, 2 where a value is
-    not finite."""
+    """Checks `values` (k,) for `servos` (k,) out of `count`: returns 1 for an invalid servo, 2 for a value
+    that is not finite, else 0."""
     for i in range(len(servos)):
         if not 0 <= servos[i] < count:
             return 1
@@ -255,7 +259,8 @@ def fault_of(servos: Array, values: Array, count: int) -> int:
 def aim(
     servos: Array, angles: Array, top: Array, steps: float, places: Array, asked: Array, state: Array
 ) -> int:
-    """Let `servos` (k,) go to `angles` (k,) [rad] in so many steps, each of at most `top` (moving,) [rad]."""
+    """Sets targets `angles` (k,) [rad] of `servos` (k,), to be reached in `steps` steps, each of at most
+    `top` (moving,) [rad]."""
     for i in range(len(servos)):
         asked[TARGET, servos[i]] = angles[i]
     for i in range(state.shape[1]):

@@ -1,4 +1,4 @@
-"""The skin that is not there: contacts of the physics become raw frames of all patches."""
+"""The simulated skin: turns contacts of the physics into raw frames of all patches."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Taxels:
         generator: np.random.Generator,
     ) -> None:
         self.worn = {patch.name: number for number, patch in enumerate(patches)}
-        """The number of each patch, by its name."""
+        """Number of each patch, by its name."""
         self._patches = patches
         self._physics = physics
         self._noise = noise
@@ -59,7 +59,7 @@ class Taxels:
             words[at.AXES] = sensor.axes
             x = tangents(surface.normals) if surface.tangents is None else surface.tangents
             shear = sensor.shear_pascal_per_count if sensor.axes == 3 else 1.0
-            # A rigid plate hands a force on to all that carry it, however far away they are.
+            # A rigid plate distributes a force over all its taxels, at any distance.
             half = 0.5 * float(np.ptp(surface.positions, axis=0).max())
             outward = surface.normals.mean(axis=0)
             sizes.append([
@@ -88,8 +88,8 @@ class Taxels:
             np.concatenate(nodes, axis=1), self._total, self._lists, spots,
             np.empty((ROWS + 1, max(9, count))), self._values,
         )  # fmt: skip
-        """What the loops in `feeling` take."""
-        # One array for all frames at rest, which nobody can change: who sees it again need not look again.
+        """Arguments of the loops in `feeling`."""
+        # All frames at rest share one read-only array, so a reader that recognises it can skip its values.
         self._rest = [_raw(patch, np.full(patch.channels, patch.sensor.rest)) for patch in patches]
         self._frames: list[SkinFrame] = []
         self._latest: tuple[SkinFrame, ...] = ()
@@ -97,16 +97,16 @@ class Taxels:
 
     @property
     def due(self) -> int:
-        """Step in which the next frame is taken; far away without skin."""
+        """Step in which the next frame is taken; the largest integer without skin."""
         return int(self._words[:, at.DUE].min(initial=np.iinfo(np.int64).max))
 
     @property
     def noisy(self) -> bool:
-        """Whether frames have noise, which is made after each step with a frame."""
+        """True if frames have noise, which is added after each step with a frame."""
         return self._noise > 0.0
 
     def reset(self) -> None:
-        """The first frame is taken now. Raises TciError like `frames`."""
+        """Takes the first frame now. Raises TciError as `frames` does."""
         self._physics.refresh()
         self._words[:, at.COUNT] = -1
         for number in range(len(self._patches)):
@@ -115,9 +115,9 @@ class Taxels:
         self._until = -1
 
     def frames(self) -> tuple[SkinFrame, ...]:
-        """The latest frame of every patch: the same object until one is new.
+        """Returns the latest frame of every patch; the same object until a frame is new.
 
-        Raises TciError when a patch had more contacts than slots.
+        Raises TciError if a patch had more contacts than slots.
         """
         if self._physics.steps >= self._until:
             for number, count in enumerate(self._words[:, at.COUNT].tolist()):
@@ -142,9 +142,10 @@ class Taxels:
         )
 
     def vectors(self, patch: str) -> Array:
-        """Force (taxels, 3) [N] on each taxel of a patch now: along its x and y axes, and pressing.
+        """Returns the current force (taxels, 3) [N] on each taxel of a patch: along its x and y axes, and
+        normal.
 
-        Raises TciError like `frames`.
+        Raises TciError as `frames` does.
         """
         self._physics.refresh()
         number = self.worn[patch]
@@ -163,7 +164,7 @@ class Taxels:
 
 
 def _raw(patch: Patch, counts: Array) -> NDArray[np.generic]:
-    """Raw values (channels,) that the sensor sends for deviations [counts]."""
+    """Returns the raw values (channels,) that the sensor sends for unrounded ones [counts]."""
     lowest, highest = patch.sensor.lowest, patch.sensor.highest
     small = 0.0 <= lowest <= highest <= 255.0
     return read_only(np.clip(np.rint(counts), lowest, highest), np.uint8 if small else np.int32)

@@ -1,4 +1,4 @@
-"""Skin in a scene: what is touched, and what the physics knows of it."""
+"""Skin in a scene: collision geoms, contact sensors, and the contacts of the physics."""
 
 from __future__ import annotations
 
@@ -23,48 +23,49 @@ _FIELDS = (
     mujoco.mjtConDataField.mjCONDATA_TANGENT,
 )
 _MOST_FORCE, _NET_FORCE = 2, 3
-"""MuJoCo's codes: contacts sorted by force; or all as one, at their centre of pressure, in the world's
+"""MuJoCo's codes: contacts sorted by force; or all merged into one at their centre of pressure, in world
 axes."""
 FINGER_TIP, FLOOR = "tci_finger_tip", "tci_floor"
-"""Geoms that the skin collides with."""
+"""Names of the geoms that the skin collides with."""
 FINGER_PRIORITY = 1
-"""Of the finger's contacts, which are without friction but for skin that feels it."""
+"""Priority of the finger's contacts: they have no friction, except on skin that measures it."""
 _CORNERS = 8
 _THICKNESS = 2e-3
-"""How thick [m] a sheet of skin is. Ours."""
+"""Thickness [m] of a sheet of skin. Assumed; no published value."""
 _COLOUR = (0.22, 0.23, 0.25, 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ContactTruth:
-    """What the physics knows of the contacts of one patch: the reference for all checks."""
+    """Contacts of one patch according to the physics: the reference for all checks."""
 
     patch: str
     force: float
-    """Sum of the normal forces [N]; 0 when nothing touches."""
+    """Sum of the normal forces [N]; 0 without contact."""
     vector: Array
-    """Sum of the contact forces on the skin (3,) [N], seen from the torso."""
+    """Sum of the contact forces on the skin (3,) [N], in the torso frame."""
     center: Array
-    """Force-weighted contact point (3,) [m], seen from the torso; NaN when nothing touches."""
+    """Force-weighted contact point (3,) [m], in the torso frame; NaN without contact."""
     normal: Array
-    """Force-weighted outward unit normal (3,) of the contacts, seen from the torso; NaN likewise."""
+    """Force-weighted outward unit normal (3,) of the contacts, in the torso frame; NaN without contact."""
 
 
 def skin_geom(patch: str) -> str:
-    """Name of the geom and of the contact sensor of a patch."""
+    """Returns the name of the geom and of the contact sensor of a patch."""
     return f"tci_skin_{patch}"
 
 
 def stiff(step: float) -> list[float]:
-    """MuJoCo's solref of a contact with the finger, whose light tip would sink in: 0.2 mm at 8 N here."""
+    """Returns MuJoCo's solref of a contact with the finger: stiff, since its light tip sinks in easily (with
+    this value 0.2 mm at 8 N)."""
     return [max(0.002, 2.0 * step), 1.0]
 
 
 def add_skin(spec: mujoco.MjSpec, surface: Surface, *, axes: int, step: float, floor: bool) -> None:
-    """Add a patch to the scene: a geom through its taxels, and a sensor of the contacts on it.
+    """Adds a patch to the scene: a geom through its taxels, and a sensor of the contacts on it.
 
-    MuJoCo collides a mesh's convex hull. Faces serve pictures. Only skin that feels `axes` 3 has friction
-    with the finger. What a `floor` does has a sensor of its own.
+    MuJoCo collides a mesh's convex hull; its faces are used only in pictures. Skin has friction with the
+    finger only if it has three `axes`. Contacts with a `floor` have a separate sensor.
     """
     name = skin_geom(surface.patch)
     points, faces = _solid(surface)
@@ -108,14 +109,14 @@ def add_skin(spec: mujoco.MjSpec, surface: Surface, *, axes: int, step: float, f
 
 
 def floor_sensor(patch: str) -> str:
-    """Name of the sensor of what a floor does to a patch."""
+    """Returns the name of the sensor of a patch's contacts with the floor."""
     return f"tci_floor_{patch}"
 
 
 def _solid(surface: Surface) -> tuple[Array, NDArray[np.intp]]:
-    """Vertices (v, 3) [m] and faces (f, 3) of a body with that surface.
+    """Returns vertices (v, 3) [m] and faces (f, 3) of a body with that surface.
 
-    A limb's taxels enclose one. The taxels of a sheet, and single ones, are plates of their own area.
+    The taxels of a limb enclose a body. Those of a sheet, and single ones, become plates of their own area.
     """
     if len(surface.faces) and not is_sheet(surface.normals):
         return surface.positions, surface.faces
@@ -132,7 +133,7 @@ def _solid(surface: Surface) -> tuple[Array, NDArray[np.intp]]:
 
 
 def contact_truth(physics: Physics, patch: str, T_TW: Array) -> ContactTruth:
-    """The physics' own contacts on a patch, now, not read from the sensor that the skin uses."""
+    """Returns the current contacts on a patch from the physics, not from the sensor that the skin uses."""
     physics.refresh()
     model, data = physics.model, physics.data
     geom = model.geom(skin_geom(patch)).id

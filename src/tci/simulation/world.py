@@ -1,4 +1,4 @@
-"""The robot that is not there: a physical world with one robot, its skin and a finger."""
+"""The simulated world: one robot with servos and skin, and a finger."""
 
 from __future__ import annotations
 
@@ -27,15 +27,18 @@ from tci.skin.surfaces import Surface, build_surface
 
 MIDDLEWARE = "sim"
 MAX_STEP = 0.005
-"""Longest step [s]: the servos' own time constant. Contacts are softer from 0.002 s on."""
+"""Longest step [s]: the time constant of the servos. Contacts become softer from 0.002 s on."""
 _PERIOD = 0.002
-"""Time [s] between two targets for a robot without a binding to the simulation. Ours."""
+"""Time [s] between two targets for a robot without a binding to the simulation. Assumed; no published
+value."""
 
 
 class World:
-    """One robot, with servos, skin and a finger, at its own time: on a fixed base, or standing on a floor.
+    """A physical simulation of one robot with servos, skin and a finger, on a fixed base or standing on a
+    floor.
 
-    The same arguments, calls and MuJoCo version give the same bits. An object serves one thread.
+    It has its own clock. Equal arguments, calls and MuJoCo version give equal bits. An object serves one
+    thread.
     """
 
     def __init__(
@@ -50,15 +53,15 @@ class World:
         stands: bool = False,
         period: float | None = None,
     ) -> None:
-        """`step` [s] is the physics' step, `period` [s] the time between two targets of the servos if not the
-        description's; `noise` [counts] the standard deviation of raw skin values. `skin`
-        says whether the robot wears its skin, or names the patches that it wears.
+        """Args: `step` [s] of the physics; `period` [s] between two targets of the servos, by default the
+        description's; `noise` [counts], the standard deviation of raw skin values; `skin`, True for all
+        patches, False for none, or the names of patches.
 
-        `posture` are generic angles [rad] by generic part where the robot starts; parts that it does
-        not name start at their initial posture. A robot that `stands` carries its weight on a floor under its
-        soles, which alone touch it, and may fall; otherwise its base is fixed and it weighs nothing. Raises
-        DescriptionError for a robot that can't be simulated, CommandError for a number or a posture that does
-        not fit, or a robot that stands and has no soles that feel.
+        `posture` gives generic angles [rad] at the start by generic part; other parts start at their initial
+        posture. A robot that `stands` carries its weight on a floor, which only its soles touch, and may
+        fall; otherwise its base is fixed and it has no weight. Raises DescriptionError for a robot that can't
+        be simulated, CommandError for an invalid number or posture, or for a standing robot without sensitive
+        soles.
         """
         if robot.model is None:
             raise DescriptionError(robot.source, [Fault(0, NO_MODEL)])
@@ -85,22 +88,22 @@ class World:
         self._skin = PosedSkin(self._physics, robot.model, self.surfaces)
         self._taxels = Taxels(self._physics, worn, self.surfaces, noise=noise, generator=self._generator)
         self.finger = Finger(self._physics, self._skin)
-        """What pokes the skin."""
+        """Finger that pokes the skin."""
         self.reset()
 
     @property
     def seed(self) -> int:
-        """Of the noise on the skin."""
+        """Seed of the noise on the skin."""
         return self._seed
 
     @property
     def step(self) -> float:
-        """Of the physics [s]."""
+        """Step of the physics [s]."""
         return self._physics.step
 
     @property
     def model(self) -> mujoco.MjModel:
-        """MuJoCo's model, for those who know it."""
+        """MuJoCo's model, for direct access."""
         return self._physics.model
 
     @property
@@ -114,9 +117,10 @@ class World:
         return self._physics.time
 
     def reset(self, *, seed: int | None = None) -> None:
-        """Back to time 0, the initial posture, full stiffness, no finger, and the seed, or another one.
+        """Resets time to 0, the posture and full stiffness, and removes the finger; sets `seed`, or restarts
+        the old one.
 
-        Raises CommandError for a seed that is none.
+        Raises CommandError for an invalid seed.
         """
         self._seed = self._seed if seed is None else _checked_seed(seed)
         self._generator.bit_generator.state = np.random.default_rng(self._seed).bit_generator.state
@@ -127,15 +131,15 @@ class World:
 
     @property
     def torso(self) -> Array:
-        """`T_WT` (4, 4): the torso in the world, now."""
+        """`T_WT` (4, 4): current pose of the torso frame in the world."""
         return self._skin.torso()
 
     def refresh(self) -> None:
-        """Make poses and contacts in `data` belong to its joints. The future stays the same."""
+        """Updates poses and contacts in `data` to its current joints. Later steps are not affected."""
         self._physics.refresh()
 
     def advance(self, until: float) -> None:
-        """Step the physics until `time` is at least `until` [s]; skin frames are taken on the way."""
+        """Steps the physics until `time` is at least `until` [s]; takes the skin frames that become due."""
         last = math.ceil(until / self._physics.step - 1e-6)
         while self._physics.steps < last:
             end = min(last, self._taxels.due) if self._taxels.noisy else last
@@ -153,23 +157,25 @@ class World:
                 self._taxels.frames()
 
     def set_position_targets(self, servos: ArrayLike, angles: ArrayLike) -> None:
-        """Let servos (k,), indices into `Robot.servos`, go to `angles` (k,) [rad]. Raises CommandError."""
+        """Sends servos (k,), indices into `Robot.servos`, to `angles` (k,) [rad]. Raises CommandError."""
         self._servos.set_position_targets(servos, angles)
 
     def set_modes(self, servos: ArrayLike, modes: Sequence[Mode]) -> None:
-        """Switch servos (k,) to control modes (k,). Raises CommandError."""
+        """Switches servos (k,) to control modes (k,). Raises CommandError."""
         self._servos.set_modes(servos, modes)
 
     def set_torques(self, servos: ArrayLike, torque: ArrayLike) -> None:
-        """Torques (k,) [N m] of servos in torque mode; the motors' limits hold. Raises CommandError."""
+        """Sets torques (k,) [N m] of servos in torque mode, within the motors' limits. Raises
+        CommandError."""
         self._servos.set_torques(servos, torque)
 
     def set_power(self, servos: ArrayLike, on: bool) -> None:
-        """Switch servos (k,) off, which leaves them limp, or on, where they are. Raises CommandError."""
+        """Switches servos (k,) off, which makes them limp, or on at their current angles. Raises
+        CommandError."""
         self._servos.set_power(servos, on)
 
     def halt(self) -> None:
-        """All servos stay where they are now: those in torque mode are switched to position mode."""
+        """Stops all servos at their current angles; those in torque mode are switched to position mode."""
         joints, _, _ = self._servos.measured()
         servos = np.arange(len(joints))
         modes = [Mode.POSITION if mode is Mode.TORQUE else mode for mode in self._servos.modes]
@@ -178,19 +184,20 @@ class World:
 
     @property
     def stiffness(self) -> Array:
-        """Stiffness (n,) [N m/rad] of each servo at a share of 1. Ours: see `servos.TIME_CONSTANT`."""
+        """Full stiffness (n,) [N m/rad] of each servo. Assumed: see `servos.TIME_CONSTANT`."""
         return self._servos.stiffness
 
     def set_stiffness(self, servos: ArrayLike, share: ArrayLike) -> None:
-        """Share (k,) 0..1 of full stiffness; at 0 a servo is limp. Raises CommandError."""
+        """Sets fractions (k,) 0..1 of full stiffness; at 0 a servo is limp. Raises CommandError."""
         self._servos.set_stiffness(servos, share)
 
     def set_damping(self, servos: ArrayLike, share: ArrayLike) -> None:
-        """Share (k,) 0..1 of damping on top of the critical one. Raises CommandError."""
+        """Sets fractions (k,) 0..1 of damping in addition to the critical one. Raises CommandError."""
         self._servos.set_damping(servos, share)
 
     def joints(self) -> JointReading:
-        """Angles and velocities of all servos now, exact. One without a joint reads its target."""
+        """Returns exact current angles and velocities of all servos. A servo without a joint reads its
+        target."""
         found = self._servos.measured()
         return JointReading(
             stamp=self.time,
@@ -203,36 +210,37 @@ class World:
         )
 
     def frames(self) -> tuple[SkinFrame, ...]:
-        """The latest frame of every patch, in the description's order."""
+        """Returns the latest frame of every patch, in the description's order."""
         return self._taxels.frames()
 
     def contact_truth(self, patch: str) -> ContactTruth:
-        """What the physics knows of a patch's contacts, now. Raises UnknownNameError."""
+        """Returns the current contacts on a patch from the physics. Raises UnknownNameError."""
         self._skin.surface(patch)
         return contact_truth(self._physics, patch, invert(self._skin.torso()))
 
     def skin_point(
         self, patch: str, place: int | ArrayLike, normal: ArrayLike | None = None
     ) -> tuple[Array, Array]:
-        """Point (3,) [m] and outward normal (3,), seen from the torso, of a place on the skin, now.
+        """Returns the current position (3,) [m] and outward normal (3,), in the torso frame, of a place on
+        the skin.
 
-        `place` is a taxel or a point (3,) [m] in the patch's link, `normal` (3,) a normal in it, if
-        not the surface's own. Raises UnknownNameError, CommandError.
+        `place` is a taxel or a point (3,) [m] in the patch's link; `normal` (3,) in the link replaces that of
+        the surface. Raises UnknownNameError, CommandError.
         """
         return self._skin.to_torso(*self._skin.point(patch, place, normal))
 
     def skin_point_in_world(
         self, patch: str, place: int | ArrayLike, normal: ArrayLike | None = None
     ) -> tuple[Array, Array]:
-        """The same, seen from the world."""
+        """Returns position and normal as `skin_point` does, in the world frame."""
         return self._skin.point(patch, place, normal)
 
 
 def start_angles(robot: Robot, posture: Mapping[str, ArrayLike]) -> Array:
-    """Angles (n,) [rad] of all servos (inverse of eq. 1) at a generic `posture` by part.
+    """Returns the angles (n,) [rad] of all servos (inverse of eq. 1) for a generic `posture` by part.
 
-    Parts not named are at their initial posture, servos that no part maps at 0 or their nearest limit;
-    all are brought inside their limits. Raises UnknownNameError, CommandError.
+    Other parts are at their initial posture, servos that no part maps at 0; all are clipped to their limits.
+    Raises UnknownNameError, CommandError.
     """
     angles = np.zeros(len(robot.servos))
     given = {robot.part(name).name: np.asarray(values, dtype=float) for name, values in posture.items()}

@@ -1,19 +1,23 @@
-"""Poses of the skin's links in one compiled loop are MuJoCo's."""
+"""Poses and Jacobians of compiled loops are MuJoCo's, and threads may share them."""
 
 from __future__ import annotations
 
+import pickle
+from concurrent.futures import ThreadPoolExecutor
+from copy import deepcopy
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from robot.moving import random_postures
-from tci.errors import UnknownNameError
+from robot.mujoco_oracle import Oracle
+from tci.frames import apply
 from tci.robot.catalogue import load_robot, robot_names
 from tci.robot.description import Model, Robot
+from tci.robot.gravity import Gravity
 from tci.robot.joint_map import initial_position
-from tci.robot.kinematics import Kinematics
-from tci.robot.link_poses import SkinLinks
+from tci.robot.kinematics import Kinematics, LinkPoses
 
 ODD = """
 <mujoco><compiler angle="radian"/><worldbody>
@@ -33,13 +37,18 @@ ODD = """
 
 
 def assert_the_same(robot: Robot, postures: list[np.ndarray]) -> None:
-    kinematics = Kinematics(robot)
-    links = SkinLinks(robot, kinematics, kinematics.links)
+    kinematics, oracle, random = Kinematics(robot), Oracle(robot), np.random.default_rng(4)
     for posture in postures:
-        found, expected = links.poses(posture), kinematics.poses(posture, kinematics.links)
+        found, expected = kinematics.poses(posture, kinematics.links), oracle.poses(posture, kinematics.links)
         assert tuple(found) == tuple(expected)
         for link, pose in expected.items():
             np.testing.assert_allclose(found[link], pose, rtol=0, atol=1e-12)
+        for link in random.choice(kinematics.links, min(len(kinematics.links), 12), replace=False).tolist():
+            point = random.uniform(-0.1, 0.1, 3)
+            T_TP, jacobian = kinematics.pose_and_jacobian(posture, link, point=point)
+            np.testing.assert_allclose(jacobian, oracle.jacobian(posture, link, point), rtol=0, atol=1e-12)
+            np.testing.assert_allclose(T_TP[:3, 3], apply(expected[link], point), rtol=0, atol=1e-12)
+            np.testing.assert_allclose(T_TP[:3, :3], expected[link][:3, :3], rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", robot_names())
@@ -65,10 +74,38 @@ def test_sliding_joints_references_and_two_joints_on_a_link(tmp_path: Path) -> N
     assert_the_same(robot, [random.uniform(-2.0, 2.0, len(moving)) for _ in range(20)])
 
 
-def test_an_unknown_link_is_named() -> None:
+def test_poses_of_skin_are_made_when_asked_for_and_copied_as_plain_data() -> None:
     robot = load_robot("nao")
-    with pytest.raises(UnknownNameError, match="Paw"):
-        SkinLinks(robot, Kinematics(robot), ["Paw"])
-    links = SkinLinks(robot, Kinematics(robot), ["LForeArm"])
+    kinematics, position = Kinematics(robot), np.array(initial_position(robot))
+    poses = LinkPoses(kinematics, ("LForeArm", "RForeArm"), position)
     with pytest.raises(KeyError):
-        links.poses(np.array(initial_position(robot)))["Paw"]
+        poses["Paw"]
+    for other in (pickle.loads(pickle.dumps(poses)), deepcopy(poses)):
+        assert type(other) is dict
+        assert other.keys() == {"LForeArm", "RForeArm"}
+        np.testing.assert_array_equal(other["RForeArm"], poses["RForeArm"])
+
+
+def test_threads_share_it() -> None:
+    robot = load_robot("icub")
+    kinematics = Kinematics(robot)
+    postures = list(random_postures(robot, 400))
+
+    def work(posture: np.ndarray) -> tuple[bytes, bytes]:
+        poses = kinematics.poses(posture, ("l_hand", "r_hand"))
+        return np.array(list(poses.values())).tobytes(), kinematics.jacobian(posture, "l_hand").tobytes()
+
+    alone = [work(posture) for posture in postures]
+    with ThreadPoolExecutor(4) as pool:
+        assert list(pool.map(work, postures)) == alone
+
+
+def test_the_centre_of_mass_is_that_of_mujoco() -> None:
+    for name in ("nao-whole", "icub-whole"):
+        robot = load_robot(name)
+        gravity, oracle = Gravity(robot), Oracle(robot)
+        masses = gravity.masses
+        for posture in random_postures(robot, 20):
+            T_WT = oracle.move(posture)
+            expected = np.linalg.inv(T_WT) @ np.append(masses @ oracle.data.xipos / masses.sum(), 1.0)
+            np.testing.assert_allclose(gravity.centre_of_mass(posture), expected[:3], rtol=0, atol=1e-12)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from threading import local
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,6 @@ from tci.gate.bounds import Bounds, bounds_of
 from tci.messages import Contact, Mode
 from tci.robot.joint_map import JointMap, joint_map
 from tci.robot.kernels.links import retreats
-from tci.robot.steps import steps_to
 from tci.skin.skin import Skin
 
 EARLY = (0.01, 0.02)
@@ -46,17 +46,18 @@ class _Motion:
 
 
 class Retreat:
-    """Judges for one robot where motions lead; works in its own memory."""
+    """Judges for one robot where motions lead. Threads may share it: each has a planner of its own."""
 
     def __init__(self, skin: Skin) -> None:
         robot = skin.robot
         self._robot = robot
         links = tuple(dict.fromkeys(patch.link for patch in robot.patches))
-        self._steps = steps_to(robot, skin.kinematics, links)
-        ends = dict(zip(links, self._steps.ends.tolist(), strict=True))
-        self._after = {patch.name: ends[patch.link] for patch in robot.patches}
-        self._work = np.empty((len(self._steps.steps), 3, 4))
-        self._motions: dict[str, _Motion] = {}
+        self._chain = skin.kinematics
+        ends = self._chain.ends([self._chain.body(link) for link in links])
+        self._path = self._chain.path(ends.tolist())
+        after = dict(zip(links, ends.tolist(), strict=True))
+        self._after = {patch.name: after[patch.link] for patch in robot.patches}
+        self._own = local()
 
     def along(
         self, position: Array, contacts: Sequence[Contact], part: str, target: Array, mode: Mode
@@ -73,12 +74,13 @@ class Retreat:
         if motion.joints.servos.size and len(contacts):
             retreats(
                 self._way(motion, position, target, mode),
-                self._steps.steps,
-                self._steps.sums,
+                self._path,
+                self._chain.steps,
+                self._chain.sums,
                 np.array([self._after[contact.patch] for contact in contacts], np.int64),
                 np.array([contact.p_L for contact in contacts]),
                 np.array([contact.n_L for contact in contacts]),
-                self._work,
+                np.empty((len(self._chain.steps), 3, 4)),
                 np.empty((len(contacts), 3, 2)),
                 result,
             )
@@ -112,7 +114,8 @@ class Retreat:
         return way
 
     def _motion(self, part: str) -> _Motion:
-        found = self._motions.get(part)
+        motions: dict[str, _Motion] = self._own.__dict__.setdefault("motions", {})
+        found = motions.get(part)
         if found is None:
             joints = joint_map(self._robot, part)
             count = len(joints.servos)
@@ -128,5 +131,5 @@ class Retreat:
             plan.max_acceleration, plan.max_jerk = bounds.acceleration.tolist(), bounds.jerk.tolist()
             free = np.ones(count, np.bool_)
             found = _Motion(joints, bounds, outside, free, Ruckig(count), plan, Trajectory(count))
-            self._motions[part] = found
+            motions[part] = found
         return found

@@ -11,9 +11,8 @@ from tci.engine import mujoco
 from tci.errors import DescriptionError, Fault
 from tci.frames import Array, transform
 from tci.robot.description import Description, Robot, Vector
-from tci.robot.kinematics import bare_model, joints_of
+from tci.robot.kinematics import at_zero, bare_model, joints_of
 from tci.robot.model_file import load_spec
-from tci.robot.steps import at_zero
 
 Matrix = tuple[tuple[float, ...], ...]
 """A matrix as a tuple of rows."""

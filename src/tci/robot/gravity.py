@@ -6,9 +6,9 @@ import numpy as np
 
 from tci.engine import mujoco
 from tci.errors import CommandError, DescriptionError, Fault, UnknownNameError
-from tci.frames import Array, apply, invert, read_only, transform
+from tci.frames import Array, read_only
 from tci.robot.description import Robot
-from tci.robot.kinematics import bare_model, joints_of
+from tci.robot.kinematics import Kinematics, bare_model, joints_of
 from tci.robot.model_file import load_spec
 
 STANDARD_GRAVITY = 9.80665
@@ -57,6 +57,10 @@ class Gravity:
         self._T_LT = robot.model.T_LT
         self._n_servos = len(robot.servos)
         self._servos, self._addresses, self._columns = joints_of(robot, self._model)
+        self._kinematics = Kinematics(robot)
+        self.masses: Array = read_only(self._model.body_mass)
+        """Mass (n_bodies,) [kg] of each body of the model."""
+        self._heavy = np.flatnonzero(self.masses)
 
     def torques(self, position: Array, *, down: Array = DOWN) -> Array:
         """Returns the torque (n_servos,) [N m] with which each servo holds `position` (n_servos,) [rad]
@@ -89,9 +93,8 @@ class Gravity:
     def centre_of_mass(self, position: Array) -> Array:
         """Returns the centre of mass (3,) [m] of the whole robot at `position` (n_servos,) [rad], seen from
         the torso."""
-        self._data.qpos[self._addresses] = position[self._servos]
-        mujoco.mj_kinematics(self._model, self._data)
-        mujoco.mj_comPos(self._model, self._data)
-        pose = transform(self._data.xmat[self._torso].reshape(3, 3), self._data.xpos[self._torso])
-        centre: Array = apply(invert(pose @ self._T_LT), self._data.subtree_com[0])
+        poses = self._kinematics.body_poses(position, self._heavy.tolist())
+        masses = self.masses[self._heavy]
+        centres = np.einsum("bij,bj->bi", poses[:, :3, :3], self._model.body_ipos[self._heavy])
+        centre: Array = masses @ (centres + poses[:, :3, 3]) / masses.sum()
         return centre

@@ -1,8 +1,14 @@
-"""Forward kinematics and Jacobians: where the links of a robot are, and how its servos move them."""
+"""Forward kinematics and Jacobians: the poses of a robot's links, and how its servos move them.
+
+The way to a link is a row of steps that a compiled loop takes. A link that hangs on a turning joint at the
+angle q has the pose K0 + K1 cos q + K2 sin q in the one before, by Rodrigues' formula
+R = a a^T + (1 - a a^T) cos q + [a] sin q about the axis a, through a point of it. On a sliding joint it is
+K0 + K1 q.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from copy import copy
 from functools import lru_cache
 from pathlib import Path
@@ -12,18 +18,21 @@ from numpy.typing import NDArray
 
 from tci.engine import mujoco
 from tci.errors import CommandError, DescriptionError, Fault, UnknownNameError
-from tci.frames import Array
+from tci.frames import Array, read_only, transform
 from tci.robot.description import Model, Robot
+from tci.robot.kernels.links import BEFORE, SERVO, link_poses, pose_and_jacobian
 from tci.robot.model_file import compiled, load_spec
 
 _ORIGIN = np.zeros(3)
 _ONE_AXIS = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+_SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
+Indices = NDArray[np.int64]
 
 
 class Kinematics:
-    """Poses of a robot's links, from MuJoCo's forward kinematics of its model.
+    """Kinematics of one robot. Immutable, so threads may share it; what its methods return is the caller's.
 
-    An object works in its own memory: use one per thread. What `poses` returns is the caller's.
+    Joints of the model that no servo drives stay where they are at zero.
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -32,26 +41,24 @@ class Kinematics:
             raise DescriptionError(
                 robot.source, [Fault(0, "no <model>: kinematics need a URDF or MJCF file")]
             )
-        self.model = bare_model(robot.model)
-        """Its bodies and joints, nothing else."""
-        self._data = mujoco.MjData(self.model)
-        self._qpos = self._data.qpos
-        self._positions = self._data.xpos
-        self._rotations = self._data.xmat.reshape(-1, 3, 3)
-        names = [self.model.body(index).name for index in range(self.model.nbody)]
+        model = _shared_model(robot.model)
+        names = [model.body(index).name for index in range(model.nbody)]
         self._bodies = {name: index for index, name in enumerate(names) if index > 0}
         self.links: tuple[str, ...] = tuple(self._bodies)
         """Names of all links, in the model's order."""
-        self._torso = self.body(robot.model.torso_link)
-        self._R_LT = robot.model.T_LT[:3, :3]
-        self._p_LT = robot.model.T_LT[:3, 3]
         self.n_servos = len(robot.servos)
-        """How many servos the robot has: the length of every `position`."""
-        self._servos, self._addresses, self._columns = joints_of(robot, self.model)
-        self._moving, self._places = np.array(self._servos, np.intp), np.array(self._addresses, np.intp)
-        self._asked: dict[tuple[str, ...], NDArray[np.intp]] = {}
-        self._jacobian = np.zeros((6, self.model.nv))
-        self._carried = np.zeros((6, self.model.nv))
+        """Number of servos of the robot: the length of every `position`."""
+        steps = _Steps(robot, model)
+        self.torso = steps.add(steps.after[self.body(robot.model.torso_link)], _fixed(robot.model.T_LT))
+        """Step after which the frame of the torso is."""
+        self.steps: Indices = read_only(steps.steps, np.int64)
+        """Of each step (s, 3): the step before, -1 for the world; its servo, -1 for none; 1 if it slides."""
+        self.sums: Array = read_only(steps.sums)
+        """K0, K1 and K2 (s, 3, 3, 4) of each: rotation and place [m] side by side."""
+        self._axes: Array = read_only(steps.axes)
+        self._after: Indices = read_only([steps.after[body] for body in range(model.nbody)], np.int64)
+        self._asked: dict[tuple[str, ...], tuple[Indices, Indices]] = {}
+        self._jacobians: dict[str, tuple[Indices, Indices]] = {}
 
     def poses(self, position: Array, links: Iterable[str]) -> dict[str, Array]:
         """`T_TL` (4, 4) of each of `links`, seen from the torso.
@@ -61,16 +68,20 @@ class Kinematics:
         that the model lacks.
         """
         names = tuple(links)
-        bodies = self._asked.get(names)
-        if bodies is None:
-            bodies = self._asked[names] = np.array([self.body(name) for name in names], np.intp)
-        self._move(position)
-        R_WT, p_WT = self._torso_pose()
-        T_TL = np.zeros((len(names), 4, 4))
-        T_TL[:, :3, :3] = R_WT.T @ self._rotations[bodies]
-        T_TL[:, :3, 3] = (self._positions[bodies] - p_WT) @ R_WT
-        T_TL[:, 3, 3] = 1.0
-        return dict(zip(names, T_TL, strict=True))
+        return dict(zip(names, self.pose_array(position, names), strict=True))
+
+    def pose_array(self, position: Array, links: tuple[str, ...]) -> Array:
+        """`T_TL` (l, 4, 4) of some links; see `poses`."""
+        found = self._asked.get(links)
+        if found is None:
+            ends = self.ends([self.body(link) for link in links])
+            found = self._asked[links] = ends, self.path(ends.tolist())
+        return self._poses(position, *found)
+
+    def body_poses(self, position: Array, bodies: Iterable[int]) -> Array:
+        """`T_TL` (l, 4, 4) of bodies by their number in the model; see `poses`."""
+        ends = self.ends(bodies)
+        return self._poses(position, ends, self.path(ends.tolist()))
 
     def jacobian(self, position: Array, link: str, *, point: Array = _ORIGIN) -> Array:
         """Jacobian (6, n_servos) of a point of `link`, seen from the torso.
@@ -86,65 +97,136 @@ class Kinematics:
         """`T_TP` (4, 4), the link's orientation at `point`, and what `jacobian` returns, in one go."""
         if np.shape(point) != (3,):
             raise CommandError(f"point of shape {np.shape(point)}; valid: (3,)")
-        body = self.body(link)
-        self._move(position)
-        mujoco.mj_comPos(self.model, self._data)
-        R_WL = self._rotations[body]
-        p_WP = self._positions[body] + R_WL @ point
-        # The torso itself may hang on servos (an iCub's chest): take off how it would carry the point.
-        mujoco.mj_jac(self.model, self._data, self._jacobian[:3], self._jacobian[3:], p_WP, body)
-        mujoco.mj_jac(self.model, self._data, self._carried[:3], self._carried[3:], p_WP, self._torso)
-        R_WT, p_WT = self._torso_pose()
-        T_TP = np.eye(4)
-        T_TP[:3, :3] = R_WT.T @ R_WL
-        T_TP[:3, 3] = (p_WP - p_WT) @ R_WT
-        moving = (self._jacobian - self._carried)[:, self._columns]
-        result = np.zeros((6, self.n_servos))
-        result[:3, self._servos] = R_WT.T @ moving[:3]
-        result[3:, self._servos] = R_WT.T @ moving[3:]
-        return T_TP, result
+        found = self._jacobians.get(link)
+        if found is None:
+            ends = np.array([self._after[self.body(link)], self.torso], np.int64)
+            found = self._jacobians[link] = ends, self.path(ends.tolist())
+        ends, path = found
+        T_TP, jacobian = np.empty((4, 4)), np.zeros((6, self.n_servos))
+        pose_and_jacobian(
+            self._checked(position), path, self.steps, self.sums, self._axes, ends,
+            np.asarray(point, np.float64), np.empty((len(self.steps), 3, 4)), T_TP, jacobian,
+        )  # fmt: skip
+        return T_TP, jacobian
 
     def chain(self, link: str) -> tuple[int, ...]:
         """Servos that move `link` relative to the torso, in order from the torso. UnknownNameError."""
-        up, down = self._ancestors(self._torso), self._ancestors(self.body(link))
-        shared = set(up) & set(down)
-        path = [body for body in up if body not in shared]
-        path += [body for body in reversed(down) if body not in shared]
-        servo_of = {column: servo for servo, column in zip(self._servos, self._columns, strict=True)}
-        columns: list[int] = []
-        for body in path:
-            first, count = int(self.model.body_dofadr[body]), int(self.model.body_dofnum[body])
-            own = list(range(first, first + count))
-            columns += own[::-1] if body in up else own
-        return tuple(servo_of[column] for column in columns if column in servo_of)
+        up, down = self._above(self.torso), self._above(int(self._after[self.body(link)]))
+        way = [step for step in up if step not in down] + [step for step in down[::-1] if step not in up]
+        servos = self.steps[way, SERVO].tolist() if way else []
+        return tuple(servo for servo in servos if servo >= 0)
 
-    def _ancestors(self, body: int) -> list[int]:
-        """The body and those that carry it, up to but without the world."""
-        result = []
-        while body > 0:
-            result.append(body)
-            body = int(self.model.body_parentid[body])
-        return result
+    def ends(self, bodies: Iterable[int]) -> Indices:
+        """Step (l,) after which each of some bodies is, by their number in the model."""
+        return np.array([self._after[body] for body in bodies], np.int64)
 
-    def _move(self, position: Array) -> None:
-        if np.shape(position) != (self.n_servos,):
-            raise CommandError(
-                f"position of shape {np.shape(position)}; the robot has {self.n_servos} servos"
-            )
-        self._qpos[self._places] = position[self._moving]
-        mujoco.mj_kinematics(self.model, self._data)
-
-    def _torso_pose(self) -> tuple[Array, Array]:
-        """`R_WT` (3, 3) and `p_WT` (3,) [m] of the torso in MuJoCo's world."""
-        R_WL = self._rotations[self._torso]
-        return R_WL @ self._R_LT, self._positions[self._torso] + R_WL @ self._p_LT
+    def path(self, ends: Iterable[int]) -> Indices:
+        """Steps (k, 2) to the torso and to the links after the steps `ends`, those before others first; and 1
+        for a servo that moves the first of these links relative to the torso, -1 for one that moves the torso
+        instead, 0 for others."""
+        above = [self._above(end) for end in ends]
+        torso = self._above(self.torso)
+        first = above[0] if above else []
+        steps = sorted({step for way in (torso, *above) for step in way})
+        signs = [
+            (int(step in first) - int(step in torso)) * int(self.steps[step, SERVO] >= 0) for step in steps
+        ]
+        return read_only(np.column_stack([steps, signs]), np.int64)
 
     def body(self, link: str) -> int:
-        """Index of a link in the model. Raises UnknownNameError."""
+        """Number of a link in the model. Raises UnknownNameError."""
         try:
             return self._bodies[link]
         except KeyError:
             raise UnknownNameError("link of the kinematic model", link, self.links) from None
+
+    def _poses(self, position: Array, ends: Indices, path: Indices) -> Array:
+        poses = np.empty((len(ends), 4, 4))
+        work = np.empty((len(self.steps), 3, 4))
+        link_poses(self._checked(position), path, self.steps, self.sums, ends, self.torso, work, poses)
+        return poses
+
+    def _above(self, step: int) -> list[int]:
+        """A step and those before it, up to the root's."""
+        result = []
+        while step >= 0:
+            result.append(step)
+            step = int(self.steps[step, BEFORE])
+        return result
+
+    def _checked(self, position: Array) -> Array:
+        if np.shape(position) != (self.n_servos,):
+            raise CommandError(
+                f"position of shape {np.shape(position)}; the robot has {self.n_servos} servos"
+            )
+        return np.ascontiguousarray(position, np.float64)
+
+
+class _Steps:
+    """The steps to all bodies of a model."""
+
+    def __init__(self, robot: Robot, model: mujoco.MjModel) -> None:
+        servos, _, columns = joints_of(robot, model)
+        servo_of = {int(model.dof_jntid[c]): servo for servo, c in zip(servos, columns, strict=True)}
+        self.steps: list[tuple[int, int, bool]] = []
+        self.sums: list[Array] = []
+        self.axes: list[Array] = []
+        self.after = {0: -1}
+        for body in range(1, model.nbody):  # a body's number is above that of the one that carries it
+            step = self.add(self.after[int(model.body_parentid[body])], _fixed(_pose(model, body)))
+            first = int(model.body_jntadr[body])
+            for joint in range(first, first + int(model.body_jntnum[body])):
+                if joint in servo_of:
+                    step = self.add(
+                        step, _moving(model, joint), servo_of[joint], model.jnt_type[joint] == _SLIDE,
+                        np.array([model.jnt_axis[joint], model.jnt_pos[joint]]),
+                    )  # fmt: skip
+            self.after[body] = step
+
+    def add(
+        self, before: int, sums: Array, servo: int = -1, slides: bool = False, axis: Array | None = None
+    ) -> int:
+        """Appends a step; its number."""
+        self.steps.append((before, servo, slides))
+        self.sums.append(sums)
+        self.axes.append(np.zeros((2, 3)) if axis is None else axis)
+        return len(self.steps) - 1
+
+
+class LinkPoses(Mapping[str, Array]):
+    """`T_TL` (4, 4) of some links by name, computed when the first is asked for. Copies and pickles are
+    plain dictionaries."""
+
+    __slots__ = ("_all", "_kinematics", "_position", "names")
+
+    def __init__(self, kinematics: Kinematics, names: tuple[str, ...], position: Array) -> None:
+        """At angles `position` (n_servos,) [rad] that nobody changes."""
+        self.names = names
+        self._kinematics, self._position = kinematics, position
+        self._all: Array | None = None
+
+    @property
+    def all(self) -> Array:
+        """`T_TL` (l, 4, 4) of all links."""
+        if self._all is None:
+            self._all = self._kinematics.pose_array(self._position, self.names)
+            self._all.setflags(write=False)
+        return self._all
+
+    def __getitem__(self, link: str) -> Array:
+        if link not in self.names:
+            raise KeyError(link)
+        pose: Array = self.all[self.names.index(link)]
+        return pose
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.names)
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def __reduce__(self) -> tuple[type[dict[str, Array]], tuple[dict[str, Array]]]:
+        return dict, (dict(self),)
 
 
 def joints_of(robot: Robot, model: mujoco.MjModel) -> tuple[list[int], list[int], list[int]]:
@@ -175,8 +257,13 @@ def joints_of(robot: Robot, model: mujoco.MjModel) -> tuple[list[int], list[int]
 
 def bare_model(model: Model) -> mujoco.MjModel:
     """Bodies and joints only: it compiles without reading a mesh. It is the caller's."""
+    return copy(_shared_model(model))
+
+
+def _shared_model(model: Model) -> mujoco.MjModel:
+    """The same, to which nobody writes."""
     file = Path(model.path)
-    return copy(_bare_model(model, file.stat().st_mtime_ns if file.is_file() else 0))
+    return _bare_model(model, file.stat().st_mtime_ns if file.is_file() else 0)
 
 
 @lru_cache(maxsize=16)
@@ -190,3 +277,35 @@ def _bare_model(model: Model, written: int) -> mujoco.MjModel:
     spec.compiler.boundmass = 1e-6
     spec.compiler.boundinertia = 1e-9
     return compiled(spec, model)
+
+
+def at_zero(model: mujoco.MjModel, joint: int) -> Array:
+    """The move (4, 4) of a body by a hinge or slide, in the body's frame, when its angle is 0: none unless
+    the model gives it a reference."""
+    still, cos, _ = _moving(model, joint)
+    pose = np.eye(4)
+    pose[:3] = still if model.jnt_type[joint] == _SLIDE else still + cos
+    return pose
+
+
+def _pose(model: mujoco.MjModel, body: int) -> Array:
+    """Of a body in the one that carries it, all joints at zero."""
+    rotation = np.zeros(9)
+    mujoco.mju_quat2Mat(rotation, model.body_quat[body])
+    return transform(rotation.reshape(3, 3), model.body_pos[body])
+
+
+def _fixed(pose: Array) -> Array:
+    return np.stack([pose[:3], np.zeros((3, 4)), np.zeros((3, 4))])
+
+
+def _moving(model: mujoco.MjModel, joint: int) -> Array:
+    a, point, zero = model.jnt_axis[joint], model.jnt_pos[joint], float(model.qpos0[model.jnt_qposadr[joint]])
+    if model.jnt_type[joint] == _SLIDE:
+        way = np.column_stack([np.zeros((3, 3)), a])
+        return np.stack([np.eye(3, 4) - zero * way, way, np.zeros((3, 4))])
+    along, cross = np.outer(a, a), np.cross(a, np.eye(3)).T
+    still, cos, sin = (np.column_stack([R, -R @ point]) for R in (along, np.eye(3) - along, cross))
+    still[:, 3] += point
+    c, s = np.cos(zero), np.sin(zero)
+    return np.stack([still, c * cos - s * sin, s * cos + c * sin])

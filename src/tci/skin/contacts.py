@@ -18,7 +18,7 @@ from tci.errors import TciError, UnknownNameError
 from tci.frames import Array
 from tci.messages import Contact, PatchState, SkinFrame, SkinState
 from tci.robot.kernels.weighted_force import mean_force
-from tci.robot.link_poses import LinkPoses
+from tci.robot.kinematics import LinkPoses
 from tci.skin.contact_table import ContactTable
 from tci.skin.isolated import LoneSettings
 from tci.skin.kernels.contacts import F_T, NUMBERS, P_L, VECTORS, cluster

@@ -11,7 +11,7 @@ from tci.errors import FrameError, TciError
 from tci.frames import Array
 from tci.messages import JointReading, Reading, SkinState
 from tci.robot.description import Robot
-from tci.robot.link_poses import SkinLinks
+from tci.robot.kinematics import LinkPoses
 from tci.robot.skin_files.calibration import SkinCalibration, calibration_path, read_calibration
 from tci.skin.conditioning import ConditioningSettings, PatchHealth
 from tci.skin.felt import FeltPatches
@@ -55,7 +55,7 @@ class LiveSkin(Skin):
         self._flat_of: object = None
         links = [(robot.limb_segment(patch) or patch).link for patch in robot.patches]
         both = [link for patch, limb in zip(robot.patches, links, strict=True) for link in (patch.link, limb)]
-        self._links = SkinLinks(robot, self.kinematics, dict.fromkeys(both))
+        self._links = tuple(dict.fromkeys(both))
         self._joints: JointReading | None = None
         self._state = SkinState(patches=self.felt, link_poses={})
         self._masks: tuple[NDArray[np.bool_], ...] = ()
@@ -115,7 +115,7 @@ class LiveSkin(Skin):
         fresh = self.conditioner.take(reading.skin)
         poses = self._state.link_poses
         if joints is not self._joints:
-            poses, self._joints = self._links.poses(joints.position), joints
+            poses, self._joints = LinkPoses(self.kinematics, self._links, joints.position), joints
         elif not fresh:
             return self._state
         self._state = SkinState(self.conditioner.felt, poses, self._masked())

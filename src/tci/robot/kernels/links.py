@@ -1,4 +1,4 @@
-"""Forward kinematics of some links in one loop."""
+"""Forward kinematics and Jacobians of some links in one loop."""
 
 from __future__ import annotations
 
@@ -6,17 +6,22 @@ import numpy as np
 from numba import int64, void
 from numpy.typing import NDArray
 
-from tci.compiled import compiled, inlined, reads, writes
+from tci.compiled import compiled, inlined, reads, views, writes
 from tci.frames import Array
 
 BEFORE, SERVO, SLIDES = range(3)
-"""Columns of `steps`, see `tci.robot.steps`."""
+"""Columns of `steps`, see `tci.robot.kinematics`."""
+STEP, SIGN = range(2)
+"""Columns of a path: a step, and how the servo of it counts in a Jacobian: 1, -1 or 0."""
 
 
 @inlined
-def take_steps(position: Array, steps: NDArray[np.int64], sums: Array, work: Array) -> None:
-    """Write the pose after each step into `work` (s, 3, 4), seen from the world; else as `link_poses`."""
-    for s in range(len(steps)):
+def take_steps(
+    position: Array, path: NDArray[np.int64], steps: NDArray[np.int64], sums: Array, work: Array
+) -> None:
+    """Write the pose after each step of a path into `work` (s, 3, 4), seen from the world."""
+    for k in range(len(path)):
+        s = path[k, STEP]
         before, servo = steps[s, BEFORE], steps[s, SERVO]
         x = y = 0.0
         if servo >= 0:
@@ -36,9 +41,12 @@ def take_steps(position: Array, steps: NDArray[np.int64], sums: Array, work: Arr
                 work[s, i, j] = T[0] * a + T[1] * b + T[2] * c + (T[3] if j == 3 else 0.0)
 
 
-@compiled(void(reads(1), reads(2, int64), reads(4), reads(1, int64), int64, writes(3), writes(3)))
+@compiled(
+    void(reads(1), reads(2, int64), reads(2, int64), reads(4), reads(1, int64), int64, writes(3), writes(3))
+)
 def link_poses(
     position: Array,
+    path: NDArray[np.int64],
     steps: NDArray[np.int64],
     sums: Array,
     ends: NDArray[np.int64],
@@ -48,10 +56,10 @@ def link_poses(
 ) -> None:
     """Write `T_TL` (l, 4, 4) of the links after the steps `ends` (l,), seen from that after step `torso`.
 
-    `position` (n_servos,) [rad]; `steps` (s, 3) and `sums` (s, 3, 3, 4) see `tci.robot.steps`; `work`
-    (s, 3, 4) is room for the pose after each step, seen from the world.
+    `position` (n_servos,) [rad]; `path` (k, 2) holds all steps there, those before others first; `steps`
+    (s, 3) and `sums` (s, 3, 3, 4) see `tci.robot.kinematics`; `work` (s, 3, 4) is room for a pose after each.
     """
-    take_steps(position, steps, sums, work)
+    take_steps(position, path, steps, sums, work)
     T_WT = work[torso]
     for link in range(len(ends)):
         T_WL, T_TL = work[ends[link]], poses[link]
@@ -66,12 +74,83 @@ def link_poses(
 
 @compiled(
     void(
-        reads(2), reads(2, int64), reads(4), reads(1, int64), reads(2), reads(2), writes(3), writes(3),
-        writes(3),
+        reads(1), reads(2, int64), reads(2, int64), reads(4), reads(3), reads(1, int64), views(1), writes(3),
+        writes(2), writes(2),
+    )
+)  # fmt: skip
+def pose_and_jacobian(
+    position: Array,
+    path: NDArray[np.int64],
+    steps: NDArray[np.int64],
+    sums: Array,
+    axes: Array,
+    ends: NDArray[np.int64],
+    point: Array,
+    work: Array,
+    pose: Array,
+    jacobian: Array,
+) -> None:
+    """Write `T_TP` (4, 4) of a `point` (3,) [m] of the link after step `ends[0]`, seen from the torso, which
+    is after `ends[1]`; and add its Jacobian (6, n_servos) relative to the torso.
+
+    `axes` (s, 2, 3) holds the axis of each step's joint and a point of it [m], in the frame before the step;
+    the other arguments are as in `link_poses`.
+    """
+    take_steps(position, path, steps, sums, work)
+    T_WL, T_WT = work[ends[0]], work[ends[1]]
+    x, y, z = (
+        T_WL[0, 0] * point[0] + T_WL[0, 1] * point[1] + T_WL[0, 2] * point[2] + T_WL[0, 3],
+        T_WL[1, 0] * point[0] + T_WL[1, 1] * point[1] + T_WL[1, 2] * point[2] + T_WL[1, 3],
+        T_WL[2, 0] * point[0] + T_WL[2, 1] * point[1] + T_WL[2, 2] * point[2] + T_WL[2, 3],
+    )
+    for i in range(3):
+        for j in range(3):
+            pose[i, j] = T_WT[0, i] * T_WL[0, j] + T_WT[1, i] * T_WL[1, j] + T_WT[2, i] * T_WL[2, j]
+        pose[i, 3] = (
+            T_WT[0, i] * (x - T_WT[0, 3]) + T_WT[1, i] * (y - T_WT[1, 3]) + T_WT[2, i] * (z - T_WT[2, 3])
+        )
+        pose[3, i] = 0.0
+    pose[3, 3] = 1.0
+    for k in range(len(path)):
+        s, sign = path[k, STEP], float(path[k, SIGN])
+        if sign == 0.0:
+            continue
+        before, column = steps[s, BEFORE], steps[s, SERVO]
+        a, b, c = axes[s, 0, 0], axes[s, 0, 1], axes[s, 0, 2]
+        p, q, r = axes[s, 1, 0], axes[s, 1, 1], axes[s, 1, 2]
+        if before >= 0:
+            T = work[before]
+            a, b, c = (
+                T[0, 0] * a + T[0, 1] * b + T[0, 2] * c,
+                T[1, 0] * a + T[1, 1] * b + T[1, 2] * c,
+                T[2, 0] * a + T[2, 1] * b + T[2, 2] * c,
+            )
+            p, q, r = (
+                T[0, 0] * p + T[0, 1] * q + T[0, 2] * r + T[0, 3],
+                T[1, 0] * p + T[1, 1] * q + T[1, 2] * r + T[1, 3],
+                T[2, 0] * p + T[2, 1] * q + T[2, 2] * r + T[2, 3],
+            )
+        slides = steps[s, SLIDES] == 1
+        u, v, w = (
+            (a, b, c)
+            if slides
+            else (b * (z - r) - c * (y - q), c * (x - p) - a * (z - r), a * (y - q) - b * (x - p))
+        )
+        for i in range(3):
+            jacobian[i, column] += sign * (T_WT[0, i] * u + T_WT[1, i] * v + T_WT[2, i] * w)
+            if not slides:
+                jacobian[3 + i, column] += sign * (T_WT[0, i] * a + T_WT[1, i] * b + T_WT[2, i] * c)
+
+
+@compiled(
+    void(
+        reads(2), reads(2, int64), reads(2, int64), reads(4), reads(1, int64), reads(2), reads(2), writes(3),
+        writes(3), writes(3),
     )
 )  # fmt: skip
 def retreats(
     way: Array,
+    path: NDArray[np.int64],
     steps: NDArray[np.int64],
     sums: Array,
     after: NDArray[np.int64],
@@ -84,11 +163,12 @@ def retreats(
     """Write how far [m] points of links are from where they were at first, (0, k, c) along the inward normals
     that they had there and (1, k, c) across, seen from the world.
 
-    `way` (k + 1, n_servos) [rad] begins there. Of each point (c, 3) [m] with its outward normal (c, 3) the
-    link is the one `after` (c,) a step; `first` (c, 3, 2) is room for both.
+    `way` (k + 1, n_servos) [rad] begins there; `path`, `steps`, `sums` and `work` are as in `link_poses`. Of
+    each point (c, 3) [m] with its outward normal (c, 3) the link is the one `after` (c,) a step; `first`
+    (c, 3, 2) is room for both.
     """
     for k in range(len(way)):
-        take_steps(way[k], steps, sums, work)
+        take_steps(way[k], path, steps, sums, work)
         for c in range(len(after)):
             T, p, n = work[after[c]], points[c], normals[c]
             inwards = square = 0.0

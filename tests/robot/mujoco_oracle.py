@@ -1,0 +1,54 @@
+"""Kinematics by MuJoCo: what the compiled loops must equal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import mujoco
+import numpy as np
+
+from tci.frames import Array
+from tci.robot.description import Robot
+from tci.robot.kinematics import bare_model, joints_of
+
+
+class Oracle:
+    """Poses, Jacobians and the centre of mass of one robot. It works in its own memory."""
+
+    def __init__(self, robot: Robot) -> None:
+        assert robot.model is not None
+        self.model, self.robot = bare_model(robot.model), robot
+        self.data = mujoco.MjData(self.model)
+        self.servos, self.addresses, self.columns = joints_of(robot, self.model)
+        self.T_LT = robot.model.T_LT
+        self.torso = self.model.body(robot.model.torso_link).id
+
+    def move(self, position: Array) -> Array:
+        """Go to `position` (n_servos,) [rad]; `T_WT` (4, 4)."""
+        self.data.qpos[self.addresses] = position[self.servos]
+        mujoco.mj_kinematics(self.model, self.data)
+        mujoco.mj_comPos(self.model, self.data)
+        return self.pose_of(self.torso) @ self.T_LT
+
+    def pose_of(self, body: int) -> Array:
+        """`T_WL` (4, 4)."""
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = self.data.xmat[body].reshape(3, 3), self.data.xpos[body]
+        return pose
+
+    def poses(self, position: Array, links: Iterable[str]) -> dict[str, Array]:
+        T_TW = np.linalg.inv(self.move(position))
+        return {link: T_TW @ self.pose_of(self.model.body(link).id) for link in links}
+
+    def jacobian(self, position: Array, link: str, point: Array) -> Array:
+        """(6, n_servos) of a point of a link, relative to the torso and along its axes."""
+        T_WT, body = self.move(position), self.model.body(link).id
+        p_W = (self.pose_of(body) @ np.append(point, 1.0))[:3]
+        moved, carried = np.zeros((2, 6, self.model.nv))
+        mujoco.mj_jac(self.model, self.data, moved[:3], moved[3:], p_W, body)
+        mujoco.mj_jac(self.model, self.data, carried[:3], carried[3:], p_W, self.torso)
+        relative = (moved - carried)[:, self.columns]
+        result = np.zeros((6, len(self.robot.servos)))
+        result[:3, self.servos] = T_WT[:3, :3].T @ relative[:3]
+        result[3:, self.servos] = T_WT[:3, :3].T @ relative[3:]
+        return result

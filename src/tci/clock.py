@@ -87,10 +87,9 @@ class ManualClock:
 def ticks(
     clock: Clock, period: float, *, duration: float | None = None, start: float | None = None
 ) -> Iterator[float]:
-    """Yields the current time [s] once per `period` [s], from `start` [s] or now on, for `duration` [s] or
-    for ever.
+    """Yields the current time [s] once per `period` [s] from `start` [s] on, by default from now.
 
-    A tick that comes too late is skipped, never caught up in a burst.
+    Ends after `duration` [s], if given. A tick that comes too late is skipped, never caught up in a burst.
     """
     start = clock.now() if start is None else start
     count = 0
@@ -104,8 +103,7 @@ def ticks(
 
 
 class Every:
-    """Limits an action to once per period [s] on any clock. Missed periods are not caught up after a
-    pause."""
+    """Limits an action to once per period [s] on any clock. Periods missed in a pause are not caught up."""
 
     def __init__(self, period: float) -> None:
         self._period, self._next = period, -math.inf

@@ -115,6 +115,5 @@ def writes(dimensions: int, dtype: Any = float64) -> Any:
 
 
 def returns(*results: Any) -> Any:
-    """Returns the type of a tuple of `results`. Called with a loop's argument types, it makes a whole
-    signature."""
+    """Returns the type of a tuple of `results`; called with argument types, it makes a loop's signature."""
     return types.Tuple(results)  # type: ignore[no-untyped-call] # Numba's has no types

@@ -20,8 +20,7 @@ OWN = "tci.cli.main:main"
 
 
 def own_distribution() -> Distribution | None:
-    """Returns the distribution that installed this package; None for a source folder that was never
-    installed."""
+    """Returns the distribution that installed this package; None for a source folder without installation."""
     points = entry_points(group="console_scripts", name="tci")
     return next((point.dist for point in points if point.value == OWN), None)
 

@@ -19,8 +19,8 @@ NODES = 6
 """Largest number of straight pieces of the response. Assumed; fewer are used if there are fewer than two
 loads per piece."""
 STIFF = 0.03
-"""Weight of the smoothing that keeps slopes of adjacent pieces equal. Assumed: small against the weight of
-the loads."""
+"""Weight of the smoothing that keeps slopes of adjacent pieces equal. Assumed: small against that of the
+loads."""
 REST = 0.02
 """Force [N] below which the force sensor counts as unloaded. Assumed; no published value."""
 STEADY = 0.2
@@ -67,12 +67,11 @@ def calibrate(
 def loads_of_stream(
     stamps: Array, values: Array, times: Array, forces: Array
 ) -> tuple[Array, tuple[Load, ...]]:
-    """Returns frames at rest (frames, n), and loads, from frames (m, n) at `stamps` (m,) [s] beside a force
-    sensor.
+    """Returns frames at rest (frames, n), and loads, from a stream recorded beside a force sensor.
 
-    The sensor read `forces` (k,) [N] at `times` (k,) [s], on the same clock. A frame is at rest if the sensor
-    read less than `REST`; a load is an interval of `STEADY` seconds in which it changed by less than a tenth.
-    Raises TciError if the two do not overlap.
+    The stream has frames (m, n) at `stamps` (m,) [s]; the sensor read `forces` (k,) [N] at `times` (k,) [s],
+    on the same clock. A frame is at rest if the sensor read less than `REST`; a load is an interval of
+    `STEADY` seconds in which it changed by less than a tenth. Raises TciError if the two do not overlap.
     """
     inside = (stamps >= times[0]) & (stamps <= times[-1])
     if not inside.any():

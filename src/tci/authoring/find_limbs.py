@@ -21,14 +21,15 @@ from tci.robot.kinematics import bare_model
 from tci.robot.shoulder import SLANT, nearest_point
 
 PARALLEL = 0.9
-"""Cosine above which two successive axes of a ball joint are too close to parallel."""
+"""Cosine above which two successive axes of a ball joint are too close to parallel. Assumed: 26 degrees."""
 ASIDE = 0.6
 """Largest distance of a limb's axis from its ball joint, and of its bending axis, as a fraction of its
-length."""
+length. Assumed; no published value."""
 SHORT = 0.18
-"""Least length of an upper arm or a thigh, as a fraction of the reach of its chain."""
+"""Least length of an upper arm or thigh, as a fraction of the reach of its chain. Assumed; no published
+value."""
 MIRRORED = 0.02
-"""Largest distance [m] of a left limb from the mirror image of the right one."""
+"""Largest distance [m] of a left limb from the mirror image of the right one. Assumed; no published value."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,13 +13,13 @@ from tci.robot.description import Model
 from tci.robot.model_file import compiled, load_spec
 
 POINTS = 6000
-"""Number of points on one mesh."""
+"""Number of points on one mesh. Assumed; no published value."""
 SECTORS, SLABS = 24, 12
-"""Number of pieces around and along a limb; the outermost point of each piece is used."""
+"""Pieces around and along a limb; the outermost point of each is used. Assumed; no published value."""
 INSIDE = 0.9
-"""Fraction of these points that lie inside the skin."""
+"""Fraction of these points inside the skin. Assumed: single points that stick out do not widen it."""
 THINNEST = 0.02
-"""Least radius [m] of a skin."""
+"""Least radius [m] of a skin. Assumed; no published value."""
 
 
 class LinkPoints:

@@ -55,8 +55,7 @@ class LocatedTaxels:
     positions: Array
     """Positions (n, 3) [m] in the link; the initial ones for taxels that never responded."""
     normals: Array
-    """Outward unit normals (n, 3): the mean over the touches that each taxel responded to; zero for
-    others."""
+    """Outward unit normals (n, 3): the mean over the touches that each taxel responded to, or zero."""
     touches: NDArray[np.intp]
     """Number (n,) of touches that each taxel responded to."""
     width: float

@@ -41,8 +41,8 @@ SPEED = np.deg2rad(120.0)
 FASTEST = 50.0
 """Speed limit [rad/s] from which the file's value counts as a placeholder."""
 ACCELERATION = np.deg2rad((400.0, 2400.0))
-"""Least and largest acceleration limit [rad/s2]; between them, a quarter of the torque accelerates the
-largest inertia."""
+"""Least and largest acceleration limit [rad/s2]; between them that of the largest inertia by a quarter of the
+torque."""
 MOST_TORQUE = 0.35
 """Largest fraction of the torque for that, where the least acceleration takes more than a quarter."""
 JERK = 100.0
@@ -217,8 +217,10 @@ def _segments(body: FoundLimbs, limb: Limb, points: LinkPoints) -> tuple[Segment
 
 
 def _linear_where_exact(draft: Robot, part: GenericPart, *, mount: bool) -> GenericPart:
-    """Returns the arm with eq. 1 for its shoulder if that is exact in the torso frame or on a mount, else
-    unchanged."""
+    """Returns the arm with eq. 1 for its shoulder where that is exact, in the torso frame or on a mount.
+
+    An arm without an exact solution is returned unchanged.
+    """
     shoulder = Shoulder(draft.model_copy(update={"parts": (part,)}), part)
     turns = [(0.0, 0.0, 0.0), *([found] if mount and (found := find_mount(shoulder)) else [])]
     for rpy in turns:

@@ -168,8 +168,7 @@ def hand(
 
 
 def segment(body: FoundLimbs, points: LinkPoints, name: str, link: str, begin: Array, end: Array) -> Segment:
-    """Returns a segment of a limb on one of its links, from `begin` to `end` (3,) [m], both in the frame
-    H."""
+    """Returns a segment of a limb on one of its links, from `begin` to `end` (3,) [m] in the frame H."""
     R_RL, p_RL = points.link_pose(link)
     origin = R_RL.T @ (body.R_RH @ begin - p_RL)
     return Segment(name=name, link=link, origin=three(origin), length=float(np.linalg.norm(end - begin)))
@@ -194,7 +193,7 @@ def find_mount(shoulder: Shoulder) -> tuple[float, float, float] | None:
 def _matched(
     body: FoundLimbs, joints: Sequence[int], wanted: Mapping[str, Array]
 ) -> dict[str, tuple[int, float]]:
-    """Matches each wanted axis to one joint with a similar axis; returns the joints and the signs of their
+    """Matches each wanted axis to one joint with a similar axis; returns joints and the signs of their
     axes."""
     found: dict[str, tuple[int, float]] = {}
     for name, axis in wanted.items():
@@ -207,7 +206,7 @@ def _matched(
 
 
 def _chain_below(body: FoundLimbs, start: int) -> list[int]:
-    """Returns the joints beyond `start`, as long as each carries exactly one more: an ankle or wrist, without
+    """Returns the joints beyond `start`, as long as each carries one more: an ankle or wrist, without
     fingers."""
     chain: list[int] = []
     after = [start]

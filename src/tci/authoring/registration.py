@@ -75,8 +75,8 @@ class Registration:
 
 @lru_cache(maxsize=8)
 def link_surface(robot: Robot, link: str) -> LinkSurface:
-    """Returns the surface of a link. Raises DescriptionError if the robot has no model, or the link no
-    mesh."""
+    """Returns the surface of a link. Raises DescriptionError without a model of the robot or mesh of the
+    link."""
     if robot.model is None:
         raise DescriptionError(robot.source, [Fault(0, "no <model>: a surface needs a URDF or MJCF file")])
     model = compiled(load_spec(robot.model), robot.model)
@@ -159,7 +159,7 @@ def _right_angles() -> list[Array]:
 
 
 def _point_to_point(points: Array, surface: LinkSurface, pose: Array, *, steps: int) -> Array:
-    """Returns an improved pose (4, 4) that moves the nearest nine tenths of the points to their nearest
+    """Returns an improved pose (4, 4): moves nine tenths of the points, the nearest ones, to their
     neighbours."""
     for _ in range(steps):
         distance, index = surface.tree.query(apply(pose, points))

@@ -12,8 +12,7 @@ from tci.exports.cone import ConeFit, Freedom, fit_cone
 from tci.frames import Array
 
 WIDEST = 3.0
-"""Largest radius of a cone, as a multiple of the size of its skin. Assumed: on a wider cone the skin is
-practically flat."""
+"""Largest radius of a cone, in sizes of its skin. Assumed: skin on a wider cone is practically flat."""
 
 
 def skin_cone(positions: Array, *, origin: Array, axis: Array, free: Freedom) -> ConeFit:
@@ -35,7 +34,7 @@ def skin_cone(positions: Array, *, origin: Array, axis: Array, free: Freedom) ->
 
 
 def best_cone(positions: Array) -> ConeFit | None:
-    """Returns the cone with free axis and least RMS, of fits started along each axis of the frame; None for a
+    """Returns the cone with free axis and least RMS, from starts along each axis of the frame; None for a
     flat skin."""
     fits = []
     for axis in np.eye(3):
@@ -47,8 +46,7 @@ def best_cone(positions: Array) -> ConeFit | None:
 
 
 def unroll(positions: Array, fit: ConeFit) -> tuple[Array, Array]:
-    """Returns place x (n,) [m] along a cone's axis from its proximal end, and angle theta (n,) [rad] around
-    it.
+    """Returns place x (n,) [m] along a cone's axis from its proximal end, and angle theta (n,) [rad] around.
 
     Both are exact, whatever the cone's error (eqs 3-4). Theta is from -pi to pi, and zero towards the axis of
     the frame that is closest to perpendicular to the cone's.

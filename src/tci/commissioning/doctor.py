@@ -21,8 +21,8 @@ TURN = 2.0 * np.pi
 
 
 def judge(driver: Driver, seen: Observation) -> tuple[Finding, ...]:
-    """Returns findings about a driver that was observed, including its own. Raises DriverError as
-    `Driver.diagnose` does."""
+    """Returns findings about an observed driver, with its own. Raises DriverError as `Driver.diagnose`
+    does."""
     return (
         *driver.diagnose(),
         *_joint_stream(driver, seen.streams[0], seen.cost),

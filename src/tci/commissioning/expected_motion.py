@@ -12,16 +12,15 @@ from tci.robot.joint_map import joint_map
 from tci.robot.kinematics import Kinematics
 
 VISIBLE = 5e-4
-"""Displacement [m] below which the rotation is described instead. Assumed: a person hardly sees half a
-millimetre."""
+"""Displacement [m] below which the rotation is described instead. Assumed: smaller ones are hardly
+visible."""
 _WAYS = (("forward", "backward"), ("left", "right"), ("up", "down"))
 _TURNS = (
     ("its top goes to the right", "its top goes to the left"),
     ("its top goes forward", "its top goes backward"),
     ("its front goes to the left", "its front goes to the right"),
 )
-"""Right-handed rotations about x (forward), y (left) and z (up) of the torso, by positive and negative
-angles."""
+"""Right-handed rotations about x (forward), y (left) and z (up) of the torso: positive, negative."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

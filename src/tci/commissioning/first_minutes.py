@@ -77,8 +77,7 @@ def first_minutes(
 
 
 def wanted(robot: Robot, names: Sequence[str]) -> tuple[list[Servo], list[Patch]]:
-    """Returns servos and patches by name, or by the robot's or generic part that they belong to; all without
-    names.
+    """Returns servos and patches by name, or by the robot's or generic part they belong to; all by default.
 
     Raises UnknownNameError.
     """
@@ -110,8 +109,7 @@ def _left_out(servo: Servo) -> Finding:
 
 
 def _postures(driver: Driver, operator: Operator, servos: Sequence[Servo]) -> Iterator[Finding]:
-    """Asks whether the robot's posture agrees with its encoders: zero, sign and unit of all joints at
-    once."""
+    """Asks whether the posture agrees with the encoders, which checks zero, sign and unit of all joints."""
     names = {servo.name for servo in servos}
     posture = generic_posture(driver.robot, driver.read().joints)
     for part in driver.robot.parts:

@@ -34,11 +34,9 @@ ARRIVE = 8.0
 HOLDS = 2.0
 """Longest total time [s] of gate holds during one step. Assumed; no published value."""
 STRAY = float(np.deg2rad(0.4))
-"""Motion [rad] of another servo, or in the wrong direction, that ends a step. Assumed: above NAO's
-backlash."""
+"""Motion [rad] of another servo, or in the wrong direction, that ends a step. Assumed: above NAO's play."""
 RATIO = (0.6, 1.4)
-"""Range of measured over commanded motion of a healthy servo, by its own encoder. Assumed; no published
-value."""
+"""Range of measured over commanded motion of a healthy servo, by its encoder. Assumed; no published value."""
 UNIT = 180.0 / np.pi
 
 

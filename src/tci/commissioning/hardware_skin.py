@@ -19,13 +19,12 @@ from tci.skin.skin import Skin
 REST = 0.5
 """Time [s] over which rest values are averaged before a touch. Assumed; no published value."""
 PRESS = 10.0
-"""Longest time [s] to wait for a touch, and for its end. Assumed: enough for the operator to find the
-place."""
+"""Longest time [s] to wait for a touch, and for its end. Assumed: the operator has to find the place."""
 LEAST = 0.02
 """Least change that counts as a touch, as a fraction of the sensor's range; six times the noise if that is
 more. Assumed; no published value."""
 NEAR = 0.02
-"""Largest distance [m] of a response's centre from the pressed taxel. Assumed: size of a fingertip and a skin
+"""Largest distance [m] of a response from the pressed taxel. Assumed: size of a fingertip and a skin
 module."""
 _WAYS = (("forward", "backward"), ("left", "right"), ("up", "down"))
 _SIDES = ("front (the flexor side)", "outer side", "back (the extensor side)", "inner side")
@@ -98,7 +97,7 @@ class SkinCheck:
         return Finding(Level.OK, subject, f"felt {1e3 * away:.0f} mm away", figures=figures)
 
     def _felt(self, rest: dict[str, Array], noise: dict[str, Array], reading: Reading) -> dict[str, Array]:
-        """Returns the change (taxels,) [counts] of each taxel, positive with pressure, for patches with a
+        """Returns the change (taxels,) [counts], positive with pressure, of the taxels of patches with a
         response."""
         found = {}
         for name, values in self._values(reading).items():

@@ -28,8 +28,7 @@ class Stream:
     rate: float
     """Rate [Hz] at which the robot sent frames, by its sequence numbers; 0 for fewer than two frames."""
     lost: int
-    """Number of frames that were sent and not read; 0 if the driver was read too seldom to read all of
-    them."""
+    """Number of frames that were sent and not read; 0 if the driver was read too seldom to read all."""
     older: int
     """Number of frames that arrived after a newer one."""
     age: float
@@ -67,8 +66,8 @@ class Observation:
 HISTORY = 50
 """Number of readings that an observation keeps."""
 ENOUGH = 1.5
-"""Ratio of read rate to frame rate from which missing frames count as lost. Assumed: leaves a margin for
-uneven reading."""
+"""Ratio of read to frame rate from which missing frames count as lost. Assumed: a margin for uneven
+reading."""
 
 
 class _Count:
@@ -112,8 +111,7 @@ class _Count:
 def observe(
     driver: Driver, duration: float, *, progress: Callable[[float], None] | None = None
 ) -> Observation:
-    """Reads a driver once per period for `duration` [s]; calls `progress` with the fraction 0..1 that is
-    done.
+    """Reads a driver once per period for `duration` [s]; calls `progress` with the fraction done, 0..1.
 
     Commands nothing. Raises DriverError if the robot can't be read.
     """

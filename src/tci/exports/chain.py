@@ -35,8 +35,7 @@ class ChainSegment(Description):
 
 
 def chain_to(robot: Robot, link: str) -> tuple[ChainSegment, ...]:
-    """Returns the segments from the torso frame to a link that the torso carries, or from the root to any
-    other.
+    """Returns the segments to a link, from the torso frame if the torso carries it, else from the root.
 
     The first segment is fixed: it is the pose of the torso's link in the torso frame, or the identity for the
     root. Raises UnknownNameError for an unknown link, and what links_of raises.

@@ -64,8 +64,8 @@ def fit_cone(positions: Array, *, origin: Array, axis: Array, free: Freedom = "n
     start = np.asarray(origin, dtype=np.float64)
 
     def line(shift: Array) -> tuple[Array, Array]:
-        """Returns point and direction of the axis after `shift`: two displacements sideways [m], then two
-        tilts [rad]."""
+        """Returns point and direction of the axis after `shift`: two shifts sideways [m], then two tilts
+        [rad]."""
         tilted = direction + (shift[2:] @ side if len(shift) == 4 else 0.0)
         return start + shift[:2] @ side, tilted / np.linalg.norm(tilted)
 
@@ -107,8 +107,7 @@ def cone_of(robot: Robot, surface: Surface, kinematics: Kinematics) -> ConeFit:
 
 
 def limb_axis(robot: Robot, surface: Surface, kinematics: Kinematics) -> tuple[Array, Array]:
-    """Returns a point (3,) [m] on the axis of a patch's segment and its distal direction (3,), in the patch's
-    link.
+    """Returns a point (3,) [m] on the axis of a patch's segment and its distal direction (3,), in the link.
 
     Raises TciError for a patch that is on no limb.
     """

@@ -49,8 +49,7 @@ class DenavitHartenberg:
     """Pose (4, 4) of the link in the last frame."""
 
     def pose(self, position: Array) -> Array:
-        """Returns `T_TL` (4, 4) as the product of the table, at `position` (n_servos,) [rad] of all
-        servos."""
+        """Returns `T_TL` (4, 4), the product of the table, at `position` (n_servos,) [rad] of all servos."""
         result = self.base
         rows = zip(self.servos, self.a, self.alpha, self.d, self.theta, strict=True)
         for servo, a, alpha, d, theta in rows:
@@ -104,8 +103,8 @@ def denavit_hartenberg(
 
 
 def _axes(kinematics: Kinematics, link: str, servos: tuple[int, ...]) -> tuple[Array, Array, Array]:
-    """Returns, with all servos at zero, `T_TL` and a point and the direction (n, 3) of each servo's axis in
-    T."""
+    """Returns `T_TL`, points on the servos' axes (n, 3) and their directions (n, 3) in T, with servos at
+    zero."""
     position = np.zeros(kinematics.n_servos)
     T_TL, jacobian = kinematics.pose_and_jacobian(position, link)
     linear, axes = jacobian[:3, servos].T, jacobian[3:, servos].T

@@ -32,8 +32,7 @@ class GenericLimits(Description):
     joint: str
     """Name of the generic joint."""
     lower: float | None
-    """Lower limit [rad]; None if the robot's limits are unknown, or the joint depends on several servos or
-    none."""
+    """Lower limit [rad]; None if the robot's is unknown, or the joint depends on several servos or none."""
     upper: float | None
     """Upper limit [rad]; None as for `lower`."""
 

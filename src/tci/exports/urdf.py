@@ -19,8 +19,7 @@ TORSO = "tci_torso"
 
 
 def to_urdf(robot: Robot) -> str:
-    """Returns URDF text: links, joints with the description's limits, inertias, and a link for the torso
-    frame.
+    """Returns URDF text: links, joints with the description's limits, inertias, and a link for the torso.
 
     Joint names are the model's own. A joint without known limits is continuous. Raises what links_of raises,
     and DescriptionError for joints that URDF can't express: one that does not turn about its link's origin,

@@ -27,7 +27,7 @@ from tci.robot.xml.values import InvalidValueError, decimal
 BONES = 250
 """Most joints of a skeleton. Assumed: one with all fingers has about 60."""
 BLOCK = 4096
-"""Number of frames that are processed at a time."""
+"""Number of frames that are processed at a time. Assumed: bounds the memory for rotations of all bones."""
 STRAIGHT = 0.1
 """Sine of the elbow angle below which the elbow counts as straight, so the rotation of the upper arm can't be
 computed from it. Assumed: at about 6 degrees errors of position are amplified ten times."""

@@ -20,15 +20,13 @@ from tci.robot.description import GenericPart, Robot
 from tci.robot.joint_map import JointMap, initial_position, joint_map
 
 SAMPLE = 0.02
-"""Time [s] between the postures of a fitted gesture. Assumed: short enough for linear interpolation between
-them."""
+"""Time [s] between the postures of a fitted gesture. Assumed: short enough for linear interpolation."""
 SHARE = 0.8
 """Fraction of the speed limits that a fitted gesture uses. Assumed: the rest is a reserve for tracking."""
 FORCE = 0.2
-"""Fraction of the acceleration limits that a fitted gesture uses. Assumed: the rest is a reserve for close
-tracking."""
+"""Fraction of the acceleration limits that a fitted gesture uses. Assumed: the rest is for close tracking."""
 LONGEST = 3600.0
-"""Longest duration [s] of a gesture."""
+"""Longest duration [s] of a gesture. Assumed: the hour of motion capture that `rows.MOST` allows."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,8 +81,7 @@ class Fitted:
     slower: float
     """Factor by which the duration exceeds that of the original, so that no limit is violated; 1 if equal."""
     missed: Mapping[str, float]
-    """Largest error [rad] due to limits for each `part.joint`, with `upper_arm` for the direction of an
-    arm's."""
+    """Largest error [rad] due to limits by `part.joint`; `part.upper_arm` is that of its direction."""
     left_out: tuple[str, ...]
     """Parts of the gesture that the robot does not have."""
 
@@ -156,8 +153,7 @@ def fit(robot: Robot, gesture: Gesture, *, exact: bool = True, share: float = SH
 
 
 def _leading(robot: Robot, part: str, gesture: Gesture, positions: Array) -> Array:
-    """Returns generic angles (k, n) [rad] that lead the gesture by the stopping distance of the part's
-    servos.
+    """Returns generic angles (k, n) [rad] that lead the gesture by the stopping distance of the servos.
 
     All stop in the same time T, that of the slowest servo, and each covers v T / 2 meanwhile.
     """
@@ -176,8 +172,7 @@ def _leading(robot: Robot, part: str, gesture: Gesture, positions: Array) -> Arr
 def _fit_part(
     robot: Robot, part: GenericPart, angles: Array, positions: Array, missed: dict[str, float], *, exact: bool
 ) -> None:
-    """Writes the servo angles [rad] of one part into `positions` (k, n_servos), and its errors into
-    `missed`."""
+    """Writes the servo angles [rad] of one part into `positions` (k, n_servos), its errors into `missed`."""
     joints = joint_map(robot, part.name)
     limits = [robot.servos[servo].limits for servo in joints.servos]
     lower = np.array([-np.inf if limit.lower is None else limit.lower for limit in limits])

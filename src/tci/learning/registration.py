@@ -32,8 +32,7 @@ def register_when_imported() -> None:
 
 
 class _Finder:
-    """An import hook that finds Gymnasium by the other finders, and registers the environment after its
-    import."""
+    """An import hook that delegates to the other finders, and registers the environment after the import."""
 
     def find_spec(
         self, name: str, path: Sequence[str] | None, target: ModuleType | None = None

@@ -63,8 +63,7 @@ def simulate(
     cores: int | None = None,
     sites: Sequence[ReceptiveField] | None = None,
 ) -> tuple[WorldRun, ...]:
-    """Pokes a robot in each of `worlds` worlds for `duration` [s]; arm, place and time depend on the world's
-    seed.
+    """Pokes a robot in `worlds` worlds, each for `duration` [s]; a world's seed sets arm, place and time.
 
     The skins of both arms, the capability (by default the withdrawal reflex) and the gate run in each world.
     Worlds share nothing: equal arguments give equal runs on any number of `cores` (default: all), each a

@@ -43,7 +43,7 @@ PAIN = 400e3
 """Pressure [Pa] that counts as pain. Assumed: the order of magnitude that algometers find on arms; for
 thresholds at a given place and with a given tool see Behrens et al. 2022 (doi:10.3389/frobt.2021.667818)."""
 EFFORT, TASK = 0.05, 1.0
-"""Weights of effort and of the distance from the task in the reward; harm has weight 1. Assumed; no published
+"""Weights of effort and distance from the task in the reward; harm has weight 1. Assumed; no published
 value."""
 SPEED = (0.1, 0.4)
 DEPTH = (0.006, 0.014)

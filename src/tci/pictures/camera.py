@@ -11,7 +11,7 @@ from tci.errors import TciError
 from tci.frames import Array, apply, invert, read_only, transform
 
 _NEAREST = 1e-3
-"""Least depth [m] of the points that a fitted picture shows."""
+"""Least depth [m] of the points that a fitted picture shows. Assumed: keeps them in front of the camera."""
 _HALVINGS = 60
 
 

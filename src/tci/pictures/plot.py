@@ -102,8 +102,7 @@ def collect(
 
 
 def _sent(robot: Robot, period: Perceived, part: str) -> Array:
-    """Returns the generic angles (n,) [rad] that were sent to a part; NaN before its servos were under
-    command."""
+    """Returns the generic angles (n,) [rad] that were sent to a part; NaN before its servos are commanded."""
     mapped = [servo.servo for servo in robot.part(part).servos]
     decision = period.decision
     nothing = np.full(len(mapped), np.nan)

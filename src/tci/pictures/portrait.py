@@ -49,10 +49,10 @@ class Portrait:
     """Draws instants of one world."""
 
     def __init__(self, world: World, fields: Sequence[FieldLook], *, full_scale: float) -> None:
-        """Args: `fields` are drawn on both arms; `full_scale` [Pa] is the upper end of the colours of
-        pressure."""
+        """Args: `fields` are drawn on both arms; `full_scale` [Pa] is the upper end of the pressure
+        colours."""
         self.skin = Skin(world.robot)
-        """Skin of the robot, as in `GenericBody`."""
+        """Skin of the robot."""
         self._robot = world.robot
         self._worn = [patch for patch in world.robot.patches if patch.name in world.surfaces]
         self._model = world.model
@@ -62,7 +62,7 @@ class Portrait:
 
     def torso(self, moment: Moment) -> Array:
         """Returns `T_WT` (4, 4), the pose of the torso frame in the world."""
-        assert self._robot.model is not None  # World
+        assert self._robot.model is not None  # a World has one
         body = moment.data.body(self._robot.model.torso_link)
         T_WT: Array = transform(body.xmat.reshape(3, 3), body.xpos) @ self._robot.model.T_LT
         return T_WT
@@ -72,8 +72,7 @@ class Portrait:
         return render(self._model, moment.data, camera, paint=self._paint(moment), colours=self._colours)
 
     def outline(self, moment: Moment, *, part: str, lowest: float) -> Array:
-        """Returns corners (n, 3) [m, world] of boxes around the robot's geoms, without other arms than
-        `part`.
+        """Returns corners (n, 3) [m, world] of boxes around the robot's geoms, with no other arm than `part`.
 
         Only corners at least as high as `lowest` [m] in the torso are included.
         """
@@ -138,8 +137,7 @@ class Portrait:
 
 
 def _colours(world: World) -> Array:
-    """Returns the model's colours, except for limbs with skin, which are dark all over, and for the
-    finger."""
+    """Returns the model's colours; limbs with skin are dark all over, the finger is transparent."""
     model = world.model
     colours = model_colours(model)
     limbs = [patch.name for patch in world.robot.patches if world.robot.limb_segment(patch)]

@@ -18,8 +18,7 @@ from tci.pictures.shade import darken, light, outlines, smooth_normals
 _SKY = np.array([[1.0, 1.0, 1.0], [0.93, 0.945, 0.96]])
 """Background colours at the top and at the bottom of a picture."""
 _SUBPIXELS = np.array([[-0.125, -0.375], [0.375, -0.125], [0.125, 0.375], [-0.375, 0.125]])
-"""Offsets of additional rays in a pixel on an outline: a rotated grid, which treats steep and flat lines
-alike."""
+"""Offsets of additional rays in a pixel on an outline: a rotated grid, which suits steep and flat lines."""
 
 
 class Painter(Protocol):

@@ -24,8 +24,7 @@ Offset = tuple[slice, slice]
 
 
 def _neighbours(step: int) -> list[tuple[Offset, Offset]]:
-    """Returns pairs of views of an image: each pixel, and the one `step` pixels right, below, and
-    diagonally."""
+    """Returns pairs of views of an image: each pixel, and that `step` pixels right, below, and diagonally."""
     here, there, everywhere = slice(None, -step), slice(step, None), slice(None)
     return [
         ((everywhere, here), (everywhere, there)),

@@ -23,7 +23,7 @@ def needs_video() -> None:
 
 
 def save_video(path: Path, pictures: Sequence[Image.Image], *, shown: float, last: float) -> None:
-    """Writes pictures of one size, which must be even; each is shown for `shown` [s], the last one for `last`
+    """Writes pictures of one size, which must be even, each shown for `shown` [s] and the last for `last`
     [s].
 
     Raises MissingExtraError.

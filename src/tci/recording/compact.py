@@ -38,8 +38,7 @@ def compact(
     end: float = np.inf,
     about: Mapping[str, str] | None = None,
 ) -> None:
-    """Writes a recording again, compressed, from `begin` to `end` [s] on its clock; `target` may be the same
-    file.
+    """Writes a recording again, compressed, from `begin` to `end` [s]; `target` may be the same file.
 
     Adds point clouds of the skin if the `robot` of the recording is given and has a model. The latest joints
     and skin frames before `begin` are repeated at the start. On any error `source` is unchanged. Raises

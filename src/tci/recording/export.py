@@ -65,8 +65,7 @@ def tables(recording: Recording, robot: Robot | None = None) -> dict[str, Table]
 
 
 def export(recording: Recording, out: Path, form: str, robot: Robot | None = None) -> list[Path]:
-    """Writes the tables and returns their paths: one file each in the folder `out`, or one file `out` for
-    npz.
+    """Writes the tables and returns their paths: files in the folder `out`, or one file `out` for npz.
 
     NPZ holds each matrix under one name, such as `skin_left_forearm.force_n` (frames, taxels); in CSV and
     Parquet its columns are `force_n_0`, `force_n_1` and so on.

@@ -40,8 +40,7 @@ class Perceived:
 
 
 def recorded_robot(recording: Recording, robot: str | None = None) -> Robot | None:
-    """Returns the robot of a recording, loaded by its recorded name or by `robot`; None if the recording
-    names none.
+    """Returns the robot of a recording, by its recorded name or by `robot`; None if none is recorded.
 
     Raises RecordingError if its description is not the one that was recorded.
     """

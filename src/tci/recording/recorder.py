@@ -96,8 +96,7 @@ class Recorder:
         commands: Sequence[Order] = (),
         sent: SafeCommand | None = None,
     ) -> None:
-        """Writes one period of the loop. Never raises for an error of the disk: `failed` then holds the
-        reason."""
+        """Writes one period of the loop. Never raises for an error of the disk, which is kept in `failed`."""
         if self.failed or not self._open:
             return
         with _Guard(self):

@@ -84,8 +84,8 @@ class Recording:
 
     @property
     def keep_alive(self) -> float | None:
-        """Longest time [s] between two frames of a patch that sends on change; None if all frames are
-        sent."""
+        """Longest time [s] between two frames of a patch that sends on change; None if it sends every
+        frame."""
         try:
             return float(self.about["keep_alive_s"])
         except (KeyError, ValueError):
@@ -137,7 +137,7 @@ class Recording:
                 yield to_frame(decode(kind, data))
 
     def messages(self) -> Iterator[tuple[str, MessageType, int, bytes]]:
-        """Yields topic, type, time [ns] and bytes of every message of a type in `schemas`. Raises
+        """Yields topic, type, time [ns] and bytes of every message known to `schemas`. Raises
         RecordingError."""
         schemas: dict[int, str] = {}
         channels: dict[int, tuple[str, MessageType | None]] = {}

@@ -23,11 +23,10 @@ from tci.robot.description import Robot
 
 SUFFIXES = (".bag", ".db3", ".mcap")
 FIRST = 100
-"""Number of first readings whose median interval is the period of the recording. Assumed; no published
+"""Number of first readings that give the period of a recording, by their median. Assumed; no published
 value."""
 JUMP = 1.0
-"""Backward step [s] of a stamp from which on the clock counts as set back. Assumed: far above delays on a
-network."""
+"""Backward step [s] of a stamp from which on the clock was set back. Assumed: far above network delays."""
 
 
 def is_bag(path: Path) -> bool:
@@ -106,8 +105,7 @@ def _joints(message: Any, robot: Robot, stamp: float, number: int) -> JointReadi
 
 
 def _messages(bag: Path) -> Iterator[tuple[str, int, Any]]:
-    """Yields type, time in the bag [ns] and message of joint states and skin frames, in the order of the
-    bag."""
+    """Yields type, time in the bag [ns] and message of joint states and skin frames, in order."""
     with needs("importing a ROS bag", "ros2"):
         from rosbags.highlevel import AnyReader, AnyReaderError
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore

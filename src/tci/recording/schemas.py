@@ -92,7 +92,7 @@ def header(stamp: float, frame: str = "") -> tuple[int, int, str]:
 
 
 def to_nanoseconds(stamp: float) -> int:
-    """Converts a time [s] to whole nanoseconds, for other programs; TCI's own messages contain the exact
+    """Converts a time [s] to whole nanoseconds, for other programs; TCI's own messages hold the exact
     time."""
     return int(min(max(stamp, 0.0), 9e9) * 1e9) if np.isfinite(stamp) else 0
 

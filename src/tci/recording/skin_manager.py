@@ -73,8 +73,7 @@ def contact_force(taxels: int, pressure: float, normal: Array) -> Array:
 
 
 def partition(positions: Array, taxels: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-    """Divides active `taxels` (k,) into contacts by the positions (n, 3) [m] of all taxels: single-link
-    clusters.
+    """Divides active `taxels` (k,) into contacts: single-link clusters of the positions (n, 3) [m] of all.
 
     Each contact lists its taxels in ascending order; contacts are in the order of their smallest taxels.
     """

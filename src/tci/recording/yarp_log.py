@@ -17,7 +17,7 @@ from tci.robot.joint_map import initial_position
 from tci.skin.skin import Skin
 
 LONGEST = 2**20
-"""Longest line [characters] that is read."""
+"""Longest line [characters] that is read. Assumed: bounds the memory for a damaged or hostile file."""
 
 EVENTS_PERIOD = 0.02
 """Time [s] between two contact lists: skinManager runs at 50 Hz."""

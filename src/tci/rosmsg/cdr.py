@@ -42,20 +42,17 @@ class MessageType:
     name: str
     """`package/msg/Name`."""
     fields: tuple[tuple[str, str], ...]
-    """Type and name of each field; a type with [] is a sequence. The header is not listed; it comes first and
-    flat."""
+    """Type and name of each field after the header, which is flat; a type with [] is a sequence."""
     says: str = ""
     """Comment at the head of the definition."""
     needs: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = ()
-    """Nested messages by `package/Name`, with their fields. Fields refer to them by the last part of that
-    name."""
+    """Nested messages by `package/Name`, with their fields; a field's type is the last part of that name."""
     headed: bool = True
     """True if it begins with a header."""
 
     @property
     def definition(self) -> str:
-        """ROS definition with those of nested messages, in the form that other programs read from the
-        file."""
+        """ROS definition with those of nested messages, as other programs read it from the file."""
         lines = [f"# {line}" for line in self.says.splitlines()]
         lines += ["std_msgs/Header header"] if self.headed else []
         lines += [f"{kind} {name}" for kind, name in self.fields]
@@ -109,8 +106,7 @@ def item_of(type_: str) -> tuple[str, int | None]:
 
 
 def decode(kind: MessageType, data: bytes) -> dict[str, Any]:
-    """Returns the fields of a message by name: sequences of numbers as arrays, nested messages as
-    dictionaries.
+    """Returns the fields of a message by name: numeric sequences as arrays, nested messages as dictionaries.
 
     Raises RecordingError.
     """

@@ -11,7 +11,7 @@ from tci.frames import Array
 from tci.simulation.kernel import REACH, ROWS, SHARE, share_into, within
 
 SLOTS = 16
-"""Largest number of contacts on one patch at a time. A finger makes one."""
+"""Largest number of contacts on one patch at a time. Assumed: far above the one that a finger makes."""
 FOUND, FORCE, POSITION, NORMAL, TANGENT = 0, 1, 4, 7, 10
 """Indices in a slot: number of contacts; 3 values each of force (along normal, tangent and the third axis),
 position, normal and tangent."""
@@ -30,8 +30,7 @@ of the kernel and half of the longest side [m]; mean of its normals (3)."""
 X, Y, AREA = 0, 3, 6
 """Columns of a taxel (7): its tangents, its area [m2]."""
 PRESSING, MARK = 2, 3
-"""Rows of the load on taxels (4): force [N] along x, along y and normal; 1 for an active taxel. 0
-elsewhere."""
+"""Rows of the load on taxels (4): force [N] along x, along y and normal; 1 for an active taxel, else 0."""
 ALL, NEAR, FELT, LATEST, AROUND = range(5)
 """Rows of lists of taxels, by their number in the patch: all; those near a contact; active ones; those active
 in the latest frame; those around each contact, a row for each slot and the floor."""

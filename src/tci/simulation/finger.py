@@ -23,7 +23,7 @@ MASS = 0.02
 DAMPING = 1.4 * np.sqrt(STIFFNESS * MASS)
 """Damping [N s/m] between base and tip. Assumed: 0.7 of the critical damping."""
 TRACE = 60_000
-"""Number of steps that the trace keeps."""
+"""Number of steps that the trace keeps: 60 s with the default step."""
 
 FINGER = "tci_finger_base"
 """Name of the body that carries the whole finger."""
@@ -32,7 +32,7 @@ _PARKED = np.array([0.0, 0.0, -20.0])
 _SHAFT = 0.06
 _COLOUR = (0.85, 0.55, 0.45, 1.0)
 _OVERLAP = 5e-4
-"""Depth [m] in the skin from which on the finger must not start."""
+"""Depth [m] in the skin from which on the finger must not start. Assumed; no published value."""
 
 
 def add_finger(spec: mujoco.MjSpec, *, step: float) -> None:
@@ -141,8 +141,7 @@ class Finger:
 
     @property
     def pose(self) -> Array | None:
-        """`T_WF` (4, 4): pose of the tip's centre in the world, z into the skin; None while the finger is
-        away."""
+        """`T_WF` (4, 4): pose of the tip's centre in the world, z into the skin; None without a finger."""
         return self._physics.pose(self._tip) if self.state[at.ACTIVE] else None
 
     @property
@@ -209,8 +208,8 @@ class Finger:
         self._check_room()
 
     def _check_room(self) -> None:
-        """Raises TciError if the finger starts inside the skin: contact would be violent and at the wrong
-        place."""
+        """Raises TciError if the finger starts inside the skin, where contact would be violent and
+        misplaced."""
         self._physics.refresh()
         model, data = self._physics.model, self._physics.data
         for contact in data.contact[: data.ncon]:

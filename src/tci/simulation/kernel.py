@@ -13,13 +13,13 @@ from tci.compiled import compiled, inlined, reads, views, writes
 from tci.frames import Array
 
 SIGMA = 3e-3
-"""Width [m] of the Gaussian by which the cover over the taxels spreads a point force. Assumed; no published
+"""Width [m] of the Gaussian by which the cover over the taxels spreads a force. Assumed; no published
 value."""
 REACH = 6.0
-"""Distance [widths], beyond that of the nearest taxel, from which on taxels get no force."""
+"""Distance [widths], beyond that of the nearest taxel, from which on taxels get no force. Assumed: without a
+tilt their weights are below exp(-18) of the largest."""
 _SOFTNESS = 0.02
-"""Penalty on the tilt of the weights. Assumed: it gives finite weights to a contact beyond the skin's edge
-too."""
+"""Penalty on the tilt of the weights. Assumed: keeps them finite for a contact beyond the skin's edge."""
 _STEPS = 30
 _TOLERANCE = 1e-4
 """Largest error [widths] of the taxels' weighted mean. Assumed: less than a micrometre."""
@@ -32,8 +32,7 @@ ROWS = 6
 
 
 def width(areas: Array) -> float:
-    """Returns the width [m] of the kernel for taxels of `areas` (n,) [m2]: that of the cover and a taxel's
-    own extent.
+    """Returns the kernel's width [m] for taxels of `areas` (n,) [m2], from those of the cover and a taxel.
 
     A square of that area has a variance of area / 12 along each side, and variances add.
     """

@@ -51,7 +51,7 @@ class Physics:
         self.touch()
 
     def advance(self, until: int, *others: Any) -> None:
-        """Steps until step number `until`. `others` are the arrays of servos, finger and taxels for
+        """Steps until step `until`; `others` are the arrays of servos, finger and taxels, see
         `stepping.march`."""
         self.steps = stepping.march(
             self.model._address, self.data._address, self.steps, until, self.step, self._moved, self._warm,

@@ -29,8 +29,7 @@ class PosedSkin:
         return self._physics.pose(self._torso) @ self._T_LT
 
     def link(self, patch: str) -> Array:
-        """Returns `T_WL` (4, 4), the current pose of the patch's link in the world. Raises
-        UnknownNameError."""
+        """Returns `T_WL` (4, 4), the current pose of a patch's link in the world. Raises UnknownNameError."""
         self.surface(patch)
         return self._physics.pose(self._bodies[patch])
 
@@ -43,8 +42,8 @@ class PosedSkin:
     def point(
         self, patch: str, place: int | ArrayLike, normal: ArrayLike | None = None
     ) -> tuple[Array, Array]:
-        """Returns the current position (3,) [m] and outward unit normal (3,), in the world, of a place on the
-        skin.
+        """Returns the current position (3,) [m] and outward unit normal (3,) of a place on the skin, in the
+        world.
 
         `place` is a taxel, or a point (3,) [m] in the patch's link; `normal` (3,), also in the link, replaces
         that of the surface. Raises UnknownNameError, CommandError.

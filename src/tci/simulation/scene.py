@@ -1,5 +1,4 @@
-"""Builds the MuJoCo scene of a world from a robot's description alone: nothing here is specific to a
-robot."""
+"""Builds the MuJoCo scene of a world from a robot's description alone, without code for any robot."""
 
 from __future__ import annotations
 
@@ -55,8 +54,7 @@ def build_scene(
 
 
 def _add_floor(spec: mujoco.MjSpec, robot: Robot, surfaces: Mapping[str, Surface], posture: Array) -> None:
-    """Adds a floor under the lowest taxel of the soles, and a free joint to the base, so that it can fall
-    over."""
+    """Adds a floor under the lowest taxel of the soles, and a free joint to the base, which may fall."""
     soles = [
         surfaces[patch.name] for patch in robot.patches if patch.segment == SOLE and patch.name in surfaces
     ]

@@ -21,7 +21,7 @@ TIME_CONSTANT = 5e-3
 without overshoot and follows a steady motion 10 ms late."""
 _POSTURES = 32
 _LEAST_ARMATURE = 1e-4
-"""Least inertia [kg m2] of a motor, seen at the joint."""
+"""Least inertia [kg m2] of a motor at the joint. Assumed: keeps the gains of very light links above 0."""
 
 
 class Servos:
@@ -67,8 +67,7 @@ class Servos:
         self._kp, self._kv = self._set_up(robot)
 
     def _set_up(self, robot: Robot) -> tuple[Array, Array]:
-        """Sets the motor inertia, gains and torque limit of each joint; returns the full stiffness and
-        damping."""
+        """Sets motor inertia, gains and torque limit of each joint; returns full stiffness and damping."""
         model, data = self._physics.model, self._physics.data
         inertia = _largest_inertia(model, data, self._dofs)
         # Assumed, as no maker publishes it: the motor's inertia at the joint equals that of the load, which
@@ -225,8 +224,7 @@ def _largest_inertia(model: mujoco.MjModel, data: mujoco.MjData, dofs: NDArray[n
 
 
 def _enough_torque(acceleration: float | None, inertia: float) -> float:
-    """Returns a torque limit [N m] for a servo without a known one. Assumed: twice the torque for its
-    acceleration."""
+    """Returns a torque limit [N m] where none is known. Assumed: twice the torque for the acceleration."""
     return 2.0 * inertia * (100.0 if acceleration is None else acceleration)
 
 

@@ -21,8 +21,8 @@ SETPOINT, STRIDE, LAG, LEAD = range(4)
 """Rows of the state of moving servos (4, k): set-point [rad], its change per step, limit of the error [rad]
 that they act on, and number of steps by which damping looks ahead."""
 SERVO, ADDRESS, DOF, ACTUATOR, LOOSE, YIELDING = range(6)
-"""Rows of their indices (6, k) into the robot's servos, `qpos`, `qvel` and `ctrl`; 1 in torque mode; 1 in
-impedance mode."""
+"""Rows of their indices (6, k): servo, place in `qpos`, `qvel` and `ctrl`; 1 in torque mode; 1 in impedance
+mode."""
 TARGET, TORQUE = range(2)
 """Rows of the commands of all servos (2, n)."""
 ACTIVE, BEGIN, SPEED, DEPTH, LEADS, PATH, END, FORCE, FIRST, LOST, PEAK = range(11)
@@ -40,8 +40,7 @@ JOINT, VELOCITY, MOTOR = range(3)
 
 
 def find_library(folder: Path, version: str) -> Path:
-    """Finds the library of MuJoCo that its module uses, as another release may have left one in the same
-    folder.
+    """Finds MuJoCo's library for its module's version: another release may have left one in the folder.
 
     Raises ImportError if it is missing.
     """
@@ -156,8 +155,7 @@ def _differs(values: Array, here: Array, at: int) -> bool:
 
 @inlined
 def _take_step(model: int, data: int, number: int, moved: Arrays, here: Array, whole: Array) -> None:
-    """Does `mj_step`, or the rest of it after `_look_ahead`, unless joints or their inputs have changed
-    since."""
+    """Does `mj_step`, or only the rest of it if joints and inputs are unchanged since `_look_ahead`."""
     qpos, qvel, ctrl, applied, pushed = moved
     n, m, k = len(qpos), len(qvel), len(ctrl)
     if whole[AHEAD] != number or _differs(qpos, here, 0) or _differs(qvel, here, n):
@@ -196,8 +194,7 @@ def march(
     trace: Array,
     skin: Arrays,
 ) -> int:
-    """Takes the steps number `begin` to `end`, each of `step` [s], and the frames of the skin that become
-    due.
+    """Takes steps number `begin` to `end`, each of `step` [s], and the skin frames that become due.
 
     Returns the number of the last step: it ends early if a patch has more contacts than slots. `model` and
     `data` are the addresses of MuJoCo's objects.

@@ -142,8 +142,7 @@ class Taxels:
         )
 
     def vectors(self, patch: str) -> Array:
-        """Returns the current force (taxels, 3) [N] on each taxel of a patch: along its x and y axes, and
-        normal.
+        """Returns the current force (taxels, 3) [N] on each taxel of a patch: along x, along y, pressing.
 
         Raises TciError as `frames` does.
         """

@@ -23,8 +23,7 @@ _FIELDS = (
     mujoco.mjtConDataField.mjCONDATA_TANGENT,
 )
 _MOST_FORCE, _NET_FORCE = 2, 3
-"""MuJoCo's codes: contacts sorted by force; or all merged into one at their centre of pressure, in world
-axes."""
+"""MuJoCo's codes: contacts sorted by force; or all merged at their centre of pressure, in world axes."""
 FINGER_TIP, FLOOR = "tci_finger_tip", "tci_floor"
 """Names of the geoms that the skin collides with."""
 FINGER_PRIORITY = 1

@@ -29,13 +29,12 @@ MIDDLEWARE = "sim"
 MAX_STEP = 0.005
 """Longest step [s]: the time constant of the servos. Contacts become softer from 0.002 s on."""
 _PERIOD = 0.002
-"""Time [s] between two targets for a robot without a binding to the simulation. Assumed; no published
-value."""
+"""Time [s] between two targets for a robot without a binding to the simulation. Assumed: that of TCI's
+robots."""
 
 
 class World:
-    """A physical simulation of one robot with servos, skin and a finger, on a fixed base or standing on a
-    floor.
+    """A physical simulation of one robot with servos, skin and a finger, on a fixed base or on a floor.
 
     It has its own clock. Equal arguments, calls and MuJoCo version give equal bits. An object serves one
     thread.
@@ -60,8 +59,8 @@ class World:
         `posture` gives generic angles [rad] at the start by generic part; other parts start at their initial
         posture. A robot that `stands` carries its weight on a floor, which only its soles touch, and may
         fall; otherwise its base is fixed and it has no weight. Raises DescriptionError for a robot that can't
-        be simulated, CommandError for an invalid number or posture, or for a standing robot without sensitive
-        soles.
+        be simulated, CommandError for an invalid number or posture, or for a standing robot without skin on
+        its soles.
         """
         if robot.model is None:
             raise DescriptionError(robot.source, [Fault(0, NO_MODEL)])
@@ -117,8 +116,8 @@ class World:
         return self._physics.time
 
     def reset(self, *, seed: int | None = None) -> None:
-        """Resets time to 0, the posture and full stiffness, and removes the finger; sets `seed`, or restarts
-        the old one.
+        """Resets time to 0, the posture and full stiffness, and removes the finger. The noise restarts with
+        `seed`, by default the present one.
 
         Raises CommandError for an invalid seed.
         """
@@ -165,13 +164,11 @@ class World:
         self._servos.set_modes(servos, modes)
 
     def set_torques(self, servos: ArrayLike, torque: ArrayLike) -> None:
-        """Sets torques (k,) [N m] of servos in torque mode, within the motors' limits. Raises
-        CommandError."""
+        """Sets torques (k,) [N m] of servos in torque mode, up to the motors' limits. Raises CommandError."""
         self._servos.set_torques(servos, torque)
 
     def set_power(self, servos: ArrayLike, on: bool) -> None:
-        """Switches servos (k,) off, which makes them limp, or on at their current angles. Raises
-        CommandError."""
+        """Switches servos (k,) off, which makes them limp, or on where they are. Raises CommandError."""
         self._servos.set_power(servos, on)
 
     def halt(self) -> None:
@@ -196,8 +193,8 @@ class World:
         self._servos.set_damping(servos, share)
 
     def joints(self) -> JointReading:
-        """Returns exact current angles and velocities of all servos. A servo without a joint reads its
-        target."""
+        """Returns exact current angles and velocities of all servos, with the target of one without a
+        joint."""
         found = self._servos.measured()
         return JointReading(
             stamp=self.time,
@@ -221,8 +218,7 @@ class World:
     def skin_point(
         self, patch: str, place: int | ArrayLike, normal: ArrayLike | None = None
     ) -> tuple[Array, Array]:
-        """Returns the current position (3,) [m] and outward normal (3,), in the torso frame, of a place on
-        the skin.
+        """Returns the current position (3,) [m] and outward normal (3,) of a place on the skin, in the torso.
 
         `place` is a taxel or a point (3,) [m] in the patch's link; `normal` (3,) in the link replaces that of
         the surface. Raises UnknownNameError, CommandError.

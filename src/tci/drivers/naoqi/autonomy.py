@@ -1,7 +1,7 @@
-"""What a NAO does by itself: motions that fight with a behaviour, and reflexes of its own.
+"""Autonomous motions and reflexes of a NAO, which interfere with a behaviour.
 
-Nothing here is switched in silence. A driver that may move refuses to while something else moves the same
-joints; on request it switches that off and, at its end, on again. The robot's own reflexes stay as they are.
+Nothing is switched silently. A driver that may move refuses to while something else moves the same joints; on
+request it switches that off and, when it is closed, on again. The robot's own reflexes are left unchanged.
 """
 
 from __future__ import annotations
@@ -15,55 +15,57 @@ from tci.drivers.naoqi.session import answer, service
 from tci.errors import DriverError
 
 PATIENCE = 5.0
-"""Longest time [s] for a switch; the end of autonomous life takes a while. Ours."""
+"""Longest time [s] for a switch. Assumed: ending autonomous life takes a few seconds."""
 LIFE_OFF = "disabled"
-"""The state of autonomous life in which nothing moves by itself (Aldebaran's documentation)."""
+"""State of autonomous life in which nothing moves by itself (Aldebaran's documentation)."""
 LIFE = "ALAutonomousLife"
-"""The service of autonomous life."""
+"""Name of the service of autonomous life."""
 EVERY = 1.0
-"""Time [s] between two questions whether autonomous life is on. Ours."""
+"""Time [s] between two queries of the state of autonomous life. Assumed; no published value."""
 ENABLED = ("ALBackgroundMovement", "ALBasicAwareness")
-"""Services beside autonomous life that move the robot while they are enabled."""
+"""Services other than autonomous life that move the robot while they are enabled."""
 REFLEXES = {
     "getSmartStiffnessEnabled": "smart stiffness (lowers stiffness at rest)",
     "getFallManagerEnabled": "the fall manager (lets go when it believes to fall)",
 }
-"""ALMotion's questions about reflexes of the robot, and what they are."""
+"""Methods of ALMotion that tell if a reflex is on, and the reflex each stands for."""
 
 
 @dataclass(frozen=True, slots=True)
 class Mover:
-    """Something that moves joints by itself, in names: it outlives the session in which it was found."""
+    """Something that moves joints by itself. It holds names only, so it stays valid after its session
+    ended."""
 
     name: str
-    """What it is, in words."""
+    """Description for messages."""
     service: str
-    """Whose it is."""
+    """Service that it belongs to."""
     method: str
-    """What switches it."""
+    """Method that switches it."""
     off: tuple[Any, ...]
     """Arguments of `method` that switch it off."""
     on: tuple[Any, ...]
-    """Arguments that bring it back to where it was."""
+    """Arguments of `method` that restore its former state."""
 
     @property
     def switch(self) -> tuple[str, str, tuple[Any, ...]]:
-        """What is the same however far it was on."""
+        """Key that is the same for every state in which it was on."""
         return self.service, self.method, self.off
 
     def turn(self, session: Any, arguments: tuple[Any, ...]) -> None:
-        """Switch it `off` or `on`. Raises DriverError."""
+        """Switches it with the arguments `off` or `on`. Raises DriverError."""
         method = getattr(service(session, self.service), self.method)
         answer(method(*arguments, _async=True), f"{self.service}.{self.method}", timeout=PATIENCE)
 
 
 def present(session: Any) -> list[str]:
-    """The services that may move the robot by themselves, of those that it has."""
+    """Returns the services that may move the robot by themselves, of those that it has."""
     return [name for name in (LIFE, *ENABLED) if _service(session, name) is not None]
 
 
 def movers(session: Any, motion: Any, chains: list[str]) -> list[Mover]:
-    """What moves joints of the robot's `chains` by itself, now. Services that a robot lacks move nothing."""
+    """Returns what moves joints of the robot's `chains` by itself now. Services that a robot lacks are
+    skipped."""
     found = []
     state = _ask(_service(session, LIFE), "getState")
     if isinstance(state, str) and state != LIFE_OFF:
@@ -81,12 +83,12 @@ def movers(session: Any, motion: Any, chains: list[str]) -> list[Mover]:
 
 
 def reflexes(motion: Any) -> list[str]:
-    """Reflexes of the robot that are on, in words."""
+    """Returns descriptions of the robot's reflexes that are on."""
     return [words for question, words in REFLEXES.items() if _ask(motion, question) is True]
 
 
 def switch_off(session: Any, found: list[Mover]) -> None:
-    """Switch movers off; if one fails, those before are on again. Raises DriverError."""
+    """Switches movers off; if one fails, switches the earlier ones on again. Raises DriverError."""
     done: list[Mover] = []
     for mover in found:
         try:
@@ -98,7 +100,7 @@ def switch_off(session: Any, found: list[Mover]) -> None:
 
 
 def switch_on(session: Any, found: list[Mover]) -> list[str]:
-    """Bring movers back, the last first; returns those that could not be, with the reason."""
+    """Restores movers, the last first; returns those that failed, with the reason."""
     left = []
     for mover in reversed(found):
         try:
@@ -109,17 +111,19 @@ def switch_on(session: Any, found: list[Mover]) -> list[str]:
 
 
 class Lookout:
-    """Sees that somebody switches autonomous life on. It asks now and then, and never waits for an answer."""
+    """Detects that autonomous life is switched on by somebody else. It queries from time to time and never
+    blocks."""
 
     def __init__(self, session: Any, *, was_off: bool) -> None:
-        """`was_off`: it was off, or not there yet, and is not just ending."""
+        """Takes `was_off`: autonomous life was off, or not started yet, and is not just ending."""
         self._session, self._was_off = session, was_off
         self._question = getattr(_service(session, LIFE), "getState", None)
         self._answer: Any = None
         self._due = -math.inf
 
     def look(self, now: float) -> str:
-        """At `now` [s], the state that it was switched to; empty otherwise, as long as it is still ending."""
+        """Returns the state that it was switched to, at `now` [s]; empty otherwise, and while it is still
+        ending."""
         asked, seen = self._answer, ""
         if asked is not None and asked.isFinished():
             self._answer = None
@@ -143,7 +147,7 @@ def _service(session: Any, name: str) -> Any:
 
 
 def _ask(one: Any, question: str, *arguments: Any) -> Any:
-    """An answer; None from a robot that does not know the question."""
+    """Returns an answer; None from a robot that does not have the method."""
     try:
         return answer(getattr(one, question)(*arguments, _async=True), question, timeout=PATIENCE)
     except (AttributeError, DriverError):

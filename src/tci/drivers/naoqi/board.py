@@ -1,4 +1,4 @@
-"""What a served robot and NAOqi's services share: where threads of `qi` meet the loop."""
+"""Data shared by a served robot's loop and NAOqi's services, which run in threads of `qi`."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from tci.robot.description import Robot, Servo
 
 
 class Board:
-    """The latest of everything, both ways; nothing waits and nothing queues."""
+    """The latest values in both directions; nothing waits and nothing queues."""
 
     def __init__(self, robot: Robot, first: Reading) -> None:
-        """`first` is what is known before the robot is served."""
+        """Takes as `first` the reading from before the robot is served."""
         self.robot = robot
         self.measured: list[float] = first.joints.position.tolist()
-        """Angles [rad] of all servos, measured."""
+        """Measured angles [rad] of all servos."""
         self.told: list[float] = list(self.measured)
-        """Angles [rad] that all servos were told last."""
+        """Latest commanded angles [rad] of all servos."""
         self.stiffness = [1.0] * len(robot.servos)
-        """Share 0..1 of all servos."""
+        """Stiffness 0..1 of all servos."""
         self.gate = ["run", ""]
-        """What the gate does, and why."""
+        """State of the gate, and its reason."""
         self._lock = threading.Lock()
         self._moves: dict[int, tuple[float, float]] = {}
         self._shares: dict[int, float] = {}
@@ -36,12 +36,12 @@ class Board:
         self._texts: dict[str, tuple[int, str]] = {}
 
     def feel(self, reading: Reading) -> None:
-        """This period's skin, from the loop."""
+        """Stores this period's skin. The loop calls it."""
         for frame in reading.skin:
             self._frames[frame.patch] = frame
 
     def show(self, reading: Reading, sent: SafeCommand) -> None:
-        """One period, from the loop."""
+        """Stores one period. The loop calls it."""
         self.measured = reading.joints.position.tolist()
         told, stiffness = list(self.told), list(self.stiffness)
         for servo, angle in zip(sent.servos.tolist(), sent.position.tolist(), strict=True):
@@ -52,7 +52,8 @@ class Board:
         self.gate = [sent.state.value, sent.reason]
 
     def take(self) -> Sequence[Order]:
-        """The latest orders for each servo, for the loop: older ones that nobody took are forgotten."""
+        """Returns the latest order for each servo and removes them; older ones that were not taken are
+        dropped. The loop calls it."""
         with self._lock:
             moves, shares = self._moves, self._shares
             self._moves, self._shares = {}, {}
@@ -64,18 +65,18 @@ class Board:
         return orders
 
     def move(self, servos: Sequence[Servo], angles: Sequence[float], speeds: Sequence[float]) -> None:
-        """Let servos go to angles [rad] at speeds [rad/s], from the next period on."""
+        """Moves servos to angles [rad] at speeds [rad/s], from the next period on."""
         with self._lock:
             for servo, angle, speed in zip(servos, angles, speeds, strict=True):
                 self._moves[servo.index] = (angle, speed)
 
     def stiffen(self, servos: Sequence[Servo], shares: Sequence[float]) -> None:
-        """Set shares 0..1 of full stiffness, from the next period on."""
+        """Sets fractions 0..1 of full stiffness, from the next period on."""
         with self._lock:
             self._shares.update({s.index: share for s, share in zip(servos, shares, strict=True)})
 
     def keys(self) -> dict[str, Callable[[], Any]]:
-        """What ALMemory has of the robot."""
+        """Returns functions that give the robot's values in ALMemory, by key."""
         keys: dict[str, Callable[[], Any]] = {"TCI/Gate": lambda: self.gate}
         for servo in self.robot.servos:
             keys[words.angle_key(servo.name, "Sensor")] = partial(self._measured, servo.index)

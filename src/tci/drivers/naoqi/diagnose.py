@@ -1,4 +1,4 @@
-"""What a NAO says of itself, beside its description. Nothing is switched or moved."""
+"""Comparison of a NAO's own data with its description. Nothing is switched or moved."""
 
 from __future__ import annotations
 
@@ -17,13 +17,15 @@ from tci.errors import DriverError
 from tci.robot.description import Robot
 
 CLOSE = np.deg2rad(0.6)
-"""Limits further apart [rad] than this differ: makers round them to half a degree. Ours."""
+"""Difference [rad] up to which limits count as equal. Assumed: manufacturers round limits to half a
+degree."""
 OFFSET = 1.0
-"""An offset [s] of the robot's clock beyond which logs of the two can't be compared. Ours."""
+"""Offset [s] of the robot's clock above which its logs can't be compared with TCI's. Assumed; no published
+value."""
 
 
 def examine(robot: Robot, poller: Poller, stream: Stream | None) -> tuple[Finding, ...]:
-    """Findings about the robot behind `poller`. Raises DriverError while it is away."""
+    """Returns the findings about the robot behind `poller`. Raises DriverError while it is not connected."""
     if poller.trouble:
         raise DriverError(poller.trouble)
     found = [*_version(poller), *_trips(poller), *_clock(poller), *_skin(poller)]

@@ -1,4 +1,4 @@
-"""`naoqi://HOST`: a NAO over its makers' own protocol."""
+"""`naoqi://HOST`: driver of a NAO over the manufacturer's protocol."""
 
 from __future__ import annotations
 
@@ -26,11 +26,14 @@ from tci.messages import Reading
 from tci.robot.description import Robot
 
 PATIENCE = 0.9
-"""Share of a period that a reading may be waited for; else the one before counts. Ours."""
+"""Fraction of a period for which a reading is waited for; then the previous one counts. Assumed: the rest is
+for the computation."""
 SWITCH_ON = 0.3
-"""Time [s] that a servo has to report the stiffness that it was sent. Ours."""
+"""Time [s] within which a servo must report the stiffness that it was sent. Assumed: several queries of
+`poller.SLOW`."""
 LAST = 10.0
-"""Longest time [s] that closing waits for a new connection's switching off, before it switches on. Ours."""
+"""Longest time [s] that closing waits for a new connection to finish switching movers off, before it switches
+them on again. Assumed: twice `autonomy.PATIENCE`."""
 
 
 class NaoqiDriver(Driver):
@@ -39,13 +42,13 @@ class NaoqiDriver(Driver):
     def __init__(
         self, robot: Robot, address: str = "", *, arm: bool = False, joints: bool = True, skin: bool = True
     ) -> None:
-        """Connect to `address`, such as `//10.0.0.5` or `//nao@10.0.0.5`.
+        """Connects to `address`, such as `//10.0.0.5` or `//nao@10.0.0.5`.
 
         Without `joints` or `skin` only the other one is read; without joints nothing can be moved.
 
         An armed driver refuses a robot that moves by itself (autonomous life, breathing, ...); with
-        `?life=off` behind the address it switches that off until it is closed. Each new connection is looked
-        at like the first: what moves it then is switched off too, or stops the gate.
+        `?life=off` after the address it switches these motions off until it is closed. Each new connection is
+        checked like the first: its autonomous motions are switched off too, or stop the gate.
 
         Raises DriverError when the robot can't be reached, is another one, or moves by itself.
         """
@@ -98,7 +101,7 @@ class NaoqiDriver(Driver):
         if self._poller.generation != self._generation:
             self._generation = self._poller.generation
             if self._stream is not None:
-                if self.armed:  # what it was sent last is not gone on with
+                if self.armed:  # a robot that was away must not continue its last command
                     with suppress(RuntimeError):
                         motion = self._poller.services.motion
                         motion.killTasksUsingResources(self._poller.names, _async=True)
@@ -113,16 +116,16 @@ class NaoqiDriver(Driver):
 
     def _send(self, safe: SafeCommand) -> None:
         if self._poller.trouble or self._poller.generation != self._generation:
-            return  # it is not there: joint data grows old, the gate holds, and nothing is sent later
+            return  # not connected: joint data grows old, the gate holds, and nothing is sent later
         motion = self._poller.services.motion
         try:
             if safe.stiffness:
                 names = [self._poller.names[servo] for servo in safe.stiffness]
                 values = [float(share) for share in safe.stiffness.values()]
-                # Angles must not overtake the stiffness that they need.
+                # Angles must not arrive before the stiffness that they need.
                 answer(motion.setStiffnesses(names, values, _async=True), "setStiffnesses", timeout=1.0)
                 self._on[list(safe.stiffness)] = self.clock.now()
-            assert self._stream is not None  # it is armed
+            assert self._stream is not None  # armed drivers have a stream
             measured = self._poller.latest.reading.joints.position
             self._stream.send(motion, safe, self.gate.ahead(AHEAD), measured)
         except (DriverError, RuntimeError) as error:
@@ -132,7 +135,7 @@ class NaoqiDriver(Driver):
     def _halt(self) -> None:
         motion = self._poller.services.motion
         answer(motion.killTasksUsingResources(self._poller.names, _async=True), "killing tasks", timeout=1.0)
-        assert self._stream is not None  # it is armed
+        assert self._stream is not None  # armed drivers have a stream
         self._stream.forget()
 
     def _close(self) -> None:
@@ -142,7 +145,8 @@ class NaoqiDriver(Driver):
         self._poller.close()
 
     def _open_stream(self) -> Stream:
-        """What the robot says of its joints. Raises DriverError when it lacks one of the description's."""
+        """Opens the stream with the robot's own joint data. Raises DriverError if a joint of the description
+        is missing."""
         motion, names = self._poller.services.motion, self._poller.names
         limits = answer(motion.getLimits("Body", _async=True), "ALMotion.getLimits", timeout=3.0)
         known = answer(motion.getBodyNames("Body", _async=True), "ALMotion.getBodyNames", timeout=3.0)
@@ -157,11 +161,11 @@ class NaoqiDriver(Driver):
         return Stream(names, lower, upper, fastest)
 
     def _greet(self, services: Services) -> None:
-        """Look at a robot that is back, in the poller's thread: the gate holds until this is done."""
+        """Checks a reconnected robot, in the poller's thread: the gate holds until this is done."""
         if not self.armed:
             return
         for name in self._may_move:
-            service(services.session, name)  # NAOqi may still be starting it
+            service(services.session, name)  # NAOqi may still be starting the service
         try:
             self._quieten(services)
             self._restless = ""
@@ -171,13 +175,14 @@ class NaoqiDriver(Driver):
             self._restless = f"after a new connection {error}"
 
     def _glance(self) -> None:
-        """Whether somebody switches autonomous life on, in the poller's thread."""
+        """Checks if autonomous life was switched on by somebody else, in the poller's thread."""
         if self._lookout is not None and (state := self._lookout.look(self.clock.now())):
             words = f"autonomous life has been switched on ({state})"
             self._restless = f"{words}; valid: end that and connect again"
 
     def _quieten(self, services: Services) -> None:
-        """Raises DriverError for a robot that moves by itself, unless that can and shall be switched off."""
+        """Switches autonomous motions off. Raises DriverError if the address does not ask for that or it
+        fails."""
         chains = list(dict.fromkeys(servo.robot_part for servo in self.robot.servos))
         self._may_move = self._may_move or autonomy.present(services.session)
         found = autonomy.movers(services.session, services.motion, chains)
@@ -189,12 +194,12 @@ class NaoqiDriver(Driver):
             )
         autonomy.switch_off(services.session, found)
         for mover in found:
-            self._switched.setdefault(mover.switch, mover)  # as it was before the first time
+            self._switched.setdefault(mover.switch, mover)  # keeps the state before the first switch
         was_off = all(mover.service != autonomy.LIFE for mover in found)
         self._lookout = autonomy.Lookout(services.session, was_off=was_off)
 
     def _restore(self) -> None:
-        """Switch on what was switched off, in another session if this one is gone; warn of what stays off."""
+        """Switches on what was switched off, in a new session if this one ended; warns of what stays off."""
         found, services = list(self._switched.values()), self._poller.services
         left: list[str] = []
         try:

@@ -1,4 +1,4 @@
-"""Asks NAOqi for joints, skin and touch in a thread, and connects again after the robot was away."""
+"""A thread that requests joints, skin and touch from NAOqi, and reconnects after the robot was away."""
 
 from __future__ import annotations
 
@@ -20,42 +20,44 @@ from tci.messages import JointReading, Reading, SkinFrame
 from tci.robot.description import Robot
 
 ANSWER = 0.05
-"""Longest time [s] to wait for an answer while running. Ours."""
+"""Longest time [s] to wait for an answer while running. Assumed: 2.5 of ALMotion's periods."""
 GONE = 1.0
-"""Time [s] without an answer after which the connection counts as lost. Ours."""
+"""Time [s] without an answer after which the connection counts as lost. Assumed; no published value."""
 AGAIN = 0.3
-"""Time [s] between two attempts to connect again. Ours."""
+"""Time [s] between two attempts to reconnect. Assumed; no published value."""
 IDLE = 0.1
-"""Longest time [s] between two questions when nobody reads. Ours."""
+"""Longest time [s] between two requests if nobody reads. Assumed; no published value."""
 EARLY, LATE = 0.0005, 0.0025
-"""From how long [s] before to how long after the time of a frame of the skin it is asked for. Ours."""
+"""Window [s] before and after the time of a skin frame in which the frame is requested. Assumed; no published
+value."""
 STEP = 0.001
-"""By so much [s] a frame that was there at once may have come before it was asked for. Ours."""
+"""Longest time [s] that a frame found at the first request is assumed to have been available before it."""
 FIRST = 0.003
-"""A frame of the skin that is due within this time [s] is asked for before the joints. Ours."""
+"""Time [s] before a skin frame is due within which it is requested before the joints. Assumed; no published
+value."""
 SLOW = 0.05
-"""Time [s] between two questions for what changes slowly: stiffness. Ours."""
+"""Time [s] between two requests for stiffness, which changes slowly. Assumed; no published value."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sensed:
-    """What one question brought."""
+    """The data from one request."""
 
     reading: Reading
     stiffness: Array
-    """Share 0..1 of each servo (n,)."""
+    """Stiffness 0..1 of each servo (n,)."""
 
 
 class Poller:
-    """One robot, asked whenever somebody wants to read, and now and then when nobody does."""
+    """Requests data of one robot whenever somebody reads, and at a low rate otherwise."""
 
     def __init__(
         self, robot: Robot, address: Address, clock: Clock, *, joints: bool, skin: bool,
         greet: Callable[[Services], None], glance: Callable[[], None],
     ) -> None:  # fmt: skip
-        """Connect, and ask once. `greet` is called in the thread with each later connection, before the robot
-        counts as back; when it raises DriverError, another one is made. `glance` is called there after each
-        answer, for what nobody waits for. Raises DriverError."""
+        """Connects, and requests data once. `greet` is called in the thread with each later connection,
+        before the robot counts as back; if it raises DriverError, another connection is made. `glance` is
+        called there after each answer, for tasks without a deadline. Raises DriverError."""
         self.robot, self.address, self.clock = robot, address, clock
         self._greet, self._glance = greet, glance
         binding = robot.binding(words.MIDDLEWARE)
@@ -64,11 +66,11 @@ class Poller:
         self.keys = words.skin_keys(robot, binding) if skin else {}
         """The ALMemory key of each patch that is read, or the keys of its channels."""
         self.trips: deque[float] = deque(maxlen=1000)
-        """How long the latest questions took [s]."""
+        """Durations [s] of the latest requests."""
         self.counts: Counter[str] = Counter()
-        """`polls`, `failures`, `reconnections`, and `bad` frames."""
+        """Numbers of `polls`, `failures`, `reconnections`, and `bad` frames."""
         self.trouble = ""
-        """Why there is no answer now; empty while there is."""
+        """Reason why there is no answer now; empty if there is one."""
         self._joints = joints
         self._channels = {patch.name: patch.channels for patch in robot.patches}
         self._every = {patch.name: 1.0 / patch.rate for patch in robot.patches}
@@ -89,15 +91,15 @@ class Poller:
             raise
         self._known, self._look, self._back = dict(self._asks), -np.inf, np.inf
         self.generation = 0
-        """Counts up with each new connection, and each time that the robot was away for long."""
+        """Increases with each new connection, and each time that the robot was away for long."""
         self._wanted, self._fresh = threading.Event(), threading.Event()
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._run, name=f"naoqi {address.host}", daemon=True)
         self._thread.start()
 
     def read(self, patience: float) -> Sensed:
-        """The latest; waits up to `patience` [s] for one that was asked for now, or until a frame of the skin
-        that is due before then is there."""
+        """Returns the latest data; waits up to `patience` [s] for data requested now, or until a skin frame
+        that is due before then has arrived."""
         self._fresh.clear()
         self._until = self.clock.now() + patience
         self._wanted.set()
@@ -105,13 +107,13 @@ class Poller:
         return self.latest
 
     def end(self, patience: float) -> None:
-        """End the thread, waiting up to `patience` [s] for a connection that it is just making."""
+        """Ends the thread; waits up to `patience` [s] for a connection that it is making."""
         self._end.set()
         self._wanted.set()
         self._thread.join(timeout=patience)
 
     def close(self) -> None:
-        """End the thread and the session."""
+        """Ends the thread and the session."""
         self.end(2.0)
         self.services.close()
 
@@ -131,9 +133,9 @@ class Poller:
                     self._end.wait(max(0.0, due - EARLY - self.clock.now()))
                     sensed = self._ask(sensed.reading.joints)
                 if again or (missed and self.clock.now() - answered > stale):
-                    self.generation += 1  # another session, or away long enough for the gate to hold
+                    self.generation += 1  # a new session, or away long enough for the gate to hold
                 self.latest = sensed
-                self.trouble = ""  # last: who sees that it is back, sees the new generation too
+                self.trouble = ""  # set last: a reader who sees that it is back also sees the new generation
                 answered, missed = self.clock.now(), False
                 self._fresh.set()
                 self._glance()
@@ -149,13 +151,15 @@ class Poller:
                 self._end.wait(AGAIN)
 
     def _next_frame(self) -> float | None:
-        """When the next frame is due [s], if that is just now or while somebody still waits for it."""
+        """Returns the time [s] of the next frame if it is due now or before the present reader stops
+        waiting."""
         now = self.clock.now()
         due = (seen + self._every[patch] for patch, seen in self._seen.items())
         return min((one for one in due if now - LATE < one < self._until), default=None)
 
     def _skin_first(self) -> bool:
-        """Whether the joints of the period before will do, so that a frame that is due need not wait."""
+        """Returns True if the joints of the previous period are recent enough to request a due frame
+        first."""
         due, before = self._next_frame(), self._before
         now, longest = self.clock.now(), 2.0 * self._period
         return due is not None and before is not None and due - now < FIRST and now - before.stamp < longest
@@ -168,16 +172,17 @@ class Poller:
         self.counts["reconnections"] += 1
 
     def _look_again(self) -> None:
-        """Look for skin that was there at first: who publishes it may be back later than NAOqi."""
+        """Looks again for skin that was there at first: its publisher may start later than NAOqi."""
         lost = {p: self.keys[p] for p, keys in self._known.items() if self._asks.get(p) != keys}
         if lost and self.clock.now() >= self._look:
             self._look = self.clock.now() + GONE
             here = {p for p in lost if p in self._frames and self._frames[p].stamp > self._back}
             self._asks |= words.find_keys(lost, self._try)
-            self._known |= {p: self._asks[p] for p in here}  # published again, if in another way
+            self._known |= {p: self._asks[p] for p in here}  # published again, possibly in another form
 
     def _try(self, key: str) -> Any:
-        """A value; None where there is none, `words.REFUSED` from a NAOqi that takes no such question."""
+        """Returns a value; None if there is none, `words.REFUSED` from a NAOqi that refuses such a
+        request."""
         try:
             return self._values(self.services.memory.getListData([key], _async=True), [key], 1.0)[0]
         except DriverError:
@@ -193,7 +198,7 @@ class Poller:
         return list(values)
 
     def _ask(self, joints: JointReading | None = None) -> Sensed:
-        """One question, for skin alone where `joints` were asked for just now. Raises DriverError."""
+        """Makes one request, for skin only if `joints` have just been read. Raises DriverError."""
         begin = self.clock.now()
         motion, memory = self.services.motion, self.services.memory
         asked = {patch: keys for patch, keys in self._asks.items() if begin >= self._due.get(patch, -np.inf)}
@@ -239,7 +244,7 @@ class Poller:
         before, velocity = self._before, np.zeros(count)
         if before is not None and begin > before.stamp:
             velocity = (position - before.position) / (begin - before.stamp)
-        # The stamp is when it was asked for: data is never younger than it says.
+        # The stamp is the time of the request: data is never younger than its stamp says.
         joints = JointReading(begin, self.counts["polls"], read_only(position), read_only(velocity))
         self._before = joints
         return joints
@@ -255,13 +260,13 @@ class Poller:
         return numbers
 
     def _frame(self, patch: str, stamp: float, found: list[Any]) -> SkinFrame | None:
-        """The frame, if it is a new one. Raises FrameError for what is none."""
+        """Returns the frame if it is a new one. Raises FrameError for an invalid one."""
         old = self._frames.get(patch)
         if len(self.keys[patch]) > 1:
             self._due[patch] = stamp + 0.9 * self._every[patch]
             if not all(isinstance(value, int | float) for value in found):
-                return None  # a robot without these
-            # A switch is read, not published: each reading is a new one.
+                return None  # a robot without these sensors
+            # A switch is read directly, not published: each reading is a new frame.
             return SkinFrame(patch, stamp, 0 if old is None else old.sequence + 1, _vector(patch, found))
         value, number = found[0], found[1] if len(found) > 1 else None
         if isinstance(value, str):
@@ -282,7 +287,7 @@ class Poller:
 
 
 def _vector(patch: str, value: list[Any] | tuple[Any, ...]) -> NDArray[np.generic]:
-    """A plain vector of ALMemory. Its length is checked where all frames are."""
+    """Converts a plain vector of ALMemory. Its length is checked with that of all frames."""
     try:
         values = np.array(value)
     except ValueError:

@@ -1,8 +1,8 @@
 """`tci serve nao --via naoqi`: any NAO, such as the simulated one, as a NAOqi service over a real socket.
 
 Its clients are any programs that use NAOqi through `qi`. Joints move as ALMotion moves them, to the latest
-target at a share of the top speed, but behind this process's gate. Nobody logs in, so it listens on this
-machine only, unless told otherwise.
+target at a fraction of the top speed, but behind this process's gate. There is no login, so by default it
+listens on this machine only.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ LOCAL = "127.0.0.1"
 
 
 class NaoqiServer(Server):
-    """Shows the robot of a driver as NAOqi would."""
+    """Serves the robot of a driver as NAOqi would."""
 
     def __init__(self, driver: Driver, address: str = "") -> None:
-        """Listen at `address`, HOST:PORT. Raises DriverError when that can't be."""
+        """Listens at `address`, HOST:PORT. Raises DriverError if that fails."""
         super().__init__(driver, address)
         host, _, port = address.removeprefix("//").rpartition(":")
         if not host and port and not port.isdigit():
@@ -61,7 +61,7 @@ class NaoqiServer(Server):
 
     def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
         self._board.show(reading, sent)
-        if not self._ready:  # as on a robot that starts: its services come when they can do something
+        if not self._ready:  # as on a robot that starts: services appear when they can work
             self._ready = True
             for name, one in services.all_services(self._board).items():
                 self._session.registerService(name, one)

@@ -1,7 +1,7 @@
-"""NAOqi's services in front of a served robot. Their methods are called from threads of `qi`.
+"""NAOqi's services of a served robot. Their methods are called from threads of `qi`.
 
-Only what a NAO's own service of that name does with joints, touch and memory; names and meanings are
-Aldebaran's, those of arguments too.
+They offer only the part of a NAO's services that concerns joints, touch and memory. Names, arguments and
+meanings are Aldebaran's.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from tci.drivers.naoqi.board import Board
 from tci.robot.description import Servo
 
 SETTLED = 0.01
-"""Distance [rad] from its target at which a blocking motion has arrived. Ours."""
+"""Distance [rad] from its target at which a blocking motion has arrived. Assumed; no published value."""
 LONGEST = 1000
-"""Most joints or keys in one call."""
+"""Largest number of joints or keys in one call."""
 
 
 @qi.multiThreaded()
@@ -33,35 +33,36 @@ class ALMotion:
         self._breath: dict[str, bool] = {}
 
     def getBodyNames(self, name: str) -> list[str]:
-        """Names of the joints of a chain, or of all."""
+        """Returns the names of the joints of a chain, or of all."""
         return [servo.name for servo in self._find(name)]
 
     @qi.bind(qi.List(qi.Float), [qi.Dynamic, qi.Bool])
     def getAngles(self, names: Any, useSensors: bool) -> list[float]:
-        """Angles [rad], measured or told."""
+        """Returns angles [rad], measured or commanded."""
         angles = self._board.measured if useSensors else self._board.told
         return [angles[servo.index] for servo in self._find(names)]
 
     @qi.bind(qi.List(qi.Float), [qi.Dynamic])
     def getStiffnesses(self, names: Any) -> list[float]:
-        """Shares 0..1."""
+        """Returns stiffnesses 0..1."""
         shares = self._board.stiffness
         return [shares[servo.index] for servo in self._find(names)]
 
     def getLimits(self, name: Any) -> list[list[float]]:
-        """Lower, upper [rad], speed [rad/s] and torque [N m] of each joint."""
+        """Returns lower and upper limit [rad], speed [rad/s] and torque [N m] of each joint."""
         return [_limits(servo) for servo in self._find(name)]
 
     @qi.bind(qi.Void, [qi.Dynamic, qi.Dynamic])
     def setStiffnesses(self, names: Any, stiffnesses: Any) -> None:
-        """Shares 0..1, one for all or one for each."""
+        """Sets stiffnesses 0..1, one for all joints or one for each."""
         servos = self._find(names)
         shares = _numbers(stiffnesses, len(servos), "stiffness", 0.0, 1.0)
         self._board.stiffen(servos, shares)
 
     @qi.bind(qi.Void, [qi.Dynamic, qi.Dynamic, qi.Float])
     def setAngles(self, names: Any, angles: Any, fractionMaxSpeed: float) -> None:
-        """Go there at that share of the top speed; another call takes over at once."""
+        """Moves joints to angles [rad] at that fraction of the top speed; a later call replaces this one at
+        once."""
         servos = self._find(names)
         wanted = _numbers(angles, len(servos), "angle [rad]", -7.0, 7.0)
         share = _numbers(fractionMaxSpeed, 1, "fractionMaxSpeed", 1e-6, 1.0)[0]
@@ -69,7 +70,7 @@ class ALMotion:
 
     @qi.bind(qi.Void, [qi.Dynamic, qi.Dynamic, qi.Float])
     def changeAngles(self, names: Any, changes: Any, fractionMaxSpeed: float) -> None:
-        """The same from where they were told to be."""
+        """Moves joints by `changes` [rad] from their commanded angles."""
         servos = self._find(names)
         changed = _numbers(changes, len(servos), "change [rad]", -7.0, 7.0)
         told = self._board.told
@@ -78,7 +79,7 @@ class ALMotion:
 
     @qi.bind(qi.Void, [qi.Dynamic, qi.Dynamic, qi.Float])
     def angleInterpolationWithSpeed(self, names: Any, targetAngles: Any, maxSpeedFraction: float) -> None:
-        """The same, and return when they are there."""
+        """Moves joints to angles [rad] and returns when they have arrived."""
         servos = self._find(names)
         self.setAngles(names, targetAngles, maxSpeedFraction)
         wanted = _numbers(targetAngles, len(servos), "angle [rad]", -7.0, 7.0)
@@ -87,7 +88,7 @@ class ALMotion:
 
     @qi.bind(qi.Void, [qi.Dynamic, qi.Dynamic, qi.Dynamic, qi.Bool])
     def angleInterpolation(self, names: Any, angleLists: Any, timeLists: Any, isAbsolute: bool) -> None:
-        """One target for each joint, reached after that time [s]; returns when they are there."""
+        """Moves each joint to one target, reached after that time [s]; returns when they have arrived."""
         servos = self._find(names)
         told = self._board.told
         wanted = _numbers(angleLists, len(servos), "angle [rad] (one for each joint)", -7.0, 7.0)
@@ -102,37 +103,37 @@ class ALMotion:
         self._wait(servos, wanted, 2.0 + max(times))
 
     def killTasksUsingResources(self, resourceNames: Any) -> None:
-        """Joints stay where they are."""
+        """Stops joints where they are."""
         servos, here = self._find(resourceNames), self._board.measured
         movable = [servo for servo in servos if servo.limits.velocity is not None]
         self._board.move(movable, [here[s.index] for s in movable], [_limits(s)[2] for s in movable])
 
     def killAll(self) -> None:
-        """All joints stay where they are."""
+        """Stops all joints where they are."""
         self.killTasksUsingResources("Body")
 
     def wakeUp(self) -> None:
-        """Full stiffness."""
+        """Sets full stiffness."""
         self.setStiffnesses("Body", 1.0)
 
     def rest(self) -> None:
-        """No stiffness. A NAO on its legs sits down before; a served one has no legs to sit on."""
+        """Sets zero stiffness. A NAO on its legs sits down first; a served one has no legs."""
         self.setStiffnesses("Body", 0.0)
 
     def robotIsWakeUp(self) -> bool:
-        """Whether joints are stiff."""
+        """Returns True if the joints are stiff."""
         return max(self._board.stiffness) > 0.0
 
     def getBreathEnabled(self, chain: str) -> bool:
-        """Whether the chain breathes: moves slightly when idle."""
+        """Returns True if the chain breathes, that is, moves slightly when idle."""
         return self._breath.get(chain, False)
 
     def setBreathEnabled(self, chain: str, enabled: bool) -> None:
-        """It is only remembered."""
+        """Stores the setting; it has no other effect."""
         self._breath[str(chain)[:40]] = bool(enabled)
 
     def _find(self, names: Any) -> list[Servo]:
-        """Joints by a name, a chain, or a list of them."""
+        """Finds joints by a name, a chain, or a list of them."""
         found: list[Servo] = []
         every = list(names) if isinstance(names, list | tuple) else [names]
         if len(every) > LONGEST:
@@ -167,16 +168,16 @@ class ALMotion:
 
 @qi.multiThreaded()
 class ALMemory:
-    """Values by key: those of the robot, and what clients put there."""
+    """Values by key: those of the robot, and those that clients insert."""
 
     def __init__(self, live: dict[str, Callable[[], Any]]) -> None:
-        """`live` are keys whose values the robot has."""
+        """Takes as `live` the functions that give the robot's own values, by key."""
         self._live = live
         self._own: dict[str, tuple[Any, float]] = {}
         self._lock = threading.Lock()
 
     def getData(self, key: str) -> Any:
-        """Raises for a key that does not exist."""
+        """Returns the value of a key. Raises KeyError for a key that does not exist."""
         found, value = self._value(key)
         if not found:
             raise KeyError(f"getData: no data at key {str(key)[:80]}")
@@ -184,7 +185,7 @@ class ALMemory:
 
     @qi.bind(qi.Dynamic, [qi.Dynamic])
     def getListData(self, keys: Any) -> list[Any]:
-        """Values of several keys; nothing where there is none."""
+        """Returns the values of several keys; None for a key that does not exist."""
         if not isinstance(keys, list | tuple) or len(keys) > LONGEST:
             raise ValueError(f"getListData: valid: a list of at most {LONGEST} keys")
         if not all(isinstance(key, str) for key in keys):
@@ -192,19 +193,19 @@ class ALMemory:
         return [self._value(key)[1] for key in keys]
 
     def getTimestamp(self, key: str) -> list[Any]:
-        """Value, and when it was put there: seconds and microseconds of the robot's clock."""
+        """Returns a value and the time of its insertion: seconds and microseconds of the robot's clock."""
         value = self.getData(key)
         stamp = self._own[key][1] if key in self._own else time.time()
         return [value, int(stamp), int(1e6 * (stamp % 1.0))]
 
     def getDataListName(self) -> list[str]:
-        """All keys."""
+        """Returns all keys."""
         with self._lock:
             return sorted({*self._live, *self._own})
 
     @qi.bind(qi.Void, [qi.String, qi.Dynamic])
     def insertData(self, key: str, value: Any) -> None:
-        """Put a value there."""
+        """Inserts a value."""
         with self._lock:
             if len(self._own) >= LONGEST and key not in self._own:
                 raise ValueError(f"{LONGEST} keys; there is no room for more")
@@ -222,17 +223,17 @@ class ALMemory:
 
 @qi.multiThreaded()
 class ALAutonomousLife:
-    """Autonomous life is a state here; it moves nothing."""
+    """Autonomous life as a stored state; it moves nothing."""
 
     def __init__(self) -> None:
         self._state = "disabled"
 
     def getState(self) -> str:
-        """The state."""
+        """Returns the state."""
         return self._state
 
     def setState(self, state: str) -> None:
-        """Another state."""
+        """Sets the state."""
         valid = ("disabled", "solitary", "interactive", "safeguard")
         if state not in valid:
             raise ValueError(f"state {str(state)[:40]!r}; valid: {', '.join(valid)}")
@@ -241,15 +242,15 @@ class ALAutonomousLife:
 
 @qi.multiThreaded()
 class ALSystem:
-    """What it is."""
+    """Identity of the served robot."""
 
     def systemVersion(self) -> str:
-        """Of NAOqi: it says that this is none."""
+        """Returns the version of NAOqi, as a text that says that this is not NAOqi."""
         return "2.8 (served by TCI)"
 
 
 def all_services(board: Board) -> dict[str, object]:
-    """Every service by its name, ALMotion last: who has that, has all."""
+    """Returns every service by its name, ALMotion last: a client that finds it finds all others."""
     return {
         "ALMemory": ALMemory(board.keys()),
         "ALAutonomousLife": ALAutonomousLife(),
@@ -259,14 +260,15 @@ def all_services(board: Board) -> dict[str, object]:
 
 
 def _limits(servo: Servo) -> list[float]:
-    """As ALMotion tells them; a hand opens from 0 to 1."""
+    """Returns limits as ALMotion gives them; a hand opens from 0 to 1."""
     limits = servo.limits
     values = (limits.lower, limits.upper, limits.velocity, limits.torque)
     return [float(b if a is None else a) for a, b in zip(values, (0.0, 1.0, 8.33, 0.0), strict=True)]
 
 
 def _numbers(values: Any, count: int, what: str, lowest: float, highest: float) -> list[float]:
-    """One number for all, or one for each. Raises ValueError for anything else."""
+    """Returns one number for each item, from one for all or one for each. Raises ValueError for anything
+    else."""
     given = list(values) if isinstance(values, list | tuple) else [values] * count
     valid = len(given) == count and all(
         isinstance(v, int | float) and math.isfinite(v) and lowest <= v <= highest for v in given

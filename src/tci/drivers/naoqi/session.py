@@ -1,4 +1,4 @@
-"""Sessions with NAOqi: addresses, credentials, and errors in words."""
+"""Sessions with NAOqi: addresses, credentials, and readable errors."""
 
 from __future__ import annotations
 
@@ -14,40 +14,39 @@ import qi
 from tci.errors import DriverError
 
 PORT = 9559
-"""Of NAOqi until 2.8, and of our own server."""
+"""Port of NAOqi up to 2.8, and of TCI's own server."""
 SECURE_PORT = 9503
-"""Of NAOqi 2.9, with credentials and encryption."""
+"""Port of NAOqi 2.9, which uses credentials and encryption."""
 PASSWORD = "TCI_NAOQI_PASSWORD"
-"""Environment variable that the password comes from: command lines are seen by others."""
+"""Environment variable with the password; a command line would be visible to other users."""
 TIMEOUT = 3.0
-"""Longest time [s] to connect, and for answers while connecting. Ours."""
+"""Longest time [s] to connect, and for answers while connecting. Assumed; no published value."""
 VALID = "valid: naoqi://HOST[:PORT], or naoqi://USER@HOST for NAOqi 2.9"
 
-# It logs to standard output, among what programs read there.
+# The library logs to standard output, which other programs may parse.
 qi.logging.setLevel(qi.logging.SILENT)
 
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """Where NAOqi is."""
+    """Address of a NAOqi."""
 
     host: str
     port: int
     user: str = ""
-    """Who logs in; empty for NAOqi until 2.8, which asks nobody."""
+    """User name for the login; empty for NAOqi up to 2.8, which has none."""
     life: str = "refuse"
-    """What an armed driver does when autonomous life or the like moves joints: `refuse`, or switch it
-    `off`."""
+    """Action of an armed driver if autonomous life or the like moves joints: `refuse`, or switch it `off`."""
 
     @property
     def url(self) -> str:
-        """As `qi` wants it."""
+        """Address as `qi` expects it."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"{'tcps' if self.user else 'tcp'}://{host}:{self.port}"
 
 
 def parse_address(text: str) -> Address:
-    """An address as it follows `naoqi:`, such as `//10.0.0.5`, `10.0.0.5:9559` or `//nao@10.0.0.5`.
+    """Parses an address as it follows `naoqi:`, such as `//10.0.0.5`, `10.0.0.5:9559` or `//nao@10.0.0.5`.
 
     Raises DriverError.
     """
@@ -68,7 +67,7 @@ def parse_address(text: str) -> Address:
 
 
 class _Login:
-    """What `qi` asks for credentials; it wants a factory and what the factory makes."""
+    """Credentials in the form that `qi` requires: a factory and its product in one object."""
 
     def __init__(self, user: str, password: str) -> None:
         self._words = {"user": user, "token": password}
@@ -81,7 +80,7 @@ class _Login:
 
 
 def open_session(address: Address, *, timeout: float = TIMEOUT) -> Any:
-    """A connected `qi.Session`. Raises DriverError when there is none within `timeout` [s]."""
+    """Opens a `qi.Session`. Raises DriverError if there is none within `timeout` [s]."""
     session = qi.Session()
     if address.user:
         password = os.environ.get(PASSWORD)
@@ -98,9 +97,9 @@ def open_session(address: Address, *, timeout: float = TIMEOUT) -> Any:
 
 
 def service(session: Any, name: str) -> Any:
-    """A service by name; a robot that has just been switched on may need a moment.
+    """Returns a service by name; a robot that has just been switched on may need a moment.
 
-    Raises DriverError when it does not have it within TIMEOUT.
+    Raises DriverError if the service is not there within TIMEOUT.
     """
     until = time.monotonic() + TIMEOUT
     while True:
@@ -122,7 +121,7 @@ class Services:
     """The services of one session."""
 
     def __init__(self, address: Address, *, motion: bool) -> None:
-        """Raises DriverError; without `motion` there need be no ALMotion."""
+        """Opens the services. Raises DriverError; without `motion` ALMotion may be missing."""
         self.session = open_session(address)
         try:
             self.motion: Any = service(self.session, "ALMotion") if motion else None
@@ -132,13 +131,13 @@ class Services:
             raise
 
     def close(self) -> None:
-        """End the session."""
+        """Ends the session."""
         with suppress(RuntimeError):
             self.session.close()
 
 
 def answer(future: Any, what: str, *, timeout: float) -> Any:
-    """What a call returns. Raises DriverError when it fails, or takes longer than `timeout` [s]."""
+    """Returns the result of a call. Raises DriverError if it fails, or takes longer than `timeout` [s]."""
     try:
         return future.value(int(1e3 * timeout))
     except RuntimeError as error:
@@ -146,7 +145,7 @@ def answer(future: Any, what: str, *, timeout: float) -> Any:
 
 
 def first_line(error: Exception) -> str:
-    """The words of an error of `qi`, without the lines of Python or C++ that follow."""
+    """Returns the text of an error of `qi`, without the traceback lines of Python or C++ that follow."""
     return (str(error).strip().splitlines() or ["no reason given"])[0][:200].rstrip(".:")
 
 

@@ -1,8 +1,8 @@
-"""Angles to ALMotion, one period after the other, without stutter.
+"""Continuous motion with ALMotion: new target angles in each period.
 
-ALMotion comes to rest at each target unless the next one is there before (libqi issue 29). So a moving servo
-is sent where it will be two of ALMotion's own periods later, at the speed that does not take it there before;
-the last target is the place where it stops. If the stream breaks, the robot goes no further than that.
+ALMotion comes to rest at each target unless the next one arrives earlier (libqi issue 29). Therefore a moving
+servo is sent its position two of ALMotion's own periods ahead, at a speed that does not reach it before then;
+the last target is the position where it stops. If the stream breaks, the robot goes no further than that.
 """
 
 from __future__ import annotations
@@ -17,31 +17,33 @@ from tci.frames import Array
 from tci.gate.gate import SafeCommand
 
 AHEAD = 2.0 * CYCLE
-"""How far ahead [s] of its reference a servo is sent, on the way that the gate has planned. Ours."""
+"""Time [s] ahead of its reference for which a servo's position is sent, on the path that the gate has
+planned. Assumed: two of ALMotion's periods."""
 CATCH_UP = 0.05
-"""A servo gets the speed that takes it to its target in this time [s], from where it was measured or from the
-target before, whatever is farther: a little more than AHEAD, so that it is neither there before the next
-target comes, nor far behind. Ours."""
+"""Time [s] in which a servo's speed takes it to its target, from its measured position or the previous
+target, whichever is farther. Assumed: a little more than AHEAD, so that it neither arrives before the next
+target comes nor lags far behind."""
 LEAST = 0.02
-"""Smallest share of the top speed that is sent: with none it would never arrive. Ours."""
+"""Smallest fraction of the top speed that is sent: with zero a servo would never arrive. Assumed; no
+published value."""
 EVERY = 0.01
-"""Shortest time [s] between two targets of a servo that moves: NAO's device cycle."""
+"""Shortest time [s] between two targets of a moving servo: NAO's device cycle."""
 SAME = 1e-5
-"""Targets closer [rad] than this are the same."""
+"""Distance [rad] below which two targets count as equal."""
 
 
 class Stream:
-    """What was sent to each servo, and what is to be sent next."""
+    """The targets sent to each servo, and the rule for the next ones."""
 
     def __init__(self, names: list[str], lower: Array, upper: Array, fastest: Array) -> None:
-        """Of each servo (n,): its name, limits [rad] and top speed [rad/s], as the robot says them."""
+        """Takes for each servo (n,) its name, limits [rad] and top speed [rad/s], as the robot gives them."""
         self._names, self.lower, self.upper, self.fastest = names, lower, upper, fastest
         self.errors: Counter[str] = Counter()
-        """What the robot answered to targets that it did not take."""
+        """Errors that the robot returned for targets it refused, with their counts."""
         self.forget()
 
     def forget(self) -> None:
-        """All servos are sent their targets anew."""
+        """Makes `send` send all targets anew."""
         count = len(self._names)
         self._target = np.full(count, np.nan)
         self._share = np.zeros(count)
@@ -49,13 +51,13 @@ class Stream:
         self._running: dict[int, Any] = {}
 
     def send(self, motion: Any, safe: SafeCommand, ahead: Array, measured: Array) -> None:
-        """Send the servos (k,) of a command on their way.
+        """Sends the targets of the servos (k,) of a command.
 
-        `ahead` (k,) [rad] is where they will be AHEAD later, `measured` (n,) [rad] where all servos are.
+        `ahead` (k,) [rad] are their positions AHEAD later, `measured` (n,) [rad] the positions of all servos.
         """
         servos, now = safe.servos, safe.stamp
         target = np.clip(ahead, self.lower[servos], self.upper[servos])
-        # Where it turns, the robot's own reference may still be on its way to the target before.
+        # At a reversal the robot's own reference may still be on its way to the previous target.
         way = np.fmax(np.abs(target - measured[servos]), np.abs(target - self._target[servos]))
         speed = way / CATCH_UP
         share = np.clip(speed / self.fastest[servos], LEAST, 1.0)
@@ -67,7 +69,7 @@ class Stream:
         for place in np.flatnonzero(due).tolist():
             if self._free(int(servos[place])):
                 alike.setdefault(float(share[place]), []).append(place)
-        for speed_share, places in sorted(alike.items(), reverse=True):  # what moves most goes first
+        for speed_share, places in sorted(alike.items(), reverse=True):  # the largest motions first
             chosen = servos[places].tolist()
             self._target[chosen], self._share[chosen] = target[places], speed_share
             self._sent[chosen] = now
@@ -76,7 +78,8 @@ class Stream:
             self._running |= dict.fromkeys(chosen, call)
 
     def _free(self, servo: int) -> bool:
-        """Whether the robot has taken the target before; if not, this one waits: only the latest counts."""
+        """Returns True if the robot has accepted the previous target; otherwise this one waits, and only the
+        latest counts."""
         running = self._running.get(servo)
         if running is None:
             return True

@@ -1,9 +1,9 @@
 """Names in NAOqi that both sides use: ALMemory keys, and skin frames as text.
 
-A skin is one vector of numbers in ALMemory, under `TCI/Skin/PATCH` or what the binding says; switches have a
-key each, with spaces between. A long vector
-takes `qi` milliseconds (720 numbers: about 6 ms), text almost nothing (0.3 ms), so a publisher may put the
-same frame under `.../Packed` as well: `SEQUENCE TYPE BASE64`, little endian.
+A skin is one vector of numbers in ALMemory, under `TCI/Skin/PATCH` or the key of the binding; switches have
+one key each, separated by spaces. A long vector takes `qi` milliseconds (720 numbers: about 6 ms), text
+almost nothing (0.3 ms). Therefore a publisher may also put the frame under `.../Packed`: `SEQUENCE TYPE
+BASE64`, little endian.
 """
 
 from __future__ import annotations
@@ -26,14 +26,15 @@ CYCLE = 0.02
 TYPES: dict[str, np.dtype[Any]] = {"u1": np.dtype("u1"), "i4": np.dtype("<i4"), "f4": np.dtype("<f4")}
 """Types of packed values."""
 LONGEST = 1_000_000
-"""Longest packed frame [characters] that is looked at."""
+"""Length [characters] of the longest packed frame that is decoded."""
 REFUSED = object()
-"""What comes instead of a value from a NAOqi that refuses to be asked for a key."""
+"""Marker for the value of a key that NAOqi refuses to give."""
 _PACKED = re.compile(r"([0-9]{1,18}) (u1|i4|f4) ([A-Za-z0-9+/]*={0,2})")
 
 
 def skin_keys(robot: Robot, binding: Binding) -> dict[str, tuple[str, ...]]:
-    """The ALMemory key of each patch, by its name, or the keys of its channels, as of NAO's switches."""
+    """Returns the ALMemory key of each patch, by its name, or the keys of its channels, as for NAO's
+    switches."""
     return {
         patch.name: tuple(binding.address(patch.name, f"TCI/Skin/{patch.name}").split(" "))
         for patch in robot.patches
@@ -41,19 +42,20 @@ def skin_keys(robot: Robot, binding: Binding) -> dict[str, tuple[str, ...]]:
 
 
 def packed_key(key: str) -> str:
-    """Where the same frame is as text."""
+    """Returns the key of the same frame as text."""
     return f"{key}/Packed"
 
 
 def sequence_key(key: str) -> str:
-    """Where the number of the frame is, which counts up by one; it may be missing."""
+    """Returns the key of the frame's number, which counts up by one; it may be missing."""
     return f"{key}/Sequence"
 
 
 def find_keys(keys: Mapping[str, tuple[str, ...]], attempt: Callable[[str], Any]) -> dict[str, list[str]]:
-    """What to ask for each patch: text, else a vector and its number, else the vector; or its switches.
+    """Finds the keys to request for each patch: text, else a vector and its number, else the vector; or its
+    switches.
 
-    `attempt` asks for one key alone, since some NAOqi refuse a whole list for one that does not exist. It
+    `attempt` requests one key alone, since some NAOqi refuse a whole list because of one missing key. It
     returns the value, None or REFUSED.
     """
     asks = {}
@@ -70,20 +72,20 @@ def find_keys(keys: Mapping[str, tuple[str, ...]], attempt: Callable[[str], Any]
 
 
 def angle_key(servo: str, side: str) -> str:
-    """ALMemory's key for a servo's angle: `side` is Sensor (measured) or Actuator (commanded)."""
+    """Returns ALMemory's key for a servo's angle: `side` is Sensor (measured) or Actuator (commanded)."""
     return f"Device/SubDeviceList/{servo}/Position/{side}/Value"
 
 
 def pack(sequence: int, values: NDArray[np.generic]) -> str:
-    """A frame (channels,) as text."""
+    """Returns a frame (channels,) as text."""
     kind = "u1" if values.dtype == np.uint8 else "i4" if values.dtype.kind in "iu" else "f4"
     return f"{sequence} {kind} {base64.b64encode(values.astype(TYPES[kind]).tobytes()).decode()}"
 
 
 def unpack(text: str, channels: int) -> tuple[int, NDArray[np.generic]]:
-    """Number and values (channels,) of a packed frame.
+    """Returns number and values (channels,) of a packed frame.
 
-    Raises FrameError for anything that is none, before memory is taken for it.
+    Raises FrameError for anything else, before memory is allocated for it.
     """
     found = _PACKED.fullmatch(text) if len(text) <= LONGEST else None
     if found is None:

@@ -1,4 +1,4 @@
-"""A client of a Player server: requests at the start, afterwards it never waits."""
+"""A client of a Player server: it waits for answers while connecting, and never afterwards."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ from tci.drivers.player.wire import (
 from tci.errors import DriverError, FrameError
 
 PORT = 6665
-"""A server's usual port."""
+"""Default port of a server."""
 TIMEOUT = 3.0
-"""Time [s] that a server has to answer. Ours."""
+"""Time [s] that a server has to answer. Assumed; no published value."""
 CHUNK = 1 << 16
 PER_POLL = 64
-"""Chunks of CHUNK bytes that one call takes, so that a flood costs a bounded time. Ours."""
+"""Chunks of CHUNK bytes that one call reads. Assumed: bounds the time that a flood of data costs."""
 ADDRESS = re.compile(r"(?P<host>[A-Za-z0-9_.-]*|\[[0-9a-fA-F:]+\])(:(?P<port>[0-9]{1,5}))?")
 
 
 def parse(address: str) -> tuple[str, int]:
-    """Host and port of `[HOST][:PORT]`. Raises DriverError for what is no address."""
+    """Returns host and port of `[HOST][:PORT]`. Raises DriverError for an invalid address."""
     found = ADDRESS.fullmatch(address)
     if found is None or int(found["port"] or PORT) > 65535:
         raise DriverError(f"{address!r} is no address; valid: player:HOST:PORT, each may be left out")
@@ -46,12 +46,12 @@ class Client:
     """A connection to one server."""
 
     def __init__(self, host: str, port: int) -> None:
-        """Raises DriverError when no Player server answers there."""
+        """Connects. Raises DriverError when no Player server answers there."""
         self.where, self._robot = f"{host}:{port}", port
         self._stream = Stream()
         self._waiting: list[Message] = []
         self.lost = ""
-        """Why the connection is no longer of use; empty while it is."""
+        """Reason why the connection is lost; empty while it works."""
         try:
             self._socket = socket.create_connection((host, port), timeout=TIMEOUT)
         except OSError as error:
@@ -67,20 +67,20 @@ class Client:
             raise
 
     def devices(self) -> list[tuple[int, int]]:
-        """Interface and index of all devices. Raises DriverError."""
+        """Returns interface and index of all devices. Raises DriverError."""
         try:
             return to_devices(self._request(DEVLIST, b"").body)
         except FrameError as error:
             raise DriverError(f"{self.where}: {error}") from error
 
     def open(self, interface: int, index: int) -> None:
-        """Subscribe to a device. Raises DriverError when that is refused."""
+        """Subscribes to a device. Raises DriverError when that is refused."""
         answer = self._request(SUBSCRIBE, access(interface, index, OPEN, self._robot)).body
         if to_access(answer)[2] != OPEN:
             raise DriverError(f"{self.where} refuses device {interface}:{index}")
 
     def poll(self) -> list[Message]:
-        """What had arrived, oldest first; never waits."""
+        """Returns the messages that have arrived, oldest first; never waits."""
         found, self._waiting = self._waiting, []
         self._socket.setblocking(False)
         for _ in range(PER_POLL):
@@ -98,7 +98,8 @@ class Client:
         return found
 
     def send(self, message: Message) -> bool:
-        """Whether a message left; one that would have to wait does not, since the next is newer."""
+        """Sends a message; returns False if it would have to wait and was dropped, since the next one is
+        newer."""
         data = message.to_bytes()
         try:
             self._socket.setblocking(False)
@@ -108,7 +109,7 @@ class Client:
         except OSError as error:
             self.lost = self.lost or str(error)
             return False
-        if sent < len(data):  # begun messages are finished, or the stream is lost
+        if sent < len(data):  # a message that has begun must be finished, or the stream is out of step
             self._socket.settimeout(TIMEOUT)
             try:
                 self._socket.sendall(data[sent:])
@@ -118,20 +119,20 @@ class Client:
         return True
 
     def command(self, interface: int, index: int, subtype: int, body: bytes) -> bool:
-        """Send a command; whether it left."""
+        """Sends a command; returns True if it was sent."""
         return self.send(
             Message(interface, index, Kind.COMMAND, subtype, time.time(), body, robot=self._robot)
         )
 
     def close(self) -> None:
-        """Let go of the server."""
+        """Closes the connection."""
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
         self._socket.close()
         self.lost = self.lost or "closed"
 
     def _request(self, subtype: int, body: bytes) -> Message:
-        """The answer to a request to the server. Data that comes meanwhile waits for `poll`."""
+        """Returns the answer to a request to the server. Data that arrives meanwhile is kept for `poll`."""
         self.send(Message(PLAYER, 0, Kind.REQUEST, subtype, 0.0, body, robot=self._robot))
         end = time.monotonic() + TIMEOUT
         while time.monotonic() < end and not self.lost:
@@ -178,6 +179,6 @@ class Client:
         return data
 
     def _acknowledge(self) -> None:
-        """At once: a server that leaves Nagle on would wait 40 ms for it."""
+        """Acknowledges data at once: a server with Nagle's algorithm on would wait 40 ms for it."""
         if hasattr(socket, "TCP_QUICKACK"):
             self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)

@@ -1,7 +1,7 @@
-"""`player:[HOST][:PORT]`: a robot behind a Player server, or one that another TCI process shows as such.
+"""`player:[HOST][:PORT]`: a robot behind a Player server, or one that another TCI process serves as such.
 
-actarray:N are the joints of the robot's N-th part, opaque:N is the skin of its N-th patch; other numbers
-stand in the binding. from opaque:99 on it is spoken between TCI processes (`remote`).
+actarray:N are the joints of the robot's N-th part, opaque:N is the skin of its N-th patch; the binding may
+give other numbers. Devices from opaque:99 on carry the protocol between TCI processes (`remote`).
 """
 
 from __future__ import annotations
@@ -38,14 +38,14 @@ from tci.messages import JointReading, Reading, SkinFrame
 from tci.robot.description import Robot
 
 STATES, FRAMES = 99, 100
-"""Indices of the opaque devices between TCI processes; the first patch's frames are at FRAMES."""
+"""Indices of the opaque devices between TCI processes: of states, and of the first patch's frames."""
 WAIT = 5.0
-"""How long [s] a driver waits for joints and skin when it opens. Ours."""
+"""Time [s] that a driver waits for joints and skin when it opens. Assumed; no published value."""
 
 
 def numbers(robot: Robot) -> dict[tuple[int, int], str]:
-    """Part or patch of each device, by interface and index. Raises DriverError for an address that is
-    none."""
+    """Returns the part or patch of each device, by interface and index. Raises DriverError for an invalid
+    address."""
     binding = robot.binding("player")
     parts = tuple(dict.fromkeys(servo.robot_part for servo in robot.servos))
     found: dict[tuple[int, int], str] = {}
@@ -62,7 +62,8 @@ class PlayerDriver(RemoteDriver):
     """A driver of a robot behind a Player server."""
 
     def __init__(self, robot: Robot, address: str = "", *, arm: bool = False, wait: float = WAIT) -> None:
-        """Raises DriverError for no server, for devices that it lacks, and when their data does not come."""
+        """Connects. Raises DriverError for no server, for missing devices, and when their data does not
+        arrive."""
         host, port = parse(address)
         super().__init__(robot, middleware="player", place=f"{host}:{port}", arm=arm)
         self._devices = numbers(robot)
@@ -174,7 +175,7 @@ class PlayerDriver(RemoteDriver):
                 self._refuse(error)
 
     def _accept_data(self, name: str, message: Message) -> None:
-        """Joints of a part or a frame of a patch. Raises FrameError."""
+        """Decodes joints of a part or a frame of a patch. Raises FrameError."""
         clock, count = self._arrived[name]
         if message.interface == OPAQUE:
             values = to_raw(to_blob(message.body), self.robot.patch(name).channels)

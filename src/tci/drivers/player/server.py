@@ -1,4 +1,5 @@
-"""A robot shown as a Player server: one actarray per part, one opaque per patch, and `remote` beside them."""
+"""A robot served as a Player server: one actarray per part, one opaque per patch, and the `remote`
+protocol."""
 
 from __future__ import annotations
 
@@ -58,13 +59,14 @@ from tci.robot.joint_map import initial_position
 from yarpwire.visitors import Visitor, Visitors
 
 BACKLOG = 128
-"""Connections that are looked at in one period. Ours."""
+"""Largest number of connections accepted in one period. Assumed; no published value."""
 MOST_WAITING = 1 << 16
-"""Bytes that may wait for a slow client before it gets no more data. Ours."""
+"""Bytes that may wait for a slow client before it gets no more data. Assumed; no published value."""
 MOST_OWED = 1 << 20
-"""Bytes that may wait for it before it is let go, since what it asks for is not left out. Ours."""
+"""Bytes that may wait for a client before it is disconnected, since replies are never dropped. Assumed; no
+published value."""
 DRIVER = b"tci\0"
-"""Name that devices tell of their driver."""
+"""Driver name that devices report."""
 
 
 @dataclass(slots=True, eq=False)
@@ -78,10 +80,10 @@ class _Client:
     devices: set[tuple[int, int]] = field(default_factory=set)
     sequence: int = 0
     asked: bool = False
-    """Whether it waits for the end of a batch of data, as clients in pull mode do."""
+    """True if it waits for the end of a batch of data, as clients in pull mode do."""
 
     def send(self, message: Message) -> None:
-        """Queue a message, unless it is data for a slow client. Raises FrameError when too much waits."""
+        """Queues a message, except data for a slow client. Raises FrameError when too much waits."""
         if message.kind == Kind.DATA and len(self.out) > MOST_WAITING:
             return
         if len(self.out) > MOST_OWED:
@@ -90,7 +92,7 @@ class _Client:
         self.out += message.to_bytes(self.sequence)
 
     def flush(self) -> None:
-        """Send what can be sent now. Raises OSError for a client that is gone."""
+        """Sends what can be sent now. Raises OSError for a disconnected client."""
         while self.out:
             try:
                 sent = self.socket.send(self.out)
@@ -100,11 +102,11 @@ class _Client:
 
 
 class PlayerServer(RemoteServer):
-    """Shows a robot as a Player server."""
+    """Serves a robot as a Player server."""
 
     def __init__(self, driver: Driver, address: str = "") -> None:
-        """`address` is [HOST][:PORT], this machine by default. Raises DriverError for a port that is
-        taken."""
+        """Listens at `address`, [HOST][:PORT], by default on this machine. Raises DriverError for a port that
+        is in use."""
         super().__init__(driver, address, middleware="player")
         host, self.port = parse(address)
         self._devices = numbers(driver.robot)
@@ -116,9 +118,9 @@ class PlayerServer(RemoteServer):
         self._states, self._is_due = Every(1.0 / driver.robot.binding("player").rate), False
         self._arrived: deque[bytes] = deque(maxlen=64)
         self.rejected = 0
-        """Messages that were of no use."""
+        """Number of messages that could not be used."""
         self.last_error = ""
-        """Why a client was let go, the last time that this was its own doing."""
+        """Error for which a client was last disconnected."""
         self._facts = blob(query(driver.robot).model_dump_json().encode())
         self._clients: list[_Client] = []
         self._visitors = Visitors()
@@ -203,7 +205,7 @@ class PlayerServer(RemoteServer):
 
     @contextlib.contextmanager
     def _dropping(self, client: _Client) -> Iterator[None]:
-        """Let a client go that is gone, or asks for what can't be."""
+        """Disconnects a client that is gone or sends invalid requests."""
         try:
             yield
         except OSError:
@@ -218,7 +220,8 @@ class PlayerServer(RemoteServer):
         self._clients.remove(client)
 
     def _hear(self, client: _Client) -> None:
-        """What a client says. Raises OSError when it is gone, FrameError when it says what can't be."""
+        """Handles the messages of a client. Raises OSError when it is gone, FrameError for an invalid
+        message."""
         for _ in range(PER_POLL):
             try:
                 data = client.socket.recv(CHUNK)
@@ -244,7 +247,7 @@ class PlayerServer(RemoteServer):
         )  # fmt: skip
 
     def _reply(self, client: _Client, message: Message) -> bytes | None:
-        """The answer to a request; None for one that is not understood. Raises FrameError."""
+        """Returns the answer to a request; None for an unknown one. Raises FrameError."""
         if message.interface == PLAYER:
             if message.subtype == DEVLIST:
                 return devices(self._offered, self.port)
@@ -275,7 +278,7 @@ class PlayerServer(RemoteServer):
         return b"" if message.subtype == POWER else None
 
     def _order(self, message: Message) -> None:
-        """A command: positions for a part, or orders of a TCI process."""
+        """Handles a command: positions for a part, or orders of a TCI process."""
         try:
             if (message.interface, message.index) == (OPAQUE, STATES):
                 self._arrived.append(to_blob(message.body))
@@ -299,5 +302,5 @@ class PlayerServer(RemoteServer):
         self._controllers.hear(name, lambda *_: Once(order))
 
     def _epoch(self, stamp: float) -> float:
-        """A time on the driver's clock as Player counts: seconds since 1970."""
+        """Converts a time on the driver's clock to Player's: seconds since 1970."""
         return time.time() + stamp - self.driver.clock.now()

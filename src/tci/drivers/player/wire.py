@@ -1,4 +1,5 @@
-"""Player's messages over TCP: big-endian XDR behind a header of 40 bytes. Pure functions, bounded."""
+"""Player's messages over TCP: big-endian XDR after a header of 40 bytes. Pure functions with bounded
+lengths."""
 
 from __future__ import annotations
 
@@ -14,29 +15,30 @@ from tci.errors import FrameError
 from tci.frames import Array, doubles
 
 HEADER = struct.Struct(">IIIIIIdII")
-"""Host, robot (port of the server), interface, index; type, subtype; time [s], sequence, bytes to follow."""
+"""Host, robot (port of the server), interface, index; type, subtype; time [s], sequence, number of bytes that
+follow."""
 GREETING = 32
-"""Bytes that a server says first: its version, then zeros."""
+"""Number of bytes that a server sends first: its version, then zeros."""
 MOST = 1 << 20
-"""Longest body [bytes] that is accepted. Ours; Player's own limit is 8 MiB."""
+"""Longest body [bytes] that is accepted. Assumed: far above a skin frame; Player's own limit is 8 MiB."""
 PLAYER, OPAQUE, ACTARRAY = 1, 51, 53
 """Codes of interfaces."""
 DEVLIST, DRIVERINFO, SUBSCRIBE, GET, DATAMODE = 1, 2, 3, 4, 5
 """Requests to the server itself."""
 STATE, POSITIONS, GEOMETRY, POWER = 1, 2, 3, 1
-"""Of an actarray: data, command of all positions, requests."""
+"""Subtypes of an actarray: data, command of all positions, requests."""
 POSITION = 1
-"""Of an actarray: command of one position."""
+"""Subtype of an actarray: command of one position."""
 FACTS = 1
-"""Request to `opaque:99` of a TCI process: the run-time query as JSON."""
+"""Request to `opaque:99` of a TCI process for the robot's facts as JSON."""
 OPEN, CLOSE, ERROR = 1, 2, 3
-"""Access to a device that a client asks for, or gets."""
+"""Access modes of a device that a client requests, or gets."""
 PUSH = 1
 IDLE, MOVING, ROTARY = 1, 2, 2
 
 
 class Kind(IntEnum):
-    """What a message is."""
+    """Type of a message."""
 
     DATA = 1
     COMMAND = 2
@@ -55,13 +57,13 @@ class Message:
     kind: int
     subtype: int
     stamp: float
-    """[s], on the sender's clock."""
+    """Time [s] on the sender's clock."""
     body: bytes
     host: int = 0
     robot: int = 0
 
     def to_bytes(self, sequence: int = 0) -> bytes:
-        """As it travels."""
+        """Returns the message as bytes for the wire."""
         head = HEADER.pack(
             self.host, self.robot, self.interface, self.index, self.kind, self.subtype, self.stamp, sequence,
             len(self.body),
@@ -70,13 +72,14 @@ class Message:
 
 
 class Stream:
-    """Bytes of one connection become messages."""
+    """Splits the bytes of one connection into messages."""
 
     def __init__(self) -> None:
         self._bytes = bytearray()
 
     def feed(self, data: bytes) -> Iterator[Message]:
-        """The messages that are whole now. Raises FrameError for a body longer than MOST: it is over then."""
+        """Returns the messages that are complete now. Raises FrameError for a body longer than MOST, which
+        ends the stream."""
         self._bytes += data
         at = 0
         while len(self._bytes) - at >= HEADER.size:
@@ -93,28 +96,28 @@ class Stream:
 
 
 def array(items: bytes, count: int) -> bytes:
-    """A variable array: Player's count, XDR's count, the items."""
+    """Returns a variable array: Player's count, XDR's count, the items."""
     return struct.pack(">II", count, count) + items
 
 
 def floats(values: Sequence[float] | Array) -> bytes:
-    """An array of 32-bit floats."""
+    """Returns an array of 32-bit floats as bytes."""
     return array(np.asarray(values, dtype=">f4").tobytes(), len(values))
 
 
 def to_floats(body: bytes) -> Array:
-    """The same, read. Raises FrameError."""
+    """Returns the numbers of such an array. Raises FrameError."""
     count = _count(body, 4)
     return doubles(np.frombuffer(body, dtype=">f4", count=count, offset=8))
 
 
 def blob(data: bytes) -> bytes:
-    """The body of an opaque message: bytes, padded to four."""
+    """Returns the body of an opaque message: bytes, padded to four."""
     return array(data + bytes(-len(data) % 4), len(data))
 
 
 def to_blob(body: bytes) -> bytes:
-    """The same, read. Raises FrameError."""
+    """Returns the bytes in such a body. Raises FrameError."""
     return body[8 : 8 + _count(body, 1)]
 
 
@@ -122,7 +125,7 @@ ACTUATOR = np.dtype([("position", ">f4"), ("speed", ">f4"), ("rest", ">f4", 2), 
 
 
 def actuators(position: Array, velocity: Array) -> bytes:
-    """The state of an actarray: positions [rad] and speeds [rad/s]."""
+    """Returns the state of an actarray as bytes: positions [rad] and speeds [rad/s]."""
     found = np.zeros(len(position), dtype=ACTUATOR)
     found["position"], found["speed"] = position, velocity
     found["state"] = np.where(np.abs(velocity) > 1e-3, MOVING, IDLE)
@@ -130,15 +133,16 @@ def actuators(position: Array, velocity: Array) -> bytes:
 
 
 def to_actuators(body: bytes) -> tuple[Array, Array]:
-    """Positions and speeds in it. Raises FrameError."""
+    """Returns positions [rad] and speeds [rad/s] from such a state. Raises FrameError."""
     found = np.frombuffer(body, dtype=ACTUATOR, count=_count(body, ACTUATOR.itemsize, rest=4), offset=8)
     return doubles(found["position"]), doubles(found["speed"])
 
 
 def geometry(limits: Sequence[tuple[float, float, float, float]]) -> bytes:
-    """Of an actarray: least, greatest and first position [rad], and speed [rad/s] of each joint.
+    """Returns the geometry of an actarray: least, greatest and first position [rad], and speed [rad/s] of
+    each joint.
 
-    Lengths and axes are zero: links are in the run-time query.
+    Lengths and axes are zero: links are in the robot's facts.
     """
     joints = b"".join(
         struct.pack(">If6d5fI", ROTARY, 0.0, *([0.0] * 6), low, (low + high) / 2, high, home, speed, 0)
@@ -148,24 +152,24 @@ def geometry(limits: Sequence[tuple[float, float, float, float]]) -> bytes:
 
 
 def devices(found: Sequence[tuple[int, int]], robot: int) -> bytes:
-    """The list of devices: interface and index of each; it begins with its count once more."""
+    """Returns the list of devices as bytes: interface and index of each; the count is written twice."""
     items = b"".join(struct.pack(">IIII", 0, robot, interface, index) for interface, index in found)
     return array(items, len(found))
 
 
 def to_devices(body: bytes) -> list[tuple[int, int]]:
-    """The same, read. Raises FrameError."""
+    """Returns the devices in such a list. Raises FrameError."""
     count = _count(body, 16)
     return [struct.unpack_from(">II", body, 16 + 16 * item) for item in range(count)]
 
 
 def access(interface: int, index: int, mode: int, robot: int, driver: bytes = b"") -> bytes:
-    """A request for a device, or its answer."""
+    """Returns a request for a device, or its answer, as bytes."""
     return struct.pack(">IIIII", 0, robot, interface, index, mode) + blob(driver)
 
 
 def to_access(body: bytes) -> tuple[int, int, int]:
-    """Interface, index and mode. Raises FrameError."""
+    """Returns interface, index and mode. Raises FrameError."""
     if len(body) < 20:
         raise FrameError(f"Player: access to a device in {len(body)} bytes; valid: 20 and a name")
     interface, index, mode = struct.unpack_from(">III", body, 8)
@@ -173,11 +177,11 @@ def to_access(body: bytes) -> tuple[int, int, int]:
 
 
 FORMATS = {1: ">u1", 2: ">u2", 4: ">f4", 8: ">f8"}
-"""Raw values of skin by their bytes per channel."""
+"""Data types of raw skin values, by their bytes per channel."""
 
 
 def skin(values: NDArray[np.generic]) -> bytes:
-    """Raw values as they travel in an opaque message: whole numbers in one or two bytes, else floats."""
+    """Returns raw values as bytes for an opaque message: integers of one or two bytes, else floats."""
     kind, size = values.dtype.kind, values.dtype.itemsize
     if kind not in "bu" or size > 2:
         size = 4 if (kind, size) == ("f", 4) else 8
@@ -185,7 +189,8 @@ def skin(values: NDArray[np.generic]) -> bytes:
 
 
 def to_skin(data: bytes, channels: int) -> NDArray[np.generic]:
-    """The same, read. Raises FrameError when `data` is no whole number of bytes for each channel."""
+    """Returns the raw values in such bytes. Raises FrameError if `data` is no whole number of bytes per
+    channel."""
     size, rest = divmod(len(data), channels)
     if rest or size not in FORMATS:
         raise FrameError(f"skin of {channels} channels in {len(data)} bytes; valid: 1, 2, 4 or 8 for each")
@@ -193,7 +198,7 @@ def to_skin(data: bytes, channels: int) -> NDArray[np.generic]:
 
 
 def _count(body: bytes, size: int, rest: int = 0) -> int:
-    """How many items of `size` bytes a variable array holds, checked against what is there."""
+    """Returns the number of items of `size` bytes in a variable array, checked against the length."""
     if len(body) < 8:
         raise FrameError(f"Player: an array in {len(body)} bytes; valid: 8 and its items")
     first, second = struct.unpack_from(">II", body)

@@ -1,9 +1,12 @@
-"""LCM's datagrams, sent and read without LCM's own library: damaged ones crash its receiver, and it joins
-the group on whichever interface has the default route, where anybody may be.
+"""LCM's datagrams, sent and read without LCM's own library.
+
+Damaged datagrams crash the library's receiver, and it joins the group on the interface of the default route,
+which may be a public network.
 
 A message is one datagram: `LC02`, its number, the channel and a zero, its bytes; or several: `LC03`, its
-number, its size, where this piece lies, which piece of how many; the first piece begins with the channel.
-All numbers are big-endian. Each sender counts its messages up by one, so losses are known.
+number, its size, the offset of this piece, its index and the number of pieces; the first piece begins with
+the channel. All numbers are big-endian. Each sender numbers its messages consecutively, so losses are
+detected.
 """
 
 from __future__ import annotations
@@ -22,27 +25,27 @@ URL = "udpm://239.255.76.67:7667?ttl=0"
 """LCM's own default: this machine only."""
 VALID = f"valid: {URL}; with ttl=1 everybody on the local network may read and command"
 PER_POLL = 1024
-"""Datagrams looked at per call: more than can wait, so that the latest is found, but a flood costs a bounded
-time. Ours."""
+"""Datagrams read per call. Assumed: more than can wait, so that the latest is found, but a flood costs a
+bounded time."""
 BUFFER = 1 << 18
-"""Bytes that may wait in the system. Ours."""
+"""Size [bytes] of the system's receive buffer. Assumed; no published value."""
 LONGEST = 1 << 17
-"""Bytes of a message. Ours."""
+"""Length [bytes] of the longest message. Assumed; no published value."""
 SENDERS = 64
-"""Senders whose numbers are followed, and whose pieces are kept. Ours."""
+"""Largest number of senders whose message numbers and pieces are tracked. Assumed; no published value."""
 PATIENCE = 0.1
-"""Time [s] that the pieces of a message may take. Ours."""
+"""Longest time [s] between the pieces of a message. Assumed; no published value."""
 PIECE = 65_487 if sys.platform == "linux" else 1435
-"""Bytes of a message that one datagram carries, as LCM has it: other systems refuse longer ones."""
+"""Bytes of a message that one datagram carries, as in LCM: other systems refuse longer ones."""
 _SHORT, _LONG = struct.Struct(">4sI"), struct.Struct(">4sIIIHH")
 IP_MULTICAST_ALL = 49
-"""Linux's option that Python has no name for: by default a socket also gets what comes in on interfaces on
+"""Linux's option, which Python does not define: by default a socket also gets what arrives on interfaces on
 which another program joined the group."""
 
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """A multicast group, and how far its datagrams go."""
+    """A multicast group, and the range of its datagrams."""
 
     address: str
     port: int
@@ -50,12 +53,13 @@ class Group:
 
     @property
     def interface(self) -> str:
-        """Address of the interface it is joined on: loopback, or for a network that of the default route."""
+        """Address of the interface on which it is joined: loopback, or for a network that of the default
+        route."""
         return "0.0.0.0" if self.ttl else "127.0.0.1"
 
 
 def parse_url(url: str) -> Group:
-    """The group of an LCM URL. Raises DriverError."""
+    """Returns the group of an LCM URL. Raises DriverError."""
     found = re.fullmatch(r"udpm://(\d+\.\d+\.\d+\.\d+):(\d{1,5})(?:\?ttl=(\d{1,3}))?", url)
     if found is None or not 224 <= int(found[1].split(".")[0]) <= 239 or not 0 < int(found[2]) < 65536:
         raise DriverError(f"lcm: {url!r}; {VALID}")
@@ -63,35 +67,35 @@ def parse_url(url: str) -> Group:
 
 
 Address = tuple[str, int]
-"""Address and port that datagrams come from."""
+"""Source address and port of datagrams."""
 
 
 @dataclass(slots=True)
 class _Sender:
-    """One sender's numbers, and the message whose pieces are coming."""
+    """Message number of one sender, and its message whose pieces are arriving."""
 
     number: int
     pieces: dict[int, bytes] = field(default_factory=dict)
     message: int = -1
-    """Its number; -1 between messages."""
+    """Number of that message; -1 between messages."""
     count: int = 0
-    """Pieces that it has."""
+    """Number of pieces that have arrived."""
     begun: float = 0.0
 
 
 class Datagrams:
-    """What was in the datagrams of a channel, whole messages only."""
+    """Assembles complete messages from datagrams."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
         self._senders: dict[object, _Sender] = {}
         self.lost = 0
-        """Messages that were sent and never came."""
+        """Number of messages that were sent and never arrived."""
         self.rejected = 0
-        """Datagrams that were damaged, came twice, or belonged to a message that never was whole."""
+        """Number of datagrams that were damaged, duplicates, or part of a message that was never complete."""
 
     def take(self, data: bytes, sender: object) -> tuple[str, bytes] | None:
-        """Channel and bytes of a message that is whole with this datagram of `sender`; else None."""
+        """Returns channel and bytes of a message that this datagram of `sender` completes; else None."""
         magic = data[:4]
         if magic == b"LC02" and len(data) >= _SHORT.size:
             return self._short(data, sender)
@@ -134,7 +138,7 @@ class Datagrams:
         return whole
 
     def _follow(self, sender: object, number: int) -> _Sender | None:
-        """The sender of a new message, its losses counted; None for an old one."""
+        """Returns the sender of a new message after counting its losses; None for an old message."""
         known = self._senders.get(sender)
         if known is None:
             while len(self._senders) >= SENDERS:
@@ -157,10 +161,10 @@ def _split(data: bytes) -> tuple[str, bytes] | None:
 
 
 class Transmitter:
-    """Messages that this process sends to a group."""
+    """Sends messages of this process to a group."""
 
     def __init__(self, url: str) -> None:
-        """Raises DriverError for a bad URL."""
+        """Opens the socket. Raises DriverError for a bad URL."""
         self._group = parse_url(url)
         self._number = 0
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -172,7 +176,8 @@ class Transmitter:
         self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, interface)
 
     def send(self, channel: str, data: bytes) -> None:
-        """Send a message, in pieces where it is long. Raises OSError for what the network does not take."""
+        """Sends a message, in pieces if it is long. Raises OSError for data that the network does not
+        accept."""
         number, self._number = self._number, (self._number + 1) % (1 << 32)
         whole = channel.encode("ascii") + b"\0" + data
         if len(whole) <= PIECE:
@@ -185,22 +190,22 @@ class Transmitter:
             self.send_raw(head + whole[begin : begin + PIECE])
 
     def send_raw(self, datagram: bytes) -> None:
-        """Send one datagram as it is. Raises as `send`."""
+        """Sends one datagram unchanged. Raises as `send`."""
         self._socket.sendto(datagram, (self._group.address, self._group.port))
 
     def close(self) -> None:
-        """Let go of the socket."""
+        """Closes the socket."""
         self._socket.close()
 
 
 class Receiver:
-    """Messages that others send to a group."""
+    """Receives messages of others in a group."""
 
     def __init__(self, url: str) -> None:
-        """Raises DriverError for a bad URL, and where no multicast gets through."""
+        """Joins the group. Raises DriverError for a bad URL, and if no multicast arrives."""
         group = parse_url(url)
         self.datagrams = Datagrams()
-        """What came, what was lost."""
+        """Assembled messages, and counts of lost ones."""
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -218,7 +223,7 @@ class Receiver:
             raise DriverError(f"lcm: {url}: {error.strerror}; {VALID}") from error
 
     def poll(self) -> Iterator[tuple[str, bytes, Address]]:
-        """Channel, bytes and sender of what came, oldest first; a bounded number."""
+        """Returns channel, bytes and sender of the messages that arrived, oldest first; a bounded number."""
         for _ in range(PER_POLL):
             try:
                 data, sender = self._socket.recvfrom(65536)
@@ -229,5 +234,5 @@ class Receiver:
                 yield *whole, sender
 
     def close(self) -> None:
-        """Let go of the socket."""
+        """Closes the socket."""
         self._socket.close()

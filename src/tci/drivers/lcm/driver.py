@@ -1,14 +1,14 @@
-"""`lcm[:[NAME@]URL]`: a robot that `tci serve --via lcm` shows, from any number of processes.
+"""`lcm[:[NAME@]URL]`: a robot that `tci serve --via lcm` serves to any number of processes.
 
-| channel | what | from |
+| channel | content | from |
 |---|---|---|
-| `tci/NAME/state` | `tci_lcm.state_t`: joints, gate, who commands; in every period | robot |
+| `tci/NAME/state` | `tci_lcm.state_t`: joints, gate, commander; in every period | robot |
 | `tci/NAME/skin` | `tci_lcm.skin_t`: a frame of one patch, once | robot |
-| `tci/NAME/facts` | `tci_lcm.facts_t`: the run-time query, once a second | robot |
+| `tci/NAME/facts` | `tci_lcm.facts_t`: the robot's facts, once a second | robot |
 | `tci/NAME/orders` | `tci_lcm.orders_t`: orders and heartbeat, in every period | behaviour |
 
-Whoever is in the multicast group may command: LCM knows no passwords. It is joined on loopback; a URL with
-ttl=1 opens the robot to everybody on the local network. Over a network use Zenoh.
+Every member of the multicast group may command the robot: LCM has no passwords. The group is joined on the
+loopback interface; a URL with ttl=1 opens the robot to the whole local network. Over a network use Zenoh.
 """
 
 from __future__ import annotations
@@ -38,24 +38,24 @@ from tci.messages import Reading, SkinFrame
 from tci.robot.description import Robot
 
 PER_POLL = 64
-"""Messages that are decoded per call. Ours."""
+"""Messages that are decoded per call. Assumed; no published value."""
 FACTS = 1.0
-"""Time [s] from one telling of the run-time query to the next: LCM has no questions. Ours."""
+"""Time [s] between two messages with the robot's facts; LCM has no requests. Assumed; no published value."""
 
 
 class _Bus:
     """One process in a multicast group."""
 
     def __init__(self, address: RemoteAddress) -> None:
-        """Raises DriverError."""
+        """Joins the group. Raises DriverError."""
         self.receiver = Receiver(address.where)
         self.transmitter = Transmitter(address.where)
         self._where, self._prefix = address, f"tci/{address.robot}"
         self._works = False
 
     def put(self, name: str, data: bytes) -> None:
-        """Send a message to the channel of that name. When the network is gone for a while it is lost, as on
-        the way. Raises DriverError where nothing could ever be sent."""
+        """Sends a message to the channel of that name. During a network failure it is lost without an error.
+        Raises DriverError if nothing could ever be sent."""
         try:
             self.transmitter.send(f"{self._prefix}/{name}", data)
             self._works = True
@@ -64,7 +64,7 @@ class _Bus:
                 raise DriverError(f"{self._where}: nothing can be sent: {error.strerror}") from error
 
     def poll(self) -> Iterable[tuple[str, bytes, Address]]:
-        """Name of the channel, bytes and sender of the latest that came, oldest first; a bounded number."""
+        """Returns channel name, bytes and sender of the latest messages, oldest first; a bounded number."""
         latest: deque[tuple[str, bytes, Address]] = deque(maxlen=PER_POLL)
         for channel, data, sender in self.receiver.poll():
             prefix, _, name = channel.rpartition("/")
@@ -73,16 +73,16 @@ class _Bus:
         return latest
 
     def close(self) -> None:
-        """Let go of the sockets."""
+        """Closes the sockets."""
         self.receiver.close()
         self.transmitter.close()
 
 
 class LcmDriver(RemoteDriver):
-    """A robot that another process shows through LCM."""
+    """A robot that another process serves through LCM."""
 
     def __init__(self, robot: Robot, address: str = "", *, arm: bool = False) -> None:
-        """Raises DriverError when nobody answers at `address` for a robot of this description."""
+        """Connects. Raises DriverError when nothing answers at `address` for a robot of this description."""
         where = _parse(address, robot)
         super().__init__(robot, middleware="lcm", place=str(where), arm=arm)
         self._bus = _Bus(where)
@@ -98,20 +98,20 @@ class LcmDriver(RemoteDriver):
         before = self._state
         reading = super()._receive()
         end = self.clock.now() + self.gate.stale_after
-        # Where nobody reads for a while, the system keeps the oldest datagrams: the latest is still to come.
+        # Without a reader the system keeps the oldest datagrams: the latest state may still arrive.
         while self._state is not before and self._is_late() and self.clock.now() < end:
             self.clock.sleep_until(self.clock.now() + self.period)
             reading = super()._receive()
         return reading
 
     def _is_late(self) -> bool:
-        """Whether the latest state was held up."""
+        """Returns True if the latest state was delayed."""
         assert self._state is not None
         return self.clock.now() - (self._state.now + self._shift) > self.gate.stale_after
 
     def _poll(self) -> Iterator[State | SessionFrame]:
-        """Of the session that the driver is in only what comes from where its first state came from: anybody
-        in the group may read its number."""
+        """Accepts messages of the driver's session only from the sender of its first state: every member of
+        the group can read the number of the session."""
         readers: dict[str, Callable[[Robot, bytes], State | SessionFrame]] = {
             "state": to_state, "skin": to_skin
         }  # fmt: skip
@@ -140,7 +140,7 @@ class LcmDriver(RemoteDriver):
 
     @property
     def lost(self) -> int:
-        """Messages that were sent to the group and never came."""
+        """Number of messages that were sent to the group and never arrived."""
         return self._bus.receiver.datagrams.lost
 
     def diagnose(self) -> tuple[Finding, ...]:
@@ -159,16 +159,17 @@ class LcmDriver(RemoteDriver):
 
 
 class LcmServer(RemoteServer):
-    """Shows a robot through LCM."""
+    """Serves a robot through LCM."""
 
     def __init__(self, driver: Driver, address: str = "") -> None:
-        """Raises DriverError when `address` can't be used."""
+        """Joins the group. Raises DriverError when `address` can't be used."""
         super().__init__(driver, address, middleware="lcm")
         self._where = _parse(address, driver.robot)
         self._bus = _Bus(self._where)
         self._homes: dict[int, Address] = {}
         self.rejected = 0
-        """Messages that were no orders for this robot, or in the name of a commander that is elsewhere."""
+        """Number of messages that were no orders for this robot, or used the name of a commander
+        elsewhere."""
         self._facts, self._due = facts_bytes(driver.robot), -float("inf")
         self._open = True
 

@@ -1,4 +1,5 @@
-"""The messages of `remote` as those of `tci_lcm/tci.lcm`, which lcm-gen makes for eight languages.
+"""Conversion of `remote`'s messages to those of `tci_lcm/tci.lcm`, for which lcm-gen generates code in eight
+languages.
 
 `check`, their last field, is the CRC-32 of all bytes before it.
 """
@@ -32,18 +33,18 @@ from tci.robot.description import Robot
 
 
 def robot_number(robot: Robot) -> int:
-    """The first 8 bytes of the SHA-256 of a description, as a signed integer."""
+    """Returns the first 8 bytes of the SHA-256 of a description, as a signed integer."""
     return int.from_bytes(bytes.fromhex(robot.digest[:16]), "big", signed=True)
 
 
 def facts_bytes(robot: Robot) -> bytes:
-    """A facts_t: the run-time query."""
+    """Returns a facts_t with the robot's facts."""
     json = zlib.compress(query(robot).model_dump_json().encode())
     return _sealed(facts_t, robot=robot_number(robot), size=len(json), json=json)
 
 
 def state_bytes(robot: Robot, state: State) -> bytes:
-    """A state_t."""
+    """Returns a state_t."""
     joints, effort = state.joints, state.joints.torque
     modes = () if joints.modes is None else joints.modes
     powered = () if joints.powered is None else joints.powered.tolist()
@@ -67,7 +68,7 @@ def state_bytes(robot: Robot, state: State) -> bytes:
 
 
 def to_state(robot: Robot, data: bytes) -> State:
-    """The State in a state_t. Raises FrameError."""
+    """Returns the State in a state_t. Raises FrameError."""
     found = _opened(robot, state_t, data)
     if found.num_joints != len(robot.servos) or found.num_commanders > MOST_COMMANDERS:
         raise FrameError(f"{found.num_joints} joints, {found.num_commanders} commanders for {robot.name}")
@@ -90,7 +91,7 @@ def to_state(robot: Robot, data: bytes) -> State:
 
 
 def frame_bytes(robot: Robot, message: SessionFrame) -> bytes:
-    """A skin_t."""
+    """Returns a skin_t."""
     frame = message.frame
     data = np.ascontiguousarray(frame.values).tobytes()
     return _sealed(
@@ -100,7 +101,7 @@ def frame_bytes(robot: Robot, message: SessionFrame) -> bytes:
 
 
 def to_skin(robot: Robot, data: bytes) -> SessionFrame:
-    """The frame in a skin_t. Raises FrameError; whether it fits its patch is for the skin to say."""
+    """Returns the frame in a skin_t. Raises FrameError; conditioning checks if it fits its patch."""
     found = _opened(robot, skin_t, data)
     if found.patch not in {patch.name for patch in robot.patches}:
         raise FrameError(f"frame of a patch {found.patch[:40]!r}, which {robot.name} lacks")
@@ -116,7 +117,7 @@ def to_skin(robot: Robot, data: bytes) -> SessionFrame:
 
 
 def orders_bytes(robot: Robot, message: Orders) -> bytes:
-    """An orders_t."""
+    """Returns an orders_t."""
     return _sealed(
         orders_t, robot=robot_number(robot), session=message.session, seen=message.seen,
         client=message.client, name=message.name, sequence=message.sequence, halt=message.halt,
@@ -126,7 +127,7 @@ def orders_bytes(robot: Robot, message: Orders) -> bytes:
 
 
 def to_orders(robot: Robot, data: bytes) -> Orders:
-    """The Orders in an orders_t. Raises FrameError; what they ask for is for the gate to judge."""
+    """Returns the Orders in an orders_t. Raises FrameError; the gate checks the orders themselves."""
     found = _opened(robot, orders_t, data)
     if found.num_orders > MOST_ORDERS or not 0 < found.first < HIGHEST:
         raise FrameError(f"{found.num_orders} orders from number {found.first}; valid: {MOST_ORDERS}, from 1")

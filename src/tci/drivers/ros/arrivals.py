@@ -1,4 +1,4 @@
-"""What came in: messages of joints and skin become TCI's own types, or are counted as no use."""
+"""Conversion of received joint and skin messages to TCI's types; useless messages are counted."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from tci.messages import JointReading, SkinFrame
 from tci.robot.description import Robot
 
 MOST_ORDERS = 32
-"""Different orders of joint names that are remembered. Ours."""
+"""Largest number of different orders of joint names that are cached. Assumed; no published value."""
 FORMATS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
-"""NumPy's names of PointField's datatypes."""
+"""NumPy's type codes of PointField's datatypes."""
 
 
 def stamp_of(fields: Mapping[str, Any]) -> float:
-    """The stamp [s] in a message's header."""
+    """Returns the stamp [s] in a message's header."""
     return float(fields["sec"]) + float(fields["nanosec"]) * 1e-9
 
 
 class JointArrivals:
-    """JointStates of one robot, of one publisher or of several with a share each."""
+    """JointStates of one robot, from one publisher or from several that each publish some joints."""
 
     def __init__(self, robot: Robot, indices: Mapping[str, int]) -> None:
-        """`indices` of servos by their names in ROS."""
+        """Takes the `indices` of servos by their names in ROS."""
         self._robot = robot
         self._names = indices
         self._orders: dict[tuple[str, ...], tuple[NDArray[np.intp], NDArray[np.intp]]] = {}
@@ -40,15 +40,16 @@ class JointArrivals:
         self._stamps = np.full(count, -np.inf)
         self._sequence = 0
         self.latest: JointReading | None = None
-        """The latest reading, once every servo was heard of."""
+        """The latest reading, after data of every servo has arrived."""
 
     @property
     def missing(self) -> list[str]:
-        """Names of servos that nobody has told of."""
+        """Names of servos without data so far."""
         return [servo.name for servo in self._robot.servos if np.isnan(self._position[servo.index])]
 
     def hear(self, fields: Mapping[str, Any], arrival: float) -> None:
-        """A JointState arrived at `arrival` [s]. Raises FrameError for one whose lengths do not fit."""
+        """Handles a JointState that arrived at `arrival` [s]. Raises FrameError if its lengths do not
+        match."""
         names = tuple(fields["name"])
         position, velocity, effort = fields["position"], fields["velocity"], fields["effort"]
         for what, values in (("velocity", velocity), ("effort", effort)):
@@ -80,7 +81,7 @@ class JointArrivals:
             )
 
     def _order(self, names: tuple[str, ...]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Servos that a message tells of, and their places in it."""
+        """Returns the servos of a message, and their indices in it."""
         if names not in self._orders:
             if len(self._orders) >= MOST_ORDERS:
                 raise FrameError(f"JointState: more than {MOST_ORDERS} different lists of names")
@@ -93,7 +94,7 @@ class JointArrivals:
         return self._orders[names]
 
     def _speed(self, servos: NDArray[np.intp], position: Array, stamp: float) -> Array:
-        """Speeds [rad/s] from the positions before, for a robot that does not say."""
+        """Computes speeds [rad/s] from the previous positions, for a robot that sends none."""
         passed = stamp - self._stamps[servos]
         moved = position - self._position[servos]
         known = np.isfinite(passed) & (passed > 0.0) & np.isfinite(moved)
@@ -112,7 +113,7 @@ class SkinArrivals:
         """The latest frame."""
 
     def hear(self, fields: Mapping[str, Any], values: NDArray[np.generic], arrival: float) -> None:
-        """Raw values arrived at `arrival` [s]."""
+        """Handles raw values that arrived at `arrival` [s]."""
         stamp = self._clock.place(stamp_of(fields), arrival)
         if stamp is None:
             return
@@ -121,7 +122,7 @@ class SkinArrivals:
 
 
 def raw_of_cloud(fields: Mapping[str, Any]) -> NDArray[np.generic]:
-    """The field `raw` of a PointCloud2 (n,). Raises FrameError for one without, or that does not fit."""
+    """Returns the field `raw` (n,) of a PointCloud2. Raises FrameError if it is missing or does not fit."""
     field = next((field for field in fields["fields"] if field["name"] == "raw"), None)
     if field is None or field["datatype"] not in FORMATS or fields["is_bigendian"]:
         raise FrameError("PointCloud2: no little-endian field named raw")

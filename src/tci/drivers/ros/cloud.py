@@ -20,7 +20,8 @@ FLOAT32 = DATATYPES["f4"]
 class PatchCloud:
     """Points of one patch: x, y, z [m], pressure [Pa] by the description, and the raw value.
 
-    A channel that is no taxel lies at NaN, so that `raw` is the whole frame in its own order.
+    The position of a channel that is no taxel is NaN, so that `raw` contains the whole frame in its own
+    order.
     """
 
     def __init__(self, patch: Patch, surface: Surface) -> None:
@@ -29,10 +30,10 @@ class PatchCloud:
         self._places[surface.channels] = surface.positions
 
     def values(self, frame: SkinFrame, stamp: float) -> tuple[Any, ...]:
-        """The values of a message stamped `stamp` [s]."""
+        """Returns the values of a message stamped `stamp` [s]."""
         raw: NDArray[Any] = frame.values
         kind = raw.dtype.str[1:]
-        if kind not in DATATYPES:  # of 8 bytes: PointField has no such integers
+        if kind not in DATATYPES:  # 8-byte integers, which PointField lacks
             raw, kind = raw.astype(np.float64), "f8"
         sensor = self._patch.sensor
         layout = np.dtype([("place", "<f4", 3), ("pressure", "<f4"), ("raw", f"<{kind}")])

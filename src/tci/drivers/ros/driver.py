@@ -1,7 +1,7 @@
-"""A driver by any ROS: to a robot that another TCI process shows, or to one that speaks ROS itself.
+"""A driver over any ROS, for a robot that another TCI process serves or one with ROS topics of its own.
 
-Which of them it is shows when it opens. From a TCI process come states, and it gets orders (`remote`); its
-own gate makes the motion. A robot that speaks ROS itself gets the set-points of the gate here.
+The driver detects the kind when it opens. A TCI process sends states and takes orders (`remote`); its own
+gate plans the motion. A robot with ROS topics of its own gets the set-points of the gate in this process.
 """
 
 from __future__ import annotations
@@ -27,20 +27,21 @@ from tci.recording.schemas import JOINTS
 from tci.robot.description import Robot
 
 WAIT = 5.0
-"""How long [s] a driver waits for the robot's joints when it opens. Ours."""
+"""Time [s] that a driver waits for the robot's joints when it opens. Assumed; no published value."""
 STATE_WAIT = 0.5
-"""How long [s] joints are offered and states are not, before the robot counts as one of ROS. Ours."""
+"""Time [s] that joints are published but no states before the robot counts as one of ROS. Assumed; no
+published value."""
 SKIN_WAIT = 2.0
-"""How long [s] it then waits for patches that have sent nothing yet. Ours."""
+"""Time [s] to wait then for patches that have sent nothing yet. Assumed; no published value."""
 
 
 class RosDriver(RemoteDriver):
-    """A driver of a robot by a node of any ROS, which is closed with it."""
+    """A driver over a node of any ROS; it closes the node with itself."""
 
     def __init__(
         self, robot: Robot, node: RosNode, *, middleware: str, namespace: str, arm: bool, wait: float = WAIT
     ) -> None:
-        """Raises DriverError when no joints come within `wait` [s]."""
+        """Connects. Raises DriverError when no joints arrive within `wait` [s]."""
         self._node = node
         try:
             super().__init__(robot, middleware=middleware, place=namespace or "/", arm=arm)
@@ -68,7 +69,7 @@ class RosDriver(RemoteDriver):
 
     @property
     def is_native(self) -> bool:
-        """Whether the robot speaks ROS itself."""
+        """True if the robot has ROS topics of its own."""
         return self._native is not None
 
     def diagnose(self) -> tuple[Finding, ...]:
@@ -87,7 +88,7 @@ class RosDriver(RemoteDriver):
         self._node.poll()
         reading = self._native.reading()
         was_away, self._away = self._away, self.clock.now() - reading.joints.stamp > self.gate.stale_after
-        if was_away and not self._away:  # it may stand elsewhere now, and gets nothing that was meant before
+        if was_away and not self._away:  # its posture may have changed
             self.gate.drop()
             self._native.forget()
         return reading
@@ -95,9 +96,7 @@ class RosDriver(RemoteDriver):
     def _send(self, safe: SafeCommand) -> None:
         if not self._native:
             super()._send(safe)
-        elif not self._away or np.any(
-            safe.velocity
-        ):  # it stops, whether it tells or not; then it is left alone
+        elif not self._away or np.any(safe.velocity):  # it stops in any case, and gets no more commands
             self._native.send(safe)
 
     def _halt(self) -> None:
@@ -121,7 +120,7 @@ class RosDriver(RemoteDriver):
                 self._why = str(error)
 
     def _put(self, orders: Orders) -> None:
-        assert self._out is not None  # armed
+        assert self._out is not None  # armed drivers have a publisher
         self._out((NO_LAYOUT, np.frombuffer(orders_bytes(self.robot, orders), dtype=np.uint8)))
 
     def _nobody(self) -> str:
@@ -129,16 +128,16 @@ class RosDriver(RemoteDriver):
 
     def _keep(self, topic: str) -> Hear:
         def keep(fields: Mapping[str, Any]) -> None:
-            self._received[topic] = bytes(fields["data"])  # the latest of each topic
+            self._received[topic] = bytes(fields["data"])  # keeps the latest message of each topic
 
         return keep
 
     def _where_else(self) -> str:
-        """How a robot that nobody publishes may be found after all."""
+        """Returns advice on finding a robot that no one publishes."""
         return ""
 
     def _is_tci(self, wait: float) -> bool:
-        """Whether a TCI process shows the robot. Raises DriverError when nobody does anything."""
+        """Returns True if a TCI process serves the robot. Raises DriverError when there is no publisher."""
         begin = time.monotonic()
         plain_since = np.inf
         while True:
@@ -146,7 +145,7 @@ class RosDriver(RemoteDriver):
             if self._received:
                 self._wait()
                 return True
-            # A TCI process offers its states before its joints, so this is the order to look in.
+            # A TCI process offers its states before its joints, hence this order.
             joints = JOINTS.name in self._node.types_of(self._names.joints)
             shown = bool(self._node.types_of(self._names.state))
             now = time.monotonic()
@@ -159,11 +158,12 @@ class RosDriver(RemoteDriver):
             time.sleep(0.01)
 
     def _be_heard(self, seconds: float) -> None:
-        """Wait until the robot's process knows this one: topics of ROS take a moment to be connected."""
+        """Waits until the robot's process has discovered this one: connecting topics of ROS takes a
+        moment."""
         end = time.monotonic() + seconds
         while True:
             self._take()
-            assert self._state is not None  # waited for
+            assert self._state is not None  # `_is_tci` has waited for it
             if any(commander.client == self.client for commander in self._state.commanders):
                 return
             if time.monotonic() > end:

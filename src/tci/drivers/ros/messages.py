@@ -1,4 +1,4 @@
-"""Standard ROS messages beside those of a recording."""
+"""Standard ROS messages that recordings do not use."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ BYTES = MessageType(
     headed=False,
 )
 NO_LAYOUT = ((), 0)
-"""Value of a layout that says nothing: one row."""
+"""Value of an empty layout: one row."""
 TRAJECTORY = MessageType(
     "trajectory_msgs/msg/JointTrajectory",
     (("string[]", "joint_names"), ("trajectory_msgs/JointTrajectoryPoint[]", "points")),

@@ -7,10 +7,11 @@ from tci.robot.description import Robot, Servo
 
 
 class Names:
-    """What a robot's topics and joints are called: by custom, or by the addresses of its binding."""
+    """The names of a robot's topics and joints: ROS conventions, or the addresses of its binding."""
 
     def __init__(self, robot: Robot, middleware: str, namespace: str) -> None:
-        """`namespace` is one of `namespace_of`. Raises DriverError when two servos have one name."""
+        """Takes a `namespace` as `namespace_of` returns it. Raises DriverError when two servos have one
+        name."""
         self._robot = robot
         self._binding = robot.binding(middleware)
         self._namespace = namespace
@@ -23,51 +24,52 @@ class Names:
 
     @property
     def joints(self) -> str:
-        """sensor_msgs/JointState, as of ros2_control's joint_state_broadcaster."""
+        """Topic of sensor_msgs/JointState, as of ros2_control's joint_state_broadcaster."""
         return self.topic("joint_states")
 
     @property
     def state(self) -> str:
-        """std_msgs/UInt8MultiArray: states of `remote`."""
+        """Topic of std_msgs/UInt8MultiArray with the states of `remote`."""
         return self.topic("tci/state")
 
     @property
     def orders(self) -> str:
-        """std_msgs/UInt8MultiArray: orders of `remote`."""
+        """Topic of std_msgs/UInt8MultiArray with the orders of `remote`."""
         return self.topic("tci/orders")
 
     def frames(self, patch: str) -> str:
-        """std_msgs/UInt8MultiArray: skin frames of `remote`."""
+        """Returns the topic of std_msgs/UInt8MultiArray with a patch's skin frames of `remote`."""
         return self.topic(f"tci/frames/{patch}")
 
     def topic(self, name: str) -> str:
-        """A topic in the robot's namespace; one that begins with a slash stays as it is."""
+        """Returns a topic in the robot's namespace; a name that begins with a slash stays unchanged."""
         return name if name.startswith("/") else f"{self._namespace}/{name}"
 
     def joint(self, servo: Servo) -> str:
-        """A joint: as in the kinematic model, which `robot_description` shows too."""
+        """Returns the name of a joint, as in the kinematic model and in `robot_description`."""
         return self._binding.address(servo.name, servo.joint or servo.name)
 
     def trajectory(self, robot_part: str) -> str:
-        """trajectory_msgs/JointTrajectory, as a joint_trajectory_controller takes it."""
+        """Returns the topic of trajectory_msgs/JointTrajectory, as a joint_trajectory_controller takes it."""
         return self.topic(f"{robot_part}_controller/joint_trajectory")
 
     def values(self, robot_part: str) -> str:
-        """std_msgs/Float64MultiArray, as a forward_command_controller takes it."""
+        """Returns the topic of std_msgs/Float64MultiArray, as a forward_command_controller takes it."""
         return self.topic(f"{robot_part}_controller/commands")
 
     def command(self, robot_part: str) -> str:
-        """Where a robot takes commands for a part; a name that ends in `/commands` means values."""
+        """Returns the topic on which a robot takes commands for a part; a name that ends in `/commands` means
+        values."""
         return self.topic(self._binding.address(robot_part, self.trajectory(robot_part)))
 
     def skin(self, patch: str) -> str:
-        """tci_msgs/SkinFrame: raw frames of a patch."""
+        """Returns the topic of tci_msgs/SkinFrame with the raw frames of a patch."""
         return self.topic(self._binding.address(patch, f"skin/{patch}"))
 
     def points(self, patch: str) -> str:
-        """sensor_msgs/PointCloud2: the same with places and pressures."""
+        """Returns the topic of sensor_msgs/PointCloud2 with a patch's frames, positions and pressures."""
         return f"{self.skin(patch)}/points"
 
     def parts(self) -> tuple[str, ...]:
-        """The robot's own parts."""
+        """Returns the robot's own parts."""
         return tuple(dict.fromkeys(servo.robot_part for servo in self._robot.servos))

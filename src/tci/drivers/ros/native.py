@@ -1,4 +1,4 @@
-"""A robot that speaks ROS itself, as ros2_control has it: JointState in, JointTrajectory or values out."""
+"""A robot with the topics of ros2_control: JointState in, JointTrajectory or values out."""
 
 from __future__ import annotations
 
@@ -21,16 +21,17 @@ from tci.recording.schemas import CLOUD, JOINTS, SKIN, to_frame
 from tci.robot.description import Robot
 
 QUEUE = 16
-"""JointStates between two periods that are looked at: several publishers may have a share each. Ours."""
+"""Largest number of JointStates kept between two periods. Assumed: several publishers may each send some
+joints."""
 
 
 class NativeRobot:
-    """What a driver does with a robot's own topics."""
+    """The part of a driver that uses a robot's own topics."""
 
     def __init__(
         self, robot: Robot, node: RosNode, names: Names, *, arm: bool, period: float, now: Callable[[], float]
     ) -> None:
-        """Subscribe to joints and skin and, armed, offer commands once per `period` [s]."""
+        """Subscribes to joints and skin and, if `arm`, offers commands once per `period` [s]."""
         self.robot = robot
         self._names = names
         self._now = now
@@ -51,23 +52,25 @@ class NativeRobot:
 
     @property
     def complete(self) -> bool:
-        """Whether every joint and every patch was heard of."""
+        """Returns True if data of every joint and every patch has arrived."""
         heard = (arrivals.latest is not None for arrivals in self.skin.values())
         return self.joints.latest is not None and all(heard)
 
     def reading(self) -> Reading:
-        """The latest of everything. Raises DriverError before the first joints."""
+        """Returns the latest data. Raises DriverError before the first joints."""
         if self.joints.latest is None:
             raise DriverError(f"no joints of {self.robot.name} yet")
         frames = (arrivals.latest for arrivals in self.skin.values())
         return Reading(self.joints.latest, tuple(frame for frame in frames if frame is not None))
 
     def forget(self) -> None:
-        """Hold no joint any more that nobody commands: the robot was away, and may stand elsewhere."""
+        """Forgets the held position of joints without a command: the robot was away, and its posture may have
+        changed."""
         self._parts.forget()
 
     def send(self, safe: SafeCommand) -> None:
-        """Command each part that has a servo under command. Raises DriverError for a mode but position."""
+        """Commands each part that has a servo under command. Raises DriverError for a mode other than
+        position."""
         for part, position in self._parts.complete(safe, self.reading().joints.position).items():
             self._out[part](self._message(part, np.array(position)))
 

@@ -1,4 +1,4 @@
-"""What a driver or a server needs of ROS: topics, and nothing else."""
+"""The interface that a driver or a server needs of ROS: topics only."""
 
 from __future__ import annotations
 
@@ -12,52 +12,54 @@ from tci.errors import DriverError, TciError
 from tci.rosmsg.cdr import MessageType
 
 Publish = Callable[[Sequence[Any]], None]
-"""Sends one message, given its values in the order of `MessageType.flat`."""
+"""Sends one message from its values in the order of `MessageType.flat`."""
 Hear = Callable[[Mapping[str, Any]], None]
-"""Takes one message, as `tci.rosmsg.cdr.decode` gives it. What it raises is counted, and no more."""
+"""Handles one message, as `tci.rosmsg.cdr.decode` returns it. Errors that it raises are counted and have no
+other effect."""
 LIFESPAN = 0.1
-"""Time [s] after which a message is not delivered any more, where the middleware keeps messages. Ours."""
+"""Time [s] after which a message is no longer delivered, if the middleware stores messages. Assumed; no
+published value."""
 MOST_REASONS = 100
-"""Different reasons that are kept apart. Ours."""
+"""Largest number of reasons that are counted separately. Assumed; no published value."""
 NAMESPACE = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)*")
 
 
 class RosNode(ABC):
-    """A node of one of the ROS kinds. Topics are absolute: `/joint_states`."""
+    """A node of one kind of ROS. Topics are absolute: `/joint_states`."""
 
     def __init__(self) -> None:
         self.rejected: Counter[str] = Counter()
-        """Messages that could not be understood, by reason."""
+        """Messages that could not be decoded, counted by reason."""
         self.silent: set[str] = set()
-        """Nodes that are registered for a topic that was asked for, and do not answer."""
+        """Nodes that are registered for a requested topic but do not answer."""
 
     @abstractmethod
     def advertise(self, topic: str, kind: MessageType, *, latched: bool = False) -> Publish:
-        """Offer a topic; `latched`: who comes late still gets the last message."""
+        """Offers a topic; with `latched`, later subscribers still get the last message."""
 
     @abstractmethod
     def subscribe(
         self, topic: str, kind: MessageType, hear: Hear, *, latched: bool = False, keep: int = 1
     ) -> None:
-        """Hand on each message of a topic to `hear`, but between two polls only the last `keep`."""
+        """Passes each message of a topic to `hear`, but between two polls only the last `keep`."""
 
     @abstractmethod
     def types_of(self, topic: str) -> tuple[str, ...]:
-        """Types that others, who are alive, offer a topic with, for people; empty for no such topic."""
+        """Returns the types with which running nodes offer a topic, for messages; empty for no such topic."""
 
     @abstractmethod
     def close(self) -> None:
-        """Let go of every topic. A second call does nothing."""
+        """Closes every topic. A second call does nothing."""
 
     def poll(self) -> None:  # noqa: B027 - a node with a thread needs none
-        """Hand on what has arrived, where no thread does."""
+        """Passes on the messages that have arrived, in nodes without a thread for that."""
 
     def knows(self, kind: MessageType) -> bool:
-        """Whether this node can carry messages of a type; standard ones always."""
+        """Returns True if this node can carry messages of a type; it can carry all standard ones."""
         return True
 
     def _hand_on(self, topic: str, decoded: Callable[[], Mapping[str, Any]], hear: Hear) -> None:
-        """Let one message be decoded and heard, or be counted as of no use."""
+        """Decodes one message and passes it on, or counts it as rejected."""
         try:
             hear(decoded())
         except (TciError, ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
@@ -66,9 +68,9 @@ class RosNode(ABC):
 
 
 def namespace_of(address: str) -> str:
-    """The namespace in a driver's address, with a slash before it and none behind; "" for none.
+    """Returns the namespace in a driver's address, with a slash before it and none after; "" for none.
 
-    Raises DriverError for what is no name.
+    Raises DriverError for an invalid name.
     """
     namespace = "/" + address.strip("/") if address.strip("/") else ""
     if not NAMESPACE.fullmatch(namespace):

@@ -1,7 +1,7 @@
-"""`ros1[:NAMESPACE]`: robots in ROS 1 (noetic), by the machine's own rospy.
+"""`ros1[:NAMESPACE]`: robots in ROS 1 (noetic), through the machine's own rospy.
 
 rospy comes with ROS or with Debian (`apt-get install python3-rospy python3-sensor-msgs
-python3-trajectory-msgs`), not from PyPI; it is found where those put it.
+python3-trajectory-msgs`), not from PyPI; it is loaded from the folders of either.
 """
 
 from __future__ import annotations
@@ -35,32 +35,33 @@ from tci.rosmsg.cdr import MessageType
 from yarpwire.visitors import MOST
 
 PLACES = ("/opt/ros/noetic/lib/python3/dist-packages", "/usr/lib/python3/dist-packages")
-"""Where ROS 1 and Debian put their Python packages."""
+"""Folders in which ROS 1 and Debian install their Python packages."""
 HOW = (
     "install ROS 1, or on Debian: apt-get install python3-rospy python3-sensor-msgs python3-trajectory-msgs, "
     "with a Python of the system's version"
 )
 MASTER_TIMEOUT = 3.0
-"""Time [s] that the master or a node has to answer. Ours."""
+"""Time [s] that the master or a node has to answer. Assumed; no published value."""
 BUFFER = 1 << 20
-"""Bytes that a subscriber takes at once, so that the newest of a flood is found. Ours."""
+"""Bytes that a subscriber reads at once, so that the newest message of a flood is found. Assumed; no
+published value."""
 MASTER = "http://localhost:11311"
-"""The master where ROS_MASTER_URI does not say another."""
+"""Address of the master if ROS_MASTER_URI gives none."""
 NEEDED = ("rospy", "sensor_msgs.msg", "trajectory_msgs.msg")
-"""Modules of ROS 1; rospy brings the other messages."""
+"""Modules of ROS 1; rospy depends on the other messages."""
 NAMES = ("ROS_IP", "ROS_HOSTNAME")
-"""Variables that name this machine to others."""
+"""Variables that give this machine's name to others."""
 FLUSH, SENT = 0.2, 0.005
-"""How long [s] closing waits at most until the last messages have left their queues, and then until they are
-on the wire. Ours."""
+"""Longest time [s] that closing waits for the last messages to leave their queues, and then to be sent.
+Assumed; no published value."""
 
 
 def _rospy() -> Any:
-    """The module, once all that is needed beside it is there too. Raises MissingExtraError."""
+    """Returns the module after all other modules are found. Raises MissingExtraError."""
     if find_spec("rospy") is None:
         for place in PLACES:
             if Path(place, "rospy").is_dir():
-                sys.path.append(place)  # at the end: nothing of ours is replaced
+                sys.path.append(place)  # appended, so that it replaces none of the installed packages
                 break
     try:
         found, *_ = map(import_module, NEEDED)
@@ -70,10 +71,10 @@ def _rospy() -> Any:
 
 
 class Ros1Node(RosNode):
-    """A share in this process's node: rospy has one per process, which ends with it."""
+    """A user of this process's node: rospy has one per process, which ends with it."""
 
     def __init__(self, name: str) -> None:
-        """Raises DriverError without a master, MissingExtraError without rospy."""
+        """Joins the node. Raises DriverError without a master, MissingExtraError without rospy."""
         super().__init__()
         _stay_here()
         self._rospy = _rospy()
@@ -94,12 +95,13 @@ class Ros1Node(RosNode):
             self._rospy.init_node(name, anonymous=True, disable_signals=True)
             self._hear_everybody()
             for port in listening() - others:
-                Watch(port)  # to the end of this process, as the node
+                Watch(port)  # runs to the end of this process, as the node does
         self._topics: list[Any] = []
 
     def _hear_everybody(self) -> None:
-        """Let each connection have a thread: rospy has one for all, and waits for who says nothing."""
-        server = import_module("rospy.impl.tcpros_base").init_tcpros_server()  # the one that is there
+        """Gives each connection a thread of its own: rospy has one for all, which a silent client would
+        block."""
+        server = import_module("rospy.impl.tcpros_base").init_tcpros_server()  # returns the existing server
         server.start_server()
         tcp = server.tcp_ros_server
         greet = tcp.inbound_handler
@@ -131,13 +133,14 @@ class Ros1Node(RosNode):
 
     def types_of(self, topic: str) -> tuple[str, ...]:
         nodes: Sequence[str] = ()
-        with suppress(Exception):  # a master that is away offers nothing
+        with suppress(Exception):  # no master offers no topic
             nodes = dict(self._master.getSystemState()[0]).get(topic, ())
         found = {dict(self._publications(node)).get(topic, "") for node in nodes} - {""}
         return tuple(sorted(type_.replace("/", "/msg/", 1) for type_ in found))
 
     def _publications(self, node: str) -> Sequence[tuple[str, str]]:
-        """Topics and types, as the node itself says: the master still lists one that was killed."""
+        """Returns topics and types as the node itself reports them: the master still lists a node that was
+        killed."""
         uri = ""
         with suppress(Exception):
             uri = self._master.lookupNode(node)
@@ -151,10 +154,11 @@ class Ros1Node(RosNode):
         self._flush()
         while self._topics:
             self._topics.pop().unregister()
-        self._master = None  # and its connection
+        self._master = None  # closes its connection
 
     def _flush(self) -> None:
-        """Let rospy's threads send what was published: closing cuts them off, a farewell would be lost."""
+        """Lets rospy's threads send what was published: closing would cut them off and lose the last
+        messages."""
         publishers = [topic for topic in self._topics if isinstance(topic, self._rospy.Publisher)]
         queued = [connection for publisher in publishers for connection in publisher.impl.connections]
         until = time.monotonic() + FLUSH
@@ -165,20 +169,20 @@ class Ros1Node(RosNode):
 
 
 def _stay_here() -> None:
-    """Let a node be known by a name that only this machine knows: so rospy listens on loopback. A master
-    elsewhere, ROS_IP or ROS_HOSTNAME say that the network is meant."""
+    """Makes rospy listen on the loopback interface by a node name that only this machine resolves. A remote
+    master, ROS_IP or ROS_HOSTNAME prevent this."""
     if _is_here() and not any(map(os.environ.get, NAMES)):
         os.environ["ROS_HOSTNAME"] = "localhost"
 
 
 def _is_here() -> bool:
-    """Whether nothing says that the network is meant."""
+    """Returns True if no setting requires the network."""
     asked = urlsplit(os.environ.get("ROS_MASTER_URI") or MASTER).hostname, *map(os.environ.get, NAMES)
     return all(numeric(host) == "127.0.0.1" for host in asked if host)
 
 
 class _Brief(Transport):
-    """A call that ends when nobody answers."""
+    """HTTP transport whose calls time out."""
 
     def make_connection(self, host: Any) -> HTTPConnection:
         connection = super().make_connection(host)
@@ -194,17 +198,18 @@ class Ros1Driver(RosDriver):
         _rospy()
 
     def __init__(self, robot: Robot, address: str = "", *, arm: bool = False, wait: float = WAIT) -> None:
-        """`address` is the robot's namespace. Raises DriverError when no joints come within `wait` [s]."""
+        """Connects; `address` is the robot's namespace. Raises DriverError when no joints arrive within
+        `wait` [s]."""
         namespace = namespace_of(address)
         node = Ros1Node(f"tci_{robot.name}_behaviour")
         super().__init__(robot, node, middleware="ros1", namespace=namespace, arm=arm, wait=wait)
 
 
 class Ros1Server(RosServer):
-    """Shows a robot in ROS 1."""
+    """Serves a robot in ROS 1."""
 
     def __init__(self, driver: Driver, address: str = "") -> None:
-        """`address` is the namespace to show it in. Raises DriverError without a master."""
+        """Serves in the namespace `address`. Raises DriverError without a master."""
         namespace = namespace_of(address)
         node = Ros1Node(f"tci_{driver.robot.name}")
         super().__init__(driver, address, node, middleware="ros1", namespace=namespace)
@@ -216,7 +221,8 @@ class Ros1Server(RosServer):
 
 @cache
 def _type(kind: MessageType) -> Any:
-    """The class of a message: the installed one, so that both sides agree on its check sum, or our own."""
+    """Returns the class of a message: the installed one, so that both sides agree on its checksum, or TCI's
+    own."""
     package, _, name = kind.name.split("/")
     if package != "tci_msgs":
         return _installed(f"{package}/{name}")
@@ -230,7 +236,7 @@ def _type(kind: MessageType) -> Any:
 
 @cache
 def _installed(type_: str) -> Any:
-    """A class of an installed package."""
+    """Returns a class of an installed package."""
     package, _, name = type_.partition("/")
     if package == "builtin_interfaces":
         return getattr(import_module("genpy"), name)
@@ -239,7 +245,7 @@ def _installed(type_: str) -> Any:
 
 @cache
 def _trees(kind: MessageType) -> Trees:
-    """Messages of rospy, made and read."""
+    """Returns the conversion between rospy's message objects and values."""
 
     def new(type_: str, fields: Mapping[str, Any]) -> Any:
         return (_installed(type_) if type_ else _type(kind))(**fields)

@@ -1,7 +1,7 @@
-"""`ros2[:NAMESPACE]`: robots in ROS 2, by the machine's own rclpy, or without ROS by cyclonedds.
+"""`ros2[:NAMESPACE]`: robots in ROS 2, through the machine's own rclpy, or without ROS through cyclonedds.
 
-Whoever reaches a robot in ROS 2 may command it. So nodes meet on this machine only, unless
-ROS_AUTOMATIC_DISCOVERY_RANGE says otherwise.
+In ROS 2 every node that discovers a robot may command it. Therefore nodes find each other on this machine
+only, unless ROS_AUTOMATIC_DISCOVERY_RANGE is set otherwise.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from tci.robot.description import Robot
 RANGE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
 RANGES = ("LOCALHOST", "SUBNET", "OFF", "SYSTEM_DEFAULT")
 HERE = ("LOCALHOST", "OFF")
-"""Those that open nothing beyond this machine."""
+"""Ranges that are limited to this machine."""
 
 _Node: Callable[..., RosNode]
 if find_spec("rclpy") is not None:
@@ -36,7 +36,7 @@ else:
 
 
 def discovery_range() -> str:
-    """How far nodes find each other. ROS itself takes SUBNET where nothing is set. Raises DriverError."""
+    """Returns the range of discovery of nodes. ROS itself uses SUBNET if none is set. Raises DriverError."""
     found = os.environ.get(RANGE) or RANGES[0]
     if found not in RANGES:
         raise DriverError(f"{RANGE} is {found!r}; valid: {', '.join(RANGES)}")
@@ -44,9 +44,9 @@ def discovery_range() -> str:
 
 
 def open_node(name: str, namespace: str) -> RosNode:
-    """A node of rclpy where that is installed, else of cyclonedds.
+    """Opens a node of rclpy if it is installed, else of cyclonedds.
 
-    Raises DriverError for settings of the environment that can't be.
+    Raises DriverError for invalid settings of the environment.
     """
     reach = discovery_range()
     with on_loopback() if reach in HERE else nullcontext():
@@ -57,7 +57,8 @@ class Ros2Driver(RosDriver):
     """A driver of a robot in ROS 2."""
 
     def __init__(self, robot: Robot, address: str = "", *, arm: bool = False, wait: float = WAIT) -> None:
-        """`address` is the robot's namespace. Raises DriverError when no joints come within `wait` [s]."""
+        """Connects; `address` is the robot's namespace. Raises DriverError when no joints arrive within
+        `wait` [s]."""
         namespace = namespace_of(address)
         node = open_node(f"tci_{robot.name}_behaviour", namespace)
         super().__init__(robot, node, middleware="ros2", namespace=namespace, arm=arm, wait=wait)
@@ -68,10 +69,10 @@ class Ros2Driver(RosDriver):
 
 
 class Ros2Server(RosServer):
-    """Shows a robot in ROS 2."""
+    """Serves a robot in ROS 2."""
 
     def __init__(self, driver: Driver, address: str = "") -> None:
-        """`address` is the namespace to show it in. Raises DriverError when ROS refuses."""
+        """Serves in the namespace `address`. Raises DriverError when ROS refuses."""
         namespace = namespace_of(address)
         node = open_node(f"tci_{driver.robot.name}", namespace)
         super().__init__(driver, address, node, middleware="ros2", namespace=namespace)

@@ -1,8 +1,8 @@
-"""A ROS 2 node on cyclonedds, for machines without ROS: graph, type hashes and QoS as rmw has them.
+"""A ROS 2 node on cyclonedds, for machines without ROS: graph, type hashes and QoS as in rmw.
 
-Its process has no thread of Python that receives: messages wait in Cyclone, the newest ones only, until the
-loop polls. ROS_DOMAIN_ID, ROS_AUTOMATIC_DISCOVERY_RANGE, ROS_STATIC_PEERS and CYCLONEDDS_URI count as they do
-for ROS.
+No Python thread of the process receives: Cyclone keeps the newest messages until the loop polls.
+ROS_DOMAIN_ID, ROS_AUTOMATIC_DISCOVERY_RANGE, ROS_STATIC_PEERS and CYCLONEDDS_URI have the same effect as in
+ROS.
 """
 
 from __future__ import annotations
@@ -32,11 +32,12 @@ from tci.errors import DriverError
 from tci.rosmsg.cdr import HEADER, MessageType, decode, encode, item_of
 
 MOST_PARTICIPANTS = 32
-"""Processes of one domain on this machine that find each other without multicast, as in ROS."""
+"""Processes of one domain on this machine that can find each other without multicast, as in ROS."""
 RELIABLE = Policy.Reliability.Reliable(duration(milliseconds=0))
-"""Repeats what was lost, but never waits for a slow reader."""
+"""Repeats lost messages, but never waits for a slow reader."""
 FRESH = Policy.Lifespan(duration(seconds=LIFESPAN))
-"""Otherwise what a dead reader did not confirm is kept, and a reader that comes later gets it."""
+"""Deletes old messages; otherwise those that a dead reader did not confirm are kept, and sent to later
+readers."""
 GRAPH = MessageType(
     "rmw_dds_common/msg/ParticipantEntitiesInfo",
     (("rmw_dds_common/Gid", "gid"), ("rmw_dds_common/NodeEntitiesInfo[]", "nodes")),
@@ -54,7 +55,7 @@ GRAPH = MessageType(
     ),
     headed=False,
 )
-"""Which topics of a participant belong to which node; `ros2 node list` reads it."""
+"""Assignment of a participant's topics to nodes; `ros2 node list` reads it."""
 SIMPLE = {
     "bool": bool, "uint8": types.uint8, "uint16": types.uint16, "int32": types.int32, "uint32": types.uint32,
     "int64": types.int64, "float64": types.float64, "string": str,
@@ -62,15 +63,15 @@ SIMPLE = {
 _TIME = ("builtin_interfaces/Time", (("int32", "sec"), ("uint32", "nanosec")))
 _HEADER = ("std_msgs/Header", (("builtin_interfaces/Time", "stamp"), HEADER[2]))
 _domains: dict[int, tuple[Domain, int]] = {}
-"""Domains of this process, and how many nodes use each: Cyclone takes one configuration per domain."""
+"""Domains of this process and their number of nodes: Cyclone takes one configuration per domain."""
 
 
 class DdsNode(RosNode):
-    """A node of ROS 2, seen from others."""
+    """A node of ROS 2, as other nodes see it."""
 
     def __init__(self, name: str, namespace: str = "", *, reach: str = "LOCALHOST") -> None:
-        """`reach` is the range of discovery. Raises DriverError for settings of the environment that mean
-        nothing, or that Cyclone refuses."""
+        """Opens the node; `reach` is the range of discovery. Raises DriverError for settings of the
+        environment that are invalid or that Cyclone refuses."""
         super().__init__()
         self._id = _domain_id()
         _open_domain(self._id, reach)
@@ -106,7 +107,7 @@ class DdsNode(RosNode):
     def poll(self) -> None:
         for topic, kind, reader, hear, keep in self._readers:
             for sample in reader.take(keep):
-                if isinstance(sample, IdlStruct):  # otherwise a writer left
+                if isinstance(sample, IdlStruct):  # otherwise a writer has left
                     self._hand_on(topic, partial(decode, kind, sample.raw), hear)  # type: ignore[attr-defined] # _idl's
 
     def types_of(self, topic: str) -> tuple[str, ...]:
@@ -123,7 +124,7 @@ class DdsNode(RosNode):
     def close(self) -> None:
         if self._participant is None:
             return
-        self._participant.__del__()  # all that belongs to it goes too, whoever still refers to it
+        self._participant.__del__()  # deletes all its entities, even if something still refers to them
         self._participant = None
         self._readers.clear()
         for publisher in (*self._publishers, self._graph):
@@ -155,7 +156,7 @@ class DdsNode(RosNode):
 
 
 class _Publisher:
-    """Sends on one topic, until its node is closed."""
+    """Sends on one topic until its node is closed."""
 
     def __init__(self, writer: DataWriter[Any], kind: MessageType) -> None:
         self._kind, self._cls = kind, _idl(kind)
@@ -169,7 +170,7 @@ class _Publisher:
         try:
             self.writer.write(sample)
         except DDSException as error:
-            if error.code != DDSException.DDS_RETCODE_TIMEOUT:  # a slow reader misses it
+            if error.code != DDSException.DDS_RETCODE_TIMEOUT:  # a slow reader misses the message
                 raise DriverError(f"{self._kind.name} can't be sent: {error}") from error
 
 
@@ -180,7 +181,7 @@ def _qos(policies: Sequence[Any], kind: MessageType) -> Qos:
 
 @cache
 def type_hash(kind: MessageType) -> str:
-    """The RIHS01 hash by which ROS 2 tells versions of a type apart (REP 2011)."""
+    """Returns the RIHS01 hash by which ROS 2 distinguishes versions of a type (REP 2011)."""
     store = get_typestore(Stores.ROS2_KILTED)
     if kind.name not in store.fielddefs:
         store.register(get_types_from_msg(kind.definition, kind.name))
@@ -189,7 +190,7 @@ def type_hash(kind: MessageType) -> str:
 
 @cache
 def _idl(kind: MessageType) -> type[IdlStruct]:
-    """The type as DDS knows it; it carries the bytes of `tci.rosmsg.cdr`."""
+    """Returns the type for DDS; it carries the bytes of `tci.rosmsg.cdr`."""
     needs = dict(kind.needs)
     if kind.headed:
         needs |= dict((_TIME, _HEADER))
@@ -204,7 +205,7 @@ def _idl(kind: MessageType) -> type[IdlStruct]:
         sample.raw = data
         return sample
 
-    # Methods of ours take the place of those that would pack field by field.
+    # Replaces cyclonedds' methods, which would pack field by field.
     cls.serialize = serialize  # type: ignore[method-assign]
     cls.deserialize = classmethod(deserialize)  # type: ignore[method-assign, assignment]
     return cls
@@ -254,7 +255,7 @@ def _close_domain(number: int) -> None:
 
 
 def _static_peers() -> list[str]:
-    """Addresses in numbers: for one that Cyclone does not understand it ends the whole process."""
+    """Returns the peers as numeric addresses: on an address that it can't parse Cyclone ends the process."""
     found = []
     for peer in filter(None, os.environ.get("ROS_STATIC_PEERS", "").split(";")):
         host, colon, port = peer.partition(":")
@@ -272,9 +273,9 @@ def _static_peers() -> list[str]:
 
 
 def _settings(reach: str) -> str:
-    """Cyclone's settings for the way that ROS finds other nodes.
+    """Returns Cyclone's settings for discovery as in ROS.
 
-    Fast DDS (vendor 1.15) and Cyclone differ on type information; the type hash says what matters.
+    Fast DDS (vendor 1.15) and Cyclone disagree on type information; the type hash identifies types instead.
     """
     peers = _static_peers()
     text = "<Compatibility><IgnoreTypeInformation>1.15</IgnoreTypeInformation></Compatibility>"

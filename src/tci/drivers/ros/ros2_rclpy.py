@@ -1,4 +1,4 @@
-"""A ROS 2 node on the machine's own rclpy, with the middleware (rmw) that it is set to."""
+"""A ROS 2 node on the machine's own rclpy, with the middleware (rmw) that is configured there."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from tci.errors import DriverError
 from tci.rosmsg.cdr import MessageType, decode, encode
 
 BEFORE_RANGES = ("foxy", "galactic", "humble")
-"""Distributions that only know ROS_LOCALHOST_ONLY."""
+"""Distributions that support only ROS_LOCALHOST_ONLY."""
 
 
 class RclpyNode(RosNode):
-    """A node of rclpy in a context of its own. What arrives is handed on in a thread beside the loop."""
+    """A node of rclpy in a context of its own. A separate thread passes on what arrives."""
 
     def __init__(self, name: str, namespace: str = "", *, reach: str = "LOCALHOST") -> None:
-        """`reach` is the range of discovery. Raises DriverError for settings of the environment that rclpy
-        refuses."""
+        """Opens the node; `reach` is the range of discovery. Raises DriverError for settings of the
+        environment that rclpy refuses."""
         super().__init__()
         self._context = rclpy.context.Context()
         try:
@@ -38,7 +38,7 @@ class RclpyNode(RosNode):
                 name, namespace=namespace or "/", context=self._context, enable_rosout=False,
                 start_parameter_services=False,
             )  # fmt: skip
-        except Exception as error:  # rclpy has no common error
+        except Exception as error:  # rclpy has no common base class of its errors
             raise DriverError(f"no ROS 2 node: {error}") from error
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
@@ -48,7 +48,7 @@ class RclpyNode(RosNode):
 
     def advertise(self, topic: str, kind: MessageType, *, latched: bool = False) -> Publish:
         qos = _qos(1, latched=latched, reliable=True)
-        if not latched:  # a reader, which has another clock, must not have this
+        if not latched:  # a lifespan, which latched messages must not have: the reader's clock differs
             qos.lifespan = Duration(seconds=LIFESPAN)
         publisher = self._node.create_publisher(_type(kind), topic, qos)
 
@@ -94,7 +94,7 @@ class RclpyNode(RosNode):
 
 @contextmanager
 def _ranging(reach: str) -> Iterator[None]:
-    """rclpy takes the range of discovery from the environment only, as it starts."""
+    """Sets the environment variable of the range of discovery, which rclpy reads only when it starts."""
     names = {"ROS_AUTOMATIC_DISCOVERY_RANGE": reach}
     if reach == "LOCALHOST" and os.environ.get("ROS_DISTRO") in BEFORE_RANGES:
         names["ROS_LOCALHOST_ONLY"] = "1"
@@ -111,7 +111,8 @@ def _ranging(reach: str) -> Iterator[None]:
 
 
 def _type(kind: MessageType) -> Callable[[], Any]:
-    """The generated class of a message. Raises DriverError where its package is not there."""
+    """Returns a function that loads the generated class of a message; it raises DriverError if the package is
+    missing."""
     package, _, name = kind.name.split("/")
     try:
         found: Callable[[], Any] = getattr(import_module(f"{package}.msg"), name)

@@ -1,4 +1,5 @@
-"""`rosbridge:[HOST][:PORT][/NAMESPACE]`: robots in ROS behind a rosbridge server with rosapi, by roslibpy."""
+"""`rosbridge:[HOST][:PORT][/NAMESPACE]`: robots in ROS behind a rosbridge server with rosapi, through
+roslibpy."""
 
 from __future__ import annotations
 
@@ -22,25 +23,25 @@ from tci.robot.description import Robot
 from tci.rosmsg.cdr import MessageType
 
 PORT = 9090
-"""The server's usual port."""
+"""Default port of the server."""
 TIMEOUT = 5.0
-"""Time [s] that a server has to answer. Ours."""
+"""Time [s] that a server has to answer. Assumed; no published value."""
 RETRY = 5.0
-"""Longest time [s] from one try to reach a server that went away to the next. Ours; roslibpy's is an hour."""
+"""Longest time [s] between two attempts to reconnect. Assumed: roslibpy's own value is an hour."""
 MOST_WAITING = 1 << 20
-"""Bytes that may wait for a slow server before it gets no more. Ours."""
+"""Bytes that may wait for a slow server before it gets no more. Assumed; no published value."""
 ADDRESS = re.compile(
     r"(?P<host>[A-Za-z0-9_.-]*|\[[0-9a-fA-F:]+\])(:(?P<port>[0-9]{1,5}))?(?P<namespace>/.*)?"
 )
 TIMES = {"secs": "sec", "nsecs": "nanosec"}
-"""Names of times in ROS 1, and in ROS 2."""
+"""Field names of times in ROS 1 and, as values, in ROS 2."""
 
 
 class RosbridgeNode(RosNode):
-    """A client of a rosbridge server. What arrives is handed on in roslibpy's thread."""
+    """A client of a rosbridge server. roslibpy's thread passes on what arrives."""
 
     def __init__(self, host: str, port: int) -> None:
-        """Raises DriverError when nobody answers at `host` and `port`."""
+        """Connects. Raises DriverError when nothing answers at `host` and `port`."""
         super().__init__()
         self._where = f"ws://{host}:{port}"
         self._ros = roslibpy.Ros(host, port, transport="asyncio")
@@ -53,7 +54,7 @@ class RosbridgeNode(RosNode):
             self.close()
             raise DriverError(f"no rosbridge server at {self._where}: {error}") from error
         try:
-            # Both kinds of ROS tell the time; its form shows which one this is.
+            # Both kinds of ROS report the time; the names of its fields show which one this is.
             first = "secs" if "secs" in self._ask("get_time", "GetTime", {})["time"] else "sec"
         except DriverError:
             self.close()
@@ -73,8 +74,8 @@ class RosbridgeNode(RosNode):
         return send
 
     def _say(self, said: Mapping[str, Any]) -> None:
-        """Send a message, in roslibpy's thread, where connections come and go. Nothing is kept for later: old
-        commands are never sent."""
+        """Sends a message in roslibpy's thread, which also opens and closes connections. Nothing is stored
+        for later: old commands are never sent."""
         connection = self._ros.factory._proto
         if connection is not None and connection.transport.get_write_buffer_size() < MOST_WAITING:
             connection.sendMessage(json.dumps(said).encode())
@@ -110,13 +111,13 @@ class RosbridgeNode(RosNode):
         gone, connected = threading.Event(), self._ros.is_connected
         self._ros.on("close", lambda _: gone.set())
         factory = self._ros.factory
-        factory._stop = True  # else it looks for a server that is away for ever
-        factory.on_ready(lambda connection: connection.send_close())  # now, or if it is found just now
+        factory._stop = True  # otherwise it keeps trying to reconnect
+        factory.on_ready(lambda connection: connection.send_close())  # even if it is just opening
         if connected:
             gone.wait(TIMEOUT)
 
     def _ask(self, name: str, type_: str, request: Mapping[str, Any]) -> Mapping[str, Any]:
-        """An answer of rosapi. Raises DriverError for none."""
+        """Returns an answer of rosapi. Raises DriverError if there is none."""
         service = roslibpy.Service(self._ros, f"/rosapi/{name}", f"rosapi/{type_}")
         try:
             answer: Mapping[str, Any] = service.call(roslibpy.ServiceRequest(request), timeout=TIMEOUT)
@@ -129,24 +130,24 @@ class RosbridgeDriver(RosDriver):
     """A driver of a robot behind a rosbridge server."""
 
     def __init__(self, robot: Robot, address: str = "", *, arm: bool = False, wait: float = WAIT) -> None:
-        """Raises DriverError when no joints come within `wait` [s]."""
+        """Connects. Raises DriverError when no joints arrive within `wait` [s]."""
         host, port, namespace = parse(address)
         node = RosbridgeNode(host, port)
         super().__init__(robot, node, middleware="rosbridge", namespace=namespace, arm=arm, wait=wait)
 
 
 class RosbridgeServer(RosServer):
-    """Shows a robot in the ROS behind a rosbridge server."""
+    """Serves a robot in the ROS behind a rosbridge server."""
 
     def __init__(self, driver: Driver, address: str = "") -> None:
-        """Raises DriverError when nobody answers at `address`."""
+        """Connects. Raises DriverError when nothing answers at `address`."""
         host, port, namespace = parse(address)
         node = RosbridgeNode(host, port)
         super().__init__(driver, address, node, middleware="rosbridge", namespace=namespace)
 
 
 def parse(address: str) -> tuple[str, int, str]:
-    """Host, port and namespace. Raises DriverError for what is no address."""
+    """Returns host, port and namespace. Raises DriverError for an invalid address."""
     found = ADDRESS.fullmatch(address)
     if found is None or int(found["port"] or PORT) > 65535:
         raise DriverError(
@@ -156,12 +157,12 @@ def parse(address: str) -> tuple[str, int, str]:
 
 
 def _short(kind: MessageType) -> str:
-    """`package/Name`, which servers of both kinds of ROS take."""
+    """Returns `package/Name`, which servers of both kinds of ROS accept."""
     return kind.name.replace("/msg/", "/")
 
 
 def _new(type_: str, fields: Mapping[str, Any]) -> dict[str, Any]:
-    """An object of JSON; bytes travel in base64."""
+    """Returns a JSON object; bytes are encoded in base64."""
     return {
         name: base64.b64encode(value).decode() if isinstance(value, bytes) else value
         for name, value in fields.items()

@@ -1,4 +1,4 @@
-"""A robot shown to a ROS: as ros2_control shows one, and to other TCI processes (`remote`).
+"""A robot served in ROS: with the topics of ros2_control, and to other TCI processes (`remote`).
 
 Its topics are listed in docs/ros.md; their names come from `Names`.
 """
@@ -36,16 +36,16 @@ from tci.robot.kinematics import Kinematics
 from tci.skin.surfaces import build_surface
 
 MOST_ORDERS = 64
-"""Messages with orders between two periods that are kept. Ours."""
+"""Largest number of messages with orders kept between two periods. Assumed; no published value."""
 
 
 class RosServer(RemoteServer):
-    """Shows a robot by a node of any ROS, which is closed with it."""
+    """Serves a robot through a node of any ROS; it closes the node with itself."""
 
     def __init__(
         self, driver: Driver, address: str, node: RosNode, *, middleware: str, namespace: str
     ) -> None:
-        """Raises UnknownNameError when the robot has no binding to `middleware`."""
+        """Offers the topics. Raises UnknownNameError when the robot has no binding to `middleware`."""
         self._node = node
         try:
             super().__init__(driver, address, middleware=middleware)
@@ -129,7 +129,7 @@ class RosServer(RemoteServer):
         self._controllers.hear(part, lambda *_: Once(values_order(part, servos, fields["data"])))
 
     def _epoch(self, stamp: float) -> float:
-        """A time on the driver's clock as ROS counts: seconds since 1970."""
+        """Converts a time on the driver's clock to ROS time: seconds since 1970."""
         return time.time() + stamp - self.driver.clock.now()
 
 
@@ -142,14 +142,14 @@ class PatchTopics:
         patch = robot.patches[number]
         self._robot, self._number = robot, number
         self.every = Every(period)
-        """When a frame is shown: no more of them than the binding's rate."""
+        """Limits the published frames to the rate of the binding."""
         self._cloud = PatchCloud(patch, build_surface(robot, patch, kinematics))
         self._points = node.advertise(names.points(patch.name), CLOUD)
         self._frames = node.advertise(names.frames(patch.name), BYTES)
         self._raw = node.advertise(names.skin(patch.name), SKIN) if node.knows(SKIN) else None
 
     def publish(self, message: SessionFrame, stamp: float) -> None:
-        """Show a frame, measured at `stamp` [s] since 1970."""
+        """Publishes a frame, measured at `stamp` [s] since 1970."""
         frame = message.frame
         self._frames((NO_LAYOUT, np.frombuffer(frame_bytes(self._robot, message), dtype=np.uint8)))
         self._points(self._cloud.values(frame, stamp))

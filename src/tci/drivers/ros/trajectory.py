@@ -1,4 +1,4 @@
-"""A trajectory that others order by ROS."""
+"""A trajectory that was received through ROS."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from tci.frames import Array
 from tci.messages import PlatformCommand
 
 MOST_POINTS = 10_000
-"""Points of one trajectory. Ours."""
+"""Largest number of points of one trajectory. Assumed; no published value."""
 
 
 class Trajectory:
-    """A JointTrajectory that is being followed: straight lines between its points."""
+    """A JointTrajectory in execution, interpolated linearly between its points."""
 
     def __init__(
         self, part: str, servos: Mapping[str, int], fields: Mapping[str, Any], position: Array, now: float
     ) -> None:
-        """Follow it from `position` (n_servos,) [rad] at `now` [s]; `servos` are those of the part by name.
+        """Starts at `position` (n_servos,) [rad] at `now` [s]; `servos` are those of the part by name.
 
-        One without points stops the joints that it names, or all.
+        A trajectory without points stops the joints that it names, or all.
 
-        Raises CommandError for a joint of another part, a number that is none, times that do not rise.
+        Raises CommandError for a joint of another part, a value that is no number, times that do not rise.
         """
         names, points = fields["joint_names"], fields["points"]
         self._of = f"trajectory for {part}"
@@ -54,7 +54,7 @@ class Trajectory:
         self._done = False
 
     def order(self, now: float) -> PlatformCommand | None:
-        """Where its joints should be at `now` [s]; None when it is over."""
+        """Returns the set-points of its joints at `now` [s]; None when it is over."""
         if self._done:
             return None
         passed = now - self._start

@@ -1,4 +1,4 @@
-"""Messages as nested objects, for the kinds of ROS that do not carry CDR."""
+"""Messages as nested objects, for the kinds of ROS that do not transport CDR."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ Fields = Sequence[tuple[str, str]]
 
 
 class Trees:
-    """From values in flat order to nested objects and back, for one kind of objects.
+    """Conversion between values in flat order and nested objects of one kind.
 
-    `new(type, fields)` makes an object of a type (`package/Name`, ""for the message itself) from its fields,
-    `get(object, name)` gives one; `time` are the names of seconds and nanoseconds.
+    `new(type, fields)` makes an object of a type (`package/Name`, "" for the message itself) from its fields,
+    `get(object, name)` returns one field; `time` are the names of seconds and nanoseconds.
     """
 
     def __init__(
@@ -31,7 +31,7 @@ class Trees:
         self._new, self._get, self._time = new, get, time
 
     def grow(self, kind: MessageType, values: Sequence[Any]) -> Any:
-        """The object of a message with `values` in the order of `kind.flat`."""
+        """Returns the object of a message with `values` in the order of `kind.flat`."""
         fields: dict[str, Any] = {}
         if kind.headed:
             sec, nanosec, frame = values[:3]
@@ -41,9 +41,9 @@ class Trees:
         return self._new("", fields | self._grow(kind, kind.fields, values))
 
     def flatten(self, kind: MessageType, found: Any) -> dict[str, Any]:
-        """The fields of a message by name, as `tci.rosmsg.cdr.decode` gives them.
+        """Returns the fields of a message by name, as `tci.rosmsg.cdr.decode` does.
 
-        Raises FrameError for what is no number.
+        Raises FrameError for a value that is no number.
         """
         flat: dict[str, Any] = {}
         if kind.headed:
@@ -99,7 +99,7 @@ class Trees:
 
 
 def _plain(item: str, value: Any) -> Any:
-    """A sequence as ROS takes it: bytes, or a list."""
+    """Returns a sequence in the form that ROS accepts: bytes, or a list."""
     if item == "uint8":
         return np.asarray(value, dtype=np.uint8).tobytes()
     return np.asarray(value).tolist() if item in NUMBERS else list(value)

@@ -1,11 +1,11 @@
-"""`zenoh[:[NAME@]WHERE]`: a robot that `tci serve --via zenoh` shows, to any number of processes elsewhere.
+"""`zenoh[:[NAME@]WHERE]`: a robot that `tci serve --via zenoh` serves to any number of other processes.
 
-| key | what | from |
+| key | content | from |
 |---|---|---|
-| `tci/NAME/state` | joints, gate, who commands; in every period | robot |
+| `tci/NAME/state` | joints, gate, commander; in every period | robot |
 | `tci/NAME/skin/PATCH` | a frame of skin, once | robot |
 | `tci/NAME/orders/CLIENT` | orders and heartbeat, in every period | behaviour |
-| `tci/NAME/facts` | answers a query: the run-time query as JSON | robot |
+| `tci/NAME/facts` | answers a query with the robot's facts as JSON | robot |
 | `tci/NAME/alive` | liveliness of the robot's process | robot |
 """
 
@@ -30,7 +30,7 @@ from tci.messages import SkinFrame
 from tci.robot.description import Robot
 
 PER_POLL = 16
-"""Messages looked at per call, so that a flood costs a bounded time; the latest are kept. Ours."""
+"""Messages read per call; the latest are kept. Assumed: bounds the time that a flood of messages costs."""
 QOS: dict[str, Any] = {
     "congestion_control": zenoh.CongestionControl.DROP,  # the loop never waits; orders are repeated
     "priority": zenoh.Priority.REAL_TIME,
@@ -39,14 +39,14 @@ QOS: dict[str, Any] = {
 
 
 class ZenohDriver(RemoteDriver):
-    """A robot that another process shows through Zenoh."""
+    """A robot that another process serves through Zenoh."""
 
     def __init__(self, robot: Robot, address: str = "", *, arm: bool = False) -> None:
-        """Raises DriverError when nobody answers at `address` for a robot of this description."""
+        """Connects. Raises DriverError when nothing answers at `address` for a robot of this description."""
         self._address = parse_address(address, robot.name)
         super().__init__(robot, middleware="zenoh", place=str(self._address), arm=arm)
         self.session = open_session(self._address, "connect")
-        """The session: ask it for `tci/NAME/facts`."""
+        """The session; it can be queried for `tci/NAME/facts`."""
         key = f"tci/{self._address.robot}"
         self._why = ""
         patches = max(1, len(robot.patches))
@@ -104,10 +104,10 @@ class ZenohDriver(RemoteDriver):
 
 
 class ZenohServer(RemoteServer):
-    """Shows a robot through Zenoh."""
+    """Serves a robot through Zenoh."""
 
     def __init__(self, driver: Driver, address: str = "") -> None:
-        """Raises DriverError when `address` can't be used."""
+        """Listens. Raises DriverError when `address` can't be used."""
         super().__init__(driver, address, middleware="zenoh")
         self._where = parse_address(address, driver.robot.name)
         self._key = f"tci/{self._where.robot}"
@@ -117,7 +117,7 @@ class ZenohServer(RemoteServer):
         """The session."""
         self._watches = [Watch(port) for port in listening() - before]
         self.rejected = 0
-        """Messages that were no orders for this robot."""
+        """Number of messages that were no orders for this robot."""
         self._orders = self.session.declare_subscriber(
             f"{self._key}/orders/*", zenoh.handlers.RingChannel(PER_POLL)
         )
@@ -126,7 +126,7 @@ class ZenohServer(RemoteServer):
             patch.name: self.session.declare_publisher(f"{self._key}/skin/{patch.name}", **QOS)
             for patch in driver.robot.patches
         }
-        key = f"{self._key}/facts"  # what is asked for may be tci/*/facts
+        key = f"{self._key}/facts"  # a query may be for tci/*/facts
         self._facts = self.session.declare_queryable(
             key, lambda asked: asked.reply(key, facts, encoding=zenoh.Encoding.APPLICATION_JSON)
         )
@@ -155,13 +155,13 @@ class ZenohServer(RemoteServer):
 
 
 def _alive(session: zenoh.Session) -> list[str]:
-    """Names of all robots that are shown there."""
+    """Returns the names of all robots that are served there."""
     found = session.liveliness().get("tci/*/alive", timeout=1.0)
     return sorted(str(reply.ok.key_expr).split("/")[1] for reply in found if reply.ok is not None)
 
 
 def _look(session: zenoh.Session, robot: Robot, name: str) -> Iterator[Finding]:
-    """Whether a robot of that name is there, and is the one that is described here."""
+    """Checks that a robot of that name is served, and that its description is this one."""
     names = _alive(session)
     if name not in names:
         said = f"{name} is not there; robots there: {', '.join(names) or 'none'}"
@@ -183,7 +183,7 @@ def _look(session: zenoh.Session, robot: Robot, name: str) -> Iterator[Finding]:
 
 
 def _received(subscriber: zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]) -> Iterator[bytes]:
-    """The payloads that came, oldest first; a bounded number."""
+    """Returns the payloads that arrived, oldest first; a bounded number."""
     for _ in range(PER_POLL):
         sample = subscriber.try_recv()
         if sample is None:

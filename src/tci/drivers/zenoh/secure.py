@@ -1,7 +1,8 @@
-"""Zenoh with keys, passwords and rights: configuration files of a router, its robots and those who use them.
+"""Zenoh with keys, passwords and access rights: configuration files of a router, its robots and their users.
 
-Everybody proves who he is twice, by a certificate of our own authority (mutual TLS) and by a password, and
-the router lets each one through to his keys only. The files are Zenoh's own; its manual says more.
+Everybody proves an identity twice, by a certificate of TCI's own authority (mutual TLS) and by a password,
+and the router gives each one access to its own keys only. The files are in Zenoh's own format; Zenoh's manual
+explains it.
 """
 
 from __future__ import annotations
@@ -20,9 +21,9 @@ from tci.drivers.zenoh.session import LEASE
 from tci.errors import DriverError
 
 DAYS = 825
-"""How long certificates last. Ours: the longest that browsers accept, too."""
+"""Lifetime [days] of certificates. Assumed: also the longest that browsers accept."""
 SEEN = ("state", "skin/*", "facts")
-"""Keys of a robot that whoever knows it may read."""
+"""Keys of a robot that all its users may read."""
 
 
 def write_files(
@@ -33,11 +34,12 @@ def write_files(
     commanders: Mapping[str, Sequence[str]],
     watchers: Mapping[str, Sequence[str]],
 ) -> list[Path]:
-    """Make certificates, passwords and configuration files in `folder`, which must not exist yet.
+    """Writes certificates, passwords and configuration files to `folder`, which must not exist yet.
 
-    `endpoint` is where the router is, `tls/HOST:PORT`; `robots` their names on the network; `commanders` and
-    `watchers` who may command, or only see, which of them. Returns `router.json5` and one file for each
-    robot and user, which needs, beside it, only `ca.pem` and its own `.pem` files. Raises DriverError.
+    `endpoint` is the router's address, `tls/HOST:PORT`; `robots` are their names on the network; `commanders`
+    and `watchers` give for each user the robots to command, or only to watch. Returns `router.json5` and one
+    file for each robot and user, which needs, next to it, only `ca.pem` and its own `.pem` files. Raises
+    DriverError.
     """
     found = re.fullmatch(r"tls/\[?([^\s/\]]+)\]?:(\d+)", endpoint)
     if found is None:
@@ -89,7 +91,7 @@ def write_files(
 
 
 def _common(folder: Path, name: str, password: str) -> dict[str, Any]:
-    """What all have in common: who one is, whom one believes, and nothing that announces itself."""
+    """Returns the settings that all share: the own identity, the trusted authority, and no announcements."""
     at = folder.absolute()
     certificate, key = str(at / f"{name}.pem"), str(at / f"{name}-key.pem")
     return {
@@ -115,7 +117,7 @@ def _common(folder: Path, name: str, password: str) -> dict[str, Any]:
 def _access(
     robots: Sequence[str], commanders: Mapping[str, Sequence[str]], watchers: Mapping[str, Sequence[str]]
 ) -> dict[str, Any]:
-    """Who may do what at the router; what is not named here is denied."""
+    """Returns the rules of access at the router; anything not listed is denied."""
     rules: list[dict[str, Any]] = []
 
     def rule(name: str, flow: str, messages: Sequence[str], keys: Sequence[str]) -> None:
@@ -135,7 +137,7 @@ def _access(
         rule(f"get {robot}", "egress", ["put", "reply", "declare_queryable"], seen)
         rule(f"find {robot}", "egress", ["liveliness_token"], [alive])
         rule(f"order {robot}", "ingress", ["put"], [orders])
-        rule(f"reach {robot}", "egress", ["declare_subscriber"], [orders])  # else nothing is sent at all
+        rule(f"reach {robot}", "egress", ["declare_subscriber"], [orders])  # needed to send anything
     rule("find robots", "ingress", ["liveliness_query", "declare_liveliness_subscriber"], ["tci/*/alive"])
     policies = [
         {"subjects": [robot], "rules": [f"{robot} {does}" for does in ("shows", "lives", "listens", "hears",
@@ -153,7 +155,7 @@ def _access(
         "enabled": True,
         "default_permission": "deny",
         "rules": rules,
-        # The certificate and the password must name the same one.
+        # Certificate and password must name the same user.
         "subjects": [
             {"id": name, "cert_common_names": [name], "usernames": [name]}
             for name in (*robots, *commanders, *watchers)
@@ -172,7 +174,7 @@ def _authority(folder: Path) -> None:
 
 
 def _certificate(folder: Path, name: str, host: str) -> None:
-    """A key and a certificate for `name`, good for `host`."""
+    """Makes a key and a certificate for `name`, valid for `host`."""
     kind = "IP" if re.fullmatch(r"[0-9.]+|[0-9a-fA-F:]*:[0-9a-fA-F:]*", host) else "DNS"
     request = folder / f"{name}.csr"
     extensions = folder / f"{name}.ext"

@@ -1,4 +1,4 @@
-"""Addresses of Zenoh, and what is opened for them."""
+"""Addresses of Zenoh, and the sessions opened for them."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from tci.errors import DriverError
 from yarpwire.visitors import PATIENCE
 
 ENDPOINT = "tcp/127.0.0.1:7447"
-"""Where a robot is served unless the address says otherwise: this machine only."""
+"""Default endpoint at which a robot is served: this machine only."""
 VALID = "valid: [NAME@]PROTOCOL/HOST:PORT, as in tcp/10.0.0.5:7447, or [NAME@]FILE.json5"
 PENDING = 10_000
-"""Strangers that Zenoh lets wait, and then nobody: more than `Watch` leaves to it."""
+"""Unauthenticated connections that Zenoh lets wait before it refuses more: larger than `Watch` allows."""
 LEASE = 2000
-"""Silence [ms] after which a connection counts as broken and is made anew. Ours."""
+"""Silence [ms] after which a connection counts as broken and is opened again. Assumed; no published value."""
 
 
 def parse_address(text: str, robot: str) -> RemoteAddress:
-    """An address; `robot` is the name where it gives none. Raises DriverError."""
+    """Parses an address; `robot` is the name if it gives none. Raises DriverError."""
     address = parse_remote("zenoh", text, robot, ENDPOINT)
     if not is_file(address) and not re.fullmatch(r"[a-z][a-z0-9_]*/[^\s/]\S*", address.where):
         raise DriverError(f"zenoh: address {address.where!r}; {VALID}")
@@ -30,14 +30,15 @@ def parse_address(text: str, robot: str) -> RemoteAddress:
 
 
 def is_file(address: RemoteAddress) -> bool:
-    """Whether an address is a configuration file of Zenoh, which says all there is to say."""
+    """Returns True if an address is a configuration file of Zenoh, which then contains all settings."""
     return address.where.endswith((".json5", ".json"))
 
 
 def open_session(address: RemoteAddress, does: Literal["listen", "connect"]) -> zenoh.Session:
-    """A session of Zenoh. Without a file it talks to nobody but those at the endpoint.
+    """Opens a session of Zenoh. Without a file it connects only to the endpoint.
 
-    Raises DriverError for a file or an endpoint that can't be used, a port that is taken, and nobody there.
+    Raises DriverError for a file or an endpoint that can't be used, a port that is in use, and when nothing
+    answers.
     """
     zenoh.init_log_from_env_or("off")
     try:
@@ -51,7 +52,7 @@ def open_session(address: RemoteAddress, does: Literal["listen", "connect"]) -> 
 
 
 def close_session(session: zenoh.Session) -> None:
-    """Close what `open_session` gave. A second call does nothing."""
+    """Closes what `open_session` returned. A second call does nothing."""
     if not session.is_closed():
         session.close()  # type: ignore[no-untyped-call] # Zenoh's own stub
 
@@ -71,5 +72,5 @@ def _settings(endpoint: str, does: Literal["listen", "connect"]) -> dict[str, ob
 
 
 def _brief(error: zenoh.ZError) -> str:
-    """What went wrong, without places in Zenoh's own source."""
+    """Returns the text of the error, without places in Zenoh's own source."""
     return re.sub(r"\s+at /\S+\.rs:\d+\.?", "", str(error)).strip().rstrip(".")

@@ -11,6 +11,7 @@ import sysconfig
 import tarfile
 import venv
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -45,6 +46,21 @@ def lend_machine_code(there: Path) -> None:
         shutil.copy(cache, copy)
 
 
+def bare(folder: Path, lent: Callable[[str], bool]) -> tuple[Path, Path]:
+    """Python of a new environment with the packages from here that may be `lent`, and their folder."""
+    venv.create(folder, with_pip=False)
+    python = folder / "bin" / "python"
+    there = Path(run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))").stdout.strip())
+    for entry in Path(sysconfig.get_path("purelib")).iterdir():
+        if lent(entry.name):
+            (there / entry.name).symlink_to(entry)
+    return python, there
+
+
+def install(python: Path, wheel: Path) -> None:
+    run(python, "-m", "pip", "install", "--no-deps", "--no-index", "--no-build-isolation", wheel)
+
+
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return build("wheel", ROOT, tmp_path_factory.mktemp("dist"))
@@ -64,15 +80,9 @@ def test_the_sdist_makes_the_same_wheel(wheel: Path, tmp_path: Path) -> None:
 
 @pytest.mark.xdist_group("wheel")
 def test_it_installs_elsewhere_and_runs(wheel: Path, tmp_path: Path) -> None:
-    venv.create(tmp_path / "venv", with_pip=False)
-    python = tmp_path / "venv" / "bin" / "python"
     # Dependencies are lent from here, so that the test needs no network; TCI and icub-models are not.
-    site = Path(sysconfig.get_path("purelib"))
-    there = Path(run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))").stdout.strip())
-    for entry in site.iterdir():
-        if not any(name in entry.name for name in OURS):
-            (there / entry.name).symlink_to(entry)
-    run(python, "-m", "pip", "install", "--no-deps", "--no-index", "--no-build-isolation", wheel)
+    python, _ = bare(tmp_path / "venv", lambda name: not any(ours in name for ours in OURS))
+    install(python, wheel)
     place = Path(run(python, "-c", "import tci; print(tci.__file__)").stdout.strip())
     assert place.is_relative_to(tmp_path)
     lend_machine_code(place.parent)
@@ -83,3 +93,19 @@ def test_it_installs_elsewhere_and_runs(wheel: Path, tmp_path: Path) -> None:
     assert {trial["robot"] for trial in trials} == {"nao"}
     assert all(trial["responded"] for trial in trials)
     assert (out / "demo.png").stat().st_size > 50_000
+
+
+@pytest.mark.xdist_group("wheel")
+def test_yarpwire_is_a_package_of_its_own_with_the_same_files(wheel: Path, tmp_path: Path) -> None:
+    alone = build("wheel", ROOT / "packages" / "yarpwire", tmp_path / "dist")
+    with zipfile.ZipFile(wheel) as one, zipfile.ZipFile(alone) as other:
+        held = {name.split("/")[0] for name in one.namelist() if ".dist-info/" not in name}
+        both = [{name: file.read(name) for name in file.namelist() if name.startswith("yarpwire/")}
+                for file in (one, other)]  # fmt: skip
+        assert held == {"tci", "yarpwire"}
+        assert both[1].pop("yarpwire/LICENSE") == (ROOT / "LICENSE").read_bytes()
+        assert both[0] == both[1]
+    python, there = bare(tmp_path / "venv", lambda name: name.startswith(("numpy", "pip")))
+    install(python, alone)
+    assert not (there / "tci").exists()
+    assert run(python, ROOT / "tests" / "yarpwire" / "five_lines.py").stdout == "[240.  17.]\n"

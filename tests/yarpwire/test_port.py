@@ -8,7 +8,6 @@ import struct
 import threading
 import time
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -247,9 +246,3 @@ def test_what_the_receiver_raises_ends_the_connection_only(make: Callable[..., P
         rpc.call("no numbers")
     assert port.wrong == 1
     assert _answers(port)
-
-
-def test_the_lines_of_the_documentation_run(capsys: pytest.CaptureFixture[str]) -> None:
-    page = (Path(__file__).parents[2] / "docs" / "yarp.md").read_text()
-    exec(page.split("```python\n")[1].split("```")[0], {})
-    assert capsys.readouterr().out == "[[is], [get], 2.5]\n"

@@ -1,4 +1,4 @@
-"""What is found out about a driver: facts, and what to do about them. `tci doctor` prints them."""
+"""Findings about a driver, with advice. `tci doctor` prints them."""
 
 from __future__ import annotations
 
@@ -9,34 +9,34 @@ from types import MappingProxyType
 
 
 class Level(Enum):
-    """How bad a finding is."""
+    """Severity of a finding."""
 
     OK = "ok"
-    """As it should be."""
+    """The checked property is as it should be."""
     NOTE = "note"
-    """Worth knowing; nothing has to be done."""
+    """The finding needs no action."""
     WARNING = "warning"
-    """It works, but not as well as it could."""
+    """The driver works, but not as well as it could."""
     FAULT = "fault"
-    """It can't work like this."""
+    """The driver can't work like this."""
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that was found out."""
+    """One result of a diagnosis."""
 
     level: Level
     subject: str
-    """What it is about: `connection`, `joints`, the name of a patch or of a servo."""
+    """Subject of the finding: `connection`, `joints`, the name of a patch or of a servo."""
     what: str
-    """What was found, in words."""
+    """Text of the finding."""
     advice: str = ""
-    """What to do about it; empty when there is nothing to do."""
+    """Recommended action; empty if none is needed."""
     figures: Mapping[str, float | str] = field(default_factory=lambda: MappingProxyType({}))
-    """The same as numbers, for programs: names end in their unit."""
+    """The finding as numbers, for programs: names end in their unit."""
 
     def to_json(self) -> dict[str, object]:
-        """Plain values."""
+        """Returns the finding as plain values."""
         return {
             "level": self.level.value,
             "subject": self.subject,

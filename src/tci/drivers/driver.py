@@ -1,4 +1,4 @@
-"""What every way to a robot has in common."""
+"""The base class of all drivers."""
 
 from __future__ import annotations
 
@@ -19,19 +19,21 @@ from tci.robot.description import Robot, Servo
 
 
 class Driver(ABC):
-    """A connection to one robot: `read` what it senses, `write` what its gate made.
+    """A connection to one robot: `read` returns its sensor data, `write` sends the commands that its gate
+    made.
 
-    A subclass talks to the robot in `_receive`, `_send` and `_close`; it owns units and order of the
-    robot. Reading is always allowed; writing needs an armed driver and a command made by `gate`.
+    A subclass talks to the robot in `_receive`, `_send` and `_close`; it converts the robot's units and
+    order. Reading is always allowed; writing needs an armed driver and a command made by `gate`.
     """
 
     before_write: Callable[[], None] | None = None
-    """Raises DriverError where this process may no longer command the robot; asked before each command."""
+    """Called before each command; raises DriverError when this process may no longer command the robot."""
 
     def __init__(self, info: DriverInfo) -> None:
-        """Every subclass calls this first; `DriverInfo.of` makes the `info` of most drivers."""
+        """Stores the facts of the connection. Every subclass calls this first; most make their `info` by
+        `DriverInfo.of`."""
         self.info = info
-        """Facts about the connection. Only a driver that learns more while it connects replaces them."""
+        """Facts about the connection. A driver replaces them only if it learns more while it connects."""
         self._open = True
 
     @property
@@ -46,34 +48,34 @@ class Driver(ABC):
 
     @property
     def gate(self) -> Gate:
-        """The only maker of what `write` takes."""
+        """The gate, which alone makes the commands that `write` accepts."""
         return self.info.gate
 
     @property
     def period(self) -> float:
-        """Time from one command to the next [s]."""
+        """Time [s] between two commands."""
         return self.info.gate.period
 
     @property
     def armed(self) -> bool:
-        """Whether it may write."""
+        """True if the driver may write."""
         return self.info.armed
 
     @abstractmethod
     def _receive(self) -> Reading:
-        """The latest reading of joints and skin, in SI units and the description's order."""
+        """Returns the latest reading of joints and skin, in SI units and the description's order."""
 
     @abstractmethod
     def _send(self, safe: SafeCommand) -> None:
-        """Put a command on the wire."""
+        """Sends a command to the robot."""
 
     @abstractmethod
     def _close(self) -> None:
-        """Let go of the robot and of every resource."""
+        """Closes the connection and every resource."""
 
     @classmethod
     def load_library(cls) -> None:
-        """Loads what its module itself does not: what is there only beside some Pythons.
+        """Loads libraries that its module does not import because some installations lack them.
 
         Raises MissingExtraError.
         """
@@ -81,34 +83,37 @@ class Driver(ABC):
 
     @classmethod
     def probe(cls, robot: Robot, address: str) -> tuple[Finding, ...]:
-        """What can be reached at `address` without a driver, step by step: for users whose connection fails.
+        """Checks step by step what can be reached at `address`, without a driver: for users whose connection
+        fails.
 
         It moves nothing and raises nothing; each step that fails is a finding with its advice.
         """
         return ()
 
     def diagnose(self) -> tuple[Finding, ...]:
-        """What only this driver knows: the dialect spoken, frames lost, the clock's offset, and where what
-        the robot says (names, limits, modes) differs from the description. It moves nothing.
+        """Returns findings that only this driver can make: the dialect in use, lost frames, the clock's
+        offset, and differences between the robot's own data (names, limits, modes) and the description. It
+        moves nothing.
 
-        Raises DriverError when the robot can't be asked.
+        Raises DriverError when the robot does not answer.
         """
         return ()
 
     def ticks(self, *, duration: float | None = None, start: float | None = None) -> Iterator[float]:
-        """The time now [s], once per `period`, from `start` [s] or now on, for `duration` [s] or for ever."""
+        """Yields the present time [s], once per `period`, from `start` [s] or now on, for `duration` [s] or
+        for ever."""
         return ticks(self.clock, self.period, duration=duration, start=start)
 
     def read(self) -> Reading:
-        """The latest joints and skin frames. Raises DriverError when the driver is closed."""
+        """Returns the latest joints and skin frames. Raises DriverError when the driver is closed."""
         self._check_open()
         return self._receive()
 
     def write(self, safe: SafeCommand) -> SafeCommand:
-        """Send a command of this driver's gate, and return what was sent.
+        """Sends a command of this driver's gate, and returns what was sent.
 
-        Raises DriverError when the driver is closed or not armed, when another gate, or nobody's gate, made
-        the command, and when somebody else commands the robot.
+        Raises DriverError when the driver is closed or not armed, when the command was not made by this
+        driver's gate, and when another process commands the robot.
         """
         self._check_open()
         if not self.armed:
@@ -122,10 +127,10 @@ class Driver(ABC):
         return safe
 
     def halt(self) -> None:
-        """The robot's own stop, whatever its commands were taken for: all joints stay where they are now.
+        """Calls the robot's own stop, independent of its commands: all joints stay where they are now.
 
-        Then nothing is under command, until something is commanded again. Raises DriverError when the driver
-        is closed or not armed.
+        No joint is under command then, until the next command. Raises DriverError when the driver is closed
+        or not armed.
         """
         self._check_open()
         if not self.armed:
@@ -136,18 +141,18 @@ class Driver(ABC):
         self.gate.drop()
 
     def _halt(self) -> None:
-        """Stop the robot in its own terms. Without, it stops at the last target that it was sent."""
+        """Stops the robot by its own means. The default does nothing: the robot stops at its last target."""
         return
 
     def native(self, robot_part: str) -> NativePart:
-        """The robot's own joints of `robot_part`, beside the generic ones and through the same gate.
+        """Returns the robot's own joints of `robot_part`, next to the generic ones and through the same gate.
 
         Raises UnknownNameError.
         """
         return NativePart(robot_part, self.robot.servos_of(robot_part))
 
     def close(self) -> None:
-        """Let go of the robot. A second call does nothing."""
+        """Closes the connection. A second call does nothing."""
         if self._open:
             self._open = False
             self._close()
@@ -166,7 +171,7 @@ class Driver(ABC):
 
 
 class NativePart:
-    """A part in the robot's own joints, for what is not generic: wrists, fingers, toes (§3)."""
+    """The robot's own joints of a part, for those that are not generic: wrists, fingers, toes (§3)."""
 
     def __init__(self, name: str, servos: tuple[Servo, ...]) -> None:
         self.name = name
@@ -174,15 +179,15 @@ class NativePart:
         self._by_name = {servo.name: servo for servo in servos}
 
     def positions(self, joints: JointReading) -> dict[str, float]:
-        """Angle [rad] of each servo by the robot's own name."""
+        """Returns the angle [rad] of each servo by the robot's own name."""
         return {servo.name: float(joints.position[servo.index]) for servo in self.servos}
 
     def command(
         self, values: Mapping[str, float], *, mode: Mode = Mode.POSITION, speed: float = np.inf
     ) -> PlatformCommand:
-        """A command for the gate: `values` by the robot's own joint names, [rad] for positions.
+        """Returns a command for the gate: `values` by the robot's own joint names, [rad] for positions.
 
-        `speed` [rad/s] is asked for beside the limits. Raises CommandError for no values at all,
+        `speed` [rad/s] is an upper bound in addition to the limits. Raises CommandError for no values at all,
         UnknownNameError for a joint that the part lacks.
         """
         if not values:

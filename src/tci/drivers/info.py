@@ -15,25 +15,25 @@ from tci.robot.description import Robot
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DriverInfo:
-    """Facts about one connection to a robot. A wrapper changes some of them for its own."""
+    """Facts about one connection to a robot. A wrapper replaces some of them."""
 
     robot: Robot
     clock: Clock
     """Clock of all stamps."""
     gate: Gate
-    """The only maker of what the driver writes. Its period is the one of the commands."""
+    """The gate, which alone makes the commands that the driver writes. Its period is that of the commands."""
     armed: bool
-    """Whether the driver may write."""
+    """True if the driver may write."""
     lease_name: str
-    """Drivers of the same name reach the same robot; only one of them commands it at a time."""
+    """Name of the lease: drivers with the same name reach the same robot, and only one of them commands it at
+    a time."""
     keep_alive: float | None = None
-    """Longest time [s] without a frame of a patch, where the skin's senders send changes only; None where
-    they send every frame."""
+    """Longest time [s] between two frames of a patch if the skin is sent on change (send-on-delta); None if
+    every frame is sent."""
     about: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
-    """Facts that a recording needs so that its run can be repeated: seed and step of the physics."""
+    """Facts that a recording needs for a repetition of its run: seed and step of the physics."""
     recorded: bool = False
-    """Whether the driver replays a recording: nothing moves by what is written, and each reading is given
-    once."""
+    """True if the driver replays a recording: writing moves nothing, and each reading is returned once."""
 
     @classmethod
     def of(
@@ -52,8 +52,8 @@ class DriverInfo:
     ) -> Self:
         """Returns the facts of a connection over `middleware`, by the robot's binding to it, with a new gate.
 
-        `settings` are the gate's. Unless given, the binding tells the `period` [s] of the commands, and robot
-        and middleware make the `lease_name`.
+        `settings` are the gate's. By default the binding gives the `period` [s] of the commands, and robot
+        and middleware form the `lease_name`.
 
         Raises UnknownNameError for a robot without a binding to the middleware.
         """

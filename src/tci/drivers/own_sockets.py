@@ -1,4 +1,5 @@
-"""Sockets that a library opens in this process and has no setting for. Linux shows them, others show none."""
+"""Access to sockets that a library opens in this process and offers no setting for. Linux lists them;
+elsewhere none are found."""
 
 from __future__ import annotations
 
@@ -19,54 +20,56 @@ from yarpwire.visitors import MOST, Visitor, surplus
 
 try:
     import resource
-except ModuleNotFoundError:  # on Windows
+except ModuleNotFoundError:  # Windows
     resource = None  # type: ignore[assignment]
 
 FOLDER = Path("/proc/self/fd")
 LOOK = 0.25
-"""Time [s] between two looks at a library's connections. Assumed: a flood opens a few hundred meanwhile."""
+"""Time [s] between two checks of a library's connections. Assumed: a flood opens a few hundred meanwhile."""
 SO_DOMAIN = 39
-"""Linux's option that Python has no name for: the family of a socket."""
+"""Linux's option for the family of a socket, which Python does not define."""
 INFO = 256
-"""Bytes asked for of Linux's `struct tcp_info`, which grows."""
+"""Bytes requested of Linux's `struct tcp_info`, which grows with its versions."""
 SILENT_AT, RECEIVED_AT = 52, 128
-"""Where it has the time [ms] since something came, as u32, and how many bytes came, as u64."""
+"""Offsets in that struct of the time [ms] since data last arrived (u32), and of the number of bytes received
+(u64)."""
 
 
 _C: Any = ctypes.CDLL(None, use_errno=True) if FOLDER.is_dir() else None
 
 
 class OwnSocket:
-    """A second handle of a socket. Not one of Python's: that may make the first one non-blocking, too."""
+    """A second handle of a socket. It is not one of Python's, which might make the first one non-blocking
+    too."""
 
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
         self.name = os.readlink(FOLDER / str(descriptor))
-        """Of the socket in the system."""
+        """Name of the socket in the system."""
 
     def get(self, level: int, option: int, size: int = 4) -> bytes:
-        """An option. Raises OSError."""
+        """Returns an option as bytes. Raises OSError."""
         data, length = ctypes.create_string_buffer(size), ctypes.c_uint(size)
         _checked(_C.getsockopt(self._descriptor, level, option, data, ctypes.byref(length)))
         return data.raw[: length.value]
 
     def flag(self, option: int) -> int:
-        """An option of the socket that is a number. Raises OSError."""
+        """Returns an option that is a number. Raises OSError."""
         return int.from_bytes(self.get(socket.SOL_SOCKET, option), sys.byteorder)
 
     def bind_to(self, device: bytes) -> None:
-        """Get only what comes in on an interface. Raises OSError."""
+        """Restricts the socket to what arrives on one interface. Raises OSError."""
         option = (socket.SOL_SOCKET, socket.SO_BINDTODEVICE, device, len(device))
         _checked(_C.setsockopt(self._descriptor, *option))
 
     def port(self) -> int:
-        """The port of this end. Raises OSError."""
+        """Returns the port of this end. Raises OSError."""
         data, length = ctypes.create_string_buffer(128), ctypes.c_uint(128)
         _checked(_C.getsockname(self._descriptor, data, ctypes.byref(length)))
         return int.from_bytes(data.raw[2:4], "big")
 
     def end(self) -> None:
-        """Shut the connection down, for both handles. Raises OSError."""
+        """Shuts the connection down, for both handles. Raises OSError."""
         _checked(_C.shutdown(self._descriptor, socket.SHUT_RDWR))
 
 
@@ -76,9 +79,9 @@ def _checked(result: int) -> None:
 
 
 def own_sockets(kind: socket.SocketKind) -> Iterator[OwnSocket]:
-    """Each IP socket of `kind`, by a handle that is closed as the next one comes."""
+    """Yields each IP socket of `kind`, by a handle that is closed before the next one."""
     for number in os.listdir(FOLDER) if FOLDER.is_dir() else ():
-        with suppress(OSError):  # closed meanwhile
+        with suppress(OSError):  # closed in the meantime
             descriptor = os.dup(int(number))
             try:
                 found = OwnSocket(descriptor)
@@ -90,15 +93,16 @@ def own_sockets(kind: socket.SocketKind) -> Iterator[OwnSocket]:
 
 
 def listening() -> set[int]:
-    """TCP ports that this process listens at."""
+    """Returns the TCP ports that this process listens on."""
     return {found.port() for found in own_sockets(socket.SOCK_STREAM) if found.flag(socket.SO_ACCEPTCONN)}
 
 
 @contextmanager
 def on_loopback() -> Iterator[None]:
-    """UDP sockets that are opened meanwhile get only what comes from this machine.
+    """Restricts UDP sockets that are opened inside the block to data from this machine.
 
-    DDS listens on every interface, whichever one it is told to use: what arrives elsewhere is read as well.
+    DDS listens on every interface, even if it is told to use one: without this it would also read what
+    arrives on the others.
     """
     before = {found.name for found in own_sockets(socket.SOCK_DGRAM)}
     yield
@@ -108,21 +112,21 @@ def on_loopback() -> Iterator[None]:
 
 
 class Watch:
-    """Bounds the connections to a library's server in this process, as `Visitors` does those of our own.
+    """Bounds the connections to a library's server in this process, as `Visitors` does for TCI's own servers.
 
-    A stranger is one that has not sent a single byte.
+    A connection counts as a stranger until it has sent a byte.
     """
 
     def __init__(self, port: int, *, most: int = MOST) -> None:
         self._port, self._most = port, most
         self.ended = 0
-        """Connections that had to go."""
+        """Number of connections that were closed."""
         self._closed = threading.Event()
         _open_more_files()
         threading.Thread(target=self._keep_looking, name=f"connections to {port}", daemon=True).start()
 
     def look(self) -> None:
-        """Let those go that have to."""
+        """Closes the connections that exceed the bounds."""
         now, going = time.monotonic(), set[str]()
         found = [_visitor(partial(going.add, one.name), one, now) for one in self._connections()]
         for visitor in surplus(found, now, self._most):
@@ -133,7 +137,7 @@ class Watch:
                 one.end()
 
     def close(self) -> None:
-        """Look no more."""
+        """Ends the checks."""
         self._closed.set()
 
     def _connections(self) -> Iterator[OwnSocket]:
@@ -143,13 +147,13 @@ class Watch:
 
     def _keep_looking(self) -> None:
         while not self._closed.wait(LOOK):
-            with suppress(OSError):  # a connection that ended meanwhile
+            with suppress(OSError):  # a connection may end in the meantime
                 self.look()
 
 
 def _open_more_files() -> None:
-    """Let this process have as many as the system grants: a server that found none left for a newcomer may
-    never accept anybody again (NAOqi's)."""
+    """Raises the process's limit of open files to the system's maximum: a server that finds none left for a
+    new connection may never accept one again (NAOqi's)."""
     if resource is not None:
         most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
         resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))

@@ -19,22 +19,22 @@ from tci.robot.description import Robot
 
 DRIVERS = "tci.drivers"
 JOIN = " + "
-"""Between drivers that are joined to one."""
+"""Separator between drivers that are combined into one."""
 SERVERS = "tci.servers"
 
 
 def driver_names() -> tuple[str, ...]:
-    """Names that `connect` takes, without an address."""
+    """Returns the names that `connect` takes, without an address."""
     return tuple(sorted({point.name for point in entry_points(group=DRIVERS)}))
 
 
 def server_names() -> tuple[str, ...]:
-    """Names that `open_server` takes, without an address."""
+    """Returns the names that `open_server` takes, without an address."""
     return tuple(sorted({point.name for point in entry_points(group=SERVERS)}))
 
 
 def load_driver(name: str) -> type[Driver]:
-    """The class of a driver by its entry point.
+    """Returns the class of a driver by its entry point.
 
     Raises UnknownNameError for a driver that is not installed, MissingExtraError when its library is not.
     """
@@ -43,7 +43,7 @@ def load_driver(name: str) -> type[Driver]:
 
 
 def load_server(name: str) -> Callable[..., Server]:
-    """What makes a server, by its entry point. Raises as `load_driver` does."""
+    """Returns the class of a server by its entry point. Raises as `load_driver` does."""
     factory: Callable[..., Server] = _load(SERVERS, "server", name)
     return factory
 
@@ -65,12 +65,12 @@ def as_robot(given: object) -> Robot:
 def connect(
     robot: Robot | str | os.PathLike[str], via: str = "sim", *, arm: bool | None = None, **options: Any
 ) -> Driver:
-    """Open a driver of `robot`, or of the one of that name or path: "sim", or "NAME:ADDRESS" for those that
-    need an address.
+    """Opens a driver of `robot`, or of the robot of that name or path.
 
-    With "DRIVER + DRIVER" the joints come over the first driver, the skin over the others. A simulated robot
-    is armed from the start, a real one only by `arm=True`. `options` go to the driver, or to
-    that of the joints.
+    `via` is "sim", or "NAME:ADDRESS" for drivers that need an address. With "DRIVER + DRIVER" the joints come
+    over the first driver, the skin over the others. A simulated robot is armed from the start, a real one
+    only by `arm=True`. `options` go to the driver, or to that of the joints.
+
     Raises UnknownNameError for a driver that is not installed or an option that it does not have,
     MissingExtraError when its library is not installed, DriverError when the robot can't be reached, and what
     `load_robot` raises.
@@ -98,7 +98,7 @@ def connect(
 
 
 def _open_half(robot: Robot, via: str, *, without: str, **options: Any) -> Driver:
-    """A driver for the joints or the skin alone."""
+    """Opens a driver for the joints or the skin alone."""
     if without not in inspect.signature(load_driver(via.partition(":")[0])).parameters:
         raise DriverError(f"{via} can't leave out its {without}; valid in a joined driver: naoqi, yarp")
     return _open(robot, via, **{without: False}, **options)
@@ -113,7 +113,8 @@ def _open(robot: Robot, via: str, **options: Any) -> Driver:
 
 
 def open_server(driver: Driver, via: str, **options: Any) -> Server:
-    """Show the robot of `driver` to others through "NAME" or "NAME:ADDRESS"; see `tci.runtime.serve`.
+    """Serves the robot of `driver` to other programs through "NAME" or "NAME:ADDRESS"; see
+    `tci.runtime.serve`.
 
     Raises as `connect` does.
     """
@@ -127,7 +128,7 @@ def _check(options: Iterable[str], factory: Any, what: str) -> None:
     """Raises UnknownNameError for an option that the factory does not have."""
     parameters = inspect.signature(factory).parameters.values()
     if any(one.kind is one.VAR_KEYWORD for one in parameters):
-        return  # it judges them itself
+        return  # it accepts any option and checks them itself
     valid = [one.name for one in parameters if one.kind is one.KEYWORD_ONLY]
     for name in options:
         if name not in valid:

@@ -1,4 +1,4 @@
-"""`sim`: the robot that is not there, behind the same driver as a real one."""
+"""`sim`: a simulated robot behind the interface of a real one."""
 
 from __future__ import annotations
 
@@ -19,13 +19,14 @@ from tci.simulation.world import World
 from tci.skin.send_on_delta import SendOnDelta
 
 FASTEST = 10_000.0
-"""Highest rate [Hz] of commands. Ours."""
+"""Highest rate [Hz] of commands. Assumed; no published value."""
 LATE = 0.1
-"""How far [s] a paced simulation may fall behind real time before it stops catching up. Ours."""
+"""Delay [s] after which a paced simulation no longer catches up with real time. Assumed; no published
+value."""
 
 
 class WorldClock:
-    """A clock that is the simulation: sleeping on it steps the physics."""
+    """The clock of the simulation: sleeping on it steps the physics."""
 
     def __init__(self, world: World) -> None:
         self._world = world
@@ -38,7 +39,8 @@ class WorldClock:
 
 
 class PacedWorldClock(WorldClock):
-    """The same, no faster than real time: for programs outside that share the simulation."""
+    """A clock of the simulation that is no faster than real time: for external programs that share the
+    simulation."""
 
     def __init__(self, world: World) -> None:
         super().__init__(world)
@@ -54,7 +56,7 @@ class PacedWorldClock(WorldClock):
 
 
 class SimulatedDriver(Driver):
-    """A driver of a simulated robot. It is armed from the start, since nothing can be hurt."""
+    """A driver of a simulated robot. It is armed from the start, since no harm is possible."""
 
     def __init__(
         self,
@@ -68,15 +70,15 @@ class SimulatedDriver(Driver):
         rate: float | None = None,
         **options: Any,
     ) -> None:
-        """A driver of `world`, or of a new one; `options` go to it: `step`, `seed`, `posture`, ...
+        """Connects to `world`, or to a new one with `options`: `step`, `seed`, `posture`, ...
 
-        `rate` [Hz] of the commands is the description's if not given.
+        `rate` [Hz] of the commands is the description's by default.
 
-        `paced` worlds run no faster than real time. With a `keep_alive` [s] the skin is event-driven: patches
-        send when they change, and at least that often.
+        `paced` worlds run no faster than real time. With a `keep_alive` [s] the skin is sent on change
+        (send-on-delta), and at least that often.
 
-        Raises DriverError for an address, which a simulation does not have, for a rate that is none and for
-        options beside a `world`, UnknownNameError for an option that there is not.
+        Raises DriverError for an address, which a simulation does not have, for an invalid rate and for
+        options together with a `world`, UnknownNameError for an unknown option.
         """
         if address:
             raise DriverError(f"the simulation has no address; got {address!r}, valid: sim")
@@ -89,7 +91,7 @@ class SimulatedDriver(Driver):
             raise DriverError(f"{', '.join(options)} beside a world; valid: give them to the World")
         period = None if rate is None else 1.0 / rate
         self.world = world or World(robot, period=period, **options)
-        """The simulated world: poke its `finger`, look at its physics."""
+        """The simulated world, with its `finger` and its physics."""
         clock = PacedWorldClock(self.world) if paced else WorldClock(self.world)
         super().__init__(
             DriverInfo.of(
@@ -131,6 +133,6 @@ class SimulatedDriver(Driver):
 
 
 def _options() -> list[str]:
-    """Names of what a simulated driver takes, for itself and for its world."""
+    """Returns the names of the options of a simulated driver and of its world."""
     both = *signature(SimulatedDriver).parameters.values(), *signature(World).parameters.values()
     return [one.name for one in both if one.kind is one.KEYWORD_ONLY and one.name != "period"]

@@ -1,4 +1,4 @@
-"""A driver around another one."""
+"""Base class of drivers around another driver."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class DriverWrapper(Driver):
     """A driver around another one. Every method forwards to `inner`; subclasses override what they change."""
 
     def __init__(self, inner: Driver, **changed: Any) -> None:
-        """`changed` are fields of `DriverInfo` in which the wrapper differs from `inner`."""
+        """Wraps `inner`; `changed` are the fields of `DriverInfo` that differ from `inner`'s."""
         super().__init__(replace(inner.info, **changed))
         self.inner = inner
 

@@ -1,4 +1,5 @@
-"""Arguments of programs: accepted where their meaning is clear, otherwise refused with what is valid."""
+"""Checks of user-supplied arguments: accepted if their meaning is clear, otherwise refused with what is
+valid."""
 
 from __future__ import annotations
 
@@ -44,6 +45,6 @@ def as_capability(given: Any) -> Capability[Any]:
 
 
 def check_duration(duration: float | None) -> None:
-    """Raises TciError for a duration [s] that is none."""
+    """Raises TciError for an invalid duration [s]."""
     if duration is not None and not (0.0 <= duration < math.inf):
         raise TciError(f"run: duration {duration} s; valid: 0 or more and finite, or None for ever")

@@ -1,10 +1,10 @@
-"""One commander per robot: whoever holds the lease may write, a second one gets an error.
+"""One commander per robot: the holder of the lease may write, a second process gets an error.
 
-The lease is a locked file, which the system frees when its process ends, however it ends. It counts
-between the processes of one user on one machine, and between threads: the file lies in /tmp/tci-UID,
-whatever TMPDIR or XDG_RUNTIME_DIR say. It does not count for other users, other machines, and containers
-that have a /tmp of their own. Of a robot that `tci serve` shows, the serving process is the one commander:
-those who order from it over YARP and NAOqi are not told apart.
+The lease is a locked file, which the system releases when its process ends, for any reason. It is effective
+between the processes of one user on one machine, and between threads: the file is in /tmp/tci-UID,
+independent of TMPDIR and XDG_RUNTIME_DIR. It is not effective for other users, other machines, and containers
+that have a /tmp of their own. For a robot that `tci serve` serves, the serving process is the one commander:
+clients that command it over YARP and NAOqi are not distinguished.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ from tci.drivers.driver import Driver
 from tci.errors import DriverError
 
 FOLDER = "TCI_LEASES"
-"""Environment variable: another folder, such as one that containers share."""
+"""Environment variable for another folder, such as one that containers share."""
 VALID = f"valid: a folder of your own; {FOLDER} names another, the same for all who command the robot"
 _HOLDER = re.compile(rb"process [0-9]{1,10}")
 
 
 class Lease:
-    """A held lease. A forked child does not inherit it, and who removes its file does not end it."""
+    """A held lease. A forked child does not inherit it, and removing its file does not end it."""
 
     def __init__(self, name: str) -> None:
-        """Raises DriverError when somebody holds it already, for a folder that others may write to, and for a
-        file that can't be locked."""
+        """Takes the lease. Raises DriverError when it is held already, for a folder that others may write to,
+        and for a file that can't be locked."""
         self._name = name
         self._path = _folder() / f"{hashlib.sha256(name.encode()).hexdigest()[:24]}.lease"
         self._owner = os.getpid()
@@ -41,9 +41,10 @@ class Lease:
         self._take()
 
     def check(self) -> None:
-        """To call before each write. Where the file was removed or its folder renamed, take the lease anew.
+        """Checks that the lease is still held; call it before each write. If the file was removed or its
+        folder renamed, takes the lease again.
 
-        Raises DriverError when somebody else was faster, in a forked child, and as the constructor.
+        Raises DriverError when another process took it first, in a forked child, and as the constructor.
         """
         if os.getpid() != self._owner:
             raise DriverError(
@@ -55,7 +56,7 @@ class Lease:
             self._take()
 
     def close(self) -> None:
-        """Let go of it. A second call does nothing."""
+        """Releases the lease. A second call does nothing."""
         with _LOCK:
             _HELD.discard(self)
             while self._handles:
@@ -64,7 +65,7 @@ class Lease:
     def _take(self) -> None:
         try:
             while not self._lock():
-                self.close()  # it was removed meanwhile
+                self.close()  # the file was removed in the meantime
         except OSError as error:
             self.close()
             raise DriverError(
@@ -75,7 +76,7 @@ class Lease:
             raise
 
     def _lock(self) -> bool:
-        """Lock the file; false where that is no longer the one at its path."""
+        """Locks the file; returns False if it is no longer the file at its path."""
         _make(self._path.parent)
         place = self._opened(self._path.parent, os.O_RDONLY | os.O_DIRECTORY)
         handle = self._opened(self._path, os.O_RDWR | os.O_CREAT | os.O_NONBLOCK)
@@ -90,7 +91,7 @@ class Lease:
             raise DriverError(
                 f"{self._name} is commanded by {holder} already; valid: one commander at a time"
             ) from None
-        # systemd clears old files out of /tmp, but not out of a folder that somebody has locked.
+        # systemd removes old files from /tmp, but not from a folder that is locked.
         fcntl.flock(place, fcntl.LOCK_SH)
         if not _is_at(self._path, self._found):
             return False
@@ -107,7 +108,7 @@ class Lease:
 
 
 def _is_at(path: Path, found: os.stat_result) -> bool:
-    """Tells if a path leads to the file that was found there before."""
+    """Returns True if a path still leads to the file that was found there."""
     try:
         return os.path.samestat(os.lstat(path), found)
     except OSError:
@@ -116,11 +117,11 @@ def _is_at(path: Path, found: os.stat_result) -> bool:
 
 _HELD: set[Lease] = set()
 _LOCK = threading.Lock()
-"""Nobody forks while handles change."""
+"""Prevents a fork while file handles change."""
 
 
 def _let_go() -> None:
-    """For a forked child: as long as it keeps the files open, it shares its parent's locks."""
+    """Closes the files in a forked child, which would otherwise share its parent's locks."""
     for held in tuple(_HELD):
         held.close()
 
@@ -131,7 +132,7 @@ os.register_at_fork(after_in_child=_let_go)
 
 @contextmanager
 def lease(name: str) -> Iterator[Lease]:
-    """Hold the lease called `name` inside the block. Raises DriverError as `Lease` does."""
+    """Holds the lease called `name` inside the block. Raises DriverError as `Lease` does."""
     held = Lease(name)
     try:
         yield held
@@ -141,7 +142,7 @@ def lease(name: str) -> Iterator[Lease]:
 
 @contextmanager
 def commanding(driver: Driver) -> Iterator[None]:
-    """Hold the lease on the robot of `driver` inside the block; its `write` makes sure of it each time.
+    """Holds the lease on the robot of `driver` inside the block; the driver's `write` checks it each time.
 
     Raises DriverError as `Lease` does.
     """
@@ -163,7 +164,7 @@ def _folder() -> Path:
 
 
 def _make(folder: Path) -> None:
-    """Make a folder that is not there. Raises DriverError for one that is not the user's own."""
+    """Makes a folder if it is missing. Raises DriverError for one that is not the user's own."""
     try:
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         found = folder.lstat()

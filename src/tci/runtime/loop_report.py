@@ -1,4 +1,4 @@
-"""What the loop says of its own timing: periods, overruns, lateness and work."""
+"""Timing statistics of the loop: periods, overruns, lateness and work."""
 
 from __future__ import annotations
 
@@ -12,28 +12,29 @@ from numpy.typing import NDArray
 FINEST = 1e-6
 """Upper edge [s] of the first bin."""
 PER_DOUBLING = 16
-"""Bins in which times double."""
+"""Number of bins in which times double."""
 BINS = 512
 
 
 class Histogram:
-    """Times in bins that grow by 4 %, so that a microsecond and an hour have room."""
+    """A histogram of times with bins that grow by 4 %, so that it covers microseconds to hours."""
 
     def __init__(self) -> None:
         self.counts: NDArray[np.int64] = np.zeros(BINS, dtype=np.int64)
-        """How many times (BINS,) fell into each bin."""
+        """Number of times (BINS,) in each bin."""
         self.largest = 0.0
         """The longest time [s]."""
 
     def add(self, seconds: float) -> None:
-        """Count a time [s]."""
+        """Adds a time [s]."""
         self.largest = max(self.largest, seconds)
         share = seconds / FINEST
         place = 0 if share <= 1.0 else math.ceil(PER_DOUBLING * math.log2(share))
         self.counts[min(place, BINS - 1)] += 1
 
     def quantile(self, share: float) -> float:
-        """The time [s] that `share` 0..1 of all do not exceed, to the upper edge of its bin."""
+        """Returns the time [s] that a fraction `share` 0..1 of all do not exceed, rounded up to the edge of
+        its bin."""
         total = int(self.counts.sum())
         if not total:
             return 0.0
@@ -41,7 +42,7 @@ class Histogram:
         return float(min(FINEST * 2.0 ** (bin_ / PER_DOUBLING), self.largest))
 
     def to_json(self) -> dict[str, float]:
-        """Milliseconds at the usual quantiles."""
+        """Returns the usual quantiles in milliseconds."""
         quantiles = {"p50": 0.5, "p99": 0.99, "p999": 0.999}
         figures = {name: self.quantile(share) * 1e3 for name, share in quantiles.items()}
         return {**figures, "max": self.largest * 1e3}
@@ -49,27 +50,27 @@ class Histogram:
 
 @dataclass(slots=True)
 class LoopReport:
-    """How a run went. Hand one to `run` to read it while the loop goes on, and after it."""
+    """Statistics of a run. Pass one to `run` to read it during the loop and after it."""
 
     ticks: int = 0
-    """Periods that were served."""
+    """Number of periods that were served."""
     missed: int = 0
-    """Periods that were skipped, because an earlier one took too long or the process slept."""
+    """Number of periods that were skipped because an earlier one took too long or the process slept."""
     overruns: int = 0
-    """Times that this happened."""
+    """Number of such interruptions."""
     rejected: int = 0
-    """Readings whose skin did not fit the robot."""
+    """Number of readings whose skin did not fit the robot."""
     lateness: Histogram = field(default_factory=Histogram)
-    """How long after its time each tick came."""
+    """Lateness [s] of each tick."""
     work: Histogram = field(default_factory=Histogram)
-    """How long the work of each tick took, on the machine's own clock."""
+    """Computing time [s] of each tick, on the machine's own clock."""
     ended: str = ""
-    """Why the loop ended; empty while it runs."""
+    """Reason why the loop ended; empty while it runs."""
     cut_short: bool = False
-    """Whether the robot was still in motion when the run was over, and was brought to rest."""
+    """True if the robot was still moving at the end of the run, and was brought to rest."""
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values; times in milliseconds."""
+        """Returns plain values; times in milliseconds."""
         return {
             "ticks": self.ticks,
             "missed": self.missed,

@@ -1,4 +1,4 @@
-"""A loop that other programs on the machine do not interrupt, where the system lets it (Linux)."""
+"""Real-time priority for a loop, if the system permits it (Linux)."""
 
 from __future__ import annotations
 
@@ -10,17 +10,18 @@ from contextlib import ExitStack, contextmanager, suppress
 from tci.errors import TciError
 
 PRIORITY = 50
-"""As ros2_control: as high as what the kernel does for devices. 99 is for its own watchdogs."""
+"""Priority as in ros2_control: that of the kernel's interrupt threads. 99 is reserved for its own
+watchdogs."""
 
 
 @contextmanager
 def real_time(*, priority: int = PRIORITY, processor: int | None = None) -> Iterator[None]:
-    """Inside the block this thread goes before all that is not real time (SCHED_FIFO), on one `processor` if
-    given.
+    """Runs the block's thread with priority over all that is not real time (SCHED_FIFO), on one `processor`
+    if given.
 
-    Threads and processes that are started inside inherit that. A capability that never ends takes its
-    processor away from all others. Raises TciError, before anything is changed, where the system does not
-    permit it.
+    Threads and processes that are started inside inherit the priority. A capability that never ends blocks
+    its processor for all others. Raises TciError, before anything is changed, if the system does not permit
+    it.
     """
     if sys.platform != "linux":
         raise TciError(f"real time on {sys.platform}; valid: on Linux")
@@ -50,7 +51,7 @@ def real_time(*, priority: int = PRIORITY, processor: int | None = None) -> Iter
 
 @contextmanager
 def real_time_where_permitted() -> Iterator[None]:
-    """The same where the system permits it; elsewhere nothing changes."""
+    """Runs the block with real-time priority if the system permits it; otherwise changes nothing."""
     with ExitStack() as stack:
         with suppress(TciError):
             stack.enter_context(real_time())

@@ -1,1 +1,1 @@
-"""Faults on purpose, around any driver."""
+"""Fault injection into any driver."""

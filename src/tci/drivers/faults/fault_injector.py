@@ -1,7 +1,7 @@
-"""Faults on purpose: a driver around any other that spoils what passes through it, from a given time on.
+"""Fault injection: a driver around any other driver that corrupts its data from a given time on.
 
-The inner driver, its gate and its robot are as they are; only readings and writes are changed. So users
-rehearse with their own behaviours what the tests rehearse with ours (docs/reliability.md).
+The inner driver, its gate and its robot are unchanged; only readings and writes are. Users can test their own
+behaviours with the faults that TCI's tests use (docs/reliability.md).
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from tci.frames import read_only
 from tci.messages import Reading, SkinFrame
 
 SWITCH = 16
-"""A sensor with fewer counts is a switch: it does not flicker."""
+"""Number of counts below which a sensor is a switch, which has no noise. Assumed; no published value."""
 
 
 @dataclass(frozen=True, slots=True)
 class FaultPlan:
-    """One fault and when it happens."""
+    """One fault and its time."""
 
     name: str
     """Name of the injector."""
     at: float
-    """When it begins [s] after the first reading."""
+    """Start [s] of the fault after the first reading."""
     lasts: float = float("inf")
-    """How long it lasts [s]."""
+    """Duration [s] of the fault."""
 
     def __str__(self) -> str:
         fault = FAULTS[INJECTORS[self.name].number]
@@ -40,9 +40,9 @@ class FaultPlan:
 
 
 def parse_fault(text: str) -> FaultPlan:
-    """A fault written as NAME@TIME or NAME@TIME:DURATION, both [s].
+    """Parses a fault written as NAME@TIME or NAME@TIME:DURATION, both [s].
 
-    Raises UnknownNameError for a fault that there is not, CommandError for times that are none.
+    Raises UnknownNameError for an unknown fault, CommandError for invalid times.
     """
     name, _, times = text.partition("@")
     at, _, lasts = times.partition(":")
@@ -60,29 +60,29 @@ def parse_fault(text: str) -> FaultPlan:
 
 
 class FaultInjector(DriverWrapper):
-    """Another driver, with faults. It shares that driver's gate, clock and lease."""
+    """A driver with faults. It shares the inner driver's gate, clock and lease."""
 
     def __init__(self, inner: Driver, plans: Sequence[FaultPlan], *, flicker: float = 0.0) -> None:
-        """Each raw value of the skin flickers by `flicker` counts (standard deviation), as real ones do and
-        simulated ones do not: where nothing flickers, nobody can tell a dead taxel from one at rest."""
+        """Adds noise of `flicker` counts (standard deviation) to each raw value of the skin, as real sensors
+        have and simulated ones lack: without noise a dead taxel can't be told from one at rest."""
         super().__init__(inner)
         self._flicker, self._random = flicker, np.random.default_rng(0)
         self._frames: dict[str, SkinFrame] = {}
         self.begun: list[FaultPlan] = []
-        """Faults that have happened until now, in their order."""
+        """Faults that have begun, in order."""
         self._waiting = sorted(plans, key=lambda plan: plan.at)
         self._active: list[tuple[FaultPlan, Injector]] = []
         self._start: float | None = None
 
     def inject(self, plan: FaultPlan) -> None:
-        """One more fault; its time counts from now on. Call it from the loop's own thread."""
+        """Adds a fault; its time counts from now on. Call it from the loop's own thread."""
         since = 0.0 if self._start is None else self.clock.now() - self._start
         self._waiting.append(replace(plan, at=plan.at + since))
         self._waiting.sort(key=lambda waiting: waiting.at)
 
     @property
     def active(self) -> tuple[FaultPlan, ...]:
-        """Faults that go on now."""
+        """Faults that are active now."""
         return tuple(plan for plan, _ in self._active)
 
     def _receive(self) -> Reading:
@@ -107,7 +107,7 @@ class FaultInjector(DriverWrapper):
         return frozen
 
     def _flickering(self, frame: SkinFrame) -> SkinFrame:
-        """The frame with noise: the same noise whenever it is read again."""
+        """Returns the frame with noise: the same noise each time that the frame is read."""
         sensor = self.robot.patch(frame.patch).sensor
         if sensor.highest - sensor.lowest < SWITCH:
             return frame

@@ -1,4 +1,5 @@
-"""The catalogue of faults: number, what happens, what is expected, which test shows it or what is missing."""
+"""The catalogue of faults: number, fault, expected reaction, and the test that shows it or the missing
+part."""
 
 from __future__ import annotations
 
@@ -14,15 +15,15 @@ class KnownFault:
     """One row of the catalogue."""
 
     number: int
-    """Its number, which tests name."""
+    """Number of the fault; tests refer to it."""
     fault: str
-    """What happens."""
+    """Description of the fault."""
     expected: str
-    """What TCI must do then."""
+    """Required reaction of TCI."""
     test: str
-    """`path::test` that shows it; empty while the fault is open."""
+    """`path::test` that shows the reaction; empty while there is none."""
     missing: str
-    """The part that is missing; empty once it is tested."""
+    """Part that is missing; empty once the fault is tested."""
 
 
 def _load() -> dict[int, KnownFault]:
@@ -34,4 +35,4 @@ def _load() -> dict[int, KnownFault]:
 
 
 FAULTS = _load()
-"""All 58, by number."""
+"""All 58 faults, by number."""

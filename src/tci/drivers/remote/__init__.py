@@ -1,1 +1,1 @@
-"""The protocol between two TCI processes: one holds the robot, others command it."""
+"""The protocol between two TCI processes: one owns the robot, others command it."""

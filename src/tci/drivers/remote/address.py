@@ -1,4 +1,4 @@
-"""Addresses of robots that other processes show: `[NAME@][WHERE]`."""
+"""Addresses of robots that other processes serve: `[NAME@][WHERE]`."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from tci.errors import DriverError
 
 @dataclass(frozen=True, slots=True)
 class RemoteAddress:
-    """Which robot, and where."""
+    """Address of a served robot."""
 
     middleware: str
     robot: str
-    """Its name on the network, by which several are told apart."""
+    """Name of the robot on the network, which distinguishes several robots."""
     where: str
-    """What the middleware needs to know."""
+    """Address in the middleware's own form."""
 
     def __str__(self) -> str:
         return f"{self.middleware}:{self.robot}@{self.where}"
 
 
 def parse_remote(middleware: str, text: str, robot: str, where: str) -> RemoteAddress:
-    """An address; `robot` and `where` count where it says nothing. Raises DriverError for a bad name."""
+    """Parses an address; `robot` and `where` are its defaults. Raises DriverError for a bad name."""
     name, at, place = text.rpartition("@")
     name = name if at else robot
     if not re.fullmatch(r"[A-Za-z0-9_-]{1,32}", name):

@@ -1,4 +1,4 @@
-"""One name per host, for what counts by host."""
+"""A unique name per host, for limits that count by host."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from ipaddress import ip_address
 
 
 def numeric(host: str) -> str:
-    """The address of a host, whichever of its names it is given; 127.0.0.1 for every loopback address.
+    """Returns the numeric address of a host, the same for each of its names; 127.0.0.1 for every loopback
+    address.
 
-    Of several addresses it is the lowest one, of IPv4 where there is one. A name that can't be resolved stays
-    as it is. It waits for the network only where `host` is a name. `localhost` is known without asking: not
-    every machine has it in /etc/hosts.
+    Of several addresses it is the lowest one, of IPv4 if there is one. A name that can't be resolved is
+    returned unchanged. The call waits for the network only if `host` is a name. `localhost` is never looked
+    up: not every machine has it in /etc/hosts.
     """
     if host.lower() == "localhost":
         return "127.0.0.1"

@@ -1,44 +1,47 @@
-"""The clock of a sender, seen from here, without trusting that the two agree."""
+"""Conversion of a sender's stamps to this process's clock, without synchronised clocks."""
 
 from __future__ import annotations
 
 import math
 
 JUMP = 1.0
-"""By more than this [s] a stamp is before the last one, or its way shorter than any, where their clock was
-set or the sender started anew; less means a message out of order, or a quicker way. Ours."""
+"""Jump [s] back of the stamps, or of the delay below its minimum, that means that the sender's clock was set
+or the sender was restarted. A smaller one is a message out of order, or a faster path. Assumed; no published
+value."""
 WINDOW = 5.0
-"""How long [s] the quickest way counts: clocks drift. A delay that lasts for two windows is the way's own.
-Ours."""
+"""Time [s] for which a minimum of the delay is used, since clocks drift. A delay that lasts for two windows
+belongs to the path. Assumed; no published value."""
 FIRST = 20
-"""Messages after which the difference changes slowly only. Ours."""
+"""Number of messages after which the offset may change only slowly. Assumed; no published value."""
 SLEW = 0.1
-"""By so much of the time between two messages the difference may change: speeds stay true to this. Ours."""
+"""Largest change of the offset, as a fraction of the time between two messages; it bounds the error of
+measured speeds. Assumed; no published value."""
 
 
 class SourceClock:
-    """Turns a sender's stamps into times of our own clock, and knows what is old.
+    """Converts a sender's stamps to this process's clock, and detects delayed messages.
 
-    The shortest way that a message took lately counts as no time at all; what took longer is older by the
-    difference. So data that was held up on the way is not taken for fresh, times between messages are those
-    of the sender, and a jump of their clock has no effect.
+    The shortest recent delay of a message counts as zero; a longer one makes the message older by the
+    difference. Thus delayed data is not taken for fresh, times between messages are those of the sender, and
+    a jump of the sender's clock has no effect.
     """
 
     def __init__(self) -> None:
         self.difference: float | None = None
-        """Ours minus theirs [s]; None before the first message."""
+        """Offset [s] of this clock from the sender's; None before the first message."""
         self._last = -math.inf
         self._least = self._next = math.inf
         self._since = -math.inf
         self._count = 0
 
     def place(self, stamp: float, arrival: float) -> float | None:
-        """When something was measured [s, ours], stamped `stamp` [s, theirs] and here at `arrival` [s, ours].
+        """Returns the time of measurement [s, this clock] for a `stamp` [s, sender's clock] and `arrival` [s,
+        this clock].
 
-        None for what is older than something before it, or the same again. A stamp of 0 says nothing: then
-        it is the arrival that counts.
+        None for a message that is older than an earlier one, or a repetition. A stamp of 0 is no stamp: the
+        result is then the arrival.
         """
-        if not 0.0 < stamp < 1e12:  # also refuses NaN
+        if not 0.0 < stamp < 1e12:  # NaN fails this test too
             return arrival
         delay = arrival - stamp
         if self.difference is None or stamp < self._last - JUMP or delay < self._least - JUMP:

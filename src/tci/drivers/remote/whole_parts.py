@@ -1,4 +1,4 @@
-"""Set-points for controllers that take the joints of a robot part only all together."""
+"""Set-points for controllers that accept the joints of a robot part only as a whole."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from tci.robot.description import Robot
 
 
 class WholeParts:
-    """Completes commands: joints that nobody commands stay where they were when others of their part came
-    under command."""
+    """Completes commands: joints without a command keep the position at which others of their part came under
+    command."""
 
     def __init__(self, robot: Robot) -> None:
         self._robot = robot
@@ -22,14 +22,14 @@ class WholeParts:
         self._stays: dict[int, float] = {}
 
     def forget(self) -> None:
-        """No joint stays where it was: the robot was away or halted, and may stand elsewhere."""
+        """Forgets all kept positions: the robot was away or halted, and its posture may have changed."""
         self._stays.clear()
 
     def complete(self, safe: SafeCommand, here: Array) -> dict[str, list[float]]:
-        """Angles [rad] of all servos of each part that has one under command, in the order of
-        `Robot.servos_of`; the robot's servos (n_servos,) are `here` [rad].
+        """Returns the angles [rad] of all servos of each part that has one under command, in the order of
+        `Robot.servos_of`; the robot's servos (n_servos,) are at `here` [rad].
 
-        Raises DriverError for a mode but position.
+        Raises DriverError for a mode other than position.
         """
         for servo, mode in zip(safe.servos.tolist(), safe.modes, strict=True):
             if mode is not Mode.POSITION:
@@ -38,7 +38,7 @@ class WholeParts:
         wanted = dict(zip(safe.servos.tolist(), safe.position.tolist(), strict=True))
         was_stopped, self._stopped = self._stopped, safe.state is GateState.STOP
         if not self._commanded <= wanted.keys() or (was_stopped and not self._stopped):
-            # What was no longer under command may have been moved by hand, and its neighbours with it.
+            # Joints that are no longer under command may have been moved by hand, and their neighbours too.
             self.forget()
         self._commanded = wanted.keys()
         for servo in wanted:

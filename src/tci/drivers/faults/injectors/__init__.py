@@ -1,4 +1,4 @@
-"""What can be made to fail, by name: one class per fault."""
+"""Fault injectors by name: one class per fault."""
 
 from __future__ import annotations
 
@@ -61,4 +61,4 @@ INJECTORS: dict[str, type[Injector]] = {
     "thread-fails": ThreadFails,
     "link-lost": ConnectionLost,
 }
-"""Every injector by its name."""
+"""All injectors by name."""

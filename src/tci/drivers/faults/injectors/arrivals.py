@@ -1,4 +1,4 @@
-"""What comes from the robot is lost, late, doubled, or in the wrong order."""
+"""Faults of transport: data is lost, late, duplicated, or out of order."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tci.messages import JointReading, Reading, SkinFrame
 
 
 class Dropped(Injector):
-    """Nothing new arrives."""
+    """Loss of all new data."""
 
     number = 10
     says = "the robot sends nothing new: joints and skin stay as they were, with their old stamps"
@@ -20,7 +20,7 @@ class Dropped(Injector):
 
 
 class SkinSilent(Injector):
-    """Only the joints go on."""
+    """Loss of the skin's data; only the joints continue."""
 
     number = 10
     says = "the skin sends nothing new, while the joints go on"
@@ -30,7 +30,7 @@ class SkinSilent(Injector):
 
 
 class OutOfOrder(Injector):
-    """Every second frame of the skin is an old one."""
+    """Reordering: every second frame of the skin is an old one."""
 
     number = 11
     says = "every second skin frame is an old one"
@@ -48,7 +48,7 @@ class OutOfOrder(Injector):
 
 
 class Duplicates(Injector):
-    """Frames come twice."""
+    """Duplication: frames arrive twice."""
 
     number = 12
     says = "every skin frame comes twice in one reading"
@@ -58,7 +58,7 @@ class Duplicates(Injector):
 
 
 class Frozen(Injector):
-    """Old joints under fresh stamps."""
+    """Frozen joints: old angles with fresh stamps."""
 
     number = 14
     says = "the joint data stays the same under fresh stamps"
@@ -68,7 +68,7 @@ class Frozen(Injector):
 
 
 class ConnectionLost(Injector):
-    """The wire is cut."""
+    """Loss of the connection."""
 
     number = 28
     says = "reading from the robot fails"

@@ -1,4 +1,4 @@
-"""The base class of what can be made to fail. Each works on any driver, unless it says otherwise."""
+"""Base class of fault injectors. Each works on any driver, unless it says otherwise."""
 
 from __future__ import annotations
 
@@ -10,37 +10,37 @@ from tci.messages import JointReading, Reading, SkinFrame
 
 
 class Injector(ABC):
-    """One fault while it lasts."""
+    """One active fault."""
 
     number: ClassVar[int]
-    """Its number in the catalogue."""
+    """Number of the fault in the catalogue."""
     says: ClassVar[str]
-    """What happens, for `tci fault list`."""
+    """Description of the fault, for `tci fault list`."""
     shows_after: ClassVar[float] = 0.0
-    """How long [s] it may take until anybody can know."""
+    """Longest time [s] until the fault can be detected."""
 
     def __init__(self, driver: Driver, first: Reading) -> None:
-        """The fault begins: `first` is the last sound reading."""
+        """Begins the fault; `first` is the last correct reading."""
         self.driver = driver
         self.first = first
         self.begin()
 
     def begin(self) -> None:
-        """What is done once, at the beginning."""
+        """Runs once, at the beginning of the fault."""
         return
 
     def read(self, reading: Reading) -> Reading:
-        """The reading that the loop gets instead."""
+        """Returns the reading that the loop gets instead."""
         return Reading(self.joints(reading.joints), tuple(map(self.frame, reading.skin)))
 
     def joints(self, joints: JointReading) -> JointReading:
-        """The joints that the loop gets instead."""
+        """Returns the joints that the loop gets instead."""
         return joints
 
     def frame(self, frame: SkinFrame) -> SkinFrame:
-        """The skin frame that the loop gets instead."""
+        """Returns the skin frame that the loop gets instead."""
         return frame
 
     def end(self) -> None:
-        """The fault is over."""
+        """Runs once, at the end of the fault."""
         return

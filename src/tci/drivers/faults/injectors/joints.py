@@ -1,4 +1,4 @@
-"""Encoders and servos that fail."""
+"""Faults of encoders and servos."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from tci.messages import JointReading, Mode
 
 
 class _Angles(Injector):
-    """Changes the angles that the robot reports."""
+    """Base of faults that change the reported angles."""
 
     def joints(self, joints: JointReading) -> JointReading:
         age = joints.stamp - self.first.joints.stamp
         return replace(joints, position=read_only(self.angles(joints.position, age)))
 
     def angles(self, position: Array, age: float) -> Array:
-        """Angles (n,) [rad] instead, `age` [s] after the beginning."""
+        """Returns the angles (n,) [rad] to report instead, `age` [s] after the beginning."""
         raise NotImplementedError
 
 
 class WrongDirection(_Angles):
-    """Measured motion has the wrong sign."""
+    """Inverted sign of the measured motion."""
 
     number = 19
     says = "all joints move against their commands (the sign of gamma)"
@@ -34,7 +34,7 @@ class WrongDirection(_Angles):
 
 
 class StaleEncoder(_Angles):
-    """Angles that do not change."""
+    """Constant angles."""
 
     number = 20
     says = "all angles stay the same to the bit, under fresh stamps and numbers"
@@ -44,7 +44,7 @@ class StaleEncoder(_Angles):
 
 
 class Stall(Injector):
-    """Joints that only tremble."""
+    """Joints that only tremble instead of moving."""
 
     number = 21
     says = "all joints are blocked where they are, and tremble"
@@ -57,7 +57,7 @@ class Stall(Injector):
 
 
 class EncoderStep(_Angles):
-    """A jump of the first servo."""
+    """A jump of the first servo's angle."""
 
     number = 25
     says = "the first encoder jumps by 10 degrees"
@@ -69,7 +69,7 @@ class EncoderStep(_Angles):
 
 
 class NaNAngle(_Angles):
-    """An angle that is none."""
+    """An angle that is not a number."""
 
     number = 4
     says = "the angle of the first servo is not a number"
@@ -81,7 +81,7 @@ class NaNAngle(_Angles):
 
 
 class ServoOff(Injector):
-    """Power lost."""
+    """Loss of the servos' power."""
 
     number = 22
     says = "all servos report that they are off; simulated ones go limp"
@@ -101,7 +101,7 @@ class ServoOff(Injector):
 
 
 class ModeMismatch(Injector):
-    """Another mode than the commanded one."""
+    """A control mode other than the commanded one."""
 
     number = 23
     says = "all servos report torque mode; those in torque mode report position"

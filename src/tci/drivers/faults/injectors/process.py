@@ -1,4 +1,4 @@
-"""What goes wrong in this process: its clock, its loop, its threads, and who ends it."""
+"""Faults of this process: its clock, its loop, its threads, and signals."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from tci.drivers.faults.injectors.injector import Injector
 
 HOUR = 3600.0
 THREAD = "rehearsal"
-"""Name of a thread that fails on purpose."""
+"""Name of the thread that fails."""
 
 
 class ClockJump(Injector):
-    """The date changes by an hour."""
+    """A jump of the date by an hour."""
 
     number = 13
     says = "the date of this process jumps by an hour; the monotonic clock does not"
@@ -30,7 +30,7 @@ class ClockJump(Injector):
 
 
 class Overrun(Injector):
-    """One period takes five."""
+    """One period that takes as long as five."""
 
     number = 41
     says = "one period takes as long as five"
@@ -40,7 +40,7 @@ class Overrun(Injector):
 
 
 class Terminated(Injector):
-    """The operating system asks the process to end."""
+    """A signal of the operating system that asks the process to end."""
 
     number = 42
     says = "the process gets SIGTERM"

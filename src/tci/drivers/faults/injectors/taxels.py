@@ -1,4 +1,4 @@
-"""Taxels that fail: what the first patch of skin sends is changed."""
+"""Faults of taxels: changed data of the first patch of skin."""
 
 from __future__ import annotations
 
@@ -13,25 +13,26 @@ from tci.messages import SkinFrame
 
 
 class _Taxels(Injector):
-    """Changes raw values of the first patch."""
+    """Base of faults that change raw values of the first patch."""
 
     def frame(self, frame: SkinFrame) -> SkinFrame:
         if frame.patch != self.driver.robot.patches[0].name:
             return frame
         if frame.values.dtype.kind not in "uif":
-            return frame  # another fault spoilt it already
+            return frame  # already changed by another fault
         values = frame.values.astype(float)
         sensor = self.driver.robot.patches[0].sensor
         pressed = sensor.lowest if sensor.pascal_per_count < 0.0 else sensor.highest
         return replace(frame, values=self.change(values, float(pressed), float(sensor.rest)))
 
     def change(self, values: Array, pressed: float, rest: float) -> NDArray[np.generic]:
-        """The values (channels,) instead; `pressed` is the hardest touch, `rest` none."""
+        """Returns the values (channels,) to report instead; `pressed` is the value of the hardest touch,
+        `rest` of none."""
         raise NotImplementedError
 
 
 class StuckHigh(_Taxels):
-    """One taxel."""
+    """One taxel that always reports the hardest touch."""
 
     number = 1
     says = "one taxel of the first patch reports the hardest touch"
@@ -43,7 +44,7 @@ class StuckHigh(_Taxels):
 
 
 class StuckLow(_Taxels):
-    """One taxel."""
+    """One taxel that never reports a touch."""
 
     number = 2
     says = "one taxel of the first patch reports rest"
@@ -55,7 +56,7 @@ class StuckLow(_Taxels):
 
 
 class DeadPatch(_Taxels):
-    """All taxels of a patch."""
+    """A patch whose taxels all report no touch."""
 
     number = 3
     says = "the first patch reports zeros"
@@ -66,7 +67,7 @@ class DeadPatch(_Taxels):
 
 
 class NaNTaxel(_Taxels):
-    """A tenth of the taxels."""
+    """A tenth of the taxels with values that are not numbers."""
 
     number = 4
     says = "every tenth taxel of the first patch is not a number"
@@ -88,7 +89,7 @@ class Saturated(_Taxels):
 
 
 class BaselineStep(_Taxels):
-    """All rest values change."""
+    """A step of all rest values."""
 
     number = 7
     says = "all taxels of the first patch read a fifth of their range more than before"
@@ -100,7 +101,7 @@ class BaselineStep(_Taxels):
 
 
 class WrongCount(_Taxels):
-    """A frame of another length."""
+    """A frame with a wrong number of values."""
 
     number = 15
     says = "frames of the first patch lack their last value"
@@ -110,7 +111,7 @@ class WrongCount(_Taxels):
 
 
 class WrongType(_Taxels):
-    """A frame of text."""
+    """A frame of text instead of numbers."""
 
     number = 35
     says = "frames of the first patch hold text instead of numbers"

@@ -13,7 +13,7 @@ import tci
 
 ROOT = Path(tci.__file__).parent
 LAYERS = (
-    "errors installed clock frames compile_ahead compiled engine",
+    "reasons errors installed clock frames compile_ahead compiled engine",
     "messages",
     "rosmsg",
     "robot",

@@ -36,13 +36,13 @@ if TYPE_CHECKING:
     from tci.messages import Reading as Reading
     from tci.messages import SkinFrame as SkinFrame
     from tci.messages import SwitchMode as SwitchMode
+    from tci.reasons import Notice as Notice
     from tci.robot.catalogue import load_robot as load_robot
     from tci.robot.catalogue import robot_names as robot_names
     from tci.robot.description import Robot as Robot
     from tci.robot.joint_map import initial_position as initial_position
     from tci.runtime.loop import Tick as Tick
     from tci.runtime.loop import run as run
-    from tci.runtime.reasons import Notice as Notice
     from tci.runtime.result import RunResult as RunResult
 
 __version__ = "0.1.0"
@@ -71,7 +71,7 @@ _NAMES = {
     "tci.robot.description": ("Robot",),
     "tci.robot.joint_map": ("initial_position",),
     "tci.runtime.loop": ("Tick", "run"),
-    "tci.runtime.reasons": ("Notice",),
+    "tci.reasons": ("Notice",),
     "tci.drivers.registry": ("connect", "driver_names"),
     "tci.runtime.result": ("RunResult",),
     "tci.learning.simulate": ("simulate",),

@@ -12,7 +12,7 @@ from runtime.test_serve import Desk, turn_head
 from tci.cli import serve as command
 from tci.drivers.faults.fault_injector import FaultInjector, parse_fault
 from tci.drivers.simulated import SimulatedDriver
-from tci.runtime.reasons import MOST
+from tci.reasons import MOST
 
 AWAY = 400
 """Periods in which the joints say nothing; each has an age of its own."""

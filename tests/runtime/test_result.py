@@ -12,8 +12,8 @@ import pytest
 import tci
 from tci.drivers.simulated import SimulatedDriver
 from tci.gate.gate import GateState
+from tci.reasons import MOST, OTHERS, Notice, ReasonCounter
 from tci.runtime.loop_report import LoopReport
-from tci.runtime.reasons import MOST, OTHERS, Notice, ReasonCounter
 
 
 class Ask(tci.Capability[int]):

@@ -30,12 +30,12 @@ from tci.drivers.replay import ReplayDriver
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError, UnknownNameError
 from tci.gate.gate import GateState
+from tci.reasons import OTHERS, ReasonCounter
 from tci.recording.recorder import Recorder
 from tci.robot.catalogue import load_robot
 from tci.runtime.arguments import as_capability
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport
-from tci.runtime.reasons import OTHERS, ReasonCounter
 from tci.runtime.result import RunResult
 from tci.skin.skin import Skin
 

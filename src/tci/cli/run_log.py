@@ -17,9 +17,9 @@ from tci.drivers.faults.fault_list import FAULTS
 from tci.drivers.faults.injectors import INJECTORS
 from tci.gate.gate import GateState
 from tci.messages import GenericCommand, Mode
+from tci.reasons import ReasonCounter
 from tci.runtime.loop import Tick
 from tci.runtime.loop_report import LoopReport
-from tci.runtime.reasons import ReasonCounter
 
 COLOURS = {GateState.RUN: "green", GateState.HOLD: "yellow", GateState.STOP: "bold red"}
 MEANING = {

@@ -6,10 +6,10 @@ from tci.cli.console import console, print_json, told_here
 from tci.cli.run import HARMLESS
 from tci.drivers.registry import connect, open_server
 from tci.gate.gate import GateState
+from tci.reasons import OTHERS, ReasonCounter
 from tci.robot.catalogue import load_robot
 from tci.runtime.loop import Tick
 from tci.runtime.loop_report import LoopReport
-from tci.runtime.reasons import OTHERS, ReasonCounter
 from tci.runtime.serve import Served
 from tci.runtime.serve import serve as serve_robot
 

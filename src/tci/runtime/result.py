@@ -13,8 +13,8 @@ from tci.drivers.driver import Driver
 from tci.frames import Array
 from tci.gate.gate import GateState, SafeCommand
 from tci.messages import Perception
+from tci.reasons import Notice, ReasonCounter
 from tci.runtime.loop_report import LoopReport
-from tci.runtime.reasons import Notice, ReasonCounter
 from tci.skin.contact_table import ContactTable
 from tci.skin.kernels.contacts import FORCE
 

@@ -14,9 +14,9 @@ from tci.clock import Clock, MonotonicClock
 from tci.drivers.server import Server
 from tci.errors import TciError
 from tci.messages import Order, Perception, PlatformOrder
+from tci.reasons import ReasonCounter
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport
-from tci.runtime.reasons import ReasonCounter
 from tci.runtime.watchdogs import StallDetector, attentive
 
 

@@ -21,8 +21,10 @@ if TYPE_CHECKING:
     from tci.clock import MonotonicClock as MonotonicClock
     from tci.clock import ticks as ticks
     from tci.drivers.driver import Driver as Driver
+    from tci.drivers.info import DriverInfo as DriverInfo
     from tci.drivers.registry import connect as connect
     from tci.drivers.registry import driver_names as driver_names
+    from tci.drivers.wrapper import DriverWrapper as DriverWrapper
     from tci.errors import TciError as TciError
     from tci.gate.gate import Gate as Gate
     from tci.gate.gate import SafeCommand as SafeCommand
@@ -36,7 +38,9 @@ if TYPE_CHECKING:
     from tci.messages import Reading as Reading
     from tci.messages import SkinFrame as SkinFrame
     from tci.messages import SwitchMode as SwitchMode
+    from tci.reasons import Code as Code
     from tci.reasons import Notice as Notice
+    from tci.reasons import Reason as Reason
     from tci.robot.catalogue import load_robot as load_robot
     from tci.robot.catalogue import robot_names as robot_names
     from tci.robot.description import Robot as Robot
@@ -67,11 +71,13 @@ _NAMES = {
         "SwitchMode",
     ),
     "tci.drivers.driver": ("Driver",),
+    "tci.drivers.info": ("DriverInfo",),
+    "tci.drivers.wrapper": ("DriverWrapper",),
     "tci.robot.catalogue": ("load_robot", "robot_names"),
     "tci.robot.description": ("Robot",),
     "tci.robot.joint_map": ("initial_position",),
     "tci.runtime.loop": ("Tick", "run"),
-    "tci.reasons": ("Notice",),
+    "tci.reasons": ("Code", "Notice", "Reason"),
     "tci.drivers.registry": ("connect", "driver_names"),
     "tci.runtime.result": ("RunResult",),
     "tci.learning.simulate": ("simulate",),

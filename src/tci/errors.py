@@ -8,9 +8,25 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from tci.reasons import Code, Reason
+
 
 class TciError(Exception):
     """Root of all errors that TCI raises on purpose."""
+
+    code = Code.OTHER
+    """Cause of the error, for programs."""
+
+    def __init__(self, *words: object, code: Code | None = None) -> None:
+        """`code` tells more than that of the class."""
+        super().__init__(*words)
+        if code is not None:
+            self.code = code
+
+    @property
+    def reason(self) -> Reason:
+        """The error as a reason to refuse or to stop."""
+        return Reason(self.code, str(self))
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +66,8 @@ def meant(name: str, valid: Iterable[str]) -> str:
 class UnknownNameError(TciError):
     """A name does not exist. The message lists the valid names and the nearest of them."""
 
+    code = Code.UNKNOWN_NAME
+
     def __init__(self, kind: str, name: str, valid: Iterable[str]) -> None:
         self.kind = kind
         self.name = name
@@ -61,9 +79,13 @@ class UnknownNameError(TciError):
 class CommandError(TciError):
     """A command has the wrong shape, values or mode. Nothing was sent."""
 
+    code = Code.COMMAND_INVALID
+
 
 class FrameError(TciError):
     """A frame of the skin or the joints does not fit the robot. It was not used."""
+
+    code = Code.SKIN_MISFIT
 
 
 class DriverError(TciError):

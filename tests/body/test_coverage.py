@@ -73,13 +73,13 @@ def test_it_is_told_for_where_the_arm_is_now() -> None:
     for _ in range(902):
         seen = feeling.perceive(-60.0)
     assert share(seen) == 1.0
-    assert "forearm_extensor" not in reflex.fault(seen, BODY)
+    assert "forearm_extensor" not in str(reflex.fault(seen, BODY))
     for pronation in (60.0, 0.0, -60.0, 59.0):
         seen = feeling.perceive(pronation)
         field = inside(pronation)
         assert share(seen) == pytest.approx(1.0 - gone[field].mean())
     assert share(seen) < 0.5
-    assert "forearm_extensor of left_arm is blind" in reflex.fault(seen, BODY)
+    assert "forearm_extensor of left_arm is blind" in str(reflex.fault(seen, BODY))
 
 
 def test_a_landmark_is_covered_by_the_skin_around_it() -> None:

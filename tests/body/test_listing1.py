@@ -52,12 +52,12 @@ def test_the_clamped_value_is_the_one_that_is_sent() -> None:
 def test_no_limit_is_read_past_the_end() -> None:
     """`MIN[DOF]`: a servo beyond the last is refused."""
     safe = Driven(make_robot(), [0.0] * 6).step(position_command([6], [0.1]))
-    assert "valid: 0 to 5" in safe.refusals[0]
+    assert "valid: 0 to 5" in safe.refusals[0].text
 
 
 def test_speed_of_zero() -> None:
     safe = Driven(make_robot(), [0.0] * 6).step(position_command([2, 5], [0.1, 0.1], speed=0.0))
-    assert "speed of joint2 is 0.0, joint5 is 0.0; valid: at least 0.001 rad/s" in safe.refusals[0]
+    assert "speed of joint2 is 0.0, joint5 is 0.0; valid: at least 0.001 rad/s" in safe.refusals[0].text
     assert safe.servos.size == 0
 
 

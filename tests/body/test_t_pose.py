@@ -30,7 +30,7 @@ def test_an_arm_leaves_the_t_pose(name: str, side: str) -> None:
         for _ in range(5000):
             order = to_platform(robot, command, position=driven.angles)
             safe = driven.step(order)
-            assert (safe.refusals, safe.reason) == ((), "")
+            assert (safe.refusals, safe.reason) == ((), None)
             if np.abs(driven.angles[order.servos] - order.values).max() < 1e-8:
                 break
         reached = shoulder.rotation(driven.angles[shoulder.servos])

@@ -35,7 +35,7 @@ def main() -> None:
             print("ready", flush=True)
         if not state or state[0] != tick.sent.state.value:
             state[:] = [tick.sent.state.value]
-            print(tick.sent.state.value, time.monotonic(), tick.sent.reason, flush=True)
+            print(tick.sent.state.value, time.monotonic(), tick.sent.reason or "", flush=True)
 
     robot = patient("nao", *map(float, sys.argv[2:]))
     with SimulatedDriver(robot, paced=True) as driver, open_server(driver, sys.argv[1]) as server:

@@ -68,9 +68,12 @@ def pieces(number: int, body: bytes, count: int) -> list[bytes]:
 
 def test_types_are_those_that_lcm_gen_makes(tmp_path: Path) -> None:
     generator = Path(sys.executable).with_name("lcm-gen")
-    options = ["-p", "--package-prefix", "tci.drivers", "--ppath", str(tmp_path)]
+    options = ["-p", "--package-prefix", "tci.drivers.lcm", "--ppath", str(tmp_path)]
     subprocess.run([generator, *options, TYPES / "tci.lcm"], check=True)
     made = tmp_path / "tci" / "drivers" / "lcm" / "tci_lcm"
+    assert (
+        {file.name for file in made.glob("*_t.py")} == {file.name for file in TYPES.glob("*_t.py")} != set()
+    )
     for file in made.glob("*.py"):
         assert (TYPES / file.name).read_text() == file.read_text(), f"make it again: lcm-gen {file.name}"
 

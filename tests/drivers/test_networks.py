@@ -76,7 +76,7 @@ with tci.connect(patient("nao", 0.5), sys.argv[1], arm=True) as driver:
     before, reasons = arm.positions(driver.read().joints)["RElbowRoll"], set()
     for now in driver.ticks(duration=2.0):
         sent = driver.write(driver.gate.step([arm.command({"RElbowRoll": 0.4})], driver.read().joints, now))
-        reasons.add(sent.reason)
+        reasons.add(str(sent.reason or ""))
     after = arm.positions(driver.read().joints)["RElbowRoll"]
     print("moved" if abs(after - before) > 0.05 else "stays", *reasons)
 """

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import random
+import struct
 
 import numpy as np
 import pytest
@@ -27,6 +28,7 @@ from tci.drivers.remote.protocol import MOST_COMMANDERS, MOST_WORDS, Commander, 
 from tci.errors import FrameError
 from tci.gate.gate import Gate
 from tci.messages import JointReading, Mode, PlatformCommand, PlatformSwitch, SkinFrame
+from tci.reasons import Code, Reason
 from tci.robot.joint_map import initial_position
 
 NAO = tci.load_robot("nao")
@@ -35,10 +37,19 @@ JOINTS = JointReading(
     3.5, 70, np.linspace(-1, 1, COUNT), np.zeros(COUNT), np.ones(COUNT),
     (Mode.POSITION, None) * (COUNT // 2), np.arange(COUNT) % 2 == 0,
 )  # fmt: skip
-STATE = State(11, 12, 100.25, 3.5, JOINTS, "hold", "why", (Commander(5, "a", 6, 2, "because"),))
+STATE = State(
+    11,
+    12,
+    100.25,
+    3.5,
+    JOINTS,
+    "hold",
+    Reason(Code.JOINTS_STALE, "why"),
+    (Commander(5, "a", 6, 2, Reason(Code.OTHER_COMMANDER, "because")), Commander(7, "b", 1, 0, None)),
+)
 FRAME = SessionFrame(11, SkinFrame("left_forearm", 3.25, 9, np.arange(240, dtype=np.uint8)))
 ORDERS = Orders(
-    11, 100.25, 5, "a", 8, "", False, 3,
+    11, 100.25, 5, "a", 8, None, False, 3,
     (
         PlatformCommand(Mode.POSITION, np.array([2, 3]), np.array([0.5, -0.5]), np.array([1.0, np.inf])),
         PlatformSwitch(np.array([4]), Mode.TORQUE),
@@ -114,13 +125,31 @@ def test_31_spoilt_contents_under_a_sound_check_raise_one_error() -> None:
             continue
 
 
+def test_a_message_of_another_version_is_told_from_a_damaged_one() -> None:
+    for version in b"2", b"4":
+        data = WHOLE["S"].replace(b"TCI3", b"TCI" + version, 1)
+        with pytest.raises(FrameError, match="the TCI there has another version; valid: the same on both"):
+            to_state(NAO, data)
+
+
+def test_a_code_of_a_later_version_is_other_and_keeps_its_text() -> None:
+    state = dataclasses.replace(STATE, reason=Reason(Code.JOINTS_STALE, "why"))
+    sent = state_bytes(NAO, state).split(b"hold", 1)
+    code, later = struct.pack("<H", Code.JOINTS_STALE), struct.pack("<H", 60_000)
+    assert sent[1].count(code) == 1
+    body = (sent[0] + b"hold" + sent[1].replace(code, later))[ENVELOPE.size :]
+    assert to_state(NAO, seal(NAO, b"S", body)).reason == Reason(Code.OTHER, "why")
+
+
 def test_31_words_of_others_can_be_printed_and_are_bounded() -> None:
     wild = "\udcff\x1b[2J\n" * 2000
-    orders = dataclasses.replace(ORDERS, name=wild, halt=wild)
-    state = dataclasses.replace(STATE, reason=wild, commanders=(Commander(5, wild, 6, 2, wild),))
+    orders = dataclasses.replace(ORDERS, name=wild, halt=Reason.of(wild))
+    state = dataclasses.replace(
+        STATE, reason=Reason.of(wild), commanders=(Commander(5, wild, 6, 2, Reason.of(wild)),)
+    )
     heard, told = to_orders(NAO, orders_bytes(NAO, orders)), to_state(NAO, state_bytes(NAO, state))
     (member,) = told.commanders
-    for words in (heard.name, heard.halt, told.reason, member.name, member.reason):
+    for words in (heard.name, str(heard.halt), str(told.reason), member.name, str(member.reason)):
         assert words.isprintable()
         assert len(words.encode()) <= 4 * MOST_WORDS
 
@@ -139,7 +168,7 @@ def test_33_what_many_commanders_are_refused_fits_in_a_state() -> None:
     state = dataclasses.replace(STATE, commanders=everybody.states())
     told = to_state(NAO, state_bytes(NAO, state))
     assert len(told.commanders) == MOST_COMMANDERS
-    assert all("99999" in member.reason for member in told.commanders)
+    assert all("99999" in str(member.reason) for member in told.commanders)
 
 
 @given(st.sampled_from("SFO"), st.binary(max_size=400))

@@ -10,11 +10,14 @@ import pytest
 import tci
 from tci.clock import ManualClock
 from tci.drivers.remote.driver import WINDOW, RemoteDriver
-from tci.drivers.remote.protocol import Orders, SessionFrame, State
+from tci.drivers.remote.protocol import Commander, Orders, SessionFrame, State
 from tci.errors import DriverError
 from tci.gate.safe_command import GateState, SafeCommand
 from tci.messages import JointReading, PlatformOrder
+from tci.reasons import Code, Reason
 from tci.robot.joint_map import initial_position
+
+HALTED = Reason(Code.HALTED, "halted")
 
 
 class Wire(RemoteDriver):
@@ -28,6 +31,8 @@ class Wire(RemoteDriver):
         self.sequence = 0
         self.there = "run"
         """State of the gate there."""
+        self.told: tuple[Commander, ...] = ()
+        """Words of the robot's process to those who command."""
         self.cut = False
 
     def tell(self, *, late: float = 0.0) -> None:
@@ -35,7 +40,7 @@ class Wire(RemoteDriver):
         self.sequence += 1
         sent, count = self.time.now() - late, len(self.robot.servos)
         joints = JointReading(sent, self.sequence, np.array(initial_position(self.robot)), np.zeros(count))
-        self.inbox.append(State(1, self.sequence, sent, sent, joints, self.there, "", ()))
+        self.inbox.append(State(1, self.sequence, sent, sent, joints, self.there, None, self.told))
 
     def age(self, *, late: float = 0.0) -> float:
         """How old [s] the joints are that are read after such a state."""
@@ -91,10 +96,10 @@ def test_what_the_robots_process_holds_for_is_not_said_back_however_often_it_is_
         sent = wire.write(wire.gate.step([], reading.joints, wire.time.now()))
         wire.time.advance(wire.period)
         assert (sent.state is GateState.HOLD) == ("hold" in states)
-        assert wire.said[-1].halt == ""
+        assert wire.said[-1].halt is None
     wire.gate.hold("our own reason")
-    assert wire.order().reason == "our own reason"
-    assert wire.said[-1].halt == "our own reason"
+    assert str(wire.order().reason) == "our own reason"
+    assert wire.said[-1].halt == Reason(Code.OTHER, "our own reason")
 
 
 def test_a_halt_is_said_until_the_robot_holds_and_nothing_ordered_is_said_again(wire: Wire) -> None:
@@ -109,20 +114,20 @@ def test_a_halt_is_said_until_the_robot_holds_and_nothing_ordered_is_said_again(
 
     wire._put = hold  # type: ignore[method-assign]
     wire.halt()
-    assert [message.halt for message in wire.said[1:]] == ["halted"] * 3
+    assert [message.halt for message in wire.said[1:]] == [HALTED] * 3
     assert not any(message.orders for message in wire.said[1:])
     wire.there = "run"
     sent = wire.order(order)
     assert len(sent.orders) == 1
     assert wire.said[-1].first == 2
-    assert wire.said[-1].halt == ""
+    assert wire.said[-1].halt is None
 
 
 def test_a_halt_that_nobody_answers_ends_when_the_robot_holds_by_itself(wire: Wire) -> None:
     wire.order(wire.native("LArm").command({"LElbowRoll": -1.2}))
     before = wire.time.now()
     wire.halt()
-    assert {message.halt for message in wire.said[1:]} == {"halted"}
+    assert {message.halt for message in wire.said[1:]} == {HALTED}
     assert wire.time.now() - before == pytest.approx(wire.gate.stale_after, abs=2 * wire.period)
 
 
@@ -139,3 +144,18 @@ def test_a_driver_whose_wire_is_cut_is_closed_all_the_same(wire: Wire) -> None:
     wire.close()
     with pytest.raises(DriverError, match="closed"):
         wire.read()
+
+
+@pytest.mark.parametrize("text", ["left_elbow: commanded by another already", "links: besetzt"])
+def test_an_order_for_joints_of_another_commander_is_an_error_by_its_code_not_its_text(
+    wire: Wire, text: str
+) -> None:
+    wire.told = (Commander(wire.client, "test", 1, 1, Reason(Code.OTHER_COMMANDER, text)),)
+    wire.tell()
+    with pytest.raises(DriverError, match=text) as raised:
+        wire.read()
+    assert raised.value.code is Code.OTHER_COMMANDER
+    wire.told = (Commander(wire.client, "test", 2, 2, Reason(Code.IN_MOTION, text)),)
+    sent = wire.order()
+    assert sent.reason == Reason(Code.OWNER_REFUSES, f"refused by the robot's process: {text}")
+    assert wire.said[-1].halt is None, "its own refusal is not told to the robot's process"

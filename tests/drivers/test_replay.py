@@ -2,17 +2,26 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
+from mcap.writer import Writer
 
 from recording.recorded import equal_readings, record_poke
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.drivers.registry import connect
 from tci.drivers.replay import ReplayDriver, changed_versions
+from tci.drivers.simulated import SimulatedDriver
 from tci.errors import DriverError, RecordingError
+from tci.reasons import Code, Reason
+from tci.recording.recorder import Recorder
 from tci.recording.recording import Recording
+from tci.recording.schemas import DECISION
+from tci.recording.topics import Topics
 from tci.robot.catalogue import load_robot
+from tci.rosmsg.cdr import decode, encode
 from tci.runtime.loop import Tick, run
 
 REPLAY = """
@@ -119,3 +128,49 @@ def test_what_can_not_be_replayed_is_told(tmp_path: Path) -> None:
     (tmp_path / "a.mcap").write_text("hello, this is not a recording at all")
     with pytest.raises(RecordingError):
         ReplayDriver(robot, str(tmp_path / "a.mcap"))
+
+
+def with_decisions(source: Path, target: Path, change: Callable[[dict[str, Any]], dict[str, Any]]) -> None:
+    """Writes a recording again with changed decisions."""
+    recording = Recording(source)
+    with target.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="ros2", library="test")
+        writer.add_metadata("tci", recording.about)
+        topics = Topics(writer)
+        for topic, kind, stamp, data in recording.messages():
+            if kind is DECISION:
+                data = encode(kind, [*change(decode(kind, data)).values()])
+            topics.put(topic, kind, stamp, data)
+        topics.finish()
+
+
+@pytest.mark.parametrize(("field", "counts"), [("text", False), ("code", True), ("number", True)])
+def test_a_replay_compares_codes_and_numbers_and_no_text(field: str, counts: bool, tmp_path: Path) -> None:
+    driver = SimulatedDriver(load_robot("nao"))
+    with driver, Recorder(tmp_path / "a.mcap", driver.robot, period=driver.period) as recorder:
+        driver.gate.stop(Reason(Code.SKIN_BLIND, "on purpose"))
+        run(
+            driver, WithdrawalReflex(), duration=0.04,
+            observe=lambda tick: recorder.tick(tick.now, tick.reading, tick.commands, tick.sent),
+        )  # fmt: skip
+
+    def change(decision: dict[str, Any]) -> dict[str, Any]:
+        assert decision["codes"].tolist() == [Code.SKIN_BLIND]
+        changed = {"text": {"reason": "in other words"}, "code": {"codes": [Code.OTHER]},
+                   "number": {"stamp": decision["stamp"] + 1e-12}}  # fmt: skip
+        return {**decision, **changed[field]}
+
+    with_decisions(tmp_path / "a.mcap", tmp_path / "b.mcap", change)
+    with ReplayDriver(load_robot("nao"), str(tmp_path / "b.mcap")) as replay:
+        replay.gate.stop(Reason(Code.SKIN_BLIND, "on purpose"))
+        run(replay, WithdrawalReflex())
+        assert replay.compared == 20
+        assert len(replay.different) == (20 if counts else 0)
+
+
+def test_a_recording_of_a_format_to_come_is_refused_by_its_number(tmp_path: Path) -> None:
+    with Recorder(tmp_path / "a.mcap", load_robot("nao"), about={"format": "3"}):
+        pass
+    with pytest.raises(RecordingError, match="has format '3'; this version of TCI reads 1, 2"):
+        Recording(tmp_path / "a.mcap")

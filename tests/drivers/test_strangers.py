@@ -27,6 +27,7 @@ from tci.drivers.remote.protocol import SessionFrame, State
 from tci.drivers.simulated import SimulatedDriver
 from tci.gate.safe_command import GateState, SafeCommand
 from tci.messages import SkinFrame
+from tci.reasons import Reason
 
 pytestmark = [pytest.mark.timeout(240), pytest.mark.xdist_group("namespaces")]
 LISTEN = """
@@ -161,7 +162,7 @@ def test_of_a_served_robot_only_its_own_skin_and_states_count() -> None:
             driver.read()
             for session in (own, own + 1):
                 joints = replace(JOINTS, position=np.full(len(NAO.servos), 0.1))
-                false = State(session, 1 << 40, 0.0, 0.0, joints, "stop", "a lie", ())
+                false = State(session, 1 << 40, 0.0, 0.0, joints, "stop", Reason.of("a lie"), ())
                 stranger.send("tci/nao/state", state_bytes(driver.robot, false))
                 stranger.send("tci/nao/skin", frame_bytes(driver.robot, SessionFrame(session, TOUCH)))
             before = {frame.patch: frame.sequence for frame in driver.read().skin}
@@ -218,7 +219,7 @@ def test_a_state_of_another_session_ends_a_driver_only_once_its_own_robot_is_sil
     wire.read()
 
     def other() -> SafeCommand:
-        wire.inbox.append(State(2, 1, 0.0, 0.0, JOINTS, "run", "", ()))
+        wire.inbox.append(State(2, 1, 0.0, 0.0, JOINTS, "run", None, ()))
         reading = wire.read()
         return wire.write(wire.gate.step([], reading.joints, wire.time.now()))
 
@@ -228,7 +229,7 @@ def test_a_state_of_another_session_ends_a_driver_only_once_its_own_robot_is_sil
     wire.time.advance(LEASE + 0.1)
     ended = other()
     assert ended.state is GateState.STOP
-    assert "restarted" in ended.reason
+    assert "restarted" in str(ended.reason)
 
 
 def test_frames_of_the_session_that_are_older_are_refused() -> None:

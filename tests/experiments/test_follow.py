@@ -15,6 +15,7 @@ from tci.experiments.proof import arm_axes
 from tci.frames import Array, angle_between
 from tci.gestures.gesture import Gesture, fit, record
 from tci.messages import Perception
+from tci.reasons import Code, Reason
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
 from tci.robot.kinematics import Kinematics
@@ -122,8 +123,8 @@ def test_the_reflex_interrupts_and_the_gesture_goes_on() -> None:
 class GoesBlind(WithdrawalReflex):
     """A reflex whose skin is gone after a while."""
 
-    def fault(self, perception: Perception, body: GenericBody) -> str:
-        return "the field is blind" if perception.stamp > 0.3 else ""
+    def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
+        return Reason(Code.SKIN_BLIND, "the field is blind") if perception.stamp > 0.3 else None
 
 
 def test_a_reflex_that_goes_blind_stops_the_robot() -> None:

@@ -126,7 +126,7 @@ class Counted(tci.Capability[WithdrawalMemory]):
                 self.answers[part].append(withdrawal.started)
         return commands, memory
 
-    def fault(self, perception: Perception, body: GenericBody) -> str:
+    def fault(self, perception: Perception, body: GenericBody) -> tci.Reason | None:
         return self.reflex.fault(perception, body)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from tci.frames import Array
 from tci.gate.self_collision import MARGIN, STRIDE
+from tci.reasons import Code, Reason
 from tci.robot.clearance import Clearance
 from tci.robot.description import Robot
 
@@ -28,8 +29,8 @@ class Oracle:
         self._posture = position
         self._distance = self._clearance.gap(position, within=SIGHT).distance
 
-    def fault(self, path: Array) -> str:
-        """Why a motion along `path` (k, n_servos) [rad] must not be made; empty when it may.
+    def fault(self, path: Array) -> Reason | None:
+        """Returns why a motion along `path` (k, n_servos) [rad] must not be made; None when it may.
 
         Links that are nearer than the margin where the path begins may go apart, and no nearer.
         """
@@ -47,11 +48,12 @@ class Oracle:
             if nearer.any():
                 worst = int(np.argmin(np.where(nearer, then, np.inf)))
                 first, second = self._clearance.names(worst)
-                return (
+                return Reason(
+                    Code.SELF_COLLISION,
                     f"{first} would come {then[worst] * 1e3:.1f} mm near {second}; "
-                    f"valid: at least {self.margin * 1e3:g} mm"
+                    f"valid: at least {self.margin * 1e3:g} mm",
                 )
-        return ""
+        return None
 
     def _seen(self) -> Array:
         """Where the second geom of each pair is, seen from the first (pairs, 12) [m]."""

@@ -11,6 +11,7 @@ from tci.frames import Array
 from tci.gate.body_guard import LOOKS, BodyGuard
 from tci.gate.gate import Gate
 from tci.gate.self_collision import MARGIN, SelfCollision
+from tci.reasons import Code, Reason
 from tci.robot.catalogue import load_robot
 from tci.robot.clearance import Clearance
 from tci.robot.joint_map import initial_position
@@ -47,13 +48,13 @@ class Watched(SelfCollision):
         super().__init__(NAO)
         self.ways: list[Array] = []
         self.boxes: list[Array] = []
-        self.says = ""
+        self.says: Reason | None = None
 
     def keeps_margin(self, box: Array) -> bool:
         self.boxes.append(box.copy())
         return False
 
-    def fault(self, path: Array) -> str:
+    def fault(self, path: Array) -> Reason | None:
         self.ways.append(path.copy())
         return self.says
 
@@ -118,7 +119,7 @@ def test_the_measured_way_counts_beside_the_told_one() -> None:
 
 def test_a_servo_joins_a_motion_only_when_its_stop_hits_nothing() -> None:
     driven, watched = both_arms()
-    watched.says = "hand would come 4.0 mm near head"
+    watched.says = Reason(Code.SELF_COLLISION, "hand would come 4.0 mm near head")
     with pytest.raises(CommandError, match="can't join the motion now: hand would come"):
         driven.gate._motion.accept(position_command([INDEX["LElbowYaw"]], [0.0]), driven.time)
     (low, high), way = watched.boxes[-1], watched.ways[-1]

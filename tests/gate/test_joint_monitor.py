@@ -15,6 +15,7 @@ from tci.errors import TciError
 from tci.frames import Array, read_only
 from tci.gate.joint_monitor import JointMonitor, MonitorSettings, Reference
 from tci.messages import JointReading, Mode
+from tci.reasons import Code, Reason
 
 ROBOT = make_robot(count=6)
 PERIOD = 0.01
@@ -46,7 +47,7 @@ def reference(told: Positions, time: float, mode: Mode = Mode.POSITION) -> Refer
 
 def first_fault(
     measured: Positions, told: Positions, *, mode: Mode = Mode.POSITION
-) -> tuple[float, str] | None:
+) -> tuple[float, Reason] | None:
     monitor = JointMonitor(ROBOT)
     for joints in readings(measured):
         if fault := monitor.step(joints, reference(told, joints.stamp, mode)):
@@ -79,8 +80,9 @@ def test_21_a_stalled_servo_is_told_within_its_patience() -> None:
 
     found = first_fault(one_servo(stalled), turning)
     assert found is not None
-    assert "joint2 does not follow" in found[1]
-    assert found[1].endswith("from its reference; held or pushed, blocked, stalled or limp")
+    assert found[1].code is Code.FOLLOWING_ERROR
+    assert "joint2 does not follow" in found[1].text
+    assert found[1].text.endswith("from its reference; held or pushed, blocked, stalled or limp")
     assert 0.3 < found[0] < 1.0
 
 
@@ -105,9 +107,11 @@ def test_19_a_motion_against_its_command_is_told_after_a_tenth_of_a_second() -> 
     for joints in readings(one_servo(reversed_)):
         if fault := monitor.step(joints, reference(turning, joints.stamp)):
             break
+    assert fault is not None
+    assert fault.code is Code.OPPOSED_MOTION
     assert (
         "joint2 moves against its command; pushed or pulled; if nothing touches it, the sign of its gamma"
-        in fault
+        in fault.text
     )
     assert settings.opposing < joints.stamp < settings.opposing + 3 * PERIOD
 
@@ -119,8 +123,8 @@ def test_25_an_encoder_step_is_told_at_once() -> None:
     found = first_fault(one_servo(stepped), turning)
     assert found is not None
     assert found[0] == pytest.approx(0.5)
-    assert "the angle of joint2 jumped by" in found[1]
-    assert "possible: 3.7" in found[1]
+    assert "the angle of joint2 jumped by" in found[1].text
+    assert "possible: 3.7" in found[1].text
 
 
 def test_25_counts_for_a_servo_that_nobody_commands() -> None:
@@ -129,7 +133,7 @@ def test_25_counts_for_a_servo_that_nobody_commands() -> None:
 
     found = first_fault(one_servo(stepped, servo=5), turning)
     assert found is not None
-    assert "joint5 jumped" in found[1]
+    assert "joint5 jumped" in found[1].text
 
 
 def test_20_an_encoder_that_stands_still_is_told() -> None:
@@ -138,7 +142,7 @@ def test_20_an_encoder_that_stands_still_is_told() -> None:
 
     found = first_fault(one_servo(frozen), turning)
     assert found is not None
-    assert "the encoder of joint2 stands still while its reference moved by" in found[1]
+    assert "the encoder of joint2 stands still while its reference moved by" in found[1].text
     assert found[0] < 0.35
 
 
@@ -154,7 +158,8 @@ def test_14_a_reading_that_comes_again_under_fresh_stamps_is_told() -> None:
         told.append(monitor.step(frozen, reference(turning, joints.stamp)))
     first = next(i for i, fault in enumerate(told) if fault)
     assert first * PERIOD == pytest.approx(0.2 + 0.1 + PERIOD)
-    assert "reading 20 comes again under fresh stamps" in told[first]
+    assert "reading 20 comes again under fresh stamps" in str(told[first])
+    assert {fault.code for fault in told[first:]} == {Code.JOINTS_REPEATED}
 
 
 def test_14_is_told_in_time_though_the_first_stamp_came_twice() -> None:
@@ -170,54 +175,55 @@ def test_23_a_mode_that_comes_right_again_in_time_is_no_fault() -> None:
     for joints in readings(still, duration=1.6):
         wrong = joints.stamp % 0.4 > 0.05
         modes = (Mode.TORQUE if wrong else Mode.POSITION,) * 6
-        assert monitor.step(replace(joints, modes=modes), reference(still, joints.stamp)) == ""
+        assert monitor.step(replace(joints, modes=modes), reference(still, joints.stamp)) is None
 
 
 def test_22_a_servo_that_is_off_is_told_at_once() -> None:
     powered = np.ones(6, dtype=bool)
     powered[[3, 5]] = False
     monitor = JointMonitor(ROBOT)
-    fault = ""
+    fault: Reason | None = None
     for joints in readings(still, duration=0.1):
         on = replace(joints, powered=powered if joints.stamp >= 0.05 else np.ones(6, dtype=bool))
         fault = monitor.step(on, reference(still, joints.stamp))
         assert bool(fault) == (joints.stamp >= 0.05)
-    assert fault == "joint3 is under command and its servo is off"
+    assert fault == Reason(Code.SERVO_OFF, "joint3 is under command and its servo is off")
 
 
 def test_a_servo_that_is_off_and_not_under_command_is_fine() -> None:
     powered = np.ones(6, dtype=bool)
     powered[5] = False
     joints = replace(next(readings(still)), powered=powered)
-    assert JointMonitor(ROBOT).step(joints, reference(still, 0.0)) == ""
+    assert JointMonitor(ROBOT).step(joints, reference(still, 0.0)) is None
 
 
 @pytest.mark.parametrize(("reported", "late"), [(Mode.TORQUE, True), (Mode.POSITION, False), (None, False)])
 def test_23_another_mode_than_the_commanded_one_is_told_after_a_while(
     reported: Mode | None, late: bool
 ) -> None:
-    monitor, fault = JointMonitor(ROBOT), ""
+    monitor = JointMonitor(ROBOT)
     for joints in readings(still, duration=1.0):
         modes = (Mode.POSITION, reported, *[Mode.POSITION] * 4)
         fault = monitor.step(replace(joints, modes=modes), reference(still, joints.stamp))
         assert bool(fault) == (late and joints.stamp > monitor.settings.mode_change)
-    assert fault == ("joint1 reports mode torque; commanded in position" if late else "")
+    told = Reason(Code.SERVO_MODE, "joint1 reports mode torque; commanded in position")
+    assert fault == (told if late else None)
 
 
 def test_the_same_reading_twice_tells_nothing_new() -> None:
     monitor = JointMonitor(ROBOT)
     for joints in readings(one_servo(lambda _, angle: angle)):
         for _ in range(3):
-            assert monitor.step(joints, reference(turning, joints.stamp)) == ""
+            assert monitor.step(joints, reference(turning, joints.stamp)) is None
 
 
 def test_reset_forgets() -> None:
     monitor = JointMonitor(ROBOT)
     first, second = list(readings(still))[:2]
     jumped = replace(second, position=read_only(np.ones(6)))
-    assert monitor.step(first, reference(still, 0.0)) == ""
+    assert monitor.step(first, reference(still, 0.0)) is None
     monitor.reset()
-    assert monitor.step(jumped, Reference(SERVOS[:0], (), np.zeros(0), np.zeros(0))) == ""
+    assert monitor.step(jumped, Reference(SERVOS[:0], (), np.zeros(0), np.zeros(0))) is None
 
 
 @given(lag=st.floats(0.0, 0.08), noise=st.floats(0.0, 2e-3), seed=st.integers(0, 1000))
@@ -226,7 +232,7 @@ def test_no_false_alarm_for_any_lag_and_noise_of_a_sound_servo(lag: float, noise
     monitor = JointMonitor(ROBOT)
     for joints in readings(lambda time: turning(time - lag), duration=1.0):
         noisy = replace(joints, position=joints.position + noise * rng.standard_normal(6))
-        assert monitor.step(noisy, reference(turning, joints.stamp)) == ""
+        assert monitor.step(noisy, reference(turning, joints.stamp)) is None
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])

@@ -127,7 +127,7 @@ def test_readings_that_bring_nothing_new_are_no_readings(how: str) -> None:
             assert elbow.torques[-1] == 0.0
     assert safe.state is not GateState.RUN
     if how == "same number":
-        assert "frozen" in safe.reason or "no new joint data for" in safe.reason
+        assert "frozen" in str(safe.reason) or "no new joint data for" in str(safe.reason)
 
 
 def test_after_a_gap_a_torque_rises_again_in_time() -> None:
@@ -155,8 +155,8 @@ def test_a_stop_because_of_a_lie_ends_braking_too() -> None:
         safe = elbow.push(-1.5, replace(true, position=last.position, velocity=last.velocity))
         if safe.state is GateState.STOP:
             break
-    assert "l_elbow is" in safe.reason
-    assert "from where its velocity leads" in safe.reason
+    assert "l_elbow is" in str(safe.reason)
+    assert "from where its velocity leads" in str(safe.reason)
     for _ in range(25):
         true = elbow.joints()
         elbow.push(-1.5, replace(true, position=last.position, velocity=last.velocity))
@@ -173,8 +173,8 @@ def test_a_velocity_that_stays_at_zero_does_not_let_a_joint_run_away(torque: flo
         safe = elbow.push(torque, replace(true, velocity=read_only(np.zeros(len(ICUB.servos)))))
         fastest = max(fastest, abs(elbow.speed))
     assert safe.state is GateState.STOP
-    assert "the angle of l_elbow is" in safe.reason
-    assert "from where its velocity leads" in safe.reason
+    assert "the angle of l_elbow is" in str(safe.reason)
+    assert "from where its velocity leads" in str(safe.reason)
     assert elbow.torques[-1] == 0.0
     assert fastest <= (1.0 + OVER) * ELBOW.limits.velocity
 
@@ -203,7 +203,7 @@ def test_a_stop_for_another_reason_still_sees_a_lie_that_comes_later() -> None:
     for _ in range(300):
         true = elbow.joints()
         safe = elbow.push(1.5, replace(true, position=last.position, velocity=last.velocity))
-    assert safe.reason == "the operator says so"
+    assert str(safe.reason) == "the operator says so"
     assert elbow.torques[-1] == 0.0
 
 
@@ -217,7 +217,7 @@ def test_a_reset_does_not_let_a_servo_start_where_frozen_data_says() -> None:
     now = 60 * PERIOD
     order = PlatformCommand(Mode.POSITION, np.array([2]), np.array([0.3]), np.ones(1))
     safe = gate.step([order], replace(frozen, stamp=now), now)
-    assert safe.refusals == ("hold: no new joint data for 120 ms",)
+    assert [*map(str, safe.refusals)] == ["hold: no new joint data for 120 ms"]
     assert safe.servos.size == 0
     safe = gate.step([order], replace(frozen, stamp=now + PERIOD, sequence=8), now + PERIOD)
     assert safe.refusals == ()
@@ -231,13 +231,13 @@ def test_a_reset_does_not_let_a_reading_that_was_not_believed_count_as_new_later
     jumped = replace(elbow.joints(), position=read_only(last.position - np.deg2rad(20.0)))
     for _ in range(60):
         safe = elbow.push(30.0, replace(jumped, stamp=elbow.now))
-    assert "jumped by 20.0 degrees" in safe.reason
+    assert "jumped by 20.0 degrees" in str(safe.reason)
     elbow.gate.reset()
     begin = len(elbow.torques)
     for _ in range(20):
         safe = elbow.push(30.0, replace(jumped, stamp=elbow.now))
         assert safe.state is GateState.HOLD
-        assert "no new joint data for" in safe.reason
+        assert "no new joint data for" in str(safe.reason)
     assert not np.any(elbow.torques[begin:])
 
 
@@ -489,7 +489,7 @@ def test_a_robot_that_comes_back_after_a_lie_is_not_believed_before_an_operator_
     elbow = Elbow()
     last = elbow.until_braked(1.5)
     jumped = replace(elbow.joints(), position=read_only(last.position - np.deg2rad(20.0)))
-    assert "jumped" in elbow.push(1.5, jumped).reason
+    assert "jumped" in str(elbow.push(1.5, jumped).reason)
     elbow.gate.drop()
     for _ in range(30):
         elbow.push(1.5)

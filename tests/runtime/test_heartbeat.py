@@ -9,22 +9,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tci.errors import DriverError, TciError
+from tci.reasons import Code, Reason
 from tci.runtime.heartbeat import TIMEOUT, Listener, Sender, decode, encode
 
 
 def test_28_silence_is_told_after_the_timeout_and_clears() -> None:
     now = 0.0
     with Listener(["brain"], clock=lambda: now) as listener:
-        assert "brain" in listener.fault()
+        assert "brain" in str(listener.fault())
         sender = Sender("brain", listener.port)
         sender.beat()
-        assert listener.fault() == ""
+        assert listener.fault() is None
         now = TIMEOUT
-        assert listener.fault() == ""
+        assert listener.fault() is None
         now = TIMEOUT + 0.001
-        assert listener.fault() == "no heartbeat of brain"
+        assert listener.fault() == Reason(Code.HEARTBEAT_MISSING, "no heartbeat of brain")
         sender.beat()
-        assert listener.fault() == ""
+        assert listener.fault() is None
         sender.close()
 
 

@@ -22,6 +22,7 @@ from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError, DriverError
 from tci.gate.gate import GateState, SafeCommand
 from tci.messages import GenericCommand, Mode, Order, Perception, Reading, SwitchMode
+from tci.reasons import Code, Reason
 from tci.robot.joint_map import initial_position
 from tci.runtime.lease import lease
 from tci.runtime.loop import PERSISTS, REST, Tick, run
@@ -99,7 +100,7 @@ def test_45_while_it_comes_to_rest_the_robot_is_told_why_and_no_longer_than_that
     monkeypatch.setattr(driver, "write", watched)
     with pytest.raises(ZeroDivisionError):
         run(driver, Swing(40, lambda: (failed.append(True), fail())), duration=1.0)
-    assert {safe.reason for safe in after} == {"ZeroDivisionError: on purpose"}
+    assert {safe.reason for safe in after} == {Reason(Code.PROGRAM_FAILED, "ZeroDivisionError: on purpose")}
     assert len(after) < 0.5 * REST / driver.period
     assert not after[-1].velocity.any()
 
@@ -235,8 +236,8 @@ def test_a_run_that_is_over_leaves_no_joint_in_motion(
     assert np.abs(sent[49].velocity).max() > 0.2
     assert not sent[-1].velocity.any()
     assert [(safe.state, safe.reason) for safe in sent[-2:]] == [
-        (GateState.HOLD, "the run has ended"),
-        (GateState.RUN, ""),
+        (GateState.HOLD, Reason(Code.RUN_ENDED, "the run has ended")),
+        (GateState.RUN, None),
     ]
     assert len(sent) < 50 + 0.5 * REST / driver.period
     assert driver.gate.state is GateState.RUN, "whoever goes on is not refused"
@@ -370,12 +371,12 @@ def test_41_periods_that_are_missed_are_counted_and_many_mean_hold(
     assert report.ticks == 150 - missed == report.work.counts.sum()
     held = [tick.sent for tick in seen if tick.sent.state is GateState.HOLD]
     assert len(held) == (missed >= 3)
-    assert all("missed" in sent.reason for sent in held)
+    assert all("missed" in str(sent.reason) for sent in held)
     assert seen[-1].sent.state is GateState.RUN
 
 
 def test_28_a_guard_makes_the_robot_hold_as_long_as_it_says(driver: SimulatedDriver) -> None:
-    reasons = iter([""] * 50 + ["no heartbeat of viewer"] * 20 + [""] * 80)
+    reasons = iter([None] * 50 + [Reason(Code.HEARTBEAT_MISSING, "no viewer")] * 20 + [None] * 80)
     states: list[GateState] = []
     run(
         driver,
@@ -464,8 +465,8 @@ def test_the_run_ends_when_the_memory_is_as_wanted(driver: SimulatedDriver) -> N
 
 def test_a_fault_that_the_capability_sees_stops_the_robot(driver: SimulatedDriver) -> None:
     class Blind(Swing):
-        def fault(self, perception: Perception, body: GenericBody) -> str:
-            return "I see nothing" if perception.stamp > 0.1 else ""
+        def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
+            return Reason(Code.SKIN_BLIND, "I see nothing") if perception.stamp > 0.1 else None
 
     run(driver, Blind(), duration=0.5)
     assert driver.gate.state is GateState.STOP
@@ -496,7 +497,7 @@ def test_an_order_that_does_not_fit_is_told_with_the_refusals_and_the_others_pas
 
     ticks: list[Tick] = []
     run(driver, Wrong(), duration=0.05, observe=ticks.append)
-    assert "7" in ticks[0].sent.refusals[0]
+    assert "7" in ticks[0].sent.refusals[0].text
     assert len(ticks[0].sent.refusals) == 1
     assert speed(driver) > 0.05
 
@@ -558,7 +559,7 @@ def test_15_skin_that_does_not_fit_is_not_seen_and_stops_the_robot_only_if_that_
     begin, spoilt = driver.world.time, 1.0
     run(driver, Watch(), duration=0.4, observe=observe, report=LoopReport())
     assert 0.1 + PERSISTS < states.index(GateState.STOP) * driver.period < 0.1 + PERSISTS + 0.03
-    assert "expected (240,)" in driver.gate.step((), read().joints, driver.world.time).reason
+    assert "expected (240,)" in str(driver.gate.step((), read().joints, driver.world.time).reason)
 
 
 def test_10_skin_that_stands_still_makes_the_robot_hold(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -204,9 +204,8 @@ def test_9_two_commands_and_no_memory(driver: SimulatedDriver) -> None:
 
 def test_9_a_generic_command_for_the_gate(driver: SimulatedDriver) -> None:
     sent = driver.gate.step([head(0.1, 0.0, 0.0)], driver.read().joints, driver.clock.now())
-    assert sent.refusals == (
-        "a GenericCommand is in no robot's joints; valid: what GenericBody.to_platform gives",
-    )
+    words = "a GenericCommand is in no robot's joints; valid: what GenericBody.to_platform gives"
+    assert [*map(str, sent.refusals)] == [words]
 
 
 @pytest.mark.parametrize("duration", [-1.0, float("nan"), float("inf")])

@@ -12,7 +12,7 @@ import pytest
 import tci
 from tci.drivers.simulated import SimulatedDriver
 from tci.gate.gate import GateState
-from tci.reasons import MOST, OTHERS, Notice, ReasonCounter
+from tci.reasons import MOST, OTHERS, Code, Notice, Reason, ReasonCounter
 from tci.runtime.loop_report import LoopReport
 
 
@@ -113,7 +113,7 @@ def test_a_run_that_ends_stopped_is_false_and_says_why(
     driver.gate.stop("somebody pressed the button")
     result = tci.run(driver, Ask(lambda count: head(0.1, 0.0, 0.0)), duration=0.1)
     assert not result
-    assert (result.state, result.reason) == (GateState.STOP, "somebody pressed the button")
+    assert (result.state, str(result.reason)) == (GateState.STOP, "somebody pressed the button")
     assert result.ended == "done"
     assert result.memory == 50
     stops = [record for record in caplog.records if record.levelno == logging.ERROR]
@@ -135,17 +135,17 @@ def test_a_stop_after_the_last_period_is_said_too(
         return False
 
     result = tci.run(driver, Ask(lambda count: head(0.4, 0.0, 0.0)), duration=1.0, until=until)
-    assert (result.state, result.reason) == (GateState.STOP, "too late")
+    assert (result.state, result.reason) == (GateState.STOP, Reason(Code.OTHER, "too late"))
     assert not result
     assert "too late" in warnings(caplog)[-1]
 
 
 def test_a_hold_is_counted_by_its_periods(driver: SimulatedDriver, caplog: pytest.LogCaptureFixture) -> None:
-    reasons = iter(["no heartbeat of viewer"] * 20 + [""] * 30)
+    reasons = iter([Reason(Code.HEARTBEAT_MISSING, "no heartbeat of viewer")] * 20 + [None] * 30)
     quiet = Ask(lambda count: head(0.1, 0.0, 0.0))
     result = tci.run(driver, quiet, duration=0.1, guard=lambda: next(reasons))
     (hold,) = result.holds
-    assert (hold.words, hold.count) == ("no heartbeat of viewer", 20)
+    assert (hold.words, hold.count, hold.code) == ("no heartbeat of viewer", 20, Code.HEARTBEAT_MISSING)
     assert result.refusals[0].count == 20
     assert len([words for words in warnings(caplog) if "held" in words]) == 1
     assert result
@@ -155,14 +155,18 @@ def test_a_result_in_plain_values_is_json(driver: SimulatedDriver) -> None:
     plain = tci.run(driver, Ask(lambda count: head(np.nan, 0.0, 0.0)), duration=0.02).to_json()
     assert json.loads(json.dumps(plain)) == plain
     assert (plain["robot"], plain["ok"], plain["accepted"]) == ("nao", False, 0)
+    assert plain["refusals"][0]["code"] == "COMMAND_INVALID"
     assert plain["refusals"][0]["count"] == plain["loop"]["ticks"] == 10
 
 
 def test_further_kinds_than_anybody_reads_are_counted_together() -> None:
     reasons = ReasonCounter()
-    assert all(reasons.add(f"no part named part{number}", 0.5 * number) for number in range(MOST))
-    assert not reasons.add("one more", 70.0)
-    assert not reasons.add("and another", 80.0)
+    assert all(
+        reasons.add(Reason(Code.UNKNOWN_NAME, f"no part named part{number}"), 0.5 * number)
+        for number in range(MOST)
+    )
+    assert not reasons.add(Reason.of("one more"), 70.0)
+    assert not reasons.add(Reason.of("and another"), 80.0)
     last = reasons.notices()[-1]
     assert (last.words, last.time, last.count) == (OTHERS, 70.0, 2)
     assert len(reasons.notices()) == MOST + 1
@@ -172,7 +176,8 @@ def test_more_than_anybody_reads_is_only_counted() -> None:
     notices = tuple(Notice(f"no part named {name}", 0.1, 2) for name in "abcdefgh")
     moved = {f"joint_{name}": 0.5 for name in "abcdefgh"}
     result = tci.RunResult(
-        memory=None, report=LoopReport(ended="done"), robot="nao", state=GateState.HOLD, reason="no data",
+        memory=None, report=LoopReport(ended="done"), robot="nao", state=GateState.HOLD,
+        reason=Reason.of("no data"),
         touched={"left_forearm": 1.25, "head": 1.0}, moved=moved, accepted=1, refusals=notices, clamps=(),
         holds=notices[:1],
     )  # fmt: skip

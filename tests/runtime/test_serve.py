@@ -13,6 +13,7 @@ from tci.drivers.server import Server
 from tci.drivers.simulated import SimulatedDriver
 from tci.gate.safe_command import SafeCommand
 from tci.messages import GenericCommand, Mode, Order, Perception, Reading
+from tci.reasons import Code, Reason
 from tci.runtime.loop import Tick
 from tci.runtime.serve import serve
 from tci.runtime.watchdogs import PILED_UP
@@ -26,7 +27,7 @@ class Desk(Server):
         self.plan = orders
         self.shown: list[SafeCommand] = []
         self.refused: list[tuple[Order, str]] = []
-        self.reason = ""
+        self.reason: Reason | None = None
 
     def where(self) -> str:
         return "a desk"
@@ -39,10 +40,10 @@ class Desk(Server):
         assert perception.posture
         self.shown.append(sent)
 
-    def refuse(self, order: Order, reason: str) -> None:
+    def refuse(self, order: Order, reason: Reason) -> None:
         self.refused.append((order, reason))
 
-    def fault(self) -> str:
+    def fault(self) -> Reason | None:
         return self.reason
 
     def close(self) -> None:
@@ -75,15 +76,15 @@ def test_what_does_not_fit_is_refused_with_a_reason_and_serving_goes_on(driver: 
     done = serve(desk, duration=0.5, clock=desk.driver.clock)
     assert [order for order, _ in desk.refused] == [wrong, wrong, strange]
     for (_, reason), word in zip(desk.refused, ("read", "7", "tail"), strict=True):
-        assert word in reason
-    assert "LElbowRoll" in desk.shown[2].refusals[0]
+        assert word in reason.text
+    assert "LElbowRoll" in desk.shown[2].refusals[0].text
     assert (done.orders, sum(done.refusals.counts.values())) == (4, 4)
     assert len(desk.shown) == round(0.5 / driver.period)
 
 
 def test_a_server_that_misses_its_commander_holds_the_robot(driver: SimulatedDriver) -> None:
     desk = Desk(driver, {1: [turn_head(0.8)]})
-    desk.reason = "nobody commands"
+    desk.reason = Reason(Code.COMMANDER_SILENT, "nobody commands")
     done = serve(desk, duration=0.5, clock=desk.driver.clock)
     assert (done.orders, desk.refused) == (1, [])
     assert {sent.state.value for sent in desk.shown} == {"hold"}
@@ -112,9 +113,9 @@ def test_28_34_a_process_that_stood_still_holds_from_its_first_period_and_takes_
     assert set(states[:thaw]) == {"run"}
     assert set(states[thaw : thaw + held]) == {"hold"}
     assert set(states[thaw + held + 1 :]) == {"run"}
-    assert "stood still for 5" in desk.shown[thaw].reason
+    assert "stood still for 5" in str(desk.shown[thaw].reason)
     for period in waiting:
-        assert "stood still" in desk.shown[period].refusals[0]
+        assert "stood still" in desk.shown[period].refusals[0].text
     at_thaw, rest = angles[thaw], angles[-1]
     assert elbow["LElbowRoll"] - at_thaw > 0.1, "it was on its way"
     assert at_thaw - rest < 0.02

@@ -35,6 +35,7 @@ from tci.messages import (
     Support,
     SwitchMode,
 )
+from tci.reasons import Reason
 from tci.robot.description import Kind, Robot
 from tci.robot.joint_map import JointMap, generic_posture, joint_map
 from tci.robot.skin_files.calibration import SkinCalibration
@@ -176,16 +177,16 @@ class GenericBody:
 
     def to_platform(
         self, orders: Iterable[Order] | Order, joints: JointReading
-    ) -> tuple[list[PlatformOrder], list[str]]:
+    ) -> tuple[list[PlatformOrder], list[Reason]]:
         """The orders in the robot's own joints, which are as `joints` says (inverse of eqs. 1-2), and the
         reasons why others have no form there. Raises UnknownNameError for an unknown part."""
         platform: list[PlatformOrder] = []
-        refused: list[str] = []
+        refused: list[Reason] = []
         for order in (orders,) if isinstance(orders, Order) else orders:
             try:
                 platform.append(order_to_platform(self.robot, order, joints.position))
             except CommandError as error:
-                refused.append(str(error))
+                refused.append(error.reason)
         return platform, refused
 
 

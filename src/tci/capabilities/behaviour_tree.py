@@ -26,6 +26,7 @@ from tci.capabilities.orders import begin_of, step_of
 from tci.errors import TciError
 from tci.installed import needs
 from tci.messages import CONTROL_MODES, CartesianCommand, GenericCommand, Order, Perception, SwitchMode
+from tci.reasons import Reason
 
 with needs("a behaviour tree", "behaviours"):
     from py_trees.behaviour import Behaviour
@@ -165,10 +166,10 @@ class BehaviourTree(Capability[Behaviour]):
         """What all leaves note."""
         return tuple(note for leaf in _leaves(memory) for note in leaf.capability.notes(leaf.memory))
 
-    def fault(self, perception: Perception, body: GenericBody) -> str:
+    def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
         """The first fault of a leaf."""
         reasons = (leaf.capability.fault(perception, body) for leaf in _leaves(self.tree()))
-        return next(filter(None, reasons), "")
+        return next(filter(None, reasons), None)
 
 
 def _leaves(tree: Behaviour) -> Iterator[Leaf]:

@@ -23,6 +23,7 @@ from tci.capabilities.withdrawing import Wish, Withdrawal, Withdrawals, refusal,
 from tci.errors import TciError
 from tci.frames import Array
 from tci.messages import Contact, GenericCommand, Mode, Order, Perception
+from tci.reasons import Code, Reason
 from tci.robot.description import SOLE
 
 ALONE = (
@@ -112,10 +113,10 @@ class BodyWithdrawal(Capability[BodyMemory]):
         """Which parts stay though they were touched, and why."""
         return memory.notes
 
-    def fault(self, perception: Perception, body: GenericBody) -> str:
-        """Which field has lost most of the skin that it feels with."""
+    def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
+        """Returns the field that has lost most of the skin that it feels with, as a reason to stop."""
         if perception.skin is None or perception.skin.masked is None:
-            return ""
+            return None
         for part in perception.posture:
             own = [
                 one for one in self.fields.field if self._can_answer(one, part, perception, one.segment, body)
@@ -125,11 +126,12 @@ class BodyWithdrawal(Capability[BodyMemory]):
             for place, share in zip(own, shares, strict=True):
                 if share >= LEAST_COVERAGE:
                     continue
-                return (
+                return Reason(
+                    Code.SKIN_BLIND,
                     f"the field {place.name} of {part} is blind: {share:.0%} of its taxels can be trusted; "
-                    f"valid: {LEAST_COVERAGE:.0%} or more"
+                    f"valid: {LEAST_COVERAGE:.0%} or more",
                 )
-        return ""
+        return None
 
     def _can_answer(
         self, candidate: BodyField, part: str, perception: Perception, segment: str, body: GenericBody

@@ -7,6 +7,7 @@ from typing import Generic, TypeVar
 
 from tci.body.generic_body import GenericBody
 from tci.messages import Order, Perception
+from tci.reasons import Reason
 
 Memory = TypeVar("Memory")
 
@@ -48,6 +49,7 @@ class Capability(ABC, Generic[Memory]):
         """What a person should know of what it did, or why it did nothing; mostly nothing."""
         return ()
 
-    def fault(self, perception: Perception, body: GenericBody) -> str:
-        """Why the robot must stop: what this behaviour needs is gone. Empty while all is well."""
-        return ""
+    def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
+        """Returns why the robot must stop: something that this behaviour needs is gone. None while all is
+        well."""
+        return None

@@ -21,6 +21,7 @@ from tci.messages import (
     Perception,
     PlatformCommand,
 )
+from tci.reasons import Reason
 
 Motion = GenericCommand | CartesianCommand
 
@@ -102,7 +103,7 @@ class ContactStop(Capability[StopMemory[Memory]], Generic[Memory]):
         """The behaviour's."""
         return self.behaviour.notes(memory.inner)
 
-    def fault(self, perception: Perception, body: GenericBody) -> str:
+    def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
         """The behaviour's."""
         return self.behaviour.fault(perception, body)
 

@@ -19,6 +19,7 @@ from tci.errors import TciError
 from tci.frames import read_only
 from tci.gestures.gesture import Fitted, Gesture
 from tci.messages import GenericCommand, Mode, Order, Perception
+from tci.reasons import Reason
 
 
 class Phase(Enum):
@@ -120,9 +121,9 @@ class PlayGesture(Capability[GestureMemory]):
         """The reflex's."""
         return () if self.reflex is None else self.reflex.notes(memory.reflex)
 
-    def fault(self, perception: Perception, body: GenericBody) -> str:
+    def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
         """The reflex's: a gesture needs no skin."""
-        return "" if self.reflex is None else self.reflex.fault(perception, body)
+        return None if self.reflex is None else self.reflex.fault(perception, body)
 
     def _lead(self, time: float, pace: float) -> tuple[Order, ...]:
         """To where the robot should be, and ahead by the share `pace` of what a stop takes."""

@@ -20,6 +20,7 @@ from tci.capabilities.withdrawing import Wish, Withdrawals, told, withdraw
 from tci.errors import CommandError, TciError
 from tci.frames import Array, read_only
 from tci.messages import Command, Contact, GenericCommand, LimbPlace, Mode, Perception, SwitchMode
+from tci.reasons import Code, Reason
 from tci.robot.generic_arm import JOINTS
 from tci.skin.contact_table import ContactTable
 
@@ -135,10 +136,10 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         """Which arms stay though they were touched, and why."""
         return memory.notes
 
-    def fault(self, perception: Perception, body: GenericBody) -> str:
-        """Which field has lost most of the skin that it feels with."""
+    def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
+        """Returns the field that has lost most of the skin that it feels with, as a reason to stop."""
         if perception.skin is None or perception.skin.masked is None:
-            return ""
+            return None
         arms = [part for part, posture in perception.posture.items() if posture.size == len(JOINTS)]
         places = [LimbPlace(one.segment, one.u, one.theta) for one in self.fields]
         radii = np.array([one.radius for one in self.fields])
@@ -147,11 +148,12 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
             for place, share in zip(self.fields, shares, strict=True):
                 if share >= LEAST_COVERAGE:
                     continue
-                return (
+                return Reason(
+                    Code.SKIN_BLIND,
                     f"the field {place.name} of {part} is blind: {share:.0%} of its taxels can be trusted; "
-                    f"valid: {LEAST_COVERAGE:.0%} or more"
+                    f"valid: {LEAST_COVERAGE:.0%} or more",
                 )
-        return ""
+        return None
 
     def answer(self, contact: Contact) -> Answer | None:
         """The closest field's answer to one contact (eqs 5-7); None when there is none.

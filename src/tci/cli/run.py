@@ -30,7 +30,7 @@ from tci.drivers.replay import ReplayDriver
 from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError, UnknownNameError
 from tci.gate.gate import GateState
-from tci.reasons import OTHERS, ReasonCounter
+from tci.reasons import OTHERS, Reason, ReasonCounter
 from tci.recording.recorder import Recorder
 from tci.robot.catalogue import load_robot
 from tci.runtime.arguments import as_capability
@@ -152,7 +152,7 @@ def run_capability(
 
             def listen(memory: Any) -> bool:
                 for note in capability.notes(memory):
-                    if heard.add(note, driver.clock.now()):
+                    if heard.add(Reason.of(note), driver.clock.now()):
                         teller.tell(driver.clock.now(), "NOTE", note, "yellow")
                 return False
 

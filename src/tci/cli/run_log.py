@@ -17,7 +17,7 @@ from tci.drivers.faults.fault_list import FAULTS
 from tci.drivers.faults.injectors import INJECTORS
 from tci.gate.gate import GateState
 from tci.messages import GenericCommand, Mode
-from tci.reasons import ReasonCounter
+from tci.reasons import Reason, ReasonCounter
 from tci.runtime.loop import Tick
 from tci.runtime.loop_report import LoopReport
 
@@ -43,7 +43,7 @@ class RunLog:
         """STOP once there was one, else HOLD once there was one."""
         self.refused, self.clamped = ReasonCounter(), ReasonCounter()
         self._driver, self._report, self._live = driver, report, live
-        self._state = (GateState.RUN, "")
+        self._state: tuple[GateState, Reason | None] = (GateState.RUN, None)
         self._begun: list[tuple[float, FaultPlan]] = []
         self._over: set[FaultPlan] = set()
         self._modes: dict[str, Mode] = {}
@@ -58,8 +58,9 @@ class RunLog:
         self._touches(tick)
         self._skin(tick)
         state = tick.sent.state
-        if (state, tick.sent.reason if state is GateState.STOP else "") != self._state:
-            self._state = (state, tick.sent.reason if state is GateState.STOP else "")
+        now_state = (state, tick.sent.reason if state is GateState.STOP else None)
+        if now_state != self._state:
+            self._state = now_state
             reason = tick.sent.reason or "all is well again"
             self.tell(tick.now, state.name, f"{reason} ({MEANING[state]})", COLOURS[state])
             self._ended = None if state is GateState.RUN else self._ended or tick.now
@@ -158,10 +159,10 @@ class RunLog:
     def _judged(self, tick: Tick) -> None:
         for reason in tick.sent.refusals:
             if self.refused.add(reason, tick.now):
-                self.tell(tick.now, "refused", reason, "yellow")
-        for reason in tick.sent.clamped:
-            if self.clamped.add(reason, tick.now):
-                self.tell(tick.now, "clamped", reason, "yellow")
+                self.tell(tick.now, "refused", reason.text, "yellow")
+        for words in tick.sent.clamped:
+            if self.clamped.add(Reason.of(words), tick.now):
+                self.tell(tick.now, "clamped", words, "yellow")
 
     def _command(self, now: float, command: GenericCommand) -> None:
         if self._modes.get(command.part) is not command.mode:

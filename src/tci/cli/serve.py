@@ -6,7 +6,7 @@ from tci.cli.console import console, print_json, told_here
 from tci.cli.run import HARMLESS
 from tci.drivers.registry import connect, open_server
 from tci.gate.gate import GateState
-from tci.reasons import OTHERS, ReasonCounter
+from tci.reasons import OTHERS, Reason, ReasonCounter
 from tci.robot.catalogue import load_robot
 from tci.runtime.loop import Tick
 from tci.runtime.loop_report import LoopReport
@@ -29,8 +29,8 @@ def serve(robot: str, *, via: str, source: str, arm: bool, duration: float | Non
             words = (
                 f"{tick.sent.state.name}: {tick.sent.reason}" if tick.sent.reason else tick.sent.state.name
             )
-            for line in (words, *tick.sent.refusals):
-                if told.add(line, tick.now) and not as_json:
+            for line in (words, *map(str, tick.sent.refusals)):
+                if told.add(Reason.of(line), tick.now) and not as_json:
                     console.print(f"{tick.now:10.3f} s  {line}", highlight=False, markup=False)
 
         status = 0

@@ -17,6 +17,7 @@ from tci.drivers.driver import Driver
 from tci.frames import Array
 from tci.gate.gate import GateState
 from tci.messages import Mode, PlatformCommand
+from tci.reasons import Code, Reason
 from tci.robot.description import Robot, Servo
 from tci.robot.kinematics import Kinematics
 
@@ -38,6 +39,13 @@ STRAY = float(np.deg2rad(0.4))
 RATIO = (0.6, 1.4)
 """Range of measured over commanded motion of a healthy servo, by its encoder. Assumed; no published value."""
 UNIT = 180.0 / np.pi
+ADVICE = {
+    Code.MOVED_WRONG_WAY: "command and encoder have opposite signs: correct the robot's driver",
+    Code.MOVED_TOO_FAR: "a unit is wrong: degrees and radians differ by 57.3",
+}
+"""Advice to the operator, by the code of the reason why a motion ended early."""
+ELSE = "look at cables and at the order of joints in the binding, before anything else"
+"""Advice for every other code."""
 
 
 class ServoCheck:
@@ -78,14 +86,14 @@ class ServoCheck:
         if not self.operator.may(f"move {what}"):
             return Finding(Level.NOTE, servo.name, "not moved: the operator said no")
         moved, reason = self._out(servo, start, way, noise)
-        if not reason and self.driver.gate.state is not GateState.STOP:
+        if reason is None and self.driver.gate.state is not GateState.STOP:
             self._move(servo, here, way, start, noise)
             seen = self.operator.saw(f"It went there and back. Did you see that: {what}?", expected)
         else:
             seen = None
         return _verdict(self.driver.robot, servo, way * moved, reason, noise, seen)
 
-    def _out(self, servo: Servo, start: Array, way: float, noise: float) -> tuple[Array, str]:
+    def _out(self, servo: Servo, start: Array, way: float, noise: float) -> tuple[Array, Reason | None]:
         """Moves a servo outward in STEPS. Returns the final motion (n,) [rad] of every servo, and the reason
         for an early end."""
         moved = np.zeros(len(start))
@@ -93,22 +101,26 @@ class ServoCheck:
         for index, step in enumerate(STEPS):
             told = way * step
             moved, reason = self._move(servo, here + told, way, start, noise)
-            if reason:
+            if reason is not None:
                 return moved, reason
             own = moved[servo.index] * way
             if own > 3.0 * step + noise + np.deg2rad(0.2):
                 self.driver.halt()
-                return moved, f"it went {own / step:.0f} times as far as it was told"
+                words = f"it went {own / step:.0f} times as far as it was told"
+                return moved, Reason(Code.MOVED_TOO_FAR, words)
             if index == 0 and servo.robot_part not in self._small:
                 # A wrong unit that encoder and command share can only be seen.
                 if not self.operator.still(
                     f"{servo.name} was sent {np.rad2deg(step):.2f} degrees, too little to see"
                 ):
-                    return moved, "it moved visibly, many times as far as it was told"
+                    words = "it moved visibly, many times as far as it was told"
+                    return moved, Reason(Code.MOVED_TOO_FAR, words)
                 self._small.add(servo.robot_part)
-        return moved, ""
+        return moved, None
 
-    def _move(self, servo: Servo, target: float, way: float, start: Array, noise: float) -> tuple[Array, str]:
+    def _move(
+        self, servo: Servo, target: float, way: float, start: Array, noise: float
+    ) -> tuple[Array, Reason | None]:
         """Sends a servo to `target` [rad] and waits; `way` is the sign of its motion away from `start`.
 
         Returns the motion (n,) [rad] of all servos from `start`, and the reason for an early end.
@@ -128,14 +140,16 @@ class ServoCheck:
             safe = driver.write(driver.gate.step(pending, reading.joints, now))
             held += safe.state is GateState.HOLD
             if safe.state is GateState.STOP or held * driver.period > HOLDS:
-                return moved, f"the gate: {safe.reason}"
+                code = Code.OTHER if safe.reason is None else safe.reason.code
+                return moved, Reason(code, f"the gate: {safe.reason}")
             if safe.refusals and safe.state is GateState.RUN:
-                return moved, f"the gate refused: {safe.refusals[0]}"
+                refused = safe.refusals[0]
+                return moved, Reason(refused.code, f"the gate refused: {refused}")
             pending = [command] if safe.state is GateState.HOLD else []
             moved = reading.joints.position - start
             self.largest = max(self.largest, float(np.abs(moved).max()))
             reason = self._stray(moved, servo, way, others, noise)
-            if reason:
+            if reason is not None:
                 driver.halt()
                 return moved, reason
             place = safe.servos.tolist().index(servo.index) if servo.index in safe.servos else None
@@ -144,27 +158,27 @@ class ServoCheck:
             if rested is not None and now - rested > 0.5 * SETTLE:
                 tail.append(moved)
             if rested is not None and now - rested > SETTLE:
-                return np.mean(tail, axis=0), ""
-        return moved, "" if tail else f"it did not arrive within {ARRIVE:.0f} s"
+                return np.mean(tail, axis=0), None
+        late = Reason(Code.NOT_ARRIVED, f"it did not arrive within {ARRIVE:.0f} s")
+        return moved, None if tail else late
 
-    def _stray(self, moved: Array, servo: Servo, way: float, others: NDArray[np.bool_], noise: float) -> str:
-        """Returns the reason to end a motion now: another servo, the wrong direction, or too far; empty if
-        there is none."""
+    def _stray(
+        self, moved: Array, servo: Servo, way: float, others: NDArray[np.bool_], noise: float
+    ) -> Reason | None:
+        """Returns the reason to end a motion now: another servo, the wrong direction, or too far."""
         robot = self.driver.robot
         away = np.abs(moved) > max(STRAY, 3.0 * noise)
         if (away & others).any():
             index = int(np.argmax(np.where(others, np.abs(moved), 0.0)))
-            return (
-                f"{robot.servos[index].name} moved instead, by {np.rad2deg(moved[index]):+.1f} degrees"
-                if abs(moved[servo.index]) < abs(moved[index])
-                else f"{robot.servos[index].name} moved with it, by {np.rad2deg(moved[index]):+.1f} degrees"
-            )
+            how = "instead" if abs(moved[servo.index]) < abs(moved[index]) else "with it"
+            words = f"{robot.servos[index].name} moved {how}, by {np.rad2deg(moved[index]):+.1f} degrees"
+            return Reason(Code.MOVED_ANOTHER, words)
         own = moved[servo.index] * way
         if own < -max(STRAY, 3.0 * noise):
-            return f"it moved the wrong way, by {np.rad2deg(own):.1f} degrees"
+            return Reason(Code.MOVED_WRONG_WAY, f"it moved the wrong way, by {np.rad2deg(own):.1f} degrees")
         if own > 0.98 * MOST:
-            return f"it moved too far, by {np.rad2deg(own):.1f} degrees"
-        return ""
+            return Reason(Code.MOVED_TOO_FAR, f"it moved too far, by {np.rad2deg(own):.1f} degrees")
+        return None
 
     def _at_rest(self) -> tuple[Array, float]:
         """Returns mean angles (n,) [rad] over SETTLE, and the noise [rad] of the encoders."""
@@ -174,19 +188,15 @@ class ServoCheck:
 
 
 def _verdict(
-    robot: Robot, servo: Servo, moved: Array, reason: str, noise: float, seen: bool | None
+    robot: Robot, servo: Servo, moved: Array, reason: Reason | None, noise: float, seen: bool | None
 ) -> Finding:
     """Judges a servo after a motion by `moved` (n,) [rad], positive in the commanded direction."""
     own = float(moved[servo.index])
     ratio = own / float(STEPS[-1])
     figures = {"told_deg": float(np.rad2deg(STEPS[-1])), "measured_deg": float(np.rad2deg(own))}
-    if reason:
-        advice = "look at cables and at the order of joints in the binding, before anything else"
-        if "wrong way" in reason:
-            advice = "command and encoder have opposite signs: correct the robot's driver"
-        elif "as far" in reason or "too far" in reason:
-            advice = "a unit is wrong: degrees and radians differ by 57.3"
-        return Finding(Level.FAULT, servo.name, reason, advice, figures)
+    if reason is not None:
+        advice = ADVICE.get(reason.code, ELSE)
+        return Finding(Level.FAULT, servo.name, reason.text, advice, figures)
     if abs(ratio * UNIT - 1.0) < 0.15 and own > 2.0 * noise:
         words = "it went 57 times less far than it was told"
         return Finding(Level.FAULT, servo.name, words, "radians are sent where degrees belong", figures)

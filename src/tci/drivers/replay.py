@@ -18,7 +18,7 @@ from tci.gate.gate import SafeCommand
 from tci.messages import Reading
 from tci.recording.recorder import versions
 from tci.recording.recording import RecordedTick, Recording
-from tci.recording.schemas import decision_bytes
+from tci.recording.schemas import same_decision
 from tci.robot.description import Robot
 
 
@@ -85,7 +85,7 @@ class ReplayDriver(Driver):
         self.compared = 0
         """Decisions that were compared with those of then."""
         self.different: list[float] = []
-        """Times [s] of those that differ in any bit."""
+        """Times [s] of those that differ in state, modes, codes, or any bit of a number."""
         self.changed = changed_versions(about.get("versions", ""))
         """Whose versions are others than then, in words: `numpy 2.4.6, here 2.5.0`. Their bits may differ."""
         self._ticks = self.recording.ticks()
@@ -116,7 +116,7 @@ class ReplayDriver(Driver):
         recorded = self._tick.decision if self._tick is not None else None
         if recorded is not None:
             self.compared += 1
-            if decision_bytes(safe) != recorded:
+            if not same_decision(safe, recorded):
                 self.different.append(safe.stamp)
 
     def _close(self) -> None:

@@ -14,6 +14,7 @@ from typing import Self
 from tci.drivers.driver import Driver
 from tci.gate.safe_command import SafeCommand
 from tci.messages import Order, Perception, Reading
+from tci.reasons import Reason
 
 
 class Server(ABC):
@@ -50,12 +51,12 @@ class Server(ABC):
         """Let go of every resource. A second call does nothing."""
 
     @abstractmethod
-    def refuse(self, order: Order, reason: str) -> None:
+    def refuse(self, order: Order, reason: Reason) -> None:
         """Tell who ordered it why it does not pass; what the gate refuses is in `publish`'s `sent`."""
 
-    def fault(self) -> str:
-        """Why the robot should hold, such as a commander that fell silent; empty for no reason."""
-        return ""
+    def fault(self) -> Reason | None:
+        """Returns why the robot should hold, such as a commander that fell silent, or None."""
+        return None
 
     def __enter__(self) -> Self:
         return self

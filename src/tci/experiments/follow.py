@@ -16,6 +16,7 @@ from tci.drivers.driver import Driver
 from tci.errors import CommandError
 from tci.frames import Array
 from tci.messages import Order, Perception
+from tci.reasons import Reason
 from tci.runtime.loop import Tick, run
 
 MOST = 60.0
@@ -92,7 +93,7 @@ class _Followed(Capability[_Seen]):
         """The gesture's."""
         return self.play.notes(memory.inner)
 
-    def fault(self, perception: Perception, body: GenericBody) -> str:
+    def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
         """The gesture's."""
         return self.play.fault(perception, body)
 

@@ -196,7 +196,7 @@ def limit_faults(robot: Robot) -> list[str]:
         velocities.append(reading.joints.velocity)
     faults = command_violations(robot, sent, positions, driver.period)
     faults += physics_violations(robot, np.array(positions), np.array(velocities))
-    faults += dict.fromkeys(refusal for safe in sent for refusal in safe.refusals)
+    faults += dict.fromkeys(str(refusal) for safe in sent for refusal in safe.refusals)
     faults += dict.fromkeys(f"{safe.state.value}: {safe.reason}" for safe in sent if safe.reason)
     return faults
 

@@ -17,6 +17,7 @@ from tci.frames import Array
 from tci.gate.kernels.motion import all_finite
 from tci.gate.kernels.targets import is_acceptable
 from tci.messages import CONTROL_MODES, JointReading, Mode, PlatformCommand, PlatformSwitch
+from tci.reasons import Code, Reason
 from tci.robot.description import Robot, Servo
 
 NEEDED = ("lower", "upper", "velocity", "acceleration", "jerk")
@@ -32,24 +33,27 @@ the two hours that ruckig plans."""
 INDICES, DOUBLES = np.dtype(np.intp), np.dtype(np.float64)
 
 
-def fault_of_reading(robot: Robot, joints: JointReading, now: float, stale_after: float) -> str:
-    """Why joint data can't be used at time `now` [s]; empty when it can.
+def fault_of_reading(robot: Robot, joints: JointReading, now: float, stale_after: float) -> Reason | None:
+    """Returns why joint data can't be used at time `now` [s]; None when it can.
 
     Data may be as much too new as too old, since a reading is taken after its tick began. Velocities
     may be NaN: not every robot sends them.
     """
     expected = (len(robot.servos),)
     if joints.position.shape != expected:
-        return f"joint reading of shape {joints.position.shape}; valid: {expected}"
+        words = f"joint reading of shape {joints.position.shape}; valid: {expected}"
+        return Reason(Code.JOINTS_MISFIT, words)
     if joints.velocity.shape != expected:
-        return f"joint velocities of shape {joints.velocity.shape}; valid: {expected}"
+        words = f"joint velocities of shape {joints.velocity.shape}; valid: {expected}"
+        return Reason(Code.JOINTS_MISFIT, words)
     if not all_finite(joints.position):
         worst = int(np.argmin(np.isfinite(joints.position)))
-        return f"the angle of {robot.servos[worst].name} is not finite"
+        return Reason(Code.JOINTS_MISFIT, f"the angle of {robot.servos[worst].name} is not finite")
     age = now - joints.stamp
     if not -stale_after <= age <= stale_after:  # also refuses NaN
-        return f"joint data is {age * 1e3:.0f} ms old; valid: at most {stale_after * 1e3:.0f} ms"
-    return ""
+        words = f"joint data is {age * 1e3:.0f} ms old; valid: at most {stale_after * 1e3:.0f} ms"
+        return Reason(Code.JOINTS_STALE, words)
+    return None
 
 
 def check_command(robot: Robot, command: PlatformCommand) -> tuple[NDArray[np.intp], Array, Array]:
@@ -96,7 +100,8 @@ def refuse_degrees(robot: Robot, command: PlatformCommand) -> NoReturn:
     limits = robot.servos[command.servos[worst]].limits
     raise CommandError(
         f"{command.mode.value} of {', '.join(names)}: {names[worst]} at {command.values[worst]:g} rad, "
-        f"limits {limits.lower:.2f} .. {limits.upper:.2f} rad; degrees? valid: radians, as from np.deg2rad"
+        f"limits {limits.lower:.2f} .. {limits.upper:.2f} rad; degrees? valid: radians, as from np.deg2rad",
+        code=Code.LIKELY_DEGREES,
     )
 
 
@@ -111,11 +116,13 @@ def check_switch(robot: Robot, switch: PlatformSwitch) -> None:
     for servo in (robot.servos[index] for index in switch.servos):
         if switch.mode not in servo.modes:
             valid = ", ".join(mode.value for mode in servo.modes)
-            raise CommandError(f"{robot.name}: {servo.name} has no {switch.mode.value} mode; valid: {valid}")
+            words = f"{robot.name}: {servo.name} has no {switch.mode.value} mode; valid: {valid}"
+            raise CommandError(words, code=Code.WRONG_MODE)
         check_limits(servo)
         torque = servo.limits.torque
         if switch.mode is Mode.TORQUE and not (torque is not None and 0.0 < torque < np.inf):
-            raise CommandError(f"{servo.name} has no torque mode: its description has no limit of torque")
+            words = f"{servo.name} has no torque mode: its description has no limit of torque"
+            raise CommandError(words, code=Code.LIMITS_UNKNOWN)
 
 
 def _check_servos(robot: Robot, what: str, servos: NDArray[np.intp]) -> None:
@@ -152,7 +159,8 @@ def check_start(robot: Robot, servos: Collection[int], position: Array) -> None:
             raise CommandError(
                 f"{servo.name} is measured at {np.rad2deg(angle):.1f} degrees, its limits are "
                 f"{np.rad2deg(lower):.1f} .. {np.rad2deg(upper):.1f}; valid: at most "
-                f"{np.rad2deg(OUTSIDE):.0f} outside"
+                f"{np.rad2deg(OUTSIDE):.0f} outside",
+                code=Code.LIMITS_EXCEEDED,
             )
 
 
@@ -162,18 +170,21 @@ def check_limits(servo: Servo) -> None:
     missing = [name for name in NEEDED if getattr(limits, name) is None]
     if missing:
         raise CommandError(
-            f"{servo.name} can't be moved: its description has no limit of {', '.join(missing)}"
+            f"{servo.name} can't be moved: its description has no limit of {', '.join(missing)}",
+            code=Code.LIMITS_UNKNOWN,
         )
     for name in NEEDED[2:]:
         value = getattr(limits, name)
         if not 0.0 < value < np.inf:
             raise CommandError(
-                f"{servo.name} can't be moved: its limit of {name} is {value:g}; valid: above 0 and finite"
+                f"{servo.name} can't be moved: its limit of {name} is {value:g}; valid: above 0 and finite",
+                code=Code.LIMITS_UNKNOWN,
             )
     assert limits.lower is not None
     assert limits.upper is not None
     if not -np.inf < limits.lower <= limits.upper < np.inf:
         raise CommandError(
             f"{servo.name} can't be moved: its limits are {limits.lower:g} .. {limits.upper:g} rad; "
-            "valid: lower first"
+            "valid: lower first",
+            code=Code.LIMITS_UNKNOWN,
         )

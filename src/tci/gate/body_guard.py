@@ -12,6 +12,7 @@ from tci.gate.joint_group import JointGroup
 from tci.gate.kernels.stops import take_room
 from tci.gate.self_collision import SelfCollision
 from tci.gate.stop_plan import StopTrajectory
+from tci.reasons import Reason
 
 LOOKS = 16
 """Points of a stop, its ends among them, at which the robot's body is looked at. Ours: others lie between."""
@@ -43,8 +44,8 @@ class BodyGuard:
 
     def fault(
         self, index: NDArray[np.intp], stop: StopTrajectory, others: Sequence[JointGroup], measured: Array
-    ) -> str:
-        """Why servos `index` (n,) must not go where `stop` begins, while `others` stop; empty when they may.
+    ) -> Reason | None:
+        """Returns why servos `index` (n,) must not go where `stop` begins while `others` stop, or None.
 
         Servos of no chain are where they are `measured` (n_servos,) [rad].
         """
@@ -54,12 +55,12 @@ class BodyGuard:
             here = other.limiter.whole_state[0]
             take_room(other.index, measured, self._before.get(other, here), other.limiter.span, box)
         if self._body.keeps_margin(box):
-            return ""
+            return None
         return self._fault_of_path(index, stop, others, measured)
 
     def _fault_of_path(
         self, index: NDArray[np.intp], stop: StopTrajectory, others: Sequence[JointGroup], measured: Array
-    ) -> str:
+    ) -> Reason | None:
         """The same, from point to point of the stops."""
         told, away = np.array(measured), np.zeros(len(measured))
         told[index] = stop.here

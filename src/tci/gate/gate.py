@@ -27,6 +27,7 @@ from tci.gate.settings import GateCounts as GateCounts
 from tci.gate.settings import GateSettings as GateSettings
 from tci.gate.settings import Tally
 from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder
+from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
 EARLY = 0.05
@@ -62,8 +63,8 @@ class Gate:
         self._robot, self._period, self._stale_after = robot, period, stale_after
         self._settings = settings or GateSettings()
         self.state = GateState.RUN
-        self.reason = ""
-        """Reason for its state in the latest step; empty while it runs."""
+        self.reason: Reason | None = None
+        """Reason for its state in the latest step; None while it runs."""
         self._seal = GateToken(robot.name)
         self._issued: SafeCommand | None = None
         self._tally = Tally()
@@ -72,7 +73,8 @@ class Gate:
             JointMonitor(robot, self._settings.monitor) if self._settings.monitor is not None else None
         )
         self._told, self._pushed = self._motion.reference, np.zeros(0)
-        self._stopped = self._held = ""
+        self._stopped: Reason | None = None
+        self._held: Reason | None = None
         self._credit, self._before = 1.0, -np.inf
         self._pace = 0.0
 
@@ -116,15 +118,22 @@ class Gate:
         """The control mode of every servo."""
         return tuple(self._motion.modes)
 
-    def stop(self, reason: str) -> None:
-        """Stop the robot within its limits and accept nothing until `reset`. The first reason stays."""
-        if not self._stopped:
-            self._stopped = reason or "stopped without a reason"
+    def stop(self, reason: Reason | str) -> None:
+        """Stops the robot within its limits and accepts nothing until `reset`. The first reason stays.
+
+        A text alone is a reason of the code OTHER.
+        """
+        if self._stopped is None:
+            self._stopped = Reason.of(reason or "stopped without a reason")
             self._tally.stops += 1
 
-    def hold(self, reason: str) -> None:
-        """Hold in the next step, for what the loop knows: missed periods, a silent process."""
-        self._held = reason
+    def hold(self, reason: Reason | str | None) -> None:
+        """Holds in the next step, for a reason that the loop knows: missed periods, a silent process.
+
+        None, or an empty text, changes nothing; of several reasons the latest is told.
+        """
+        if reason:
+            self._held = Reason.of(reason)
 
     def reset(self) -> None:
         """For an operator: leave STOP. Nothing moves: each servo waits for a command, where it is then.
@@ -134,7 +143,7 @@ class Gate:
         """
         if self._motion.moves:
             raise CommandError("the robot has not come to rest yet; valid: reset at rest")
-        self._stopped = ""
+        self._stopped = None
         self.drop()
         if self._monitor is not None:
             self._monitor.reset()
@@ -154,7 +163,7 @@ class Gate:
         joints: JointReading,
         now: float,
         *,
-        refused: Sequence[str] = (),
+        refused: Sequence[Reason] = (),
     ) -> SafeCommand:
         """What may be written at time `now` [s], given new `commands` or a single one, and latest `joints`.
 
@@ -176,7 +185,7 @@ class Gate:
         for command in (commands,) if isinstance(commands, PlatformOrder) else commands:
             try:
                 if reason:
-                    raise CommandError(f"{self.state.value}: {reason}")
+                    raise CommandError(f"{self.state.value}: {reason}", code=Code.GATE_CLOSED)
                 if not isinstance(command, PlatformOrder):
                     kind = type(command).__name__
                     raise CommandError(
@@ -189,7 +198,7 @@ class Gate:
                     clamped += self._motion.accept(command, now)
                 taken.append(command)
             except CommandError as error:
-                refusals.append(str(error))
+                refusals.append(error.reason)
         self._tally.refusals += len(refusals)
         due = self._is_due(now)
         if due:
@@ -223,10 +232,11 @@ class Gate:
             )
         self._issued = None
 
-    def _judge(self, joints: JointReading, now: float) -> str:
-        """Why nothing may move now; empty when all is well. Sets the state."""
+    def _judge(self, joints: JointReading, now: float) -> Reason | None:
+        """Returns why nothing may move now; None when all is well. Sets the state."""
         if -np.inf < now < self._before - self.period:
-            self.stop(f"time went back by {self._before - now:.3f} s")
+            words = f"time went back by {self._before - now:.3f} s"
+            self.stop(Reason(Code.TIME_WENT_BACK, words))
             self._before = now - self.period
         reason = fault_of_reading(self.robot, joints, now, self.stale_after)
         if reason:
@@ -237,7 +247,7 @@ class Gate:
                 self.stop(fault)
             self._motion.see(joints, now, believed=monitor is None or not monitor.misled)
             reason = self._motion.fault_of_age(now, self.stale_after)
-        reason, self._held = reason or self._held, ""
+        reason, self._held = reason or self._held, None
         if self._stopped:
             self.state, reason = GateState.STOP, self._stopped
         elif reason:

@@ -24,6 +24,7 @@ from tci.gate.kernels.motion import (
     largest_change,
 )
 from tci.messages import JointReading, Mode
+from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
 JUDGED = (Mode.POSITION, Mode.VELOCITY)
@@ -121,8 +122,8 @@ class JointMonitor:
         self._other_mode = never
         self._well: tuple[object, ...] = ()
 
-    def step(self, joints: JointReading, reference: Reference, torque: Array | None = None) -> str:
-        """Why the robot must stop, given a usable reading; empty while it does what it is told.
+    def step(self, joints: JointReading, reference: Reference, torque: Array | None = None) -> Reason | None:
+        """Returns why the robot must stop, given a usable reading; None while it does what it is told.
 
         `reference` and `torque` (k,) [N m] are what was handed out for this reading's time. Call it once per
         control period.
@@ -135,7 +136,8 @@ class JointMonitor:
             self._fresh = joints.stamp
         elif joints.stamp - self._fresh > self.settings.frozen:
             self.misled = True
-            return f"joint data is frozen: reading {joints.sequence} comes again under fresh stamps"
+            words = f"joint data is frozen: reading {joints.sequence} comes again under fresh stamps"
+            return Reason(Code.JOINTS_REPEATED, words)
         return (
             self._fault_of_encoders(joints, before)
             or self._fault_of_velocities(joints, before, reference, torque)
@@ -143,29 +145,30 @@ class JointMonitor:
             or self._fault_of_motion(joints, before, reference)
         )
 
-    def _fault_of_encoders(self, joints: JointReading, before: JointReading) -> str:
+    def _fault_of_encoders(self, joints: JointReading, before: JointReading) -> Reason | None:
         if largest_change(joints.position, before.position) <= self.settings.encoder_step:
-            return ""
+            return None
         change = np.abs(joints.position - before.position)
         allowed = self._fastest * (joints.stamp - before.stamp) + self.settings.encoder_step
         if (change > allowed).any():
             worst = int(np.argmax(change - allowed))
             self.misled = True
-            return (
+            return Reason(
+                Code.ENCODER_JUMPED,
                 f"the angle of {self._names[worst]} jumped by {np.rad2deg(change[worst]):.1f} degrees; "
-                f"possible: {np.rad2deg(allowed[worst]):.1f}"
+                f"possible: {np.rad2deg(allowed[worst]):.1f}",
             )
-        return ""
+        return None
 
-    def _fault_of_state(self, joints: JointReading, reference: Reference) -> str:
+    def _fault_of_state(self, joints: JointReading, reference: Reference) -> Reason | None:
         """Servos that are off, or in another mode than they were switched to."""
-        servos, words = reference.servos, (joints.powered, joints.modes, reference.servos, reference.modes)
-        if len(self._well) == len(words) and all(map(is_, words, self._well)):
-            return ""  # the very objects that were looked at before, and nothing was wrong
+        servos, seen = reference.servos, (joints.powered, joints.modes, reference.servos, reference.modes)
+        if len(self._well) == len(seen) and all(map(is_, seen, self._well)):
+            return None  # the very objects that were looked at before, and nothing was wrong
         self._well = ()
         if joints.powered is not None and not joints.powered[servos].all():
             off = servos[int(np.argmin(joints.powered[servos]))]
-            return f"{self._names[off]} is under command and its servo is off"
+            return Reason(Code.SERVO_OFF, f"{self._names[off]} is under command and its servo is off")
         others = 0
         for servo, mode in zip(servos.tolist(), reference.modes, strict=True):
             reported = None if joints.modes is None else joints.modes[servo]
@@ -175,12 +178,15 @@ class JointMonitor:
             others += 1
             self._other_mode[servo] = min(self._other_mode[servo], joints.stamp)
             if joints.stamp - self._other_mode[servo] > self.settings.mode_change:
-                return f"{self._names[servo]} reports mode {reported.value}; commanded in {mode.value}"
+                words = f"{self._names[servo]} reports mode {reported.value}; commanded in {mode.value}"
+                return Reason(Code.SERVO_MODE, words)
         if not others:
-            self._well = words
-        return ""
+            self._well = seen
+        return None
 
-    def _fault_of_motion(self, joints: JointReading, before: JointReading, reference: Reference) -> str:
+    def _fault_of_motion(
+        self, joints: JointReading, before: JointReading, reference: Reference
+    ) -> Reason | None:
         servos = reference.servos
         found = judge_motion(
             servos, self._judged, joints.position, before.position, reference.position,
@@ -188,20 +194,22 @@ class JointMonitor:
             self._worst,
         )  # fmt: skip
         if found == FOLLOWS:
-            return ""
+            return None
         name, way = self._names[servos[int(self._worst[0])]], np.rad2deg(self._worst[1])
         if found == LATE:
             causes = "held or pushed, blocked, stalled or limp"
-            return f"{name} does not follow: {way:.1f} degrees from its reference; {causes}"
+            words = f"{name} does not follow: {way:.1f} degrees from its reference; {causes}"
+            return Reason(Code.FOLLOWING_ERROR, words)
         if found == OPPOSED:
             causes = "pushed or pulled; if nothing touches it, the sign of its gamma is wrong"
-            return f"{name} moves against its command; {causes}"
+            return Reason(Code.OPPOSED_MOTION, f"{name} moves against its command; {causes}")
         self.misled = True
-        return f"the encoder of {name} stands still while its reference moved by {way:.1f} degrees"
+        words = f"the encoder of {name} stands still while its reference moved by {way:.1f} degrees"
+        return Reason(Code.ENCODER_FROZEN, words)
 
     def _fault_of_velocities(
         self, joints: JointReading, before: JointReading, reference: Reference, torque: Array | None
-    ) -> str:
+    ) -> Reason | None:
         """Angles that are not the joints', told by velocities and torques where no reference does."""
         servos, elapsed = reference.servos, joints.stamp - before.stamp
         self._sort(reference.modes)
@@ -212,12 +220,16 @@ class JointMonitor:
             self._worst,
         )  # fmt: skip
         if found == FOLLOWS:
-            return ""
+            return None
         self.misled = True
         name, way = self._names[servos[int(self._worst[0])]], np.rad2deg(self._worst[1])
         if found == DISAGREES:
-            return f"the angle of {name} is {way:.1f} degrees from where its velocity leads"
-        return f"the encoder of {name} stands still while its torque changes; free it moves {way:.1f} degrees"
+            words = f"the angle of {name} is {way:.1f} degrees from where its velocity leads"
+            return Reason(Code.ENCODER_DISAGREES, words)
+        words = (
+            f"the encoder of {name} stands still while its torque changes; free it moves {way:.1f} degrees"
+        )
+        return Reason(Code.ENCODER_FROZEN, words)
 
     def _sort(self, modes: tuple[Mode, ...]) -> None:
         """Which servos (k,) are in modes that are judged by the reference, and which in torque mode."""

@@ -32,6 +32,7 @@ from tci.gate.stop_plan import StopTrajectory
 from tci.gate.torque import TorqueLimiter
 from tci.gate.trajectory import Guard
 from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch
+from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
 REST = float(np.deg2rad(3.0))
@@ -137,10 +138,12 @@ class Motion:
         """A reading can't be used, now or under a fresh stamp."""
         self._freshness.refuse(joints)
 
-    def fault_of_age(self, now: float, stale_after: float) -> str:
-        """Why nothing may move at `now` [s], if what is known is older than `stale_after` [s]."""
+    def fault_of_age(self, now: float, stale_after: float) -> Reason | None:
+        """Returns why nothing may move at `now` [s], if what is known is older than `stale_after` [s]."""
         age = self._freshness.age(now)
-        return "" if age <= stale_after else f"no new joint data for {age * 1e3:.0f} ms"
+        if age <= stale_after:
+            return None
+        return Reason(Code.JOINTS_STALE, f"no new joint data for {age * 1e3:.0f} ms")
 
     def halt(self) -> None:
         """Stop all servos within their limits; targets, velocities and torques are forgotten."""
@@ -167,7 +170,8 @@ class Motion:
             if self.modes[servo] is not mode:
                 raise CommandError(
                     f"{self.robot.servos[servo].name} is in {self.modes[servo].value} mode, the command is "
-                    f"a {mode.value}; valid: switch the mode first"
+                    f"a {mode.value}; valid: switch the mode first",
+                    code=Code.WRONG_MODE,
                 )
         if mode in TARGETS:
             if is_far_off(servos, values, self._lower, self._upper, FAR_OFF):
@@ -260,7 +264,8 @@ class Motion:
             if monitor is not None and away > monitor.following_error:
                 raise CommandError(
                     f"{self.robot.servos[servo].name} is {np.rad2deg(away):.1f} degrees from its "
-                    f"equilibrium; valid: no more stiffness than {self._shares[servo]:.2f} there"
+                    f"equilibrium; valid: no more stiffness than {self._shares[servo]:.2f} there",
+                    code=Code.LIMITS_EXCEEDED,
                 )
         self._shares[command.servos] = np.clip(command.values, 0.0, 1.0)
 
@@ -289,12 +294,12 @@ class Motion:
         for servo in servos:
             if servo in self._switched:
                 raise CommandError(
-                    f"{self.robot.servos[servo].name} was switched in this period; valid: one mode at a time"
+                    f"{self.robot.servos[servo].name} was switched in this period; valid: one mode at a time",
+                    code=Code.WRONG_MODE,
                 )
             if servo in moving:
-                raise CommandError(
-                    f"{self.robot.servos[servo].name} is moving; valid: switch to {switch.mode.value} at rest"
-                )
+                words = f"is moving; valid: switch to {switch.mode.value} at rest"
+                raise CommandError(f"{self.robot.servos[servo].name} {words}", code=Code.IN_MOTION)
         loose = {*self._torque.servos.tolist(), *servos}
         if switch.mode is not Mode.TORQUE:
             loose -= set(servos)
@@ -359,9 +364,9 @@ class Motion:
         """What looks at the robot's body before `servos` of a group get nearer to it."""
         index = np.array(servos, dtype=np.intp)
 
-        def fault(stop: StopTrajectory) -> str:
+        def fault(stop: StopTrajectory) -> Reason | None:
             if self._body is None:
-                return ""
+                return None
             others = [chain for other, chain in self._chains.items() if other != group]
             return self._body.fault(index, stop, others, self._measured)
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from tci.errors import DriverError
 from tci.frames import Array
 from tci.messages import Mode, PlatformOrder
+from tci.reasons import Reason
 
 
 class GateState(Enum):
@@ -60,10 +61,10 @@ class SafeCommand:
     """New share 0..1 of full damping, by servo index, where commanded."""
     clamped: tuple[str, ...]
     """What was clamped or cut short, in words."""
-    refusals: tuple[str, ...]
-    """Commands that were refused, and why."""
-    reason: str = ""
-    """Why the gate holds or has stopped; empty while it runs."""
+    refusals: tuple[Reason, ...]
+    """Reason of each command that was refused."""
+    reason: Reason | None = None
+    """Reason for which the gate holds or has stopped; None while it runs."""
     orders: tuple[PlatformOrder, ...] = ()
     """Orders that it took over in this step. A link to another TCI process sends these: the gate there
     makes the motion."""

@@ -15,6 +15,7 @@ from tci.errors import TciError
 from tci.frames import Array
 from tci.gate.kernels.clearance_bounds import come_near, follow, stand, to_joints
 from tci.gate.kernels.solids import Solids
+from tci.reasons import Code, Reason
 from tci.robot.clearance import Clearance
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
@@ -85,15 +86,15 @@ class SelfCollision:
         self._patience = self._patience - 1 if count else 0
         return not count
 
-    def fault(self, path: Array) -> str:
-        """Why a motion along `path` (k, n_servos) [rad] must not be made; empty when it may.
+    def fault(self, path: Array) -> Reason | None:
+        """Returns why a motion along `path` (k, n_servos) [rad] must not be made; None when it may.
 
         Links that are nearer than the margin where the path begins may go apart, and no nearer.
         """
         way = self._of_joints(path)
         count = come_near(self._arrays, self._known, way.min(axis=0), way.max(axis=0), self.margin)
         if not count:
-            return ""
+            return None
         self._at[:] = 0
         while asked := follow(
             self._arrays, self._known, count, way, self._strides, STRIDE, self.margin, self._at, self._asked
@@ -111,11 +112,12 @@ class SelfCollision:
             if (then < now).any():
                 worst = int(np.argmin(np.where(then < now, then, np.inf)))
                 first, second = self._clearance.names(int(pairs[worst]))
-                return (
+                return Reason(
+                    Code.SELF_COLLISION,
                     f"{first} would come {then[worst] * 1e3:.1f} mm near {second}; "
-                    f"valid: at least {self.margin * 1e3:g} mm"
+                    f"valid: at least {self.margin * 1e3:g} mm",
                 )
-        return ""
+        return None
 
     def _measure(self, angles: Array, pairs: Indices, axis: Array | None = None) -> Array:
         """Distances (m,) [m] of some pairs at `angles` (j,) [rad], cut off at SIGHT; keeps their axes."""

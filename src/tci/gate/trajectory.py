@@ -21,6 +21,7 @@ from tci.gate.bounds import MARGIN, Bounds
 from tci.gate.kernels.stops import is_outside
 from tci.gate.kernels.targets import straight_limits
 from tci.gate.stop_plan import StopPlanner, StopTrajectory
+from tci.reasons import Reason
 
 CREEP = 0.1
 """Share of the speed limit at which a servo that starts outside its limits moves inward. Ours."""
@@ -28,7 +29,7 @@ LEAST_SHARE = 1e-6
 """Least share of the longest way of a straight motion that is told from none; ruckig needs limits above 0."""
 
 
-Guard = Callable[[StopTrajectory], str]
+Guard = Callable[[StopTrajectory], Reason | None]
 """Looks at a stop before the state where it begins is handed out: why it must not be; empty when it may."""
 
 
@@ -42,7 +43,7 @@ class OnlineTrajectory:
     """
 
     def __init__(
-        self, bounds: Bounds, position: Array, period: float, *, guard: Guard = lambda stop: ""
+        self, bounds: Bounds, position: Array, period: float, *, guard: Guard = lambda stop: None
     ) -> None:
         """Starts at rest at the measured `position` (n,) [rad]; one step lasts `period` [s].
 
@@ -51,8 +52,8 @@ class OnlineTrajectory:
         count = len(position)
         self.bounds = bounds
         self._guard = guard
-        self.ended = ""
-        """Why the guard ended the motion in the last step that was taken; empty when it did not."""
+        self.ended: Reason | None = None
+        """Reason for which the guard ended the motion in the last step taken; None when it did not."""
         self.target = np.array(position)
         """Where it is going (n,) [rad]."""
         self._speed = np.array(bounds.velocity)
@@ -125,7 +126,7 @@ class OnlineTrajectory:
                 "valid: ask again later"
             )
         if fault := self._guard(stop):
-            raise CommandError(f"these servos can't join the motion now: {fault}")
+            raise CommandError(f"these servos can't join the motion now: {fault}", code=fault.code)
         self._stopper.keep(stop)
         self.target[places] = other.target[others]
         self._speed[places] = other.speed[others]
@@ -187,7 +188,7 @@ class OnlineTrajectory:
 
     def step(self) -> Array:
         """Positions (n,) [rad] one period later."""
-        self.ended = ""
+        self.ended = None
         if not self._resting and (self._stopping or not self._advance()):
             self._brake()
         position: Array = self._state[0]

@@ -51,7 +51,7 @@ def tables(recording: Recording, robot: Robot | None = None) -> dict[str, Table]
         elif kind is SKIN:
             frame = to_frame(decode(kind, data))
             frames.setdefault(frame.patch, []).append(frame)
-        elif kind is DECISION:
+        elif kind.name == DECISION.name:
             fields = decode(kind, data)
             rows.setdefault("decisions", []).append((fields["stamp"], _decision(fields, names)))
     found = {name: _table(some) for name, some in rows.items()}

@@ -11,10 +11,8 @@ from tci.body.perceiver import Perceiver
 from tci.errors import FrameError, RecordingError
 from tci.messages import Perception, Reading, SkinState
 from tci.recording.recording import Recording
-from tci.recording.schemas import DECISION
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
-from tci.rosmsg.cdr import decode
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,5 +67,4 @@ def perceive(recording: Recording, robot: Robot) -> Iterator[Perceived]:
         except FrameError:
             if perception is None:
                 continue
-        decision = decode(DECISION, tick.decision) if tick.decision is not None else None
-        yield Perceived(tick.now, tick.reading, perception, tick.commands, decision)
+        yield Perceived(tick.now, tick.reading, perception, tick.commands, tick.decision)

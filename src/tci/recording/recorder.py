@@ -28,6 +28,7 @@ from tci.recording.names import servo_names
 from tci.recording.schemas import (
     COMMAND,
     DECISION,
+    FORMAT,
     JOINTS,
     SKIN,
     TICK,
@@ -225,6 +226,7 @@ def _metadata(
 ) -> dict[str, str]:
     """Returns the origin of a recording as strings."""
     found = {
+        "format": str(FORMAT),
         "robot": robot.name if robot else "",
         "description_sha256": robot.digest if robot else "",
         "description": robot.model_dump_json(exclude=OF_THIS_MACHINE) if robot else "",

@@ -21,7 +21,17 @@ from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_
 
 from tci.errors import RecordingError
 from tci.messages import JointReading, Reading, SkinFrame
-from tci.recording.schemas import COMMAND, DECISION, JOINTS, SKIN, TICK, to_frame, to_joints
+from tci.recording.schemas import (
+    COMMAND,
+    DECISION,
+    DECISION_1,
+    FORMAT,
+    JOINTS,
+    SKIN,
+    TICK,
+    to_frame,
+    to_joints,
+)
 from tci.rosmsg.cdr import MessageType, decode
 
 LARGEST = 64 * 2**20
@@ -29,7 +39,8 @@ LARGEST = 64 * 2**20
 below 2 MiB."""
 _PERIODS = (1e-4, 10.0)
 """Shortest and longest period [s] that is accepted. Assumed: no control loop is outside this range."""
-KINDS: dict[str, MessageType] = {kind.name: kind for kind in (JOINTS, SKIN, TICK, COMMAND, DECISION)}
+_DECISIONS = {"1": DECISION_1, str(FORMAT): DECISION}
+"""Decisions of each format that can be read."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,8 +53,8 @@ class RecordedTick:
     """Reading of the robot."""
     commands: tuple[dict[str, Any], ...]
     """Commands of the capability, with the fields of `schemas.COMMAND`."""
-    decision: bytes | None
-    """Decision that was sent, as the bytes of `schemas.DECISION`; None if nothing was sent."""
+    decision: dict[str, Any] | None
+    """Decision that was sent, with the fields of `schemas.DECISION`; None if nothing was sent."""
 
 
 @dataclass(slots=True)
@@ -72,6 +83,13 @@ class Recording:
                 break
         if not self.about:
             raise RecordingError(f"{self.path} is no recording of TCI: it has no metadata named 'tci'")
+        form = self.about.get("format", "1")
+        if form not in _DECISIONS:
+            raise RecordingError(
+                f"{self.path} has format {form[:20]!r}; this version of TCI reads {', '.join(_DECISIONS)}"
+            )
+        kinds = (JOINTS, SKIN, TICK, COMMAND, _DECISIONS[form])
+        self._kinds = {kind.name: kind for kind in kinds}
 
     @property
     def period(self) -> float:
@@ -110,16 +128,15 @@ class Recording:
         state = _State()
         waiting: tuple[float, Reading] | None = None
         commands: list[dict[str, Any]] = []
-        decision: bytes | None = None
+        decision: dict[str, Any] | None = None
         for _, kind, _, data in self.messages():
             if waiting is not None and kind in (JOINTS, SKIN, TICK):
                 yield RecordedTick(*waiting, tuple(commands), decision)
                 waiting, commands, decision = None, [], None
-            if kind is DECISION:
-                decision = data
-                continue
             fields = decode(kind, data)
-            if kind is JOINTS:
+            if kind.name == DECISION.name:
+                decision = fields
+            elif kind is JOINTS:
                 state.joints = fields
             elif kind is SKIN:
                 state.frames[fields["number"]] = to_frame(fields)
@@ -145,7 +162,7 @@ class Recording:
             if isinstance(record, Schema):
                 schemas[record.id] = record.name
             elif isinstance(record, Channel):
-                channels[record.id] = record.topic, KINDS.get(schemas.get(record.schema_id, ""))
+                channels[record.id] = record.topic, self._kinds.get(schemas.get(record.schema_id, ""))
             elif isinstance(record, Message):
                 topic, kind = channels.get(record.channel_id, ("", None))
                 if kind is not None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,8 @@ from tci.messages import (
     SkinFrame,
     SwitchMode,
 )
-from tci.rosmsg.cdr import MessageType, encode
+from tci.reasons import NO_REASON, number_of, text_of
+from tci.rosmsg.cdr import MessageType, decode, encode
 
 MODES = tuple(Mode)
 """Modes in the order of their numbers in a recording; 255 stands for unknown."""
@@ -63,7 +65,9 @@ COMMAND = MessageType(
     ),
     says="What the behaviour wanted of a generic part.",
 )  # fmt: skip
-DECISION = MessageType(
+FORMAT = 2
+"""Format of the recordings that are written. In the first one, decisions have no codes."""
+DECISION_1 = MessageType(
     "tci_msgs/msg/Decision",
     (
         ("float64", "stamp"), ("string", "state"), ("string", "reason"), ("uint32[]", "servos"),
@@ -74,6 +78,14 @@ DECISION = MessageType(
     ),
     says="What the gate let pass and the driver sent: [rad], [rad/s], [N m], shares 0..1.",
 )  # fmt: skip
+DECISION = replace(
+    DECISION_1,
+    fields=(*DECISION_1.fields, ("uint16[]", "codes")),
+    says=f"{DECISION_1.says}\n"
+    f"Codes: of the reason, {NO_REASON} for none, then of each refusal: numbers of tci.reasons.Code.",
+)
+TEXTS = ("reason", "clamped", "refusals")
+"""Fields of a decision that are for people: their wording may change."""
 CLOUD = MessageType(
     "sensor_msgs/msg/PointCloud2",
     (
@@ -154,16 +166,31 @@ def command_bytes(now: float, command: Order) -> bytes:
 
 
 def decision_bytes(sent: SafeCommand) -> bytes:
-    """Encodes a Decision. Equal bytes mean equal decisions, bit for bit."""
+    """Encodes a Decision."""
     return encode(
         DECISION,
         (
-            *header(sent.stamp), sent.stamp, sent.state.value, sent.reason, sent.servos,
+            *header(sent.stamp), sent.stamp, sent.state.value, text_of(sent.reason), sent.servos,
             [mode_number(mode) for mode in sent.modes], sent.position, sent.velocity, sent.torque,
             list(sent.stiffness), list(sent.stiffness.values()),
-            list(sent.damping), list(sent.damping.values()), sent.clamped, sent.refusals,
+            list(sent.damping), list(sent.damping.values()), sent.clamped,
+            [refusal.text for refusal in sent.refusals],
+            [number_of(sent.reason), *(int(refusal.code) for refusal in sent.refusals)],
         ),
     )  # fmt: skip
+
+
+def same_decision(sent: SafeCommand, recorded: Mapping[str, Any]) -> bool:
+    """Whether a decision has the numbers, modes, state and codes of a recorded one, bit for bit.
+
+    Texts are not compared, nor the codes of a recording that has none.
+    """
+    now = decode(DECISION, decision_bytes(sent))
+    return all(
+        np.asarray(now[field]).tobytes() == np.asarray(value).tobytes()
+        for field, value in recorded.items()
+        if field not in TEXTS
+    )
 
 
 def cloud_fields(points: NDArray[np.float32]) -> tuple[Any, ...]:

@@ -15,6 +15,7 @@ from types import TracebackType
 from typing import Self
 
 from tci.errors import DriverError, TciError
+from tci.reasons import Code, Reason
 
 TIMEOUT = 0.08
 """Silence [s] after which a process counts as dead: with one control period more it is below 100 ms."""
@@ -99,8 +100,8 @@ class Listener:
         self.port: int = self._socket.getsockname()[1]
         """Port that senders need."""
 
-    def fault(self) -> str:
-        """Why the robot should hold: which needed process is silent; empty when all are alive."""
+    def fault(self) -> Reason | None:
+        """Returns why the robot should hold: the needed processes that are silent. None if all are alive."""
         for _ in range(_PER_CALL):
             try:
                 data = self._socket.recv(_FORM.size + 1)
@@ -113,7 +114,9 @@ class Listener:
             self._heard[beat[0]] = self._clock(), beat[1]
         now = self._clock()
         silent = [name for name, (stamp, _) in self._heard.items() if now - stamp > self._timeout]
-        return f"no heartbeat of {', '.join(silent)}" if silent else ""
+        if not silent:
+            return None
+        return Reason(Code.HEARTBEAT_MISSING, f"no heartbeat of {', '.join(silent)}")
 
     def close(self) -> None:
         """Let go of the socket."""

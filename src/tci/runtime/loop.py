@@ -24,6 +24,7 @@ from tci.drivers.driver import Driver
 from tci.errors import CommandError, FrameError
 from tci.gate.gate import GateState, SafeCommand
 from tci.messages import JointReading, Order, Perception, Reading, SkinState
+from tci.reasons import Code, Reason
 from tci.runtime.arguments import as_capability, as_driver, check_duration
 from tci.runtime.lease import commanding
 from tci.runtime.loop_report import LoopReport
@@ -74,7 +75,7 @@ def run(
     duration: float | None = None,
     observe: Callable[[Tick], None] | None = None,
     sensed: Callable[[Reading], None] | None = None,
-    guard: Callable[[], str] | None = None,
+    guard: Callable[[], Reason | None] | None = None,
     until: Callable[[Memory], bool] | None = None,
     report: LoopReport | None = None,
     write: bool = True,
@@ -87,7 +88,7 @@ def run(
 
     `observe` is called after each tick, `sensed` before anything is made of its reading; the loop waits for
     both. `guard` is asked in each period for a
-    reason to hold, empty for none (`heartbeat.Listener.fault`). `report` is filled on the way. Without
+    reason to hold (`heartbeat.Listener.fault`). `report` is filled on the way. Without
     `write` nothing is sent, and the driver need not be armed.
     The run ends early when `until` says so of the capability's memory.
 
@@ -134,7 +135,7 @@ class _Loop(Generic[Memory]):
         driver: Driver,
         capability: Capability[Memory],
         observe: Callable[[Tick], None] | None,
-        guard: Callable[[], str] | None,
+        guard: Callable[[], Reason | None] | None,
         report: LoopReport,
         write: bool,
     ) -> None:
@@ -168,14 +169,12 @@ class _Loop(Generic[Memory]):
         """One period, at `now` [s] on the driver's clock."""
         begin = time.perf_counter()
         gate = self.driver.gate
-        if reason := self._timing(now) or (self.guard() if self.guard else ""):
-            gate.hold(reason)
+        gate.hold(self._timing(now) or (self.guard() if self.guard else None))
         reading = self.driver.read()
         if self.sensed is not None:
             self.sensed(reading)
         self._joints = reading.joints
-        if silent := self._silence.fault(reading, now):
-            gate.hold(silent)
+        gate.hold(self._silence.fault(reading, now))
         seen = self._perceive(reading, now)
         commands: tuple[Order, ...] = ()
         opening = False
@@ -194,7 +193,7 @@ class _Loop(Generic[Memory]):
         self.account.see(seen, reading.joints.position, sent, opening=opening)
         if opening and sent.refusals:
             name = type(self.capability).__name__
-            raise CommandError(f"{name} can't begin: {'; '.join(sent.refusals)}")
+            raise CommandError(f"{name} can't begin: {'; '.join(map(str, sent.refusals))}")
         self._begun |= seen is not None
         if self.observe is not None and self._perception is not None:
             self.observe(Tick(now, reading, self._perception, commands, sent))
@@ -210,8 +209,8 @@ class _Loop(Generic[Memory]):
             self.report.overruns += 1
             self.report.missed += missed
 
-    def _timing(self, now: float) -> str:
-        """Count the periods before this one that were missed; why to hold, if there were too many."""
+    def _timing(self, now: float) -> Reason | None:
+        """Counts the periods missed before this one. Returns why to hold, if there were too many."""
         period = self.driver.period
         if self._before is None:
             self._before = now
@@ -220,10 +219,12 @@ class _Loop(Generic[Memory]):
         self._before = now
         self.report.lateness.add(max(0.0, (now - self._start + period * ROUNDING) % period))
         if missed <= 1:
-            return ""
+            return None
         self.report.overruns += 1
         self.report.missed += missed - 1
-        return f"the loop missed {missed - 1} periods" if missed > MISSED else ""
+        if missed <= MISSED:
+            return None
+        return Reason(Code.PERIODS_MISSED, f"the loop missed {missed - 1} periods")
 
     def _period_of(self, now: float) -> int:
         """Which period, counted from 0, a time [s] is in."""
@@ -237,7 +238,7 @@ class _Loop(Generic[Memory]):
             self.report.rejected += 1
             self._misfit = now if self._misfit is None else self._misfit
             if now - self._misfit > PERSISTS:
-                self.driver.gate.stop(str(error))
+                self.driver.gate.stop(error.reason)
             return None
         self._misfit = None
         return self._perception
@@ -248,14 +249,15 @@ class _Loop(Generic[Memory]):
             return
         gate = self.driver.gate
         self.report.cut_short = self.write and not self.driver.info.recorded
-        self._rest(lambda: gate.hold("the run has ended"))
+        ended = Reason(Code.RUN_ENDED, "the run has ended")
+        self._rest(lambda: gate.hold(ended))
         for sent in self._writes():
             if sent.state is not GateState.HOLD:
                 return
 
     def stop(self, reason: str, cause: BaseException) -> None:
         """Stop the gate and bring the robot to rest. What fails is noted on `cause`."""
-        self.driver.gate.stop(reason)
+        self.driver.gate.stop(Reason(Code.PROGRAM_FAILED, reason))
         try:
             self._rest()
         except Exception as error:

@@ -13,7 +13,7 @@ from tci.drivers.driver import Driver
 from tci.frames import Array
 from tci.gate.gate import GateState, SafeCommand
 from tci.messages import Perception
-from tci.reasons import Notice, ReasonCounter
+from tci.reasons import Notice, Reason, ReasonCounter, text_of
 from tci.runtime.loop_report import LoopReport
 from tci.skin.contact_table import ContactTable
 from tci.skin.kernels.contacts import FORCE
@@ -43,8 +43,8 @@ class RunResult(Generic[Memory]):
     """Name of the robot."""
     state: GateState
     """State of the gate at the end."""
-    reason: str
-    """Reason for which the gate holds or has stopped; empty while it runs."""
+    reason: Reason | None
+    """Reason for which the gate holds or has stopped; None while it runs."""
     touched: Mapping[str, float]
     """Largest force [N] of a contact on each patch that was touched, by name, in the order of touch."""
     moved: Mapping[str, float]
@@ -97,7 +97,8 @@ class RunResult(Generic[Memory]):
             "robot": self.robot,
             "ok": bool(self),
             "state": self.state.value,
-            "reason": self.reason,
+            "reason": text_of(self.reason),
+            "code": None if self.reason is None else self.reason.code.name,
             "touched_N": dict(self.touched),
             "moved_rad": dict(self.moved),
             "accepted": self.accepted,
@@ -119,7 +120,7 @@ class Account:
         self._high = np.zeros(0)
         self._accepted = 0
         self._refusals, self._clamps, self._holds = ReasonCounter(), ReasonCounter(), ReasonCounter()
-        self._stopped = ""
+        self._stopped: Reason | None = None
 
     def see(self, seen: Perception | None, position: Array, sent: SafeCommand, *, opening: bool) -> None:
         """One period: `seen` is None if the reading did not fit the robot, else the servos are at `position`
@@ -136,8 +137,8 @@ class Account:
         for refusal in sent.refusals:
             self._note(self._refusals, "refused", refusal, sent.stamp)
         for clamp in sent.clamped:
-            self._note(self._clamps, "clamped", clamp, sent.stamp)
-        if sent.state is GateState.HOLD:
+            self._note(self._clamps, "clamped", Reason.of(clamp), sent.stamp)
+        if sent.state is GateState.HOLD and sent.reason is not None:
             self._note(self._holds, "held", sent.reason, sent.stamp)
         elif sent.state is GateState.STOP:
             self._stop(sent.reason, sent.stamp)
@@ -178,11 +179,11 @@ class Account:
         servos = self._driver.robot.servos
         return {servos[i].name: float(ways[i]) for i in order.tolist() if ways[i] >= MOVED}
 
-    def _note(self, reasons: ReasonCounter, kind: str, words: str, now: float) -> None:
-        if reasons.add(words, now):
-            _log.warning("%s at %.3f s, %s: %s", self._driver.robot.name, now, kind, words)
+    def _note(self, reasons: ReasonCounter, kind: str, reason: Reason, now: float) -> None:
+        if reasons.add(reason, now):
+            _log.warning("%s at %.3f s, %s: %s", self._driver.robot.name, now, kind, reason)
 
-    def _stop(self, reason: str, now: float) -> None:
-        if reason != self._stopped:
+    def _stop(self, reason: Reason | None, now: float) -> None:
+        if reason is not self._stopped:
             self._stopped = reason
             _log.error("%s at %.3f s, stopped until it is reset: %s", self._driver.robot.name, now, reason)

@@ -14,7 +14,7 @@ from tci.clock import Clock, MonotonicClock
 from tci.drivers.server import Server
 from tci.errors import TciError
 from tci.messages import Order, Perception, PlatformOrder
-from tci.reasons import ReasonCounter
+from tci.reasons import Code, Reason, ReasonCounter
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport
 from tci.runtime.watchdogs import StallDetector, attentive
@@ -78,23 +78,24 @@ class _Orders(Capability[None]):
         for order in self.server.orders():
             self.served.orders += 1
             if self._tick is None:
-                self._refuse(order, "the robot has not been read yet", perception.stamp)
+                unread = Reason(Code.NOT_ARMED, "the robot has not been read yet")
+                self._refuse(order, unread, perception.stamp)
                 continue
             if not self.server.driver.armed:
-                words = "this robot is shown read-only; valid: tci serve --arm"
-                self._refuse(order, words, perception.stamp)
+                read_only = Reason(Code.NOT_ARMED, "this robot is shown read-only; valid: tci serve --arm")
+                self._refuse(order, read_only, perception.stamp)
                 continue
             try:
                 position = self._tick.reading.joints.position
                 passed.append(order_to_platform(self.server.driver.robot, order, position))
             except TciError as error:
-                self._refuse(order, str(error), perception.stamp)
+                self._refuse(order, error.reason, perception.stamp)
         return tuple(passed), None
 
-    def hold(self) -> str:
-        """Why the robot should hold in this period; empty for no reason."""
+    def hold(self) -> Reason | None:
+        """Returns why the robot should hold in this period, or None."""
         missed = self.server.fault()
-        return (self._standstill.fault() if self._standstill is not None else "") or missed
+        return (self._standstill.fault() if self._standstill is not None else None) or missed
 
     def see(self, tick: Tick) -> None:
         """Publish a period."""
@@ -105,6 +106,6 @@ class _Orders(Capability[None]):
             self.served.refusals.add(reason, tick.now)
         self.server.publish(tick.reading, tick.perception, tick.sent)
 
-    def _refuse(self, order: Order, reason: str, now: float) -> None:
+    def _refuse(self, order: Order, reason: Reason, now: float) -> None:
         self.served.refusals.add(reason, now)
         self.server.refuse(order, reason)

@@ -14,6 +14,7 @@ import numpy as np
 
 from tci.clock import Clock
 from tci.messages import Reading
+from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
 PERIODS = 3.0
@@ -52,8 +53,8 @@ class SkinWatchdog:
         self._skin: object = None
         self._soonest, self._quiet = np.inf, ""
 
-    def fault(self, reading: Reading, now: float) -> str:
-        """Which patch has sent no new frame for too long at `now` [s]; empty when all go on."""
+    def fault(self, reading: Reading, now: float) -> Reason | None:
+        """Returns the patch that has sent no new frame for too long at `now` [s], as a reason to hold."""
         if reading.skin is not self._skin:
             self._skin = reading.skin
             for frame in reading.skin:
@@ -68,9 +69,9 @@ class SkinWatchdog:
                 default=(np.inf, ""),
             )
         if now <= self._soonest:
-            return ""
-        silent = now - self._heard[self._quiet][1]
-        return f"the skin of {self._quiet} has sent nothing for {silent * 1e3:.0f} ms"
+            return None
+        silent = (now - self._heard[self._quiet][1]) * 1e3
+        return Reason(Code.SKIN_SILENT, f"the skin of {self._quiet} has sent nothing for {silent:.0f} ms")
 
 
 class StallDetector:
@@ -86,16 +87,17 @@ class StallDetector:
         self._longest = max(stale_after, STOOD)
         self._before = clock.now()
         self._until = -np.inf
-        self._reason = ""
+        self._reason: Reason | None = None
 
-    def fault(self) -> str:
-        """Why the robot should hold, asked once per period; empty when there is no reason."""
+    def fault(self) -> Reason | None:
+        """Returns why the robot should hold, or None. Ask it once per period."""
         now = self._clock.now()
         stood, self._before = now - self._before, now
         if stood > self._longest:
             self._until = now + PILED_UP
-            self._reason = f"this process stood still for {stood * 1e3:.0f} ms"
-        return self._reason if now < self._until else ""
+            words = f"this process stood still for {stood * 1e3:.0f} ms"
+            self._reason = Reason(Code.PROCESS_FROZEN, words)
+        return self._reason if now < self._until else None
 
 
 class Interruption:

@@ -36,7 +36,7 @@ class Rehearsal:
         if self._begun is None:
             self._begun = now
         if sent.state is not self._state:
-            self._answer(now, f"{sent.state.name}{sent.reason and ': '}{sent.reason}")
+            self._answer(now, f"{sent.state.name}: {sent.reason}" if sent.reason else sent.state.name)
         elif sent.refusals and not sent.reason and not self._answers:
             self._answer(now, f"refused: {sent.refusals[0]}")
         self._state = sent.state

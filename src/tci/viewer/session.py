@@ -23,6 +23,7 @@ from tci.errors import CommandError, TciError
 from tci.gate.acceptance import fault_of_reading
 from tci.gate.gate import GateState
 from tci.messages import GenericCommand, Mode
+from tci.reasons import Reason, text_of
 from tci.recording.recorder import Recorder
 from tci.runtime.loop import Tick, run
 from tci.runtime.loop_report import LoopReport
@@ -85,7 +86,7 @@ class Session:
         self._noted: dict[str, float] = {}
         self._real_time = RealTime()
         self._leave = np.inf
-        self._state: tuple[GateState, str] = (GateState.RUN, "")
+        self._state: tuple[GateState, Reason | None] = (GateState.RUN, None)
         self._thread = threading.Thread(target=self._work, name=f"loop of {self.robot.name}", daemon=True)
 
     @property
@@ -222,7 +223,8 @@ class Session:
                     self.recorder.tick(now, reading)
             assert perception.skin is not None  # as a Perceiver made it
             felt = {name: patch.pressure for name, patch in perception.skin.patches.items()}
-            old = fault_of_reading(self.robot, reading.joints, now, self.driver.gate.stale_after)
+            fault = fault_of_reading(self.robot, reading.joints, now, self.driver.gate.stale_after)
+            old = text_of(fault)
             self._publish(
                 View(now, reading.joints, perception.posture, felt, perception.contacts, None, old, 0.0)
             )
@@ -253,7 +255,7 @@ class Session:
                 pressure={name: patch.pressure for name, patch in tick.skin.patches.items()},
                 contacts=tick.perception.contacts,
                 state=sent.state,
-                reason=sent.reason,
+                reason=text_of(sent.reason),
                 response=float(np.abs(sent.velocity).max(initial=0.0)),
                 finger=self.world.finger.pose if self.world and self._leave < np.inf else None,
             )

@@ -9,6 +9,7 @@ from tci.body.generic_body import GenericBody
 from tci.capabilities.capability import Capability
 from tci.capabilities.orders import begin_of, step_of
 from tci.messages import Order, Perception
+from tci.reasons import Reason
 
 
 class Steered(Capability[Any]):
@@ -37,7 +38,7 @@ class Steered(Capability[Any]):
     def notes(self, memory: Any) -> tuple[str, ...]:
         return self.inner.notes(memory)
 
-    def fault(self, perception: Perception, body: GenericBody) -> str:
+    def fault(self, perception: Perception, body: GenericBody) -> Reason | None:
         return self.inner.fault(perception, body)
 
     def _given(self) -> list[Order]:

@@ -59,7 +59,7 @@ def test_a_robot_that_restarts_with_life_on_stops_the_gate_until_it_is_connected
             is_back(driver)
             sent = step(driver)
             assert (sent.state, sent.servos.size) == (GateState.STOP, 0)
-            assert "autonomous life (solitary); valid: end that and connect again" in sent.reason
+            assert "autonomous life (solitary); valid: end that and connect again" in str(sent.reason)
             driver.gate.reset()
             assert step(driver).state is GateState.STOP  # nothing has changed
             assert again.life() == "solitary"
@@ -130,8 +130,8 @@ def test_what_can_not_be_switched_off_after_a_gap_stops_the_gate() -> None:
             is_back(driver)
             sent = step(driver)
             assert sent.state is GateState.STOP
-            assert "autonomous life (interactive) can't be switched off" in sent.reason
-            assert "not now" in sent.reason
+            assert "autonomous life (interactive) can't be switched off" in str(sent.reason)
+            assert "not now" in str(sent.reason)
 
 
 def test_life_that_somebody_switches_on_meanwhile_stops_the_gate() -> None:
@@ -141,7 +141,7 @@ def test_life_that_somebody_switches_on_meanwhile_stops_the_gate() -> None:
         nao.services["ALAutonomousLife"].setState("interactive")
         wait_for(lambda: watch(driver).state is GateState.STOP)
         sent = watch(driver)
-        assert "autonomous life has been switched on (interactive); valid: end that" in sent.reason
+        assert "autonomous life has been switched on (interactive); valid: end that" in str(sent.reason)
 
 
 def test_life_that_comes_after_the_driver_and_is_on_stops_the_gate(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -155,7 +155,7 @@ def test_life_that_comes_after_the_driver_and_is_on_stops_the_gate(monkeypatch: 
         life._state = "solitary"
         nao.session.registerService("ALAutonomousLife", life)
         wait_for(lambda: watch(driver).state is GateState.STOP)
-        assert "autonomous life has been switched on (solitary)" in watch(driver).reason
+        assert "autonomous life has been switched on (solitary)" in str(watch(driver).reason)
 
 
 def test_life_that_is_still_ending_stops_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

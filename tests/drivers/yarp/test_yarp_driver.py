@@ -97,7 +97,7 @@ def test_the_reflex_withdraws_the_arm_over_yarp_and_touches_nothing_else(show: S
         begun = seen[0].reading.joints.position
         path = np.array([tick.reading.joints.position - begun for tick in seen])
         away = np.rad2deg(np.abs(path).max(axis=0))
-        told.append((away[list(mapped)].max(), {tick.sent.reason for tick in seen}))
+        told.append((away[list(mapped)].max(), {str(tick.sent.reason) for tick in seen}))
         if away[list(mapped)].max() > 5.0 and driver.gate.state is not GateState.STOP:
             break
     else:
@@ -189,7 +189,7 @@ def test_a_board_that_refuses_a_mode_for_a_moment_means_hold_and_one_that_goes_o
 
         def step() -> GateState:
             sent = driver.write(driver.gate.step(orders, driver.read().joints, driver.clock.now()))
-            told.append(sent.reason)
+            told.append(str(sent.reason))
             time.sleep(driver.period)
             return sent.state
 

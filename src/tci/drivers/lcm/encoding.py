@@ -28,6 +28,7 @@ from tci.errors import FrameError, RecordingError
 from tci.exports.facts import query
 from tci.frames import read_only
 from tci.messages import JointReading, Mode, PlatformCommand, PlatformOrder, PlatformSwitch
+from tci.reasons import number_of, reason_of, text_of
 from tci.recording.schemas import MODES, UNKNOWN, mode_number, to_frame
 from tci.robot.description import Robot
 
@@ -55,12 +56,13 @@ def state_bytes(robot: Robot, state: State) -> bytes:
         velocity=joints.velocity.tolist(),
         num_effort=0 if effort is None else len(effort), effort=() if effort is None else effort.tolist(),
         num_modes=len(modes), modes=bytes(mode_number(mode) for mode in modes),
-        num_powered=len(powered), powered=powered, gate=state.gate, reason=state.reason,
+        num_powered=len(powered), powered=powered, gate=state.gate,
+        code=number_of(state.reason), reason=text_of(state.reason)[:200],
         num_commanders=len(state.commanders),
         commanders=[
             _filled(
                 commander_t, client=member.client, name=member.name, acknowledged=member.acknowledged,
-                refused=member.refused, reason=member.reason,
+                refused=member.refused, code=number_of(member.reason), reason=text_of(member.reason),
             )
             for member in state.commanders
         ],
@@ -80,13 +82,17 @@ def to_state(robot: Robot, data: bytes) -> State:
     )  # fmt: skip
     members = tuple(
         Commander(
-            one.client, shown(one.name, 64), one.acknowledged, one.refused, shown(one.reason, MOST_WORDS)
+            one.client,
+            shown(one.name, 64),
+            one.acknowledged,
+            one.refused,
+            reason_of(one.code, shown(one.reason, MOST_WORDS)),
         )
         for one in found.commanders
     )
     return State(
         found.session, found.sequence, found.sent, found.now, joints, shown(found.gate, 16),
-        shown(found.reason, 200), members,
+        reason_of(found.code, shown(found.reason, 200)), members,
     )  # fmt: skip
 
 
@@ -120,7 +126,8 @@ def orders_bytes(robot: Robot, message: Orders) -> bytes:
     """Returns an orders_t."""
     return _sealed(
         orders_t, robot=robot_number(robot), session=message.session, seen=message.seen,
-        client=message.client, name=message.name, sequence=message.sequence, halt=message.halt,
+        client=message.client, name=message.name, sequence=message.sequence,
+        halt_code=number_of(message.halt), halt=text_of(message.halt),
         leaving=message.leaving, first=message.first, num_orders=len(message.orders),
         orders=[_order(order) for order in message.orders],
     )  # fmt: skip
@@ -134,7 +141,7 @@ def to_orders(robot: Robot, data: bytes) -> Orders:
     orders = tuple(_to_order(order) for order in found.orders)
     return Orders(
         found.session, found.seen, found.client, shown(found.name, 64), found.sequence,
-        shown(found.halt, 200), found.leaving, found.first, orders,
+        reason_of(found.halt_code, shown(found.halt, 200)), found.leaving, found.first, orders,
     )  # fmt: skip
 
 

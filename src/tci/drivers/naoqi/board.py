@@ -12,6 +12,7 @@ import numpy as np
 from tci.drivers.naoqi import words
 from tci.gate.safe_command import SafeCommand
 from tci.messages import Mode, Order, PlatformCommand, Reading, SkinFrame
+from tci.reasons import text_of
 from tci.robot.description import Robot, Servo
 
 
@@ -49,7 +50,7 @@ class Board:
         for servo, share in sent.stiffness.items():
             stiffness[servo] = share
         self.told, self.stiffness = told, stiffness
-        self.gate = [sent.state.value, sent.reason]
+        self.gate = [sent.state.value, text_of(sent.reason)]
 
     def take(self) -> Sequence[Order]:
         """Returns the latest order for each servo and removes them; older ones that were not taken are

@@ -23,6 +23,7 @@ from tci.errors import DriverError
 from tci.frames import read_only
 from tci.gate.gate import SafeCommand
 from tci.messages import Reading
+from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
 PATIENCE = 0.9
@@ -60,7 +61,7 @@ class NaoqiDriver(Driver):
         self._switched: dict[object, autonomy.Mover] = {}
         self._may_move: list[str] = []
         self._lookout: autonomy.Lookout | None = None
-        self._restless = ""
+        self._restless: Reason | None = None
         self._generation = 0
         self._poller = Poller(
             robot, self.where, clock, joints=joints, skin=skin, greet=self._greet, glance=self._glance
@@ -168,17 +169,17 @@ class NaoqiDriver(Driver):
             service(services.session, name)  # NAOqi may still be starting the service
         try:
             self._quieten(services)
-            self._restless = ""
+            self._restless = None
         except DriverError as error:
             if not services.session.isConnected():
                 raise
-            self._restless = f"after a new connection {error}"
+            self._restless = Reason(Code.MOVED_BY_ITSELF, f"after a new connection {error}")
 
     def _glance(self) -> None:
         """Checks if autonomous life was switched on by somebody else, in the poller's thread."""
         if self._lookout is not None and (state := self._lookout.look(self.clock.now())):
-            words = f"autonomous life has been switched on ({state})"
-            self._restless = f"{words}; valid: end that and connect again"
+            words = f"autonomous life has been switched on ({state}); valid: end that and connect again"
+            self._restless = Reason(Code.MOVED_BY_ITSELF, words)
 
     def _quieten(self, services: Services) -> None:
         """Switches autonomous motions off. Raises DriverError if the address does not ask for that or it

@@ -21,6 +21,7 @@ from tci.drivers.server import Server
 from tci.errors import DriverError
 from tci.gate.safe_command import SafeCommand
 from tci.messages import Order, Perception, Reading
+from tci.reasons import Reason
 
 LOCAL = "127.0.0.1"
 
@@ -66,8 +67,8 @@ class NaoqiServer(Server):
             for name, one in services.all_services(self._board).items():
                 self._session.registerService(name, one)
 
-    def refuse(self, order: Order, reason: str) -> None:
-        self._board.gate = ["refused", reason]
+    def refuse(self, order: Order, reason: Reason) -> None:
+        self._board.gate = ["refused", reason.text]
 
     def close(self) -> None:
         self._watch.close()

@@ -6,11 +6,12 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from tci.drivers.remote.protocol import MOST_COMMANDERS, MOST_ORDERS, MOST_WORDS, Commander, Orders
 from tci.gate.safe_command import SafeCommand
 from tci.messages import Order, PlatformOrder
+from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
 LEASE = 1.0
@@ -27,8 +28,8 @@ class _Member:
     sequence: int = 0
     acknowledged: int = 0
     refused: int = 0
-    reason: str = ""
-    halt: str = ""
+    reason: Reason | None = None
+    halt: Reason | None = None
     servos: set[int] = field(default_factory=set)
     """Joints that only it may command."""
 
@@ -51,7 +52,7 @@ class CommandArbiter:
         self._members: dict[int, _Member] = {}
         self._waiting: deque[tuple[int, int, PlatformOrder]] = deque(maxlen=MOST_ORDERS * MOST_COMMANDERS)
         self._handed: list[tuple[int, int, PlatformOrder]] = []
-        self._left = ""
+        self._left: Reason | None = None
         self._gone: dict[int, float] = {}
         self.rejected = 0
         """Messages that did not count: late, repeated, of another session, of one who left, or too many."""
@@ -76,20 +77,21 @@ class CommandArbiter:
         if message.leaving:
             self._gone = {client: seen for client, seen in self._gone.items() if now - seen <= self._silence}
             self._gone[message.client] = message.seen
-            self._forget(message.client, f"{member.name} left")
+            self._forget(message.client, Reason(Code.COMMANDER_LEFT, f"{member.name} left"))
 
-    def fault(self) -> str:
-        """Why the robot should hold: a commander that is silent, holds itself, or has just left."""
+    def fault(self) -> Reason | None:
+        """Returns why the robot should hold: a commander that is silent, holds itself, or has just left."""
         now = self._clock()
-        reason, self._left = self._left, ""
+        reason, self._left = self._left, None
         for client, member in list(self._members.items()):
             silent = now - member.heard
             if silent > self._silence + LEASE:
-                self._forget(client, "")
+                self._forget(client, None)
             elif silent > self._silence and member.servos:
-                reason = reason or f"no word from {member.name} for {self._silence * 1e3:.0f} ms"
+                words = f"no word from {member.name} for {self._silence * 1e3:.0f} ms"
+                reason = reason or Reason(Code.COMMANDER_SILENT, words)
             elif member.halt and member.servos:
-                reason = reason or f"{member.name} holds: {member.halt}"
+                reason = reason or Reason(Code.COMMANDER_HOLDS, f"{member.name} holds: {member.halt}")
         return reason
 
     def take(self) -> list[PlatformOrder]:
@@ -108,7 +110,7 @@ class CommandArbiter:
             self._handed.append((client, number, order))
         return [order for _, _, order in self._handed]
 
-    def refuse(self, order: Order, reason: str) -> None:
+    def refuse(self, order: Order, reason: Reason) -> None:
         """An order that was taken did not reach the gate."""
         for place, (client, number, handed) in enumerate(self._handed):
             if handed is order:
@@ -131,18 +133,19 @@ class CommandArbiter:
             for client, member in self._members.items()
         )
 
-    def _owner(self, client: int, servos: set[int]) -> str:
+    def _owner(self, client: int, servos: set[int]) -> Reason | None:
         for other, member in self._members.items():
             if other != client and (shared := servos & member.servos):
                 names = ", ".join(self._robot.servos[servo].name for servo in sorted(shared))
-                return f"{names}: commanded by {member.name} already; valid: one commander per joint"
-        return ""
+                words = f"{names}: commanded by {member.name} already; valid: one commander per joint"
+                return Reason(Code.OTHER_COMMANDER, words)
+        return None
 
-    def _refuse(self, client: int, number: int, reason: str) -> None:
+    def _refuse(self, client: int, number: int, reason: Reason) -> None:
         if member := self._members.get(client):
-            member.refused, member.reason = number, reason[:MOST_WORDS]
+            member.refused, member.reason = number, replace(reason, text=reason.text[:MOST_WORDS])
 
-    def _forget(self, client: int, reason: str) -> None:
+    def _forget(self, client: int, reason: Reason | None) -> None:
         member = self._members.pop(client)
         if member.servos:
             self._left = reason

@@ -19,6 +19,7 @@ from tci.drivers.remote.protocol import Commander, Orders
 from tci.errors import CommandError
 from tci.frames import Array
 from tci.messages import Mode, PlatformCommand
+from tci.reasons import Reason
 from tci.robot.description import Robot, Servo
 
 KEEP = 1.0
@@ -59,7 +60,7 @@ class PartControllers:
         parts = dict.fromkeys(servo.robot_part for servo in robot.servos)
         self._parts = {part: _Part(robot, f"{of}, for {part}", session) for part in parts}
         self._arrived: deque[tuple[str, Make]] = deque(maxlen=MOST)
-        self._refused: list[str] = []
+        self._refused: list[Reason] = []
 
     def hear(self, part: str, make: Make) -> None:
         """Something to follow came for a part; it replaces what was followed."""
@@ -72,18 +73,18 @@ class PartControllers:
             try:
                 self._parts[part].source = make(position, now)
             except CommandError as error:
-                self._refused.append(str(error))
+                self._refused.append(error.reason)
         for controller in self._parts.values():
             yield from controller.messages(now)
 
-    def refusals(self, commanders: Iterable[Commander]) -> list[str]:
-        """What did not pass since the last call."""
+    def refusals(self, commanders: Iterable[Commander]) -> list[Reason]:
+        """Returns the reasons of what did not pass since the last call."""
         told, self._refused = self._refused, []
         for commander in commanders:
             for controller in self._parts.values():
                 if commander.client == controller.client and commander.refused > controller.refused:
                     controller.refused = commander.refused
-                    told.append(commander.reason)
+                    told += [commander.reason] if commander.reason is not None else []
         return told
 
 
@@ -114,7 +115,7 @@ class _Part:
         self._count += len(orders)
         yield Orders(
             session=self._session, seen=time.monotonic(), client=self.client, name=self._name,
-            sequence=self._sequence, halt="", leaving=leaving, first=self._count, orders=orders,
+            sequence=self._sequence, halt=None, leaving=leaving, first=self._count, orders=orders,
         )  # fmt: skip
 
 

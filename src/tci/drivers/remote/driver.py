@@ -23,6 +23,7 @@ from tci.errors import DriverError
 from tci.gate.gate import Gate, GateSettings
 from tci.gate.safe_command import GateState, SafeCommand
 from tci.messages import PlatformOrder, Reading, SkinFrame
+from tci.reasons import Code, Reason, text_of
 from tci.robot.description import Robot
 
 TIMEOUT = 3.0
@@ -60,8 +61,8 @@ class RemoteDriver(Driver):
         )  # fmt: skip
         self.place = place
         self.name = f"{socket.gethostname()}, process {os.getpid()}"
-        self.refusals: deque[str] = deque(maxlen=100)
-        """What the robot's process refused, latest last."""
+        self.refusals: deque[Reason] = deque(maxlen=100)
+        """Reasons of the orders that the robot's process refused, latest last."""
         self.rejected = 0
         """Messages that did not count: damaged, out of order, for another robot."""
         self.strangers = 0
@@ -71,7 +72,7 @@ class RemoteDriver(Driver):
         self._shift = self._heard = 0.0
         self._arrival = -math.inf
         self._skin: dict[str, SkinFrame] = {}
-        self._told = self._lost = ""
+        self._lost: Reason | None = None
         self._pending: deque[tuple[float, PlatformOrder]] = deque()
         self._next, self._sequence, self._refused = 1, 0, 0
 
@@ -140,10 +141,10 @@ class RemoteDriver(Driver):
         self._take()
         state = self._state
         assert state is not None
-        if self._lost:
+        if self._lost is not None:
             self.gate.stop(self._lost)
         if state.gate != GateState.RUN.value:
-            self._hold(f"the robot's process: {state.reason}")
+            self.gate.hold(Reason(Code.OWNER_HOLDS, f"the robot's process: {text_of(state.reason)}"))
         for commander in state.commanders:
             if commander.client == self.client:
                 self._heed(commander)
@@ -164,15 +165,10 @@ class RemoteDriver(Driver):
             now - self._pending[0][0] > self.gate.stale_after or len(self._pending) > MOST_ORDERS
         ):
             self._pending.clear()
-            self.gate.hold(f"no answer of {self.robot.name} to orders")
-        halt = safe.reason if safe.state is not GateState.RUN and safe.reason != self._told else ""
-        self._told = ""
-        self._say(state, halt, leaving=False)
-
-    def _hold(self, told: str) -> None:
-        """Hold for what the robot's process said. It is not told that: each would wait for the other."""
-        self._told = told
-        self.gate.hold(told)
+            self.gate.hold(Reason(Code.OWNER_SILENT, f"no answer of {self.robot.name} to orders"))
+        # The robot's process is not told of its own reason: each would wait for the other.
+        theirs = safe.reason is None or safe.reason.code in (Code.OWNER_HOLDS, Code.OWNER_REFUSES)
+        self._say(state, None if theirs else safe.reason, leaving=False)
 
     def _halt(self) -> None:
         """What was ordered is not gone on with: the robot's process is told until it holds. When no word gets
@@ -182,7 +178,7 @@ class RemoteDriver(Driver):
         self._pending.clear()
         end = self.clock.now() + self.gate.stale_after
         while self.clock.now() < end:
-            self._say(self._state, "halted", leaving=False)
+            self._say(self._state, Reason(Code.HALTED, "halted"), leaving=False)
             self.clock.sleep_until(self.clock.now() + self.period)
             self._take()
             if self._state.gate != GateState.RUN.value:
@@ -192,9 +188,9 @@ class RemoteDriver(Driver):
         if self._state is not None and self._sequence:
             self._pending.clear()
             with suppress(DriverError):  # then the silence tells it
-                self._say(self._state, "", leaving=True)
+                self._say(self._state, None, leaving=True)
 
-    def _say(self, state: State, halt: str, *, leaving: bool) -> None:
+    def _say(self, state: State, halt: Reason | None, *, leaving: bool) -> None:
         self._sequence += 1
         self._put(
             Orders(
@@ -214,7 +210,8 @@ class RemoteDriver(Driver):
                 self.strangers += 1
                 # Its own states end it only once the robot's process, which owns the robot, is silent.
                 if isinstance(message, State) and self.clock.now() - self._arrival > LEASE:
-                    self._lost = f"the process that owns {self.robot.name} was restarted; connect again"
+                    words = f"the process that owns {self.robot.name} was restarted; connect again"
+                    self._lost = Reason(Code.OWNER_RESTARTED, words)
             elif isinstance(message, SessionFrame):
                 self._accept_skin(message.frame)
             elif message.sequence <= self._state.sequence:
@@ -247,7 +244,8 @@ class RemoteDriver(Driver):
             self._pending.popleft()
         if commander.refused > self._refused:
             self._refused = commander.refused
-            self.refusals.append(commander.reason)
-            if "commanded by" in commander.reason:
-                raise DriverError(commander.reason)
-            self._hold(f"refused by the robot's process: {commander.reason}")
+            reason = commander.reason or Reason(Code.OTHER, "without a reason")
+            self.refusals.append(reason)
+            if reason.code is Code.OTHER_COMMANDER:
+                raise DriverError(reason.text, code=reason.code)
+            self.gate.hold(Reason(Code.OWNER_REFUSES, f"refused by the robot's process: {reason}"))

@@ -1,6 +1,6 @@
 """The messages of `remote` as bytes: a checked envelope around ROS 2's CDR, which any ROS tool can read.
 
-Envelope: `TCI2`, kind (1 byte), 8 bytes of the description's SHA-256, CRC-32 of all that follows and of the
+Envelope: `TCI3`, kind (1 byte), 8 bytes of the description's SHA-256, CRC-32 of all that follows and of the
 13 bytes before. Anything that does not fit is refused before it is looked at.
 """
 
@@ -27,12 +27,14 @@ from tci.drivers.remote.protocol import (
 from tci.errors import FrameError, RecordingError
 from tci.frames import read_only
 from tci.messages import Mode, PlatformCommand, PlatformOrder, PlatformSwitch
+from tci.reasons import NO_REASON, number_of, reason_of, text_of
 from tci.recording.schemas import MODES, SKIN, header, mode_number, skin_values, to_frame, to_joints
 from tci.robot.description import Robot
 from tci.rosmsg.cdr import MessageType, decode, encode
 
 ENVELOPE = struct.Struct("<4sc8sI")
-MAGIC = b"TCI2"
+FAMILY = b"TCI"
+MAGIC = FAMILY + b"3"
 LONGEST = 1 << 16
 """Bytes that a message may have. Ours."""
 Kind = Literal[b"S", b"F", b"O"]
@@ -45,11 +47,12 @@ STATE = MessageType(
         ("float64", "joints_stamp"), ("int64", "joints_sequence"),
         ("float64[]", "position"), ("float64[]", "velocity"), ("float64[]", "effort"),
         ("bool", "has_modes"), ("uint8[]", "modes"), ("bool", "has_powered"), ("bool[]", "powered"),
-        ("string", "gate"), ("string", "reason"),
+        ("string", "gate"), ("uint16", "code"), ("string", "reason"),
         ("int64[]", "clients"), ("string[]", "names"), ("int64[]", "acknowledged"), ("int64[]", "refused"),
-        ("string[]", "reasons"),
+        ("uint16[]", "codes"), ("string[]", "reasons"),
     ),
-    says="A served robot in one period: [s], [rad], [rad/s], [N m]; joints in the order of its description.",
+    says="A served robot in one period: [s], [rad], [rad/s], [N m]; joints in the order of its description.\n"
+    f"Codes: those of tci.reasons.Code, {NO_REASON} for no reason.",
 )  # fmt: skip
 FRAME = MessageType(
     "tci_msgs/msg/SessionFrame", (("int64", "session"), *SKIN.fields),
@@ -59,7 +62,8 @@ ORDERS = MessageType(
     "tci_msgs/msg/Orders",
     (
         ("int64", "session"), ("float64", "seen"), ("int64", "client"), ("string", "name"),
-        ("int64", "sequence"), ("string", "halt"), ("bool", "leaving"), ("int64", "first"),
+        ("int64", "sequence"), ("uint16", "halt_code"), ("string", "halt"), ("bool", "leaving"),
+        ("int64", "first"),
         ("bool[]", "switches"), ("uint8[]", "modes"), ("uint32[]", "counts"),
         ("uint32[]", "servos"), ("float64[]", "values"), ("float64[]", "speeds"),
     ),
@@ -80,6 +84,11 @@ def unseal(robot: Robot, kind: Kind, data: bytes) -> bytes:
         raise FrameError(f"message of {len(data)} bytes; valid: {ENVELOPE.size} to {LONGEST}")
     magic, found, digest, check = ENVELOPE.unpack_from(data)
     body = data[ENVELOPE.size :]
+    if magic != MAGIC and magic.startswith(FAMILY):
+        raise FrameError(
+            f"message of protocol {magic!r}; this is {MAGIC!r}: the TCI there has another version; "
+            "valid: the same on both sides"
+        )
     if magic != MAGIC or check != zlib.crc32(body, zlib.crc32(data[:13])):
         raise FrameError("no message of TCI, or a damaged one")
     if found != kind:
@@ -100,9 +109,10 @@ def state_bytes(robot: Robot, state: State) -> bytes:
         joints.position, joints.velocity, joints.torque if joints.torque is not None else (),
         joints.modes is not None, modes,
         joints.powered is not None, joints.powered if joints.powered is not None else (),
-        state.gate, state.reason,
+        state.gate, number_of(state.reason), text_of(state.reason)[:200],
         [m.client for m in members], [m.name for m in members], [m.acknowledged for m in members],
-        [m.refused for m in members], [m.reason for m in members],
+        [m.refused for m in members],
+        [number_of(m.reason) for m in members], [text_of(m.reason) for m in members],
     )  # fmt: skip
     return seal(robot, b"S", encode(STATE, (*header(state.now), *values)))
 
@@ -110,18 +120,24 @@ def state_bytes(robot: Robot, state: State) -> bytes:
 def to_state(robot: Robot, data: bytes) -> State:
     """The State in a message. Raises FrameError."""
     found = _decode(STATE, unseal(robot, b"S", data))
-    columns = [found[name] for name in ("clients", "names", "acknowledged", "refused", "reasons")]
+    columns = [found[name] for name in ("clients", "names", "acknowledged", "refused", "codes", "reasons")]
     sizes = {len(column) for column in columns}
     joints = _checked(robot, to_joints, found, found)
     if len(sizes) != 1 or max(sizes) > MOST_COMMANDERS:
         raise FrameError(f"state with {sizes} commanders; valid: at most {MOST_COMMANDERS}")
     members = tuple(
-        Commander(int(client), shown(name, 64), int(acknowledged), int(refused), shown(reason, MOST_WORDS))
-        for client, name, acknowledged, refused, reason in zip(*columns, strict=True)
+        Commander(
+            int(client),
+            shown(name, 64),
+            int(acknowledged),
+            int(refused),
+            reason_of(int(code), shown(text, MOST_WORDS)),
+        )
+        for client, name, acknowledged, refused, code, text in zip(*columns, strict=True)
     )
     return State(
         found["session"], found["sequence"], found["sent"], found["now"], joints,
-        shown(found["gate"], 16), shown(found["reason"], 200), members,
+        shown(found["gate"], 16), reason_of(found["code"], shown(found["reason"], 200)), members,
     )  # fmt: skip
 
 
@@ -151,8 +167,8 @@ def orders_bytes(robot: Robot, message: Orders) -> bytes:
         values.append(order.values if isinstance(order, PlatformCommand) else nothing)
         speeds.append(order.speed if isinstance(order, PlatformCommand) else nothing)
     fields = (
-        message.session, message.seen, message.client, message.name, message.sequence, message.halt,
-        message.leaving, message.first,
+        message.session, message.seen, message.client, message.name, message.sequence,
+        number_of(message.halt), text_of(message.halt), message.leaving, message.first,
         [isinstance(order, PlatformSwitch) for order in message.orders],
         [mode_number(order.mode) for order in message.orders],
         [len(order.servos) for order in message.orders],
@@ -180,7 +196,8 @@ def to_orders(robot: Robot, data: bytes) -> Orders:
         begin += count
     return Orders(
         found["session"], found["seen"], found["client"], shown(found["name"], 64), found["sequence"],
-        shown(found["halt"], 200), found["leaving"], found["first"], tuple(orders),
+        reason_of(found["halt_code"], shown(found["halt"], 200)), found["leaving"], found["first"],
+        tuple(orders),
     )  # fmt: skip
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from tci.messages import JointReading, PlatformOrder, SkinFrame
+from tci.reasons import Reason
 
 MOST_ORDERS = 64
 """Orders that one message may carry. Ours."""
@@ -40,8 +41,8 @@ class Commander:
     """Number of its last order that was handled."""
     refused: int
     """Number of its last order that was refused; 0 for none."""
-    reason: str
-    """Why it was."""
+    reason: Reason | None
+    """Reason why it was."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,8 +60,8 @@ class State:
     joints: JointReading
     gate: str
     """State of the gate: run, hold, stop."""
-    reason: str
-    """Why it holds or has stopped."""
+    reason: Reason | None
+    """Reason why it holds or has stopped; None while it runs."""
     commanders: tuple[Commander, ...]
 
 
@@ -87,8 +88,8 @@ class Orders:
     """Who it is, for people: host and process."""
     sequence: int
     """Counts up by one with each message of the client."""
-    halt: str
-    """Why the robot should hold, as the sender's own gate does; empty while that runs."""
+    halt: Reason | None
+    """Reason why the robot should hold, as the sender's own gate does; None while that runs."""
     leaving: bool
     """Whether this is the last message."""
     first: int

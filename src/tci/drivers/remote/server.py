@@ -13,6 +13,7 @@ from tci.drivers.remote.protocol import Orders, State
 from tci.drivers.server import Server
 from tci.gate.safe_command import SafeCommand
 from tci.messages import Order, Perception, Reading, SkinFrame
+from tci.reasons import Reason
 
 
 class RemoteServer(Server):
@@ -44,7 +45,7 @@ class RemoteServer(Server):
     def _show_skin(self, frame: SkinFrame) -> None:
         """Send a frame of skin to everybody."""
 
-    def fault(self) -> str:
+    def fault(self) -> Reason | None:
         for message in self._poll():
             self.commanders.hear(message)
         return self.commanders.fault()
@@ -52,7 +53,7 @@ class RemoteServer(Server):
     def orders(self) -> Sequence[Order]:
         return self.commanders.take()
 
-    def refuse(self, order: Order, reason: str) -> None:
+    def refuse(self, order: Order, reason: Reason) -> None:
         self.commanders.refuse(order, reason)
 
     def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
@@ -66,7 +67,7 @@ class RemoteServer(Server):
                 now=self.driver.clock.now(),
                 joints=reading.joints,
                 gate=sent.state.value,
-                reason=sent.reason[:200],
+                reason=sent.reason,
                 commanders=self.commanders.states(),
             )
         )

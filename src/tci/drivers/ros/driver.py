@@ -168,7 +168,7 @@ class RosDriver(RemoteDriver):
                 return
             if time.monotonic() > end:
                 raise DriverError(f"the process of {self.robot.name} does not hear {self._names.orders}")
-            self._say(self._state, "", leaving=False)
+            self._say(self._state, None, leaving=False)
             time.sleep(self.period)
 
     def _wait_for_joints(self, seconds: float) -> None:

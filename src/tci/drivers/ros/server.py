@@ -29,6 +29,7 @@ from tci.exports.facts import query
 from tci.exports.urdf import to_urdf
 from tci.gate.safe_command import SafeCommand
 from tci.messages import Order, Perception, Reading, SkinFrame
+from tci.reasons import Reason
 from tci.recording.schemas import CLOUD, JOINTS, SKIN, joints_values, skin_values
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
@@ -90,11 +91,11 @@ class RosServer(RemoteServer):
             self._joints(joints_values(self._joint_names, reading.joints, self._epoch(reading.joints.stamp)))
         super().publish(reading, perception, sent)
         for reason in (*sent.refusals, *self._controllers.refusals(self.commanders.states())):
-            self._refusals((reason,))
+            self._refusals((reason.text,))
 
-    def refuse(self, order: Order, reason: str) -> None:
+    def refuse(self, order: Order, reason: Reason) -> None:
         super().refuse(order, reason)
-        self._refusals((reason,))
+        self._refusals((reason.text,))
 
     def close(self) -> None:
         self._node.close()

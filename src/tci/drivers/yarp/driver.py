@@ -29,6 +29,7 @@ from tci.errors import DriverError
 from tci.frames import read_only
 from tci.gate.gate import SafeCommand
 from tci.messages import JointReading, Mode, Reading, SkinFrame
+from tci.reasons import Code, Reason
 from tci.robot.description import Patch, Robot
 from yarpwire.dialect import Dialect
 from yarpwire.errors import UnknownNameError, WireError, YarpError
@@ -210,7 +211,7 @@ class YarpDriver(Driver):
                 raise DriverError(
                     f"{error}; for {now - since:.1f} s; does the robot's own process hold? `tci doctor` looks"
                 ) from error
-            self.gate.hold(str(error))
+            self.gate.hold(Reason(Code.ROBOT_REFUSES, str(error)))
 
     def _halt(self) -> None:
         for board in self.boards.values():

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 from tci.errors import CommandError
 from tci.messages import Order
+from tci.reasons import Code, Reason
 
 MOST_ORDERS = 256
 """Orders that wait for the next period at most; beyond, the oldest go. Ours."""
@@ -22,7 +23,7 @@ class OrderBook:
         self._changed = threading.Condition()
         self._waiting: list[Order] = []
         self._given: list[Order] = []
-        self._refused: dict[int, str] = {}
+        self._refused: dict[int, Reason] = {}
         self._undo: dict[int, Callable[[], None]] = {}
         self._mine = threading.local()
 
@@ -45,7 +46,7 @@ class OrderBook:
             self._given += waiting
         return waiting
 
-    def refuse(self, order: Order, reason: str) -> bool:
+    def refuse(self, order: Order, reason: Reason) -> bool:
         """Tell that an order did not even reach the gate; whether it was one of these."""
         with self._changed:
             mine = any(order is given for given in self._given)
@@ -53,7 +54,7 @@ class OrderBook:
                 self._refused[id(order)] = reason
         return mine
 
-    def judge(self, passed: Sequence[Order], reasons: Sequence[str]) -> None:
+    def judge(self, passed: Sequence[Order], reasons: Sequence[Reason]) -> None:
         """Tell which of the orders taken before the gate took over."""
         if not self._given:
             return
@@ -63,7 +64,7 @@ class OrderBook:
                 if not any(order is other for other in passed):
                     if undo is not None:
                         undo()
-                    self._refused.setdefault(id(order), "; ".join(reasons) or "the gate did not take it over")
+                    self._refused.setdefault(id(order), _joined(reasons))
             self._given = []
             self._changed.notify_all()
 
@@ -90,4 +91,11 @@ class OrderBook:
             if len(self._refused) > MOST_ORDERS:
                 self._refused.clear()
         if reasons:
-            raise CommandError("; ".join(dict.fromkeys(reasons)))
+            raise CommandError(_joined(dict.fromkeys(reasons)).text)
+
+
+def _joined(reasons: Collection[Reason]) -> Reason:
+    """Returns the reasons as one, with the code of the first."""
+    if not reasons:
+        return Reason(Code.OTHER, "the gate did not take it over")
+    return Reason(next(iter(reasons)).code, "; ".join(reason.text for reason in reasons))

@@ -26,6 +26,7 @@ from tci.errors import DriverError
 from tci.frames import Array
 from tci.gate.safe_command import SafeCommand
 from tci.messages import Order, Perception, Reading, SkinFrame
+from tci.reasons import Code, Reason
 from yarpwire.calls_v3 import answer_v3
 from yarpwire.calls_v4 import answer_v4
 from yarpwire.dialect import V3, V4, Dialect
@@ -108,7 +109,7 @@ class YarpServer(Server):
             return []  # they wait for the first reading
         return [order for board in self.boards.values() for order in board.book.take()]
 
-    def refuse(self, order: Order, reason: str) -> None:
+    def refuse(self, order: Order, reason: Reason) -> None:
         self._refuse(reason)
         for board in self.boards.values():
             board.book.refuse(order, reason)
@@ -187,7 +188,7 @@ class YarpServer(Server):
             try:
                 obey(board, delivery.items(self.dialect), self.dialect)
             except CallError as error:
-                self._refuse(str(error))
+                self._refuse(Reason(Code.COMMAND_INVALID, str(error)))
 
         board.armed = self.driver.armed
         for name, receive in ((calls, call), ("command:i", command), ("state:o", None), ("stateExt:o", None)):
@@ -223,9 +224,9 @@ class YarpServer(Server):
     def _write(self, name: str, value: Array | list[Any], stamp: Stamp) -> None:
         self._ports[name].write(value, stamp)
 
-    def _refuse(self, reason: str) -> None:
+    def _refuse(self, reason: Reason) -> None:
         self.refused += 1
-        self.last_error = reason
+        self.last_error = reason.text
 
     def _keep_registered(self) -> None:
         """A name server that restarts forgets its ports; what flows between ports goes on meanwhile."""

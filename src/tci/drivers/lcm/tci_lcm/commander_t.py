@@ -18,11 +18,11 @@ class commander_t(object):
     4 stiffness, 5 damping, 255 unknown.
     """
 
-    __slots__ = ["client", "name", "acknowledged", "refused", "reason"]
+    __slots__ = ["client", "name", "acknowledged", "refused", "code", "reason"]
 
-    __typenames__ = ["int64_t", "string", "int64_t", "int64_t", "string"]
+    __typenames__ = ["int64_t", "string", "int64_t", "int64_t", "int32_t", "string"]
 
-    __dimensions__ = [None, None, None, None, None]
+    __dimensions__ = [None, None, None, None, None, None]
 
     def __init__(self):
         self.client = 0
@@ -45,12 +45,14 @@ class commander_t(object):
         LCM Type: int64_t
         """
 
-        self.reason = ""
+        self.code = 0
         """
-        why it was
-        LCM Type: string
+        why it was: a number of tci.reasons.Code, 65535 for none, and its text
+        LCM Type: int32_t
         """
 
+        self.reason = ""
+        """ LCM Type: string """
 
     def encode(self):
         buf = BytesIO()
@@ -64,7 +66,7 @@ class commander_t(object):
         buf.write(struct.pack('>I', len(__name_encoded)+1))
         buf.write(__name_encoded)
         buf.write(b"\0")
-        buf.write(struct.pack(">qq", self.acknowledged, self.refused))
+        buf.write(struct.pack(">qqi", self.acknowledged, self.refused, self.code))
         __reason_encoded = self.reason.encode('utf-8')
         buf.write(struct.pack('>I', len(__reason_encoded)+1))
         buf.write(__reason_encoded)
@@ -86,7 +88,7 @@ class commander_t(object):
         self.client = struct.unpack(">q", buf.read(8))[0]
         __name_len = struct.unpack('>I', buf.read(4))[0]
         self.name = buf.read(__name_len)[:-1].decode('utf-8', 'replace')
-        self.acknowledged, self.refused = struct.unpack(">qq", buf.read(16))
+        self.acknowledged, self.refused, self.code = struct.unpack(">qqi", buf.read(20))
         __reason_len = struct.unpack('>I', buf.read(4))[0]
         self.reason = buf.read(__reason_len)[:-1].decode('utf-8', 'replace')
         return self
@@ -94,7 +96,7 @@ class commander_t(object):
     @staticmethod
     def _get_hash_recursive(parents):
         if commander_t in parents: return 0
-        tmphash = (0x90dc40f3bd9300d7) & 0xffffffffffffffff
+        tmphash = (0x72fcac4a4dd17da0) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

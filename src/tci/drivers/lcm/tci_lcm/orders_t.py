@@ -11,11 +11,11 @@ import tci.drivers.lcm.tci_lcm
 
 class orders_t(object):
 
-    __slots__ = ["robot", "session", "seen", "client", "name", "sequence", "halt", "leaving", "first", "num_orders", "orders", "check"]
+    __slots__ = ["robot", "session", "seen", "client", "name", "sequence", "halt_code", "halt", "leaving", "first", "num_orders", "orders", "check"]
 
-    __typenames__ = ["int64_t", "int64_t", "double", "int64_t", "string", "int64_t", "string", "boolean", "int64_t", "int32_t", "tci.drivers.lcm.tci_lcm.order_t", "int32_t"]
+    __typenames__ = ["int64_t", "int64_t", "double", "int64_t", "string", "int64_t", "int32_t", "string", "boolean", "int64_t", "int32_t", "tci.drivers.lcm.tci_lcm.order_t", "int32_t"]
 
-    __dimensions__ = [None, None, None, None, None, None, None, None, None, None, ["num_orders"], None]
+    __dimensions__ = [None, None, None, None, None, None, None, None, None, None, None, ["num_orders"], None]
 
     def __init__(self):
         self.robot = 0
@@ -46,12 +46,14 @@ class orders_t(object):
         LCM Type: int64_t
         """
 
-        self.halt = ""
+        self.halt_code = 0
         """
-        why the robot should hold; empty for no reason
-        LCM Type: string
+        why the robot should hold: a number as in commander_t, and its text
+        LCM Type: int32_t
         """
 
+        self.halt = ""
+        """ LCM Type: string """
         self.leaving = False
         """ LCM Type: boolean """
         self.first = 0
@@ -83,7 +85,7 @@ class orders_t(object):
         buf.write(struct.pack('>I', len(__name_encoded)+1))
         buf.write(__name_encoded)
         buf.write(b"\0")
-        buf.write(struct.pack(">q", self.sequence))
+        buf.write(struct.pack(">qi", self.sequence, self.halt_code))
         __halt_encoded = self.halt.encode('utf-8')
         buf.write(struct.pack('>I', len(__halt_encoded)+1))
         buf.write(__halt_encoded)
@@ -110,7 +112,7 @@ class orders_t(object):
         self.robot, self.session, self.seen, self.client = struct.unpack(">qqdq", buf.read(32))
         __name_len = struct.unpack('>I', buf.read(4))[0]
         self.name = buf.read(__name_len)[:-1].decode('utf-8', 'replace')
-        self.sequence = struct.unpack(">q", buf.read(8))[0]
+        self.sequence, self.halt_code = struct.unpack(">qi", buf.read(12))
         __halt_len = struct.unpack('>I', buf.read(4))[0]
         self.halt = buf.read(__halt_len)[:-1].decode('utf-8', 'replace')
         self.leaving = bool(struct.unpack('b', buf.read(1))[0])
@@ -125,7 +127,7 @@ class orders_t(object):
     def _get_hash_recursive(parents):
         if orders_t in parents: return 0
         newparents = parents + [orders_t]
-        tmphash = (0xa0dc558badaf2fba+ tci.drivers.lcm.tci_lcm.order_t._get_hash_recursive(newparents)) & 0xffffffffffffffff
+        tmphash = (0xbf4732344d44bbe+ tci.drivers.lcm.tci_lcm.order_t._get_hash_recursive(newparents)) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

@@ -11,11 +11,11 @@ import tci.drivers.lcm.tci_lcm
 
 class state_t(object):
 
-    __slots__ = ["robot", "session", "sequence", "sent", "now", "joints_stamp", "joints_sequence", "num_joints", "position", "velocity", "num_effort", "effort", "num_modes", "modes", "num_powered", "powered", "gate", "reason", "num_commanders", "commanders", "check"]
+    __slots__ = ["robot", "session", "sequence", "sent", "now", "joints_stamp", "joints_sequence", "num_joints", "position", "velocity", "num_effort", "effort", "num_modes", "modes", "num_powered", "powered", "gate", "code", "reason", "num_commanders", "commanders", "check"]
 
-    __typenames__ = ["int64_t", "int64_t", "int64_t", "double", "double", "double", "int64_t", "int32_t", "double", "double", "int32_t", "double", "int32_t", "byte", "int32_t", "boolean", "string", "string", "int32_t", "tci.drivers.lcm.tci_lcm.commander_t", "int32_t"]
+    __typenames__ = ["int64_t", "int64_t", "int64_t", "double", "double", "double", "int64_t", "int32_t", "double", "double", "int32_t", "double", "int32_t", "byte", "int32_t", "boolean", "string", "int32_t", "string", "int32_t", "tci.drivers.lcm.tci_lcm.commander_t", "int32_t"]
 
-    __dimensions__ = [None, None, None, None, None, None, None, None, ["num_joints"], ["num_joints"], None, ["num_effort"], None, ["num_modes"], None, ["num_powered"], None, None, None, ["num_commanders"], None]
+    __dimensions__ = [None, None, None, None, None, None, None, None, ["num_joints"], ["num_joints"], None, ["num_effort"], None, ["num_modes"], None, ["num_powered"], None, None, None, None, ["num_commanders"], None]
 
     def __init__(self):
         self.robot = 0
@@ -96,12 +96,14 @@ class state_t(object):
         LCM Type: string
         """
 
-        self.reason = ""
+        self.code = 0
         """
-        why it holds or has stopped
-        LCM Type: string
+        why it holds or has stopped: a number as in commander_t, and its text
+        LCM Type: int32_t
         """
 
+        self.reason = ""
+        """ LCM Type: string """
         self.num_commanders = 0
         """ LCM Type: int32_t """
         self.commanders = []
@@ -129,6 +131,7 @@ class state_t(object):
         buf.write(struct.pack('>I', len(__gate_encoded)+1))
         buf.write(__gate_encoded)
         buf.write(b"\0")
+        buf.write(struct.pack(">i", self.code))
         __reason_encoded = self.reason.encode('utf-8')
         buf.write(struct.pack('>I', len(__reason_encoded)+1))
         buf.write(__reason_encoded)
@@ -163,6 +166,7 @@ class state_t(object):
         self.powered = [bool(x) for x in struct.unpack('>%db' % self.num_powered, buf.read(self.num_powered))]
         __gate_len = struct.unpack('>I', buf.read(4))[0]
         self.gate = buf.read(__gate_len)[:-1].decode('utf-8', 'replace')
+        self.code = struct.unpack(">i", buf.read(4))[0]
         __reason_len = struct.unpack('>I', buf.read(4))[0]
         self.reason = buf.read(__reason_len)[:-1].decode('utf-8', 'replace')
         self.num_commanders = struct.unpack(">i", buf.read(4))[0]
@@ -176,7 +180,7 @@ class state_t(object):
     def _get_hash_recursive(parents):
         if state_t in parents: return 0
         newparents = parents + [state_t]
-        tmphash = (0x91f84d40ce4c2407+ tci.drivers.lcm.tci_lcm.commander_t._get_hash_recursive(newparents)) & 0xffffffffffffffff
+        tmphash = (0x1610811ff3ef899d+ tci.drivers.lcm.tci_lcm.commander_t._get_hash_recursive(newparents)) & 0xffffffffffffffff
         tmphash  = (((tmphash<<1)&0xffffffffffffffff) + (tmphash>>63)) & 0xffffffffffffffff
         return tmphash
     _packed_fingerprint = None

@@ -1,4 +1,4 @@
-"""YARP's authentication: both ends prove that they know the key of `auth.conf`, and nothing is encrypted.
+"""YARP's authentication: each end proves that it has the key of `auth.conf`. Nothing is encrypted.
 
 Acceptor A and connector B, nonces of 8 bytes, HMAC-SHA256:
     A -> B   n1, mac(n1)        B -> A   n2, mac(n1 n2)        A -> B   n3, mac(n1 n2 n3)
@@ -17,7 +17,7 @@ NONCE, DIGEST = 8, 32
 
 
 def accept(sock: socket.socket, source: SocketSource, key: bytes) -> None:
-    """The side that was connected to. Raises WireError when the other does not know the key."""
+    """Authenticates as the acceptor. Raises WireError when the other end does not have the key."""
     first = secrets.token_bytes(NONCE)
     sock.sendall(first + _mac(key, first))
     second = _receive(source, key, first)
@@ -26,7 +26,7 @@ def accept(sock: socket.socket, source: SocketSource, key: bytes) -> None:
 
 
 def connect(sock: socket.socket, source: SocketSource, key: bytes) -> None:
-    """The side that connects. Raises WireError when the other does not know the key."""
+    """Authenticates as the connector. Raises WireError when the other end does not have the key."""
     first = _receive(source, key, b"")
     second = secrets.token_bytes(NONCE)
     sock.sendall(second + _mac(key, first + second))

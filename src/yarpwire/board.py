@@ -1,6 +1,7 @@
-"""A control board seen from a client: what it has, what it may do, and how it is commanded.
+"""The client of a control board: its properties, limits and commands.
 
-Calls differ between the dialects; the commands that stream to `command:i` nearly do not. Degrees.
+Calls differ between the dialects; the commands streamed to `command:i` are nearly the same. Angles are in
+degrees.
 """
 
 from __future__ import annotations
@@ -26,10 +27,10 @@ OK = Vocab("ok")
 
 
 class Stream(Enum):
-    """What a streamed command sets."""
+    """The quantity that a streamed command sets."""
 
     POSITION = ("ipod", "dpog")
-    """Angles [deg] to be at: position-direct."""
+    """Target angles [deg], for position-direct mode."""
     VELOCITY = ("ivel", "vmog")
     """Velocities [deg/s]."""
     TORQUE = ("itrq", "dtqg")
@@ -38,16 +39,16 @@ class Stream(Enum):
 
 @dataclass(frozen=True, slots=True)
 class AxisLimits:
-    """What a board lets a joint do."""
+    """Range of a joint that a board permits."""
 
     lower: float
-    """[deg]"""
+    """Smallest angle [deg]."""
     upper: float
-    """[deg]"""
+    """Largest angle [deg]."""
 
 
 def find_board(network: Network, prefix: str, sender: str, dialect: Dialect | None = None) -> Board:
-    """The board whose ports begin with `prefix`, in the dialect that it speaks: its call port's name tells.
+    """Returns the board whose ports begin with `prefix`. The name of its call port shows its dialect.
 
     Raises UnknownNameError when there is none, PortError when the name server doesn't answer.
     """
@@ -67,71 +68,71 @@ def find_board(network: Network, prefix: str, sender: str, dialect: Dialect | No
 
 
 class Board(ABC):
-    """Calls to one control board. All raise PortError when it does not answer or refuses."""
+    """Calls to one control board. All raise PortError when the board does not answer or refuses."""
 
     dialect: Dialect
     port: str
-    """What the name of its call port ends with."""
+    """Suffix of the name of its call port."""
 
     def __init__(self, prefix: str, network: Network, contact: Contact, sender: str) -> None:
         self.prefix = prefix
-        """Its ports' common beginning: `/icub/left_arm`."""
+        """Common prefix of its ports: `/icub/left_arm`."""
         self._rpc = network.caller(contact, sender, self.dialect)
         self._asked: deque[tuple[Sequence[Any], float]] = deque()
         self._refusal: PortError | None = None
 
     def close(self) -> None:
-        """Let go of the connection."""
+        """Closes the connection."""
         self._rpc.close()
 
     @abstractmethod
     def axes(self) -> int:
-        """How many joints it has."""
+        """Returns the number of joints."""
 
     @abstractmethod
     def name(self, joint: int) -> str:
-        """Its name of a joint."""
+        """Returns the board's name of a joint."""
 
     @abstractmethod
     def limits(self, joint: int) -> AxisLimits:
-        """How far a joint may go."""
+        """Returns the range of a joint."""
 
     @abstractmethod
     def impedance(self, joint: int) -> tuple[float, float]:
-        """Stiffness [N m/deg] and damping [N m s/deg] of a joint when it is compliant."""
+        """Returns stiffness [N m/deg] and damping [N m s/deg] of a joint in compliant mode."""
 
     @abstractmethod
     def modes_call(self, joints: Sequence[int], mode: Vocab) -> list[Any]:
-        """The call that switches joints to a control mode."""
+        """Returns the call that switches joints to a control mode."""
 
     @abstractmethod
     def interaction_call(self, joint: int, mode: Vocab) -> list[Any]:
-        """The call that makes a joint stiff or compliant."""
+        """Returns the call that makes a joint stiff or compliant."""
 
     @abstractmethod
     def check(self, call: Sequence[Any], answer: Sequence[Any]) -> Sequence[Any]:
-        """What an answer says. Raises PortError for one that refuses."""
+        """Returns the data in an answer. Raises PortError for one that refuses."""
 
     def set_modes(self, joints: Sequence[int], mode: Vocab) -> None:
-        """Switch joints to a control mode."""
+        """Switches joints to a control mode."""
         self.call(self.modes_call(joints, mode))
 
     def set_interaction(self, joint: int, mode: Vocab) -> None:
-        """Make a joint stiff or compliant."""
+        """Makes a joint stiff or compliant."""
         self.call(self.interaction_call(joint, mode))
 
     def call(self, call: Sequence[Any]) -> Sequence[Any]:
-        """Make a call and wait for what it says."""
+        """Makes a call and returns the data of its answer."""
         return self.check(call, self._rpc.call(*call))
 
     def ask(self, call: Sequence[Any]) -> None:
-        """Make a call without waiting for its answer."""
+        """Makes a call without waiting for its answer."""
         self._rpc.ask(*call)
         self._asked.append((call, time.monotonic()))
 
     def settle(self, patience: float = 0.0) -> bool:
-        """Whether all that was asked is answered, at the latest after `patience` [s] for each. Raises
-        PortError when something was refused, or not answered in time."""
+        """Returns True if all such calls are answered, waiting at most `patience` [s] for each. Raises
+        PortError when one was refused, or not answered in time."""
         while self._asked:
             call, since = self._asked[0]
             if not self._rpc.answered(patience) and time.monotonic() - since < PATIENCE:
@@ -153,18 +154,18 @@ class Board(ABC):
 
     @abstractmethod
     def set_impedance(self, joint: int, stiffness: float, damping: float) -> None:
-        """Set stiffness [N m/deg] and damping [N m s/deg] of a joint."""
+        """Sets stiffness [N m/deg] and damping [N m s/deg] of a joint."""
 
     @abstractmethod
     def stop(self) -> None:
-        """Let all joints stay where they are, whatever they were told."""
+        """Stops all joints where they are, whatever their commands."""
 
     @abstractmethod
     def head(self, stream: Stream, joints: Sequence[int]) -> list[Any]:
-        """What a streamed command to some joints begins with. No joint that isn't named is touched."""
+        """Returns the head of a streamed command to some joints. Other joints are not affected."""
 
     def command(self, stream: Stream, joints: Sequence[int], values: Array) -> list[Any]:
-        """A streamed command: its head and its numbers."""
+        """Returns a streamed command: its head and its numbers."""
         return [self.head(stream, joints), values]
 
     def _numbers(self, found: Sequence[Any], count: int, what: Sequence[Any]) -> list[float]:
@@ -210,7 +211,7 @@ class BoardV3(Board):
         return [Vocab(stream.value[1]), len(joints), list(joints)]
 
     def _get(self, *words: Any) -> list[Any]:
-        """Data in the answer, without its words and its time."""
+        """Returns the data in an answer, without its vocabularies and its time."""
         answer = self.call(_words("get", *words))
         if answer[0] != Vocab("is") or len(answer) < 6 or answer[-4] != Vocab("tsta"):
             raise PortError(

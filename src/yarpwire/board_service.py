@@ -34,73 +34,73 @@ class BoardService(ABC):
     """Number of answers so far that carry a time."""
 
     def awaited(self) -> AbstractContextManager[None]:
-        """Context of one call. On its exit the board has obeyed, or CallError is raised."""
+        """Returns the context of one call. On its exit the board has obeyed, or CallError is raised."""
         return nullcontext()
 
     @abstractmethod
     def joints(self, numbers: Joints) -> list[int]:
-        """Joints as a list, checked: each exists and is named once."""
+        """Returns the joints as a list, checked: each exists and is named once."""
 
     @abstractmethod
     def name(self, joint: int) -> str:
-        """Name of a joint."""
+        """Returns the name of a joint."""
 
     @abstractmethod
     def limits(self, joint: int) -> tuple[float, float]:
-        """Lowest and highest angle [deg] of a joint."""
+        """Returns the lowest and highest angle [deg] of a joint."""
 
     @abstractmethod
     def speed_limit(self, joint: int) -> float:
-        """Highest speed [deg/s] of a joint."""
+        """Returns the highest speed [deg/s] of a joint."""
 
     @abstractmethod
     def torque_limit(self, joint: int) -> float:
-        """Largest torque [N m] of a joint, in either direction."""
+        """Returns the largest torque [N m] of a joint, in either direction."""
 
     @abstractmethod
     def available(self, joint: int) -> list[Vocab]:
-        """Control modes that a joint may be switched to."""
+        """Returns the control modes that a joint may be switched to."""
 
     @abstractmethod
     def set_modes(self, joints: Joints, words: Sequence[int]) -> None:
-        """Switch to control modes (k,), as vocabularies."""
+        """Switches to control modes (k,), as vocabularies."""
 
     @abstractmethod
     def set_interactions(self, joints: Joints, words: Sequence[int]) -> None:
-        """Make joints stiff or compliant: STIFF or COMPLIANT (k,), as vocabularies."""
+        """Makes joints stiff or compliant: STIFF or COMPLIANT (k,), as vocabularies."""
 
     @abstractmethod
     def impedance(self, joint: int) -> Array:
-        """Stiffness [N m/deg] and damping [N m s/deg] of a joint (2,)."""
+        """Returns stiffness [N m/deg] and damping [N m s/deg] of a joint (2,)."""
 
     @abstractmethod
     def impedance_limits(self) -> tuple[float, float]:
-        """Highest stiffness [N m/deg] and damping [N m s/deg] that a joint may be given."""
+        """Returns the highest stiffness [N m/deg] and damping [N m s/deg] that a joint may be given."""
 
     @abstractmethod
     def set_impedance(self, joint: int, stiffness: float, damping: float) -> None:
-        """Set stiffness [N m/deg] and damping [N m s/deg] of a joint."""
+        """Sets stiffness [N m/deg] and damping [N m s/deg] of a joint."""
 
     @abstractmethod
     def set_speeds(self, joints: Joints, speeds: Sequence[float]) -> None:
-        """Set the speed (k,) [deg/s] of moves from now on."""
+        """Sets the speed (k,) [deg/s] of moves from now on."""
 
     @abstractmethod
     def set_accelerations(self, joints: Joints, values: Sequence[float]) -> None:
-        """Set the acceleration (k,) [deg/s2] of moves from now on."""
+        """Sets the acceleration (k,) [deg/s2] of moves from now on."""
 
     @abstractmethod
     def move(self, joints: Joints, angles: Sequence[float], *, relative: bool = False) -> None:
-        """Begin a move to angles (k,) [deg] at the speed that is set."""
+        """Begins a move to angles (k,) [deg] at the speed that is set."""
 
     @abstractmethod
     def is_done(self, joints: Joints) -> bool:
-        """Whether moves have arrived."""
+        """Returns True if all moves have arrived."""
 
     @abstractmethod
     def stream(self, stream: Stream, joints: Joints, numbers: Sequence[float]) -> None:
-        """Follow streamed set-points (k,): angles [deg], velocities [deg/s] or torques [N m]."""
+        """Follows streamed set-points (k,): angles [deg], velocities [deg/s] or torques [N m]."""
 
     @abstractmethod
     def stop(self, joints: Joints) -> None:
-        """Stop where the joints are."""
+        """Stops the joints where they are."""

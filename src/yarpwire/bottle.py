@@ -35,7 +35,7 @@ from yarpwire.values import (
 LIST, DICT = 256, 512
 GROUP = LIST | DICT
 DEEPEST = 32
-"""Deepest nesting that is read. Ours."""
+"""Deepest nesting that is read. Assumed; no published value."""
 
 INT8, INT16, INT32, INT64, VOCAB32, STRING, BLOB = 32, 64, 1, 17, 9, 4, 12
 PACKS: dict[type, tuple[int, str]] = {
@@ -59,18 +59,18 @@ FORMATS = {name: _formats(dialect) for name, dialect in DIALECTS.items()}
 
 
 def encode_bottle(items: Sequence[Any], dialect: Dialect) -> bytes:
-    """A Bottle as bytes. Raises WireError for what a Bottle can't hold."""
+    """Returns a Bottle as bytes. Raises WireError for values that a Bottle can't hold."""
     sub, body = _body(items, dialect)
     return WORD.pack(LIST | sub) + body
 
 
 def encode_vector(values: Array, dialect: Dialect) -> tuple[bytes, bytes]:
-    """Numbers (n,) as a Vector: its head and its doubles, the two blocks that YARP sends."""
+    """Returns numbers (n,) as a Vector: its head and its doubles, the two blocks that YARP sends."""
     return HEAD.pack(LIST | dialect.float64, len(values)), np.asarray(values, DOUBLE).tobytes()
 
 
 def decode_bottle(data: bytes, dialect: Dialect) -> list[Any]:
-    """What a Bottle holds. Raises WireError, also for bytes that are left over."""
+    """Returns the items of a Bottle. Raises WireError, also for bytes that are left over."""
     source = Memory(data)
     items = read_bottle(source, dialect)
     if source.left():
@@ -81,7 +81,7 @@ def decode_bottle(data: bytes, dialect: Dialect) -> list[Any]:
 
 
 def read_bottle(source: Source, dialect: Dialect) -> list[Any]:
-    """A Bottle from its first to its last byte and no further: a reply has no length of its own."""
+    """Reads a Bottle up to its last byte and no further: a reply has no length field."""
     code = _word(source)
     if code & LIST == 0 or code < 0:
         raise WireError(f"a Bottle begins with {code}; valid: {LIST} + the tag of its items")
@@ -89,7 +89,8 @@ def read_bottle(source: Source, dialect: Dialect) -> list[Any]:
 
 
 def decode_vector(data: bytes, dialect: Dialect) -> NDArray[np.float64]:
-    """The numbers (n,) of a Vector. Raises WireError for anything else, the other dialect above all."""
+    """Returns the numbers (n,) of a Vector. Raises WireError for anything else, most often the other
+    dialect."""
     if len(data) < 8:
         raise WireError(f"a Vector of {len(data)} bytes; valid: 8 + 8 per number")
     code, count = HEAD.unpack_from(data)
@@ -102,7 +103,8 @@ def decode_vector(data: bytes, dialect: Dialect) -> NDArray[np.float64]:
 
 
 def dialect_of_vector(data: bytes) -> Dialect | None:
-    """The dialect in which these bytes are a Vector of doubles; None for none, or for no numbers at all."""
+    """Returns the dialect in which these bytes are a Vector of doubles; None if neither, or for an empty
+    Vector."""
     if len(data) <= 8:
         return None
     code, count = HEAD.unpack_from(data)
@@ -159,7 +161,7 @@ def _value(source: Source, tag: int, dialect: Dialect, deepest: int) -> Value:
 
 
 def _body(items: Sequence[Any], dialect: Dialect) -> tuple[int, bytes]:
-    """The tag that all items share, or 0, and count and items as bytes."""
+    """Returns the tag that all items share, or 0, and count and items as bytes."""
     if isinstance(items, np.ndarray):
         items = items.tolist()
     if items and not isinstance(items, Loose) and all(type(item) is float for item in items):

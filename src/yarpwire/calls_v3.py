@@ -1,4 +1,4 @@
-"""Calls to a served control board in YARP 3.12's words: `[get] [encs]`, `[set] [pos] 0 12.5`."""
+"""Calls to a served control board in YARP 3.12's vocabularies: `[get] [encs]`, `[set] [pos] 0 12.5`."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from yarpwire.errors import CallError, YarpError
 from yarpwire.values import Vocab
 
 PROTOCOL = (1, 9, 0)
-"""Version that 3.12's control boards answer."""
+"""Protocol version that 3.12's control boards report."""
 OK, FAIL, IS = Vocab("ok"), Vocab("fail"), Vocab("is")
 Words = Sequence[Any]
 
 
 def answer_v3(board: BoardService, items: Words) -> list[Any]:
-    """What 3.12 answers to a call: `[fail]` for anything that it can't do."""
+    """Returns 3.12's answer to a call: `[fail]` for an unknown or impossible one."""
     words = [item.word if isinstance(item, Vocab) else item for item in items]
     try:
         if words[:2] == ["get", "prot"]:
@@ -63,7 +63,7 @@ def _set(board: BoardService, word: str, rest: Words) -> None:
 
 
 def _targets(kind: str, rest: Words) -> tuple[Sequence[int] | None, Sequence[float]]:
-    """Joints and values of one joint, of all (`s`), or of some (`g`)."""
+    """Returns joints and values of one joint, of all (`s`), or of some (`g`)."""
     if kind == "s":
         return None, rest[0]
     return (rest[1], rest[2]) if kind == "g" else ([rest[0]], [rest[1]])

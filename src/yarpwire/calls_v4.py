@@ -15,7 +15,7 @@ from yarpwire.values import Array, Loose, Vocab
 OK, FAIL = Vocab("ok"), Vocab("fail")
 METHOD_FAILED = Vocab("err5")
 PROTOCOL = b"\0\1\0\0\1\0\0\0" + b"\0\0\4\0\0\0\0\0"
-"""What 4.0's control boards answer to `getRemoteProtocolVersion`: no valid Bottle, and clients expect it."""
+"""Answer of 4.0's control boards to `getRemoteProtocolVersion`: no valid Bottle, but clients expect it."""
 INTERFACES = (
     "iAxisInfo", "iControlLimits", "iControlMode", "iEncodersTimed", "iImpedanceControl", "iInteractionMode",
     "iPositionControl", "iPositionDirect", "iTorqueControl", "iVelocityControl",
@@ -24,7 +24,8 @@ Answers = Callable[..., Sequence[Any] | None]
 
 
 def answer_v4(board: BoardService, items: Sequence[Any]) -> list[Any] | bytes:
-    """What 4.0 answers to a call: `[ok]`, `([ok]) data`, `[err5]` for a failure, `[fail]` for none such."""
+    """Returns 4.0's answer to a call: `[ok]`, `([ok]) data`, `[err5]` for a failure, `[fail]` for an unknown
+    call."""
     method = items[0] if items and isinstance(items[0], str) else ""
     if method == "getRemoteProtocolVersion":
         return PROTOCOL
@@ -39,7 +40,7 @@ def answer_v4(board: BoardService, items: Sequence[Any]) -> list[Any] | bytes:
 
 
 def _axis(values: Callable[[BoardService], Array | None]) -> tuple[Answers, Answers]:
-    """Answers with the value of one joint, and with those of all."""
+    """Returns the answers with the value of one joint, and with those of all."""
 
     def one(board: BoardService, joint: int) -> list[Any]:
         return [float(_known(values(board))[board.joints([joint])[0]])]

@@ -1,4 +1,4 @@
-"""Carriers: how messages travel on a connection."""
+"""Carriers: the formats in which messages travel on a connection."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from yarpwire.errors import UnknownNameError
 
 @dataclass(frozen=True, slots=True)
 class Carrier:
-    """One way for messages."""
+    """One format for messages."""
 
     name: str
     code: int | None = None
-    """What a binary header adds to its magic number; None for text."""
+    """Number that a binary header adds to its magic number; None for text."""
     acknowledged: bool = False
-    """Whether the receiver answers each message."""
+    """True if the receiver acknowledges each message."""
     greeting: str = ""
-    """How a text connection begins."""
+    """First word of a text connection."""
 
 
 TCP = Carrier("tcp", code=131, acknowledged=True)
@@ -30,7 +30,7 @@ BY_CODE = {carrier.code: carrier for carrier in CARRIERS.values() if carrier.cod
 
 
 def find_carrier(name: str) -> Carrier:
-    """The carrier of that name, without its modifiers (`tcp+recv...`). Raises UnknownNameError."""
+    """Returns the carrier of that name, without its modifiers (`tcp+recv...`). Raises UnknownNameError."""
     plain = name.partition("+")[0]
     if plain not in CARRIERS:
         raise UnknownNameError("carrier", plain, CARRIERS)

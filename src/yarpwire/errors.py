@@ -1,4 +1,4 @@
-"""Every error that yarpwire raises. One root, so that a caller can catch them all."""
+"""All errors of yarpwire, with a common root."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ class YarpError(Exception):
 
 
 class WireError(YarpError):
-    """A message is not what the protocol allows, or a value has no form in it. It was dropped."""
+    """A message that violates the protocol, or a value that it can't express. It was dropped."""
 
 
 class PortError(YarpError):
@@ -19,7 +19,7 @@ class PortError(YarpError):
 
 
 class UnknownNameError(PortError):
-    """A name that nobody has registered; the message lists those that are there, and the nearest of them."""
+    """A name that is not registered; the message lists the registered ones, and the nearest of them."""
 
     def __init__(self, kind: str, name: str, valid: Iterable[str]) -> None:
         self.valid = tuple(valid)
@@ -29,7 +29,7 @@ class UnknownNameError(PortError):
 
 
 class CallError(YarpError):
-    """A call or a command to a served control board that it does not know or can't do."""
+    """A call or a command that is unknown to a served control board or impossible for it."""
 
 
 class BindingsError(YarpError):

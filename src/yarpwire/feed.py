@@ -1,4 +1,4 @@
-"""What comes in from one port of the robot, and how it is got again after a restart."""
+"""The latest messages from one port of the robot, with reconnection after a restart."""
 
 from __future__ import annotations
 
@@ -14,13 +14,15 @@ from yarpwire.incoming import Delivery
 from yarpwire.network import Network
 
 KEPT = 4
-"""Messages that are kept, so that those of several ports can be taken from about one time. Ours."""
+"""Number of messages that are kept, so that those of several ports can be taken from about the same time.
+Assumed; no published value."""
 RESTARTED = 100
-"""By so many a count may fall back before its sender counts as started anew. Ours."""
+"""Decrease of a message count from which its sender counts as restarted. Assumed; no published value."""
 LATE = 0.003
-"""How much longer [s] than its time a message is waited for. Ours."""
+"""Time [s] after a message is due for which it is still waited for. Assumed; no published value."""
 MIXED = 0.1
-"""Share of a new time between two messages in their mean. Ours."""
+"""Weight of a new interval in the running mean of the intervals between messages. Assumed; no published
+value."""
 Value = TypeVar("Value")
 
 
@@ -30,26 +32,27 @@ class Sample(Generic[Value]):
 
     value: Value
     stamp: float
-    """When it was measured [s], on our monotonic clock."""
+    """Time of measurement [s] on this machine's monotonic clock."""
     sequence: int
-    """Counts up with each message that was new."""
+    """Number of the message, which increases with each new one."""
 
 
 class Clock(Protocol):
     """Maps the clock of a sender to this machine's monotonic clock."""
 
     difference: float | None
-    """Ours minus theirs [s]; None before the first message."""
+    """Offset [s] of this clock from the sender's; None before the first message."""
 
     def place(self, stamp: float, arrival: float) -> float | None:
-        """Time [s, ours] of what was stamped `stamp` [s, theirs] and came at `arrival` [s, ours].
+        """Returns the time [s, this clock] of what was stamped `stamp` [s, sender's clock] and came at
+        `arrival` [s, this clock].
 
         None if it is older than something before it, or has its stamp.
         """
 
 
 class Feed(Generic[Value]):
-    """Reads one port. Only the latest messages are kept; what can't be read is counted and dropped."""
+    """Reads one port. Only the latest messages are kept; unreadable ones are counted and dropped."""
 
     def __init__(
         self,
@@ -62,20 +65,21 @@ class Feed(Generic[Value]):
         carrier: str,
         clock: Clock | None = None,
     ) -> None:
-        """Connect. `clock` tells when a message was measured; without one, the time of its arrival counts.
+        """Connects. `clock` gives the time of measurement of a message; without one, its arrival counts.
 
-        Raises PortError, as UnknownNameError for a port that is not there."""
+        Raises PortError, as UnknownNameError for a port that is not registered.
+        """
         self.source = source
         self.recent: tuple[Sample[Value], ...] = ()
         """The latest few messages, oldest first."""
         self.clock = clock
-        """Maps their clock to ours, if one was handed in."""
+        """Conversion from the sender's clock to this one, if given."""
         self.lost = 0
-        """Messages missing between those that came, by their count."""
+        """Number of missing messages between those that arrived, by their count."""
         self.wrong = 0
-        """Messages that were dropped because they can't be what they should."""
+        """Number of messages that were dropped because they are invalid."""
         self.last_error = ""
-        """What was wrong with the last of them."""
+        """Error of the last of them."""
         self._decode, self._carrier = decode, carrier
         self._count: int | None = None
         self._arrived = 0.0
@@ -95,16 +99,17 @@ class Feed(Generic[Value]):
         return self.recent[-1] if self.recent else None
 
     def at(self, stamp: float) -> Sample[Value] | None:
-        """The message that was measured nearest to a time [s]."""
+        """Returns the message that was measured nearest to a time [s]."""
         return min(self.recent, key=lambda sample: abs(sample.stamp - stamp), default=None)
 
     def wait(self, seconds: float) -> bool:
-        """Whether something came, at the latest after so long."""
+        """Returns True if a message has arrived, waiting at most `seconds` [s]."""
         return self._came.wait(seconds)
 
     def await_due(self, until: float, longer: float) -> None:
-        """Wait for the next message if it is due before `until` [s]: who looks just before it comes sees it a
-        period later. Those that come more often than every `longer` [s] are not waited for."""
+        """Waits for the next message if it is due before `until` [s]; otherwise a reader just before its
+        arrival would get it a period late. Messages that come more often than every `longer` [s] are not
+        waited for."""
         before, due, now = self.recent, self._arrived + self._every, time.monotonic()
         if self._every <= longer or not now - LATE <= due <= until:
             return
@@ -113,15 +118,15 @@ class Feed(Generic[Value]):
             self._fresh.wait(due + LATE - now)
 
     def silent(self, now: float) -> float:
-        """How long [s] nothing has come."""
+        """Returns the time [s] since the last message."""
         return now - self._arrived
 
     def reconnect(self) -> None:
-        """Ask the source again. Raises PortError."""
+        """Connects to the source again. Raises PortError."""
         self.port.listen_to(self.source, self._carrier)
 
     def close(self) -> None:
-        """Let go of the port."""
+        """Closes the port."""
         self.port.close()
 
     def _receive(self, delivery: Delivery) -> None:
@@ -151,12 +156,12 @@ class Feed(Generic[Value]):
         self._fresh.set()
 
     def _measured(self, stamp: float, arrived: float) -> float:
-        """Time [s, ours] of a message that is new by its count."""
+        """Returns the time [s, this clock] of a message that is new by its count."""
         if self.clock is None:
             return arrived
         placed = self.clock.place(stamp, arrived)
         if placed is None and self.clock.difference is not None:
-            # Some stamps are too coarse for messages that come together.
+            # Some stamps are too coarse for messages that arrive together.
             placed = stamp + self.clock.difference
         return arrived if placed is None else placed
 

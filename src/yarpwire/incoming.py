@@ -1,4 +1,4 @@
-"""A connection that others made to a port of ours: what they send, and what is answered."""
+"""A connection that another program made to a port of this process: its messages, and their answers."""
 
 from __future__ import annotations
 
@@ -26,35 +26,35 @@ from yarpwire.values import Array
 from yarpwire.visitors import Visitor
 
 BURST, SLICE = 200, 0.01
-"""Messages that are read from one connection in such a time [s]; beyond, its sender has to wait or to drop.
-Ours."""
+"""Number of messages that are read from one connection in such a time [s]; beyond, its sender has to wait or
+to drop. Assumed; no published value."""
 UDP_LARGEST = 65_507
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Delivery:
-    """One message that arrived."""
+    """One received message."""
 
     command: Command
     """Data, a call or an order to the port, with its envelope."""
     sender: str
     """Name of the port that sent it."""
     arrived: float
-    """When it came in [s], on the monotonic clock."""
+    """Time of arrival [s] on the monotonic clock."""
     body: bytes | str
     """A Bottle as bytes, or as text."""
 
     @property
     def stamp(self) -> Stamp | None:
-        """The envelope."""
+        """Envelope of the message, if it is a Stamp."""
         return self.command.stamp
 
     def items(self, dialect: Dialect) -> list[Any]:
-        """What the Bottle holds. Raises WireError."""
+        """Returns the items of the Bottle. Raises WireError."""
         return from_text(self.body) if isinstance(self.body, str) else decode_bottle(self.body, dialect)
 
     def vector(self, dialect: Dialect) -> Array:
-        """The numbers (n,) of a Vector. Raises WireError for anything else."""
+        """Returns the numbers (n,) of a Vector. Raises WireError for anything else."""
         if isinstance(self.body, bytes):
             return decode_vector(self.body, dialect)
         items = from_text(self.body)
@@ -77,9 +77,9 @@ class Incoming:
         self.sender = ""
         """Name of the port at the other end."""
         self.carrier: Carrier = TEXT
-        """How it sends."""
+        """Carrier of the connection."""
         self.count = 0
-        """Messages so far."""
+        """Number of messages so far."""
         self._socket, self._visitor = sock, visitor
         self._source = SocketSource(sock)
         self._dialect, self._deliver = dialect, deliver
@@ -88,7 +88,8 @@ class Incoming:
         self._closed = False
 
     def greet(self, key: bytes | None, names: Callable[[str], None]) -> None:
-        """Let the other end say who it is, and answer; `names` may object. Raises WireError."""
+        """Reads the name of the other end and answers; `names` may raise an error to refuse it. Raises
+        WireError."""
         self._socket.settimeout(PATIENCE)
         if key is not None:
             auth.accept(self._socket, self._source, key)
@@ -112,7 +113,7 @@ class Incoming:
         self._socket.sendall(message.number(port))
 
     def run(self) -> None:
-        """Deliver what comes until the end. Raises WireError for what can't be read."""
+        """Delivers messages until the end of the connection. Raises WireError for unreadable ones."""
         if self._datagrams is not None:
             self._socket.close()  # as YARP does, at both ends
             self._run_datagrams(self._datagrams)
@@ -124,13 +125,11 @@ class Incoming:
             self._run_binary()
 
     def close(self) -> None:
-        """End the connection."""
+        """Ends the connection."""
         self._closed = True
         for sock in (self._socket, self._datagrams):
             if sock is not None:
-                with contextlib.suppress(
-                    OSError
-                ):  # it ends the waiting all the same, without a connection too
+                with contextlib.suppress(OSError):  # it ends the wait even without a connection
                     sock.shutdown(socket.SHUT_RDWR)
 
     def _run_binary(self) -> None:
@@ -182,14 +181,14 @@ class Incoming:
         return int(sock.getsockname()[1])
 
     def _run_datagrams(self, sock: socket.socket) -> None:
-        """Until a goodbye: silence says nothing, of a sender that is dead or has nothing to say."""
+        """Reads until a quit message: a sender that is silent need not be dead."""
         with sock:
             while not self._closed:
                 try:
                     data, peer = sock.recvfrom(UDP_LARGEST)
-                except BlockingIOError:  # silent for so long: look whether it was closed
+                except BlockingIOError:  # the timeout: check for closing
                     continue
-                if len(data) < 8 or peer[0] != self._visitor.host:  # empty, of nobody: it was closed
+                if len(data) < 8 or peer[0] != self._visitor.host:  # an empty datagram comes from closing
                     continue
                 if struct.unpack_from("<I", data)[0] != zlib.crc32(data[8:]):
                     continue
@@ -204,7 +203,7 @@ class Incoming:
                 self._handle(command, body)
 
     def _wait(self) -> None:
-        """Wait for the next message for ever, and for its rest not long."""
+        """Waits for the next message without limit, and for the rest of a message until the timeout."""
         if self.count % BURST == 0:
             self._wait_slice()
         while True:
@@ -214,7 +213,7 @@ class Incoming:
                 continue
 
     def _wait_slice(self) -> None:
-        """For each BURST."""
+        """Limits the rate: waits until SLICE has passed since the last burst."""
         now = time.monotonic()
         if now - self._slice < SLICE:
             time.sleep(self._slice + SLICE - now)
@@ -227,7 +226,8 @@ class Incoming:
 
 
 def _be_patient(sock: socket.socket) -> None:
-    """Each wait ends after PATIENCE, by the system's own clock: Python's would cost a call more a message."""
+    """Lets each wait end after PATIENCE, by the system's own timeout: Python's would cost one more call per
+    message."""
     sock.settimeout(None)
     seconds = struct.pack("@ll", int(PATIENCE), int(PATIENCE % 1 * 1e6))
     for option in (socket.SO_RCVTIMEO, socket.SO_SNDTIMEO):

@@ -1,4 +1,5 @@
-"""A TCP port that others connect to: one thread that accepts, one per connection; `visitors` bounds them."""
+"""A TCP port that others connect to: one thread that accepts, one per connection; `visitors` bounds their
+number."""
 
 from __future__ import annotations
 
@@ -13,17 +14,17 @@ from yarpwire.visitors import MOST, Visitor, Visitors
 
 
 class Listener:
-    """Accepts connections and gives each to `serve(socket, visitor)`, in a thread of its own."""
+    """Accepts connections and passes each to `serve(socket, visitor)`, in a thread of its own."""
 
     def __init__(
         self, host: str, port: int, serve: Callable[[socket.socket, Visitor], None], *, name: str
     ) -> None:
-        """Raises PortError when the port is taken."""
+        """Opens the port. Raises PortError when it is in use."""
         self._name, self._serve = name, serve
         self._visitors = Visitors()
         self._wrong = 0
         self.last_error = ""
-        """Why the last of them was dropped."""
+        """Error for which the last connection was dropped."""
         try:
             self._socket = socket.create_server((host, port), backlog=MOST)
         except OSError as error:
@@ -32,17 +33,18 @@ class Listener:
             ) from error
         bound = self._socket.getsockname()
         self.address: tuple[str, int] = (str(bound[0]), int(bound[1]))
-        """Host and port."""
+        """Host and port of this end."""
         self._closed = False
         threading.Thread(target=self._accept, name=f"yarp accept {name}", daemon=True).start()
 
     @property
     def dropped(self) -> int:
-        """Connections that ended because what came was not allowed, or that had to go for others."""
+        """Number of connections that ended because of invalid data, or to make room for others."""
         return self._wrong + self._visitors.ended
 
     def close(self) -> None:
-        """Let go of the port and of every connection; shut down first, for the number is given out again."""
+        """Closes the port and every connection; shuts them down first, since the port number may be reused at
+        once."""
         self._closed = True
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
@@ -58,7 +60,7 @@ class Listener:
                     return
                 continue
             visitor = self._visitors.welcome(partial(_end, sock), str(address[0]))
-            if self._closed:  # and may not know of this one
+            if self._closed:  # this connection came while `close` ran
                 _end(sock)
             threading.Thread(
                 target=self._run, args=(sock, visitor), name=f"yarp serve {self._name}", daemon=True
@@ -70,7 +72,7 @@ class Listener:
             self._serve(sock, visitor)
         except (EOFError, TimeoutError, ConnectionError):
             pass
-        except Exception as error:  # beyond this thread it would end the process
+        except Exception as error:  # otherwise it would end the process
             if not self._closed:
                 self._wrong += 1
                 self.last_error = told(error)
@@ -80,11 +82,11 @@ class Listener:
 
 
 def _end(sock: socket.socket) -> None:
-    """Who waits for it is told, which closing alone would not do."""
+    """Shuts a socket down, which wakes the thread that waits for it; closing alone would not."""
     with contextlib.suppress(OSError):
         sock.shutdown(socket.SHUT_RDWR)
 
 
 def told(error: Exception) -> str:
-    """What is said of it: the kind too, of what nobody foresaw."""
+    """Returns the text of an error, with its type if it is an unexpected one."""
     return str(error) if isinstance(error, YarpError | OSError) else f"{type(error).__name__}: {error}"

@@ -1,4 +1,4 @@
-"""How YARP packs what is said, as bytes. All integers are little-endian.
+"""YARP's framing of messages as bytes. All integers are little-endian.
 
 number   `YA` int32 `RP`
 header   number 7777 + carrier, int32 length, sender's name and NUL
@@ -23,7 +23,7 @@ LONGEST_NAME = 1000
 """Longest name [bytes] in a header, NUL included; as in YARP."""
 MOST_BLOCKS = 255
 DATA, CALL, ADMIN, QUIT = "D", "d", "a", "q"
-"""What a command says: data, data that wants a reply, an order to the port, the end."""
+"""Kinds of commands: data, data that wants a reply, an order to the port, the end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,9 +31,9 @@ class Stamp:
     """The envelope of a message."""
 
     count: int
-    """Counts up with each message."""
+    """Number of the message, which increases by one."""
     time: float
-    """When it was measured [s], on the sender's clock."""
+    """Time of measurement [s] on the sender's clock."""
 
     def __str__(self) -> str:
         return f"{self.count} {self.time:.15g}"
@@ -41,16 +41,16 @@ class Stamp:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """What comes before the body of a message."""
+    """The part of a message that precedes its body."""
 
     kind: str
     """DATA, CALL, ADMIN, QUIT, or another letter of YARP's text commands."""
     rest: str = ""
-    """What follows the letter: the envelope of data."""
+    """Text after the letter: the envelope of data."""
 
     @property
     def stamp(self) -> Stamp | None:
-        """The envelope, where it is a Stamp."""
+        """The envelope, if it is a Stamp."""
         words = self.rest.split()
         try:
             stamp = Stamp(int(words[0]), float(words[1]))
@@ -67,7 +67,7 @@ _FILL = b"\xff" * 8
 
 
 def number(value: int) -> bytes:
-    """A yarp number."""
+    """Returns a yarp number."""
     return struct.pack("<2si2s", b"YA", value, b"RP")
 
 
@@ -75,7 +75,7 @@ _TEN = number(10)
 
 
 def read_number(source: Source) -> int:
-    """The value of a yarp number. Raises WireError for anything else."""
+    """Returns the value of a yarp number. Raises WireError for anything else."""
     head, value, tail = struct.unpack("<2si2s", source.take(8))
     if (head, tail) != (b"YA", b"RP"):
         raise WireError(f"{head!r} ... {tail!r} where a yarp number begins with b'YA' and ends with b'RP'")
@@ -83,7 +83,7 @@ def read_number(source: Source) -> int:
 
 
 def header(code: int, name: str) -> bytes:
-    """How a connection begins, with its carrier's code and its sender's name."""
+    """Returns the beginning of a connection, with its carrier's code and its sender's name."""
     text = name.encode() + b"\0"
     if len(text) > LONGEST_NAME:
         raise WireError(f"a name of {len(text)} bytes; valid: below {LONGEST_NAME}")
@@ -91,7 +91,7 @@ def header(code: int, name: str) -> bytes:
 
 
 def read_name(source: Source) -> str:
-    """The sender's name, after the number of the header."""
+    """Returns the sender's name, which follows the number of the header."""
     length = struct.unpack("<i", source.take(4))[0]
     if not 1 <= length <= LONGEST_NAME:
         raise WireError(f"a sender's name of {length} bytes; valid: 1 to {LONGEST_NAME}")
@@ -99,7 +99,7 @@ def read_name(source: Source) -> str:
 
 
 def pack_message(blocks: Sequence[bytes]) -> bytes:
-    """An index and its blocks."""
+    """Returns an index and its blocks."""
     if len(blocks) > MOST_BLOCKS:
         raise WireError(f"a message of {len(blocks)} blocks; valid: up to {MOST_BLOCKS}")
     count = len(blocks)
@@ -108,12 +108,12 @@ def pack_message(blocks: Sequence[bytes]) -> bytes:
 
 
 def read_message(source: Source) -> list[bytes]:
-    """The blocks of a message. Raises WireError for lengths that can't be."""
+    """Returns the blocks of a message. Raises WireError for invalid lengths."""
     return [source.take(length) for length in _lengths(source)]
 
 
 def read_payload(source: Source) -> bytes:
-    """The same in one piece: boundaries of blocks carry no meaning."""
+    """Returns the blocks of a message in one piece: their boundaries carry no meaning."""
     return source.take(sum(_lengths(source)))
 
 
@@ -131,12 +131,12 @@ def _lengths(source: Source) -> tuple[int, ...]:
 
 @cache
 def _words(count: int) -> struct.Struct:
-    """That many integers; there are at most 2 x 255."""
+    """Returns the format of `count` integers; cached, since there are at most 2 x 255."""
     return struct.Struct(f"<{count}i")
 
 
 def pack_command(kind: str, rest: str = "") -> bytes:
-    """A command, alone as its letter or with text after it. QUIT always is text."""
+    """Returns a command: its letter alone, or with text after it. QUIT is always text."""
     if not rest and kind != QUIT:
         return b"\0\0\0\0~" + kind.encode() + b"\0\1"
     text = f"{kind} {rest}".rstrip().encode() + b"\0"
@@ -144,7 +144,7 @@ def pack_command(kind: str, rest: str = "") -> bytes:
 
 
 def unpack_command(payload: bytes) -> tuple[Command, bytes]:
-    """The command that a message begins with, and its body."""
+    """Returns the command that a message begins with, and its body."""
     if len(payload) < 8 or payload[4:5] != b"~":
         raise WireError(
             f"a message begins with {payload[:8]!r}; valid: a command, 8 bytes with '~' as the fifth"

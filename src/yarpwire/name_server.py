@@ -1,4 +1,5 @@
-"""A name server of our own, for machines without YARP: enough for YARP's tools and devices, and for us."""
+"""A name server in Python, for machines without YARP: sufficient for YARP's tools and devices, and for
+yarpwire."""
 
 from __future__ import annotations
 
@@ -15,9 +16,9 @@ from yarpwire.source import SocketSource
 from yarpwire.visitors import Visitor
 
 FIRST_PORT = 2
-"""Ports are given out from the server's own number plus this, as YARP does."""
+"""Offset from the server's own port number at which it begins to assign ports, as in YARP."""
 MOST_NAMES = 10_000
-"""Names that it keeps at most. Ours."""
+"""Largest number of names that it keeps. Assumed; no published value."""
 
 
 class NameServer:
@@ -26,19 +27,19 @@ class NameServer:
     def __init__(
         self, host: str = "127.0.0.1", port: int = 0, *, key: bytes | None = None, space: str = ROOT
     ) -> None:
-        """Listen at once; port 0 takes a free one. Raises PortError for a port that is taken."""
+        """Listens at once; port 0 takes a free one. Raises PortError for a port that is in use."""
         self._lock = threading.Lock()
         self._contacts: dict[str, Contact] = {}
         self._properties: dict[str, dict[str, list[str]]] = {}
         self._key = key
         self._listener = Listener(host, port, self._serve, name="the YARP name server")
         self.address = self._listener.address
-        """Host and port."""
+        """Host and port of the server."""
         self._next = self.address[1] + FIRST_PORT
         self._contacts[space] = Contact(space, *self.address)
 
     def close(self) -> None:
-        """Stop answering."""
+        """Stops the server."""
         self._listener.close()
 
     def __enter__(self) -> NameServer:
@@ -60,7 +61,7 @@ class NameServer:
             sock.sendall(answer.encode())
 
     def answer(self, line: str, peer: str = "127.0.0.1") -> str:
-        """What it says to one request that came from host `peer`."""
+        """Returns its answer to one request, which came from host `peer`."""
         words = re.split(r'["\s]+', line.strip())
         if words[0] != "NAME_SERVER":
             raise WireError(f"{line[:40]!r} is no request to a name server")
@@ -100,7 +101,7 @@ class NameServer:
         if name not in self._contacts and len(self._contacts) >= MOST_NAMES:
             raise WireError(f"more than {MOST_NAMES} names")
         if name == "...":
-            name = f"/tmp/port/{self._next}"  # YARP's own name for a port that asks for none; no path
+            name = f"/tmp/port/{self._next}"  # the name that YARP gives to an unnamed port; not a path
         port = int(words[2]) if re.fullmatch(r"-?\d{1,5}", words[2]) else 0
         carrier = words[0] if words[0] != "..." else "tcp"
         host = words[1] if words[1] != "..." else peer

@@ -1,4 +1,4 @@
-"""Who is where: the name server's client, and the files that say where the name server is.
+"""The name server's client, and the files with the name server's address.
 
 $YARP_CONFIG_HOME/yarp.conf, else $XDG_CONFIG_HOME/yarp/yarp.conf, else ~/.config/yarp/yarp.conf
 holds `127.0.0.1 10000 yarp`; another namespace than /root has a file of its own name.
@@ -22,15 +22,15 @@ from yarpwire.source import SocketSource
 END = "*** end of message"
 ROOT = "/root"
 GROUP = ("224.2.1.1", 10000)
-"""Where name servers listen for those who look for one."""
+"""Multicast address at which name servers answer searches."""
 PATIENCE = 2.0
-"""How long [s] a peer may take to answer. Ours."""
+"""Time [s] that a peer may take to answer. Assumed; no published value."""
 RECORD = re.compile(r"registration name (\S+) ip (\S+) port ([0-9]{1,5}|none) type (\S+)")
 
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """Where a port is."""
+    """Address of a port."""
 
     name: str
     host: str
@@ -38,12 +38,12 @@ class Contact:
     carrier: str = "tcp"
 
     def line(self) -> str:
-        """As name servers say it."""
+        """Returns the contact in the form that name servers send."""
         return f"registration name {self.name} ip {self.host} port {self.port} type {self.carrier}"
 
 
 def parse_contact(line: str) -> Contact | None:
-    """The contact in a name server's line; None where there is none."""
+    """Returns the contact in a name server's line; None if there is none."""
     found = RECORD.match(line)
     if found is None or found[3] == "none" or not 0 < int(found[3]) < 65536:
         return None
@@ -51,24 +51,24 @@ def parse_contact(line: str) -> Contact | None:
 
 
 def config_folder() -> Path:
-    """Where YARP keeps its configuration."""
+    """Returns the folder of YARP's configuration."""
     if home := os.environ.get("YARP_CONFIG_HOME"):
         return Path(home)
     return Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config") / "yarp"
 
 
 def namespace() -> str:
-    """The namespace of this user, `/root` unless YARP_NAMESPACE says otherwise."""
+    """Returns the namespace of this user, `/root` unless YARP_NAMESPACE is set."""
     return (os.environ.get("YARP_NAMESPACE") or ROOT).split()[0]
 
 
 def config_file(space: str) -> Path:
-    """The file that says where the name server of a namespace is."""
+    """Returns the file with the address of a namespace's name server."""
     return config_folder() / ("yarp.conf" if space == ROOT else re.sub(r"[^0-9A-Za-z]", "_", space) + ".conf")
 
 
 def parse_address(text: str, *, port: int = 10000) -> tuple[str, int]:
-    """`HOST:PORT` or `HOST`. Raises PortError."""
+    """Parses `HOST:PORT` or `HOST`. Raises PortError."""
     host, _, digits = text.partition(":")
     if digits and not (digits.isascii() and digits.isdigit() and 0 <= int(digits[:6]) < 65536):
         raise PortError(
@@ -78,7 +78,8 @@ def parse_address(text: str, *, port: int = 10000) -> tuple[str, int]:
 
 
 def read_key() -> bytes | None:
-    """The key of `auth.conf`, group AUTH; None where authentication is off. Raises PortError for no key."""
+    """Returns the key of `auth.conf`, group AUTH; None if authentication is off. Raises PortError if the key
+    is missing."""
     path = config_folder() / "auth.conf"
     if not path.is_file():
         return None
@@ -91,9 +92,9 @@ def read_key() -> bytes | None:
 
 
 def find_server(space: str | None = None) -> tuple[str, int]:
-    """Host and port of the name server, from the file, else by asking the network.
+    """Returns host and port of the name server, from the file, else by a search in the network.
 
-    Raises PortError that says what to do when there is neither.
+    Raises PortError with advice if both fail.
     """
     space = space or namespace()
     path = config_file(space)
@@ -112,7 +113,8 @@ def find_server(space: str | None = None) -> tuple[str, int]:
 
 
 def detect(space: str, *, wait: float = 0.3) -> tuple[str, int] | None:
-    """Ask the network for the name server of a namespace, as `yarp detect` does; None when nobody answers."""
+    """Searches the network for the name server of a namespace, as `yarp detect` does; None if none
+    answers."""
     line = f"NAME_SERVER query {space}\n".encode()
     try:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
@@ -133,16 +135,16 @@ def detect(space: str, *, wait: float = 0.3) -> tuple[str, int] | None:
 
 
 class Names:
-    """A name server, seen from a client. Each question is a connection of its own."""
+    """The client of a name server. Each request uses a connection of its own."""
 
     def __init__(self, address: tuple[str, int], *, key: bytes | None = None) -> None:
         self.address = address
         self.key = key
-        """Key of the authentication; None where it is off."""
+        """Key of the authentication; None if it is off."""
 
     def ask(self, *words: str) -> list[str]:
-        """Lines of the answer to a request. Raises PortError when nobody answers, and for what is no
-        line."""
+        """Returns the lines of the answer to a request. Raises PortError when there is no answer, or an
+        invalid one."""
         host, port = self.address
         line = f"NAME_SERVER {' '.join(words)}"
         if not line.isprintable():
@@ -160,25 +162,26 @@ class Names:
                         if words[0] == "announce" or len(lines) > 100_000:
                             break
                 except EOFError:
-                    if words[0] != "announce":  # which has no end; what came may be half of it, or a nonce
+                    if words[0] != "announce":  # such an answer has no end, and may be cut off, or a nonce
                         raise WireError("it hung up; does it want a key (auth.conf)?") from None
         except (OSError, WireError) as error:
             raise PortError(f"the YARP name server at {host}:{port} does not answer: {error}") from error
         return lines
 
     def query(self, name: str) -> Contact:
-        """Where a port is. Raises UnknownNameError for one that is not registered, PortError as `ask`."""
+        """Returns the contact of a port. Raises UnknownNameError for one that is not registered, PortError as
+        `ask`."""
         for line in self.ask("query", name):
             if (contact := parse_contact(line)) is not None:
                 return contact
         raise UnknownNameError("YARP port", name, sorted(contact.name for contact in self.list()))
 
     def list(self) -> list[Contact]:
-        """All ports."""
+        """Returns the contacts of all ports."""
         return [contact for line in self.ask("list") if (contact := parse_contact(line)) is not None]
 
     def register(self, contact: Contact, properties: dict[str, str] | None = None) -> None:
-        """Tell that a port is there."""
+        """Registers a port."""
         lines = self.ask("register", contact.name, contact.carrier, contact.host, str(contact.port))
         if not any(parse_contact(line) for line in lines):
             raise PortError(f"the name server at {self.address[0]} did not register {contact.name}: {lines}")
@@ -187,5 +190,5 @@ class Names:
         self.ask("announce", contact.name)
 
     def unregister(self, name: str) -> None:
-        """Tell that a port is gone."""
+        """Unregisters a port."""
         self.ask("unregister", name)

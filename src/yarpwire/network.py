@@ -1,7 +1,7 @@
-"""What a driver asks of YARP: ports by name, and what carries messages between them.
+"""The interface to a YARP network: ports by name, and connections between them.
 
-Two ways there are, `wire` (pure Python) and `bindings` (YARP's). All else, boards and skin above all, is said
-once and knows neither.
+It has two implementations, `wire` (pure Python) and `bindings` (YARP's). All other code, such as that of
+boards and skin, is independent of both.
 """
 
 from __future__ import annotations
@@ -22,85 +22,87 @@ class NamedPort(Protocol):
 
     name: str
     last_error: str
-    """What was wrong with the last message that was not understood."""
+    """Error of the last message that could not be decoded."""
 
     @property
     def outputs(self) -> Sequence[str]:
         """Names of the ports that this one sends to."""
 
     def write(self, value: Array | Sequence[Any], stamp: Stamp | None = None) -> None:
-        """Send a Vector (an array) or a Bottle (a list) to all readers. It never waits; nothing queues."""
+        """Sends a Vector (an array) or a Bottle (a list) to all readers. It never waits, and nothing is
+        queued."""
 
     def listen_to(self, source: str, carrier: str) -> None:
-        """Have a port send to this one. Raises PortError, also when it refuses."""
+        """Makes another port send to this one. Raises PortError, also when it refuses."""
 
     def register(self) -> None:
-        """Tell the name server, again after it restarted. Raises PortError."""
+        """Registers the port, again after a restart of the name server. Raises PortError."""
 
     def close(self) -> None:
-        """Unregister and let go of every connection."""
+        """Unregisters the port and closes every connection."""
 
 
 class Writer(Protocol):
-    """A connection of ours to somebody's port. It never waits."""
+    """A connection that sends to another port. It never waits."""
 
     def offer(self, value: Array | Sequence[Any], dialect: Dialect, stamp: Stamp | None = None) -> bool:
-        """Send a Vector (an array) or a Bottle (a list), or drop it. Raises PortError for a lost reader."""
+        """Sends a Vector (an array) or a Bottle (a list), or drops it. Raises PortError for a lost reader."""
 
     def is_over(self) -> bool:
-        """Whether the reader is gone."""
+        """Returns True if the reader has disconnected."""
 
     def close(self) -> None:
-        """Let go."""
+        """Closes the connection."""
 
 
 class Caller(Protocol):
-    """Calls to somebody's port, and their replies. Every failure is a PortError; there is no second try."""
+    """Calls to another port, and their replies. Every failure is a PortError; calls are not repeated."""
 
     def call(self, *items: Any, patience: float = PATIENCE) -> list[Any]:
-        """The reply to a call; empty where the other end says nothing."""
+        """Returns the reply to a call; empty if the other end sends none."""
 
     def ask(self, *items: Any) -> None:
-        """Send a call without waiting for its reply; `hear` gets it."""
+        """Sends a call without waiting for its reply, which `hear` returns."""
 
     def answered(self, patience: float) -> bool:
-        """Whether the reply to the oldest call that was asked comes within `patience` [s]."""
+        """Returns True if the reply to the oldest open call arrives within `patience` [s]."""
 
     def hear(self) -> list[Any]:
-        """The reply to the oldest call that was asked."""
+        """Returns the reply to the oldest open call."""
 
     def close(self) -> None:
-        """Let go of the connection."""
+        """Closes the connection."""
 
 
 class Network(ABC):
-    """Who is where, and how to talk with them. Methods raise PortError when the name server is silent."""
+    """A YARP network. Methods raise PortError when the name server does not answer."""
 
     title: str
-    """What it is, for people."""
+    """Name of the implementation, for messages."""
     address: tuple[str, int]
     """Host and port of the name server."""
     dialect: Dialect | None = None
-    """The only dialect that it speaks; None for both."""
+    """The only dialect that it supports; None for both."""
 
     @abstractmethod
     def list(self) -> list[Contact]:
-        """All ports."""
+        """Returns the contacts of all ports."""
 
     @abstractmethod
     def query(self, name: str) -> Contact:
-        """Where a port is. Raises UnknownNameError for one that is not registered."""
+        """Returns the contact of a port. Raises UnknownNameError for one that is not registered."""
 
     @abstractmethod
     def port(
         self, name: str, dialect: Dialect, receive: Callable[[Delivery], Answer] | None = None
     ) -> NamedPort:
-        """Open a port; `receive` gets each message, from a thread of the port's own, and answers calls."""
+        """Opens a port; `receive` gets each message, from a thread of the port's own, and answers calls."""
 
     @abstractmethod
     def writer(self, target: str, sender: str) -> Writer:
-        """Connect to a port by fast_tcp. Raises PortError."""
+        """Connects to a port by fast_tcp. Raises PortError."""
 
     @abstractmethod
     def caller(self, target: Contact, sender: str, dialect: Dialect) -> Caller:
-        """Calls to a port, by tcp. The connection is made when it is needed, again after a failure."""
+        """Returns the calls to a port, by tcp. The connection is opened when it is needed, and again after a
+        failure."""

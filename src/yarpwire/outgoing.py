@@ -1,4 +1,4 @@
-"""A connection of ours to somebody's port."""
+"""A connection from this process to another port."""
 
 from __future__ import annotations
 
@@ -24,20 +24,22 @@ from yarpwire.text import to_text
 from yarpwire.values import Array
 
 MOST_UNANSWERED = 16
-"""Messages that may lack their acknowledgement before new ones are dropped. Ours."""
+"""Number of messages without acknowledgement above which new ones are dropped. Assumed; no published
+value."""
 STUCK = 1.0
-"""How long [s] the rest of a message may wait for a reader that does not read. Ours."""
+"""Longest time [s] that the rest of a message waits for a reader that does not read. Assumed; no published
+value."""
 GOODBYE = 0.5
-"""How long [s] a goodbye beside the datagrams may take. Ours."""
+"""Longest time [s] for the quit message of a datagram connection. Assumed; no published value."""
 DATAGRAM = 65_499
 
 
 def dial(
     contact: Contact, sender: str, carrier: Carrier, key: bytes | None, *, patience: float = PATIENCE
 ) -> tuple[socket.socket, SocketSource, int]:
-    """Connect to a port and say who we are. The last value is what the other end answered.
+    """Connects to a port and gives the sender's name. The last value is the other end's answer.
 
-    Raises PortError when nobody is there, or when it doesn't answer as a YARP port does.
+    Raises PortError when nothing answers, or not as a YARP port does.
     """
     sock = None
     try:
@@ -63,8 +65,7 @@ def dial(
 
 
 def order(contact: Contact, words: Sequence[Any], key: bytes | None) -> str:
-    """Give an order to somebody's port, as `yarp connect` does, and return what it says. Raises
-    PortError."""
+    """Gives an order to another port, as `yarp connect` does, and returns its answer. Raises PortError."""
     sock, source, _ = dial(contact, "admin", TEXT_ACK, key)
     with sock:
         try:
@@ -78,7 +79,7 @@ def order(contact: Contact, words: Sequence[Any], key: bytes | None) -> str:
 
 
 def is_over(sock: socket.socket) -> bool:
-    """Whether the other end has closed a connection on which it sends nothing now."""
+    """Returns True if the other end has closed a connection on which it sends nothing now."""
     try:
         sock.setblocking(False)  # a time-out of the socket's own would be waited for
         return not sock.recv(1, socket.MSG_PEEK)
@@ -89,14 +90,14 @@ def is_over(sock: socket.socket) -> bool:
 
 
 class Outgoing:
-    """Sends messages and never waits: to a reader that is too slow, the newer ones are dropped."""
+    """Sends messages without waiting: if a reader is too slow, newer ones are dropped."""
 
     def __init__(self, contact: Contact, sender: str, carrier: Carrier, key: bytes | None = None) -> None:
-        """Raises PortError as `dial`."""
+        """Connects. Raises PortError as `dial`."""
         self.contact, self.carrier = contact, carrier
         self._sender, self._key = sender, key
         self.dropped = 0
-        """Messages that the reader was too slow for."""
+        """Number of messages dropped because the reader was too slow."""
         self._socket, _, port = dial(contact, sender, carrier, key)
         self._rest = b""
         self._since = 0.0
@@ -106,7 +107,7 @@ class Outgoing:
         self._socket.setblocking(False)
 
     def offer(self, value: Array | Sequence[Any], dialect: Dialect, stamp: Stamp | None = None) -> bool:
-        """Send a Vector (an array) or a Bottle (a list), or drop it. Raises PortError for a lost reader."""
+        """Sends a Vector (an array) or a Bottle (a list), or drops it. Raises PortError for a lost reader."""
         rest = "" if stamp is None else str(stamp)
         if self.carrier.code is None:
             return self.push(f"{f'D {rest}'.strip()}\r\n{to_text(list(value))}\r\n".encode())
@@ -117,7 +118,7 @@ class Outgoing:
         return self.push(message.pack_message([message.pack_command(message.DATA, rest), *blocks]))
 
     def push(self, data: bytes) -> bool:
-        """Send a message that is ready. Raises PortError when nobody is there."""
+        """Sends an encoded message. Raises PortError when the reader is lost."""
         try:
             if self.carrier is UDP:
                 self._send_datagrams(data)
@@ -137,11 +138,11 @@ class Outgoing:
         return True
 
     def is_over(self) -> bool:
-        """Whether the reader is gone."""
+        """Returns True if the reader has disconnected."""
         return self.carrier is not UDP and is_over(self._socket)
 
     def close(self) -> None:
-        """Say goodbye and let go."""
+        """Sends a quit message and closes the connection."""
         with contextlib.suppress(OSError, EOFError, PortError, WireError):
             if self.carrier is UDP:
                 self._part()
@@ -153,11 +154,12 @@ class Outgoing:
         self.drop()
 
     def drop(self) -> None:
-        """Let go of a reader that is gone, or knows already. It never waits."""
+        """Closes the socket without a quit message. It never waits."""
         self._socket.close()
 
     def _part(self) -> None:
-        """As YARP does over udp: by a connection of text, to whose order the reader answers."""
+        """Ends a udp connection as YARP does: by an order over a text connection, which the reader
+        answers."""
         sock, source, _ = dial(self.contact, "admin", TEXT, self._key, patience=GOODBYE)
         with sock:
             sock.sendall(f"~{self._sender}\r\nq\r\n".encode())
@@ -183,7 +185,7 @@ class Outgoing:
         return self._unanswered < MOST_UNANSWERED
 
     def _to_datagrams(self, port: int) -> None:
-        """From now on to the UDP port that the reader named."""
+        """Sends to the UDP port that the reader named from now on."""
         peer = self._socket.getpeername()
         self._socket.close()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

@@ -1,4 +1,4 @@
-"""A port: others connect to it and are connected to, and say which by orders to it."""
+"""A port: it accepts connections and opens them, on orders of other programs."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from yarpwire.values import Array, Vocab
 from yarpwire.visitors import MOST, Visitor
 
 SPOKEN = "tcp fast_tcp udp text text_ack"
-"""Carriers that our ports offer and accept."""
+"""Carriers that the ports offer and accept."""
 
 
 class Port:
     """A named port. `receive` gets each message of data and each call, whose reply it returns.
 
-    It is called from the connection's own thread. What it raises ends that connection, and no more.
+    `receive` is called from the connection's own thread. An error that it raises ends only that connection.
     """
 
     def __init__(
@@ -41,15 +41,15 @@ class Port:
         receive: Callable[[Delivery], Answer] | None = None,
         host: str | None = None,
     ) -> None:
-        """Listen and register. Raises PortError when the name server doesn't answer or the port is
-        taken."""
+        """Listens and registers. Raises PortError when the name server doesn't answer or the TCP port is in
+        use."""
         if not name.startswith("/") or any(letter.isspace() for letter in name):
             raise PortError(f"port name {name!r}; valid: it begins with / and has no spaces")
         self.name, self.dialect, self.names = name, dialect, names
         self.wrong = 0
-        """Messages that were not understood."""
+        """Number of messages that could not be decoded."""
         self.last_error = ""
-        """What was wrong with the last of them."""
+        """Error of the last of them."""
         self._receive = receive
         self._lock = threading.Lock()
         self._inputs: dict[str, Incoming] = {}
@@ -59,7 +59,7 @@ class Port:
         host = host if host is not None else own_host(names.address)
         self._listener = Listener(host, 0, self._serve, name=f"the port {name}")
         self.contact = Contact(name, *self._listener.address)
-        """Where it is."""
+        """Name and address of the port."""
         try:
             self.register()
         except PortError:
@@ -67,7 +67,7 @@ class Port:
             raise
 
     def register(self) -> None:
-        """Tell the name server, again after it restarted. Raises PortError."""
+        """Registers the port, again after a restart of the name server. Raises PortError."""
         properties = {
             "offers": SPOKEN,
             "accepts": SPOKEN,
@@ -88,11 +88,13 @@ class Port:
 
     @property
     def dropped(self) -> int:
-        """Messages that its readers were too slow for, and connections that were ended for what they sent."""
+        """Number of messages dropped because readers were too slow, and of connections ended because of their
+        data."""
         return self._listener.dropped + sum(output.dropped for output in list(self._outputs.values()))
 
     def write(self, value: Array | Sequence[Any], stamp: Stamp | None = None) -> None:
-        """Send a Vector (an array) or a Bottle (a list) to all readers. It never waits; nothing queues."""
+        """Sends a Vector (an array) or a Bottle (a list) to all readers. It never waits, and nothing is
+        queued."""
         for name, output in list(self._outputs.items()):
             try:
                 output.offer(value, self.dialect, stamp)
@@ -104,17 +106,17 @@ class Port:
                 output.drop()
 
     def connect(self, target: str, carrier: str = FAST_TCP.name) -> None:
-        """Send to a port from now on. Raises PortError."""
+        """Sends to another port from now on. Raises PortError."""
         if target not in self._outputs and len(self._outputs) >= MOST:
             raise PortError(f"{self.name} sends to {MOST} ports already; valid: at most {MOST}")
         found = Outgoing(self.names.query(target), self.name, find_carrier(carrier), self.names.key)
         with self._lock:
             old, self._outputs[target] = self._outputs.get(target), found
         if old is not None:
-            old.drop()  # the reader has ended it, as the second of a name
+            old.drop()  # the reader has closed it, as a second connection of that name
 
     def listen_to(self, source: str, carrier: str = FAST_TCP.name) -> None:
-        """Have a port send to this one. Raises PortError, also when it refuses."""
+        """Makes another port send to this one. Raises PortError, also when it refuses."""
         contact = self.names.query(source)
         url = f"{find_carrier(carrier).name}:/{self.name}"
         said = outgoing.order(contact, [Vocab("add"), url], self.names.key)
@@ -122,7 +124,7 @@ class Port:
             raise PortError(f"{source} does not connect to {self.name} by {carrier}: {said.strip()[:120]}")
 
     def close(self) -> None:
-        """Unregister and let go of every connection. A second call does nothing."""
+        """Unregisters the port and closes every connection. A second call does nothing."""
         with contextlib.suppress(PortError):
             self.names.unregister(self.name)
         with self._lock:
@@ -136,7 +138,7 @@ class Port:
     def _serve(self, sock: socket.socket, visitor: Visitor) -> None:
         incoming = Incoming(sock, visitor, dialect=self.dialect, deliver=self._deliver)
         with self._lock:
-            if self._closed:  # and would not be ended
+            if self._closed:  # the new connection would not be closed
                 return
             self._served.add(incoming)
         visitor.end = partial(self._let_go, incoming)
@@ -161,13 +163,14 @@ class Port:
             raise
 
     def _let_go(self, incoming: Incoming) -> None:
-        """Make room: nothing tells that a sender over udp is dead, and others may never say a word."""
+        """Ends a connection to make room: a dead sender over udp is not detectable, and others may never
+        send."""
         if not self._closed:
             self.last_error = f"{incoming.sender or 'one without a name'}, silent the longest, had to go"
         incoming.close()
 
     def _add(self, name: str, incoming: Incoming) -> None:
-        """As YARP does: a second connection of the same sender ends the first."""
+        """Adds a connection. A second one of the same sender ends the first, as in YARP."""
         if not name.startswith("/"):
             return
         with self._lock:
@@ -199,7 +202,7 @@ class Port:
         return None
 
     def _order(self, items: list[Any]) -> Answer:
-        """Orders to the port itself, as `yarp connect` and others give them."""
+        """Executes orders to the port itself, such as those of `yarp connect`."""
         verb = items[0] if items else Vocab(0)
         target = str(items[-1]) if len(items) > 1 else ""
         if verb == Vocab("ver"):
@@ -249,7 +252,8 @@ class Port:
 
 
 def own_host(server: tuple[str, int]) -> str:
-    """The address of ours that a name server's machine sees: the loopback for one on this machine."""
+    """Returns this machine's address as the name server sees it: the loopback address for a server on this
+    machine."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         try:
             probe.connect(server)

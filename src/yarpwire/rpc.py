@@ -1,4 +1,4 @@
-"""Calls to somebody's port, and their replies."""
+"""Calls to other ports, and their replies."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from yarpwire.source import SocketSource
 from yarpwire.text import from_text, to_text
 
 SOON = 0.05
-"""How long [s] a reply that has begun to come may take. Ours."""
+"""Longest time [s] for the rest of a reply that has begun to arrive. Assumed; no published value."""
 
 
 class Rpc:
-    """Calls to a port. The connection is made when it is needed, again after a failure."""
+    """Calls to a port. The connection is opened when it is needed, and again after a failure."""
 
     def __init__(
         self,
@@ -42,48 +42,48 @@ class Rpc:
         self._lock = threading.Lock()
 
     def call(self, *items: Any, patience: float = PATIENCE) -> list[Any]:
-        """The reply to a call; empty where the other end says nothing.
+        """Returns the reply to a call; empty if the other end sends none.
 
-        Raises PortError when nobody is there or no answer comes within `patience` [s], and when what comes
-        is no reply. There is no second try: who calls decides that.
+        Raises PortError when nothing answers within `patience` [s], and for an invalid reply. The call is not
+        repeated: the caller decides about that.
         """
         with self._lock, self._told(items):
             while self._asked:
-                self._hear(patience)  # who asked has lost interest
+                self._hear(patience)  # their caller has given up
             sock, source = self._connect(patience)
             self._send(sock, items)
             return self._reply(source)
 
     def ask(self, *items: Any) -> None:
-        """Send a call without waiting for its reply; `hear` gets it. Raises PortError."""
+        """Sends a call without waiting for its reply, which `hear` returns. Raises PortError."""
         with self._lock, self._told(items):
             self._send(self._connect(PATIENCE)[0], items)
             self._asked += 1
 
     def answered(self, patience: float) -> bool:
-        """Whether the reply to the oldest call that was asked begins to come within `patience` [s]."""
+        """Returns True if the reply to the oldest open call begins to arrive within `patience` [s]."""
         if self._open is None:
-            return True  # `hear` tells why
+            return True  # `hear` raises the error
         sock, source = self._open
         try:
             return source.waiting() or bool(select.select([sock], [], [], patience)[0])
-        except (OSError, ValueError):  # closed meanwhile
+        except (OSError, ValueError):  # closed in the meantime
             return True
 
     def hear(self, patience: float = SOON) -> list[Any]:
-        """The reply to the oldest call that was asked. Raises PortError as `call`."""
+        """Returns the reply to the oldest open call. Raises PortError as `call`."""
         with self._lock, self._told(()):
             return self._hear(patience)
 
     def close(self) -> None:
-        """Let go of the connection."""
+        """Closes the connection."""
         if self._open is not None:
             self._open[0].close()
             self._open = None
 
     @contextmanager
     def _told(self, items: Sequence[Any]) -> Iterator[None]:
-        """What fails inside is a PortError, and the end of the connection."""
+        """Turns errors inside into a PortError, and closes the connection."""
         try:
             yield
         except (OSError, EOFError, WireError) as error:

@@ -1,4 +1,4 @@
-"""Where bytes come from. Every length is checked here, before memory is taken."""
+"""Sources of bytes. Every length is checked here, before memory is allocated."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ from typing import Protocol
 from yarpwire.errors import WireError
 
 LONGEST = 1 << 24
-"""Longest message [bytes] that is read. Ours: a skin of 4000 taxels has 32 kB."""
+"""Length [bytes] of the longest message that is read. Assumed: a skin of 4000 taxels has 32 kB."""
 LONGEST_LINE = 1 << 16
-"""Longest line of text [bytes]. Ours."""
+"""Length [bytes] of the longest line of text. Assumed; no published value."""
 CHUNK = 1 << 16
 
 
 class Source(Protocol):
-    """Something that bytes are taken from."""
+    """A source from which bytes are taken in order."""
 
     def take(self, count: int) -> bytes:
-        """The next `count` bytes. Raises WireError when so many can't come."""
+        """Returns the next `count` bytes. Raises WireError when there can't be so many."""
         ...
 
     def left(self) -> int:
-        """How many bytes there may be at most."""
+        """Returns the largest number of bytes that may follow."""
         ...
 
 
 class Memory:
-    """Bytes at hand."""
+    """Bytes in memory as a source."""
 
     def __init__(self, data: bytes) -> None:
         self._data, self._at = data, 0
@@ -43,7 +43,8 @@ class Memory:
 
 
 class SocketSource:
-    """A socket, read no further than a budget that `allow` renews; its own time-out bounds each wait."""
+    """A socket, read no further than a budget that `allow` renews; the socket's own timeout bounds each
+    wait."""
 
     def __init__(self, sock: socket.socket) -> None:
         self._socket = sock
@@ -52,14 +53,15 @@ class SocketSource:
         self._budget = LONGEST
 
     def allow(self, budget: int = LONGEST) -> None:
-        """Let the next message have `budget` bytes in all."""
+        """Sets the budget of the next message to `budget` bytes in all."""
         self._budget = budget
 
     def left(self) -> int:
         return self._budget
 
     def take(self, count: int) -> bytes:
-        """Raises WireError for more than the budget, EOFError at the end, TimeoutError after the socket's."""
+        """Returns the next `count` bytes. Raises WireError for more than the budget, EOFError at the end,
+        TimeoutError after the socket's timeout."""
         if not 0 <= count <= self._budget:
             raise WireError(f"length {count}; valid: 0 to {self._budget}")
         self._budget -= count
@@ -70,12 +72,12 @@ class SocketSource:
         return self._buffer[begin:end]
 
     def peek(self, count: int) -> bytes:
-        """The next `count` bytes, which stay."""
+        """Returns the next `count` bytes without consuming them."""
         self._need(count)
         return self._buffer[self._at : self._at + count]
 
     def line(self) -> str:
-        """The next line of text without its end. Raises WireError for one without an end."""
+        """Returns the next line of text without its end. Raises WireError for one without an end."""
         while (end := self._buffer.find(b"\n", self._at)) < 0:
             held = len(self._buffer) - self._at
             if held > LONGEST_LINE:
@@ -86,17 +88,17 @@ class SocketSource:
         return line.rstrip(b"\r").decode("utf-8", errors="replace")
 
     def waiting(self) -> bool:
-        """Whether bytes were received that nobody took yet."""
+        """Returns True if received bytes have not been taken yet."""
         return self._at < len(self._buffer)
 
     def await_next(self) -> None:
-        """Return when the next message begins, which may have LONGEST bytes. Raises as `take`."""
+        """Waits for the beginning of the next message, which may have LONGEST bytes. Raises as `take`."""
         self._budget = LONGEST
         if self._at >= len(self._buffer):
             self._need(1)
 
     def _need(self, count: int) -> None:
-        """Receive until `count` bytes are at hand. Memory is taken for what has come, not for what may."""
+        """Receives until `count` bytes are available. Memory is allocated for received bytes only."""
         held = len(self._buffer) - self._at
         if held >= count:
             return

@@ -1,6 +1,7 @@
-"""What a control board sends of its state: `stateExt:o`, a list of 22 items (3.x) or 24 (4.x).
+"""A control board's published state: `stateExt:o`, a list of 22 items (3.x) or 24 (4.x).
 
-Each quantity is a list with a value per joint, and whether it is valid. Degrees and degrees per second.
+Each quantity is a list with a value per joint, followed by its validity. Units are degrees and degrees per
+second.
 """
 
 from __future__ import annotations
@@ -18,14 +19,14 @@ from yarpwire.values import Array, Float32, Vocab
 OK, FAIL = Vocab("ok"), Vocab("fail")
 JOINTS = ("position", "velocity", "acceleration", "motor_position", "motor_velocity", "motor_acceleration")
 QUANTITIES = (*JOINTS, "torque", "duty_cycle", "current", "modes", "interactions", "temperature")
-"""In the order of the wire; 3.x has no temperature."""
+"""Quantities in the order of the wire; 3.x has no temperature."""
 MOST_JOINTS = 256
-"""Joints of a board at most. Ours."""
+"""Largest number of joints of a board. Assumed; no published value."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoardState:
-    """State of the joints of one board; None for what the board can't say."""
+    """State of the joints of one board; None for a quantity that the board does not measure."""
 
     position: Array
     """Angles (n,) [deg]."""
@@ -40,7 +41,7 @@ class BoardState:
 
 
 def encode_state(state: BoardState, dialect: Dialect) -> list[Any]:
-    """The items of a state's Bottle."""
+    """Returns the items of a state's Bottle."""
     count = len(state.position)
     known = {"position": state.position, "velocity": state.velocity, "torque": state.torque}
     words = {"modes": state.modes, "interactions": state.interactions}
@@ -58,7 +59,7 @@ def encode_state(state: BoardState, dialect: Dialect) -> list[Any]:
 
 
 def decode_state(items: Sequence[Any], dialect: Dialect) -> BoardState:
-    """The state in a Bottle. Raises WireError that names the item that is wrong."""
+    """Returns the state in a Bottle. Raises WireError that names the invalid item."""
     pairs = _pairs(dialect)
     if len(items) != 2 * pairs:
         raise WireError(f"a state of {len(items)} items; valid for YARP {dialect.name}: {2 * pairs}")

@@ -1,4 +1,4 @@
-"""Commands that stream to a served board's `command:i`: a list of a head and a Vector.
+"""Commands streamed to a served board's `command:i`: a list of a head and a Vector.
 
 3.x heads: `[dpos]`, `[dpo] j`, `[dpog] n (j ..)`; 4.x puts the interface before: `[ipod] [dpos]`.
 """
@@ -19,7 +19,7 @@ INTERFACES = {"dpo": "ipod", "vmo": "ivel", "dtq": "itrq", "pos": "ipos"}
 
 
 def obey(board: BoardService, items: Sequence[Any], dialect: Dialect) -> None:
-    """Do what a streamed command says. Raises CallError for one that isn't understood or can't be done."""
+    """Executes a streamed command. Raises CallError for one that is unknown or impossible."""
     if len(items) != 2 or not all(isinstance(item, list) for item in items):
         raise CallError(f"a streamed command of {len(items)} items; valid: a head and a list of numbers")
     head = [item.word if isinstance(item, Vocab) else item for item in items[0]]

@@ -23,7 +23,7 @@ FLOAT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\Z|[+-]?(inf|nan)\Z", 
 
 
 def to_text(items: Sequence[Any]) -> str:
-    """Items of a Bottle as text, as YARP writes them."""
+    """Returns items of a Bottle as text, as YARP writes them."""
     return " ".join(_item(item) for item in items)
 
 
@@ -50,7 +50,8 @@ def _quoted(text: str) -> str:
 
 
 def from_text(text: str) -> list[Any]:
-    """Items of a Bottle written as text. Raises WireError for one that is not closed or nests too deep."""
+    """Returns the items of a Bottle written as text. Raises WireError for one that is not closed or nests too
+    deep."""
     open_lists: list[list[Any]] = [[]]
     at = 0
     while at < len(text):

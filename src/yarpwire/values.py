@@ -1,4 +1,4 @@
-"""What a Bottle holds. Python's own types where they say enough, small subclasses where the wire says more.
+"""Values of a Bottle: Python types, and small subclasses where the wire distinguishes more types.
 
 int (int32 or int64 by its size), float (float64), str, bytes (blob), bool (vocab), list, Vocab
 Int8, Int16, Int64, Float32, Vocab64, Dict, Loose
@@ -18,10 +18,10 @@ Array = NDArray[np.float64]
 
 
 class Vocab(int):
-    """Up to four letters packed into an int32: `Vocab("set")`. Equal to the number that it is."""
+    """Up to four letters packed into an int32: `Vocab("set")`. Equal to its number."""
 
     def __new__(cls, word: str | int) -> Vocab:
-        """Raises WireError for what doesn't fit."""
+        """Packs the letters. Raises WireError for a text that does not fit."""
         return super().__new__(cls, _pack(word, 4))
 
     @property
@@ -54,7 +54,7 @@ class Int16(int):
 
 
 class Int64(int):
-    """An integer of eight bytes, whatever its size."""
+    """An integer that always takes eight bytes."""
 
 
 class Float32(float):
@@ -62,11 +62,11 @@ class Float32(float):
 
 
 class Dict(list[Any]):
-    """A list that says that it is a dictionary: of lists (key value)."""
+    """A list marked as a dictionary: a list of lists (key value)."""
 
 
 class Loose(list[Any]):
-    """A list of items of one type, with a tag at each item all the same: replies of 4.x have such lists."""
+    """A list of items of one type, each with a tag nevertheless: replies of 4.x contain such lists."""
 
 
 Value = int | float | str | bytes | Sequence[Any]

@@ -1,8 +1,8 @@
-"""So many connections of a server and no more, whatever carries them; there is always room for a newcomer.
+"""A bound on the number of connections of a server, over any transport; a new connection is always accepted.
 
-Nobody logs in, so who connects is a stranger until it has said something that makes sense. Strangers have to
-do that soon. Where there are too many, strangers go first, then who was silent the longest: a genuine client
-that has said what it wants may then be idle for as long as it likes.
+There is no login, so each connection is a stranger until it has sent a valid message. Strangers must do so
+soon. If there are too many connections, strangers are closed first, then the one that was silent the longest:
+a genuine client that has sent a valid message may be idle for any time.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 MOST = 64
-"""Connections that a server holds at a time. Assumed: more than the ports of an iCub need of each other."""
+"""Largest number of connections of a server. Assumed: more than the ports of an iCub need of each other."""
 PATIENCE = 2.0
 """Time [s] that a stranger has. Assumed: a client greets at once; a slow network takes a tenth of it."""
 
@@ -23,41 +23,41 @@ class Visitor:
     """One connection."""
 
     end: Callable[[], None]
-    """Ends it; called from whichever thread makes room."""
+    """Function that closes it; called from whichever thread makes room."""
     heard: float
-    """When it was last heard of [s], on the monotonic clock; at first when it came."""
+    """Time [s] of its last message on the monotonic clock; at first, of its arrival."""
     known: bool = False
-    """Whether it has said something that makes sense."""
+    """True if it has sent a valid message."""
     host: str = ""
-    """Address that it comes from."""
+    """Address of its other end."""
 
     def hear(self, now: float | None = None) -> None:
-        """It has said something that makes sense."""
+        """Records a valid message."""
         self.known, self.heard = True, time.monotonic() if now is None else now
 
 
 def surplus(visitors: Iterable[Visitor], now: float, most: int) -> list[Visitor]:
-    """Those that have to go so that at most `most` stay: first in line first."""
+    """Returns the connections to close so that at most `most` remain, in that order."""
     there = sorted(visitors, key=lambda one: (one.known, one.heard))
     late = sum(not one.known and now - one.heard > PATIENCE for one in there)
     return there[: max(late, len(there) - most)]
 
 
 class Visitors:
-    """The connections of one server. Any thread may call."""
+    """The connections of one server. Methods may be called from any thread."""
 
     def __init__(self, most: int = MOST, clock: Callable[[], float] = time.monotonic) -> None:
         self._most, self._clock = most, clock
         self._lock = threading.Lock()
         self._there: set[Visitor] = set()
         self.ended = 0
-        """Connections that had to go."""
+        """Number of connections that were closed to make room."""
 
     def __len__(self) -> int:
         return len(self._there)
 
     def welcome(self, end: Callable[[], None], host: str = "") -> Visitor:
-        """A newcomer; others go for it where it is one too many."""
+        """Adds a connection; others are closed if it is one too many."""
         self.look(leave=1)
         visitor = Visitor(end, self._clock(), host=host)
         with self._lock:
@@ -65,7 +65,7 @@ class Visitors:
         return visitor
 
     def look(self, *, leave: int = 0) -> None:
-        """Let those go that have to, so that `leave` places are free."""
+        """Closes surplus connections, so that `leave` places are free."""
         with self._lock:
             going = surplus(self._there, self._clock(), self._most - leave)
             self._there.difference_update(going)
@@ -74,12 +74,12 @@ class Visitors:
             visitor.end()
 
     def leave(self, visitor: Visitor) -> None:
-        """It is gone by itself. A second call does nothing."""
+        """Removes a connection that has ended. A second call does nothing."""
         with self._lock:
             self._there.discard(visitor)
 
     def end_all(self) -> None:
-        """The server closes."""
+        """Closes all connections, when the server closes."""
         with self._lock:
             going, self._there = self._there, set()
         for visitor in going:

@@ -15,14 +15,14 @@ from yarpwire.rpc import Rpc
 
 
 class Wire(Network):
-    """Speaks both dialects and needs nothing installed."""
+    """Pure-Python implementation of both dialects; it needs nothing installed."""
 
     title = "yarpwire, YARP in pure Python"
 
     def __init__(self, server: tuple[str, int] | None = None) -> None:
-        """`server` is host and port of the name server; None for the one of yarp.conf.
+        """Connects to the name server at `server` (host, port); None for the one of yarp.conf.
 
-        Raises PortError when nothing says where the name server is.
+        Raises PortError when the address of the name server is unknown.
         """
         self.names = Names(server or find_server(), key=read_key())
         self.address = self.names.address

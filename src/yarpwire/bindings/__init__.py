@@ -1,7 +1,7 @@
-"""YARP's network by YARP's own `yarp` bindings, where they can be imported.
+"""YARP's network through YARP's own `yarp` bindings, if they can be imported.
 
-module   the bindings: how they are found, and what they need of Python objects
-port     a port of YARP's: reads, writes
-calls    calls to somebody's port
-network  all of it, as a driver asks for it
+module   loading of the bindings, and conversions of Python objects for them
+port     ports of YARP: reading and writing
+calls    calls to other ports
+network  the interface to all of these
 """

@@ -1,4 +1,4 @@
-"""Calls to somebody's port, made by YARP."""
+"""Calls to other ports, made by YARP."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _lines = itertools.count()
 
 
 class BindingsCaller:
-    """Calls through a line that is opened when it is needed, and a new one after a failure."""
+    """Calls over one connection, which is opened when it is needed, and again after a failure."""
 
     def __init__(self, yarp: Any, target: str, sender: str) -> None:
         self._yarp, self._target, self._sender = yarp, target, sender
@@ -34,7 +34,7 @@ class BindingsCaller:
         self._asked: deque[Future[list[Any]]] = deque()
 
     def call(self, *items: Any, patience: float = PATIENCE) -> list[Any]:
-        self._asked.clear()  # who asked has lost interest
+        self._asked.clear()  # their caller has given up
         return self._result(self._submit(items), patience)
 
     def ask(self, *items: Any) -> None:
@@ -77,7 +77,7 @@ class BindingsCaller:
 
 
 class Line:
-    """A port for calls, and the one thread that makes them: YARP waits for the reply."""
+    """A port for calls, and the one thread that makes them, since YARP blocks until the reply."""
 
     def __init__(self, yarp: Any, target: str, sender: str) -> None:
         self._yarp, self._target, self._sender = yarp, target, sender
@@ -87,11 +87,11 @@ class Line:
         self._thread = ThreadPoolExecutor(1, thread_name_prefix=f"yarp {sender}")
 
     def submit(self, items: Sequence[Any]) -> Future[list[Any]]:
-        """Make a call; the future has its reply, or a PortError."""
+        """Makes a call; the future returns its reply, or raises a PortError."""
         return self._thread.submit(self._exchange, items)
 
     def close(self) -> Future[None]:
-        """Let go, when the call that is being made has ended."""
+        """Closes the port when the call in progress has ended."""
         done = self._thread.submit(self._hang_up)
         self._thread.shutdown(wait=False)
         return done

@@ -1,4 +1,4 @@
-"""The `yarp` module: where it is found, and what it needs of Python objects."""
+"""The `yarp` module: loading, and conversions of Python objects for it."""
 
 from __future__ import annotations
 
@@ -24,12 +24,14 @@ ADDERS: dict[type, str] = {
     Int8: "addInt8", Int16: "addInt16", Int64: "addInt64", Float32: "addFloat32",
 }  # fmt: skip
 RESTED = 1.0
-"""After so long [s] a connection that may be closed at rest is made anew. Ours."""
+"""Idle time [s] after which a connection that its other end may close is opened again. Assumed: half of
+YARP's 2 s."""
 _open: dict[int, Any] = {}
 
 
 def load() -> Any:
-    """The module, silent about what goes well. Raises BindingsError that says how to get it."""
+    """Imports the module without its messages about success. Raises BindingsError with the way to install
+    it."""
     os.environ.setdefault("YARP_QUIET", "1")
     try:
         yarp = importlib.import_module("yarp")
@@ -41,7 +43,7 @@ def load() -> Any:
 
 
 def version(yarp: Any) -> tuple[str, Dialect]:
-    """Version of the bindings and what they speak. Raises PortError for one that is not known."""
+    """Returns the version of the bindings and their dialect. Raises PortError for an unknown version."""
     dialect = DIALECTS.get(str(yarp.YARP_VERSION_MAJOR))
     if dialect is None:
         raise PortError(f"bindings of YARP {yarp.YARP_VERSION}; valid: {' and '.join(DIALECTS)}.x")
@@ -49,7 +51,7 @@ def version(yarp: Any) -> tuple[str, Dialect]:
 
 
 def importable() -> str:
-    """What can be imported, for people; empty where nothing can."""
+    """Returns the version that can be imported, as text; empty if there is none."""
     try:
         name, dialect = version(load())
     except (PortError, BindingsError):
@@ -58,14 +60,14 @@ def importable() -> str:
 
 
 def open_port(yarp: Any, port: Any, name: str) -> None:
-    """Open a port of YARP's. Raises PortError when YARP refuses."""
+    """Opens a port of YARP. Raises PortError when YARP refuses."""
     if not port.open(name):
         raise PortError(f"YARP does not open a port {name!r}; valid: a free name that begins with /")
     _open[id(port)] = port
 
 
 def close_port(port: Any) -> None:
-    """Let go of it. A second call does nothing."""
+    """Closes a port. A second call does nothing."""
     if _open.pop(id(port), None) is not None:
         port.interrupt()
         port.close()
@@ -73,18 +75,18 @@ def close_port(port: Any) -> None:
 
 @atexit.register
 def _close_all() -> None:
-    """YARP's threads must not call into a Python that ends."""
+    """Closes all ports at exit: YARP's threads must not call into an interpreter that is ending."""
     for port in list(_open.values()):
         close_port(port)
 
 
 def closes_at_rest() -> bool:
-    """Whether ports authenticate: then they close a connection on which nothing came for 2 s."""
+    """Returns True if ports authenticate: they then close a connection after 2 s without data."""
     return read_key() is not None
 
 
 def connect(yarp: Any, source: str, target: str, carrier: str) -> None:
-    """As `yarp connect`. Raises PortError."""
+    """Connects two ports, as `yarp connect` does. Raises PortError."""
     style = yarp.ContactStyle()
     style.quiet, style.timeout, style.carrier = True, PATIENCE, carrier
     if not yarp.NetworkBase.connect(source, target, style):
@@ -92,7 +94,7 @@ def connect(yarp: Any, source: str, target: str, carrier: str) -> None:
 
 
 def to_bottle(yarp: Any, items: Sequence[Any], into: Any = None) -> Any:
-    """A Bottle of YARP's. Raises WireError for what it can't hold."""
+    """Converts items to a Bottle of YARP. Raises WireError for values that it can't hold."""
     bottle = yarp.Bottle() if into is None else into
     for item in items:
         if isinstance(item, np.ndarray | np.generic):
@@ -113,13 +115,14 @@ def to_bottle(yarp: Any, items: Sequence[Any], into: Any = None) -> Any:
 
 
 def reader(yarp: Any, read: Callable[[Any], bool]) -> Any:
-    """An object that YARP calls for each message, from threads of its own; False ends the connection."""
+    """Returns an object that YARP calls for each message, from threads of its own; returning False ends the
+    connection."""
 
     class Reader(yarp.PortReader):  # type: ignore[misc] # SWIG's class has no types
         def read(self, connection: Any) -> bool:
             try:
                 return read(connection)
-            except Exception:  # it must not pass through C++
+            except Exception:  # it must not propagate through C++
                 return False
 
     return Reader()

@@ -1,4 +1,4 @@
-"""YARP's own ports and carriers, as a driver asks for them."""
+"""YARP's own ports and carriers behind the interface `Network`."""
 
 from __future__ import annotations
 
@@ -15,11 +15,12 @@ from yarpwire.network import Network
 
 
 class Bindings(Network):
-    """Speaks the dialect that the bindings were built for, by any carrier that they have."""
+    """YARP's network through its bindings, in the dialect that they were built for and by any of their
+    carriers."""
 
     def __init__(self, server: tuple[str, int] | None = None) -> None:
-        """Raises BindingsError without the bindings, PortError when YARP's configuration has no name
-        server, or another one than `server`: there is one for the whole process."""
+        """Connects to the name server. Raises BindingsError without the bindings, PortError when YARP's
+        configuration has no name server, or another one than `server`: there is only one per process."""
         self._yarp = load()
         self.dialect: Dialect = version(self._yarp)[1]
         self.title = importable()
@@ -34,7 +35,7 @@ class Bindings(Network):
                 "YARP's bindings ask the name server of YARP's configuration, {}:{}, ".format(*self.address)
                 + f"not {host}:{port}; valid: yarp conf {host} {port} before, or without bindings"
             )
-        # Asked by our own client: YARP's waits for ever where it lacks the key.
+        # The query uses yarpwire's client: YARP's blocks for ever if it lacks the key.
         self._names = Names(self.address, key=read_key())
 
     def list(self) -> list[Contact]:

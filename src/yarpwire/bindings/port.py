@@ -1,4 +1,4 @@
-"""A port of YARP's own. What comes in goes to the same readers as by `wire`: YARP hands over bytes."""
+"""A port of YARP. Its messages go to the same readers as with `wire`, since YARP passes them as bytes."""
 
 from __future__ import annotations
 
@@ -30,22 +30,24 @@ from yarpwire.source import LONGEST
 from yarpwire.values import Array
 
 KEPT = 16
-"""Messages that are kept when they are sent: YARP calls them once more from a thread of its own. Ours."""
+"""Number of sent messages that are kept, since YARP uses them again in a thread of its own. Assumed; no
+published value."""
 SENT = 0.001
-"""How long [s] a message waits for the one before it to be sent, once; then new ones are dropped. Ours."""
+"""Time [s] that a message waits for the previous one to be sent, once; then new ones are dropped. Assumed; no
+published value."""
 
 
 class BindingsPort:
-    """Reads and writes; a write waits for no reader."""
+    """A port that reads and writes; writing never waits for a reader."""
 
     def __init__(
         self, yarp: Any, name: str, dialect: Dialect, receive: Callable[[Delivery], Answer] | None = None
     ) -> None:
-        """Raises PortError when YARP refuses the name."""
+        """Opens the port. Raises PortError when YARP refuses the name."""
         self.name = name
         self.last_error = ""
         self.dropped = 0
-        """Messages that its readers were too slow for."""
+        """Number of messages dropped because readers were too slow."""
         self._yarp, self._dialect, self._receive = yarp, dialect, receive
         self._sending: deque[Any] = deque(maxlen=KEPT)
         self._stuck = False
@@ -84,7 +86,7 @@ class BindingsPort:
         close_port(self._port)
 
     def _is_free(self) -> bool:
-        """Whether the message before is sent: it may be of this very period."""
+        """Returns True if the previous message is sent; it may be of the same period."""
         until = time.monotonic() + (0.0 if self._stuck else SENT)
         while self._port.isWriting():
             self._stuck = time.monotonic() >= until
@@ -101,14 +103,14 @@ class BindingsPort:
             self.last_error = f"text, or a message of {size} bytes; valid: 1 to {LONGEST} bytes"
             return False
         connection.pushInt(size)
-        # A string of YARP's holds any bytes; SWIG makes those that are no UTF-8 into surrogates.
+        # A string of YARP can hold any bytes; SWIG turns those that are not UTF-8 into surrogates.
         body = connection.expectString().encode("utf-8", errors="surrogateescape")
         writer = connection.getWriter()
         sender = connection.getRemoteContact().getName()
         command = Command(DATA if writer is None else CALL, self._envelope())
         try:
             answer = self._receive(Delivery(command, sender, arrived, body))
-        except Exception as error:  # it must not pass through C++
+        except Exception as error:  # it must not propagate through C++
             self.last_error = f"{sender}: {told(error)}"
             return False
         if writer is not None and answer is not None:
@@ -116,7 +118,7 @@ class BindingsPort:
         return True
 
     def _answer(self, writer: Any, answer: Sequence[Any] | str | bytes) -> None:
-        """Word for word: a Bottle of YARP's could not say all that replies of 4.x have."""
+        """Writes the answer as bytes: a Bottle of YARP can't express all replies of 4.x."""
         if not isinstance(answer, bytes):
             answer = encode_bottle([answer] if isinstance(answer, str) else answer, self._dialect)
         words, rest = divmod(len(answer), 4)
@@ -132,10 +134,10 @@ class BindingsPort:
 
 
 class BindingsWriter:
-    """A port that sends to one other."""
+    """A port that sends to one other port."""
 
     def __init__(self, yarp: Any, target: str, sender: str, dialect: Dialect) -> None:
-        """Raises PortError."""
+        """Opens the port and connects it. Raises PortError."""
         self._target = target
         self._closes, self._used = closes_at_rest(), time.monotonic()
         self._port = BindingsPort(yarp, sender, dialect)

@@ -3,19 +3,16 @@
 import numpy as np
 
 import tci
-from tci.exports.facts import query
-from tci.exports.urdf import to_urdf
-from tci.robot.kinematics import Kinematics
 
 robot = tci.load_robot("nao")
-facts = query(robot)
+facts = tci.query(robot)
 for limits in facts.generic_limits["left_arm"]:
     print(f"{limits.joint:>15}: {np.rad2deg(limits.lower):7.1f} .. {np.rad2deg(limits.upper):6.1f} degrees")
 
-kinematics = Kinematics(robot)
+kinematics = tci.Kinematics(robot)
 hand = kinematics.poses(tci.initial_position(robot), ["LHand"])["LHand"]  # T_TL (4, 4), seen from the torso
 print("left hand at", np.round(hand[:3, 3], 3), "m")
 
 table = facts.denavit_hartenberg[0]
 print(f"{table.part}, {table.convention} convention: {len(table.rows)} joints to {table.link}")
-print(f"JSON of {len(facts.model_dump_json())} bytes, URDF of {len(to_urdf(robot))}")
+print(f"JSON of {len(facts.model_dump_json())} bytes, URDF of {len(tci.to_urdf(robot))}")

@@ -6,13 +6,10 @@ import numpy as np
 from py_trees.composites import Selector
 
 import tci
-from tci.capabilities.behaviour_tree import BehaviourTree, Reflex, Task
-from tci.capabilities.capability import Capability
-from tci.messages import Mode
 
 
 @dataclass(frozen=True)
-class LookAround(Capability[int]):
+class LookAround(tci.Capability[int]):
     """Turns the head to one side and the other."""
 
     def init(self, body) -> int:
@@ -20,13 +17,13 @@ class LookAround(Capability[int]):
 
     def step(self, memory, perception, body):
         side = 0.4 if memory // 250 % 2 == 0 else -0.4  # [rad], a new side every 250 periods
-        turn = tci.GenericCommand("head", Mode.POSITION, np.array([side, 0.0, 0.0]))
+        turn = tci.GenericCommand("head", tci.Mode.POSITION, np.array([side, 0.0, 0.0]))
         return ((turn,) if memory % 250 == 0 else ()), memory + 1
 
 
 def tree():
-    looking = Task("look around", LookAround(), done=lambda count, perception: count >= 1000)
-    return Selector("nao", memory=False, children=[Reflex("withdraw", tci.WithdrawalReflex()), looking])
+    looking = tci.Task("look around", LookAround(), done=lambda count, perception: count >= 1000)
+    return Selector("nao", memory=False, children=[tci.Reflex("withdraw", tci.WithdrawalReflex()), looking])
 
 
 last = ""
@@ -42,4 +39,4 @@ def tell(tick: tci.Tick) -> None:
 
 with tci.connect(tci.load_robot("nao"), "sim") as driver:
     driver.world.finger.poke("left_forearm", 150, speed=0.25, depth=0.01, gap=0.1)
-    tci.run(driver, BehaviourTree(tree), duration=3.0, observe=tell)
+    tci.run(driver, tci.BehaviourTree(tree), duration=3.0, observe=tell)

@@ -7,14 +7,10 @@ from tempfile import mkdtemp
 import pandas as pd
 
 import tci
-from tci.recording.export import tables
-from tci.recording.perceived import recorded_robot
-from tci.recording.recorder import Recorder
-from tci.recording.recording import Recording
 
 path = Path(sys.argv[1]) if sys.argv[1:] else Path(mkdtemp()) / "touch.mcap"
 if not sys.argv[1:]:
-    with tci.connect(tci.load_robot("nao"), "sim") as driver, Recorder(path, driver.robot) as recorder:
+    with tci.connect(tci.load_robot("nao"), "sim") as driver, tci.Recorder(path, driver.robot) as recorder:
         driver.world.finger.poke("left_forearm", 100, speed=0.2, depth=0.008)
         tci.run(
             driver,
@@ -23,8 +19,8 @@ if not sys.argv[1:]:
             observe=lambda tick: recorder.tick(tick.now, tick.reading, tick.commands, tick.sent),
         )
 
-recording = Recording(path)
-found = tables(recording, recorded_robot(recording))  # by name: arrays with a row for each instant
+recording = tci.Recording(path)
+found = tci.tables(recording, tci.recorded_robot(recording))  # by name: arrays with a row for each instant
 skin = found["skin_left_forearm"]
 forces = pd.DataFrame(skin["force_n"], index=skin["time_s"])  # frames by taxels [N]
 contacts = pd.DataFrame(found["contacts"])

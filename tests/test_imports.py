@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 import tci
+from tci import errors
 from tci.cli.main import app
 
 HEAVY = ("pydantic", "lxml", "mujoco", "scipy", "matplotlib", "ruckig", "typer", "rich", "gymnasium")
@@ -33,6 +36,27 @@ def test_help_and_completion_load_no_simulation(program: str) -> None:
 @pytest.mark.parametrize("name", dir(tci))
 def test_every_public_name_exists(name: str) -> None:
     assert getattr(tci, name) is not None
+
+
+ROOT = Path(__file__).parent.parent
+PAGES = [*ROOT.glob("docs/*.md"), ROOT / "README.md"]
+DEEP = re.compile(r"^\s*(?:from tci\.|import tci\.).*$", re.MULTILINE)
+
+
+@pytest.mark.parametrize("path", [*sorted(ROOT.glob("examples/*.py")), *PAGES], ids=lambda path: path.name)
+def test_examples_and_pages_import_from_tci_only(path: Path) -> None:
+    """All names that a user needs are in `dir(tci)`."""
+    text = path.read_text()
+    shown = [text] if path.suffix == ".py" else re.findall(r"```python\n(.*?)```", text, re.DOTALL)
+    assert not [line for code in shown for line in DEEP.findall(code)]
+    for name in {name for code in shown for name in re.findall(r"(?<![\w/])tci\.(\w+)", code)}:
+        assert name in dir(tci), name
+
+
+def test_every_error_is_public() -> None:
+    found = [one for one in vars(errors).values() if isinstance(one, type) and issubclass(one, Exception)]
+    assert len(found) > 8
+    assert {one.__name__ for one in found} <= set(dir(tci))
 
 
 def test_the_command_tells_its_version() -> None:

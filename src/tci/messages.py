@@ -14,7 +14,7 @@ One way for the data (docs/architecture.md):
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
@@ -129,6 +129,8 @@ class SkinState:
     """`T_TL` (4, 4) of each link that carries skin, seen from the torso, by link name."""
     masked: NDArray[np.bool_] | None = None
     """Taxels (n,) of the whole skin, patch by patch, that are not trusted; None if there are none."""
+    sequence: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    """Sequence of the latest frame of each patch that has sent one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -29,6 +29,7 @@ def see(
     """What is seen when every contact lies `distance` [m] from one landmark and on no other, and a body with
     all joints, or with some."""
     body = body_that(
+        "nao-whole",
         retreat=away,
         distance=lambda contact, landmark: distance if landmark == at else np.inf,
         support=lambda perception, leg, target: Support({}, -np.inf),

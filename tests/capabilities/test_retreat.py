@@ -13,9 +13,11 @@ from tci.capabilities.soft_reaction import SoftReaction
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.frames import Array
 from tci.messages import Contact, Mode, Perception
+from tci.testing import perception
 
 FIELD = one_field()
 REFLEX = WithdrawalReflex(fields=(FIELD,))
+SKIN = perception("nao").skin
 
 
 @dataclass(frozen=True)
@@ -101,7 +103,8 @@ def test_a_touch_that_lasts_is_judged_anew_when_the_skin_tells_something_new_or_
     frames, memory, when = [tuple(touches(1)), tuple(touches(1))], REFLEX.init(BODY), []
     for tick in range(60):
         view = see(stamp=tick / 1024, posture={"left_arm": POSTURE})
-        view = replace(view, contacts=frames[tick >= 5])
+        skin = replace(SKIN, sequence=np.array([int(tick >= 5)]))
+        view = replace(view, contacts=frames[tick >= 5], skin=skin)
         before = len(looks)
         commands, memory = REFLEX.step(memory, view, body)
         when += [tick] * (len(looks) - before)

@@ -19,14 +19,16 @@ from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.capabilities.withdrawing import Refusal
 from tci.errors import CommandError
 from tci.gestures.gesture import Gesture, fit
-from tci.messages import GenericCommand, Mode, Order, Perception, SkinState, SwitchMode
+from tci.messages import GenericCommand, Mode, Order, Perception, SwitchMode
 from tci.robot.catalogue import load_robot
+from tci.testing import perception
 from tci.viewer.steered import Steered
 
 T = np.linspace(0.0, 1.0, 21)
 STILL = Gesture(T, {"left_arm": np.deg2rad(np.array([25.0, 25, 0, 60, 0]) + np.zeros((21, 1)))})
 
-MASKED = replace(see(), skin=SkinState({}, {}, np.ones(1, bool)))
+SKIN = perception("nao").skin
+MASKED = replace(see(), skin=replace(SKIN, masked=np.ones(1, bool)))
 BLIND = body_that(coverage=lambda perception, part, places, radius: np.zeros(len(places)))
 """A body that trusts no taxel."""
 
@@ -35,7 +37,7 @@ class Refusing(BodyWithdrawal):
     """A reflex that has refused something from the beginning."""
 
     def init(self, body: GenericBody) -> BodyMemory:
-        return BodyMemory({}, {"left_leg": Refusal("it carries", (), 0.0)})
+        return BodyMemory({}, {"left_leg": Refusal("it carries", b"", 0.0)})
 
     def step(
         self, memory: BodyMemory, perception: Perception, body: GenericBody

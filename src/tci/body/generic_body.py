@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.body.cartesian import cartesian_to_platform
+from tci.body.cartesian import Reach, cartesian_to_platform, reach_of
 from tci.body.coverage import Coverage
 from tci.body.landmarks import Landmarks
 from tci.body.places import Place, find_place
@@ -70,6 +70,7 @@ class GenericBody:
     """Taxels as places on the robot."""
     joint_maps: Mapping[str, JointMap] = field(init=False, repr=False)
     """Transforms between generic joints and servos, by generic part."""
+    _parts: Mapping[Kind, tuple[str, ...]] = field(init=False, repr=False)
     _has_joint: Mapping[str, NDArray[np.bool_]] = field(init=False, repr=False)
     _landmarks: Landmarks = field(init=False, repr=False)
     _stability: StaticStability = field(init=False, repr=False)
@@ -80,12 +81,14 @@ class GenericBody:
         """Raises DescriptionError for a model or a skin that can't be used."""
         skin, robot = Skin(self.robot), self.robot
         landmarks = Landmarks(skin)
+        kinds = {one.kind: tuple(p.name for p in robot.parts if p.kind == one.kind) for one in robot.parts}
         has = {
             part.name: read_only([j.servo is not None for j in part.servos], np.bool_) for part in robot.parts
         }
         self._set(
             skin=skin,
             joint_maps=MappingProxyType({part.name: joint_map(robot, part.name) for part in robot.parts}),
+            _parts=kinds,
             _has_joint=has,
             _landmarks=landmarks,
             _stability=StaticStability(skin),
@@ -105,7 +108,7 @@ class GenericBody:
 
     def parts(self, kind: Kind) -> tuple[str, ...]:
         """Names of the generic parts of a kind, such as "arm" or "leg"."""
-        return tuple(part.name for part in self.robot.parts if part.kind == kind)
+        return self._parts.get(kind, ())
 
     def has_joint(self, part: str) -> NDArray[np.bool_]:
         """Which generic joints (n,) of a part this robot has. Raises UnknownNameError."""
@@ -135,6 +138,11 @@ class GenericBody:
         """Computes the geodesic distance maps of landmarks, which takes longer than a period of the loop."""
         for landmark in landmarks:
             self._landmarks.around(part, landmark, 0.0)
+
+    def reach(self, part: str, point: str = "hand") -> Reach:
+        """The `hand` or the `elbow` of an arm, for Cartesian commands. Raises CommandError for another point
+        or part, UnknownNameError."""
+        return reach_of(self.robot, part, point)
 
     def jacobian(self, perception: Perception, contact: Contact) -> Array:
         """Jacobian (3, n) [m/rad] of the contact point by the generic joints of its part, in the torso frame.

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from tci.body.generic_body import GenericBody
-from tci.capabilities.body_fields import JOINTS, BodyField, BodyFields, default_body_fields
+from tci.capabilities.body_fields import BodyField, BodyFields, default_body_fields
 from tci.capabilities.capability import Capability
 from tci.capabilities.discounts import phi, psi
 from tci.capabilities.withdrawal import LEAST_COVERAGE
@@ -65,9 +65,8 @@ class BodyWithdrawal(Capability[BodyMemory]):
             raise TciError(f"body withdrawal: stance {self.stance!r}; valid: standing, supported")
 
     def init(self, body: GenericBody) -> BodyMemory:
-        for part in (part.name for part in body.robot.parts):
-            kind = body.robot.part(part).kind
-            body.prepare(part, [one.spot for one in self.fields.field if one.kind == kind])
+        for part in body.robot.parts:
+            body.prepare(part.name, [one.spot for one in self._own(part.name, body)])
         return Withdrawals({}, {})
 
     def step(
@@ -118,9 +117,7 @@ class BodyWithdrawal(Capability[BodyMemory]):
         if perception.skin is None or perception.skin.masked is None:
             return None
         for part in perception.posture:
-            own = [
-                one for one in self.fields.field if self._can_answer(one, part, perception, one.segment, body)
-            ]
+            own = self._own(part, body)
             radii = np.array([one.radius_m for one in own])
             shares = body.coverage(perception, part, [one.spot for one in own], radii).tolist()
             for place, share in zip(own, shares, strict=True):
@@ -133,13 +130,11 @@ class BodyWithdrawal(Capability[BodyMemory]):
                 )
         return None
 
-    def _can_answer(
-        self, candidate: BodyField, part: str, perception: Perception, segment: str, body: GenericBody
-    ) -> bool:
-        """Whether a field lies on a segment of a part that has a joint for its motion."""
-        if not _is_of(candidate, part, perception.posture[part], segment):
-            return False
-        return bool((np.array(candidate.motion) * body.has_joint(part)).any())
+    def _own(self, part: str, body: GenericBody) -> list[BodyField]:
+        """Fields of a part's kind for whose motion this robot has a joint."""
+        has = body.has_joint(part)
+        own = [one for one in self.fields.field if part in body.parts(one.kind)]
+        return [one for one in own if len(one.motion) == len(has) and np.any(one.motion * has)]
 
     def _wishes(self, part: str, perception: Perception, body: GenericBody) -> list[Wish[BodyField]]:
         """What each touch of a part asks for: the closest of the fields that it lies in, and its gain."""
@@ -148,8 +143,8 @@ class BodyWithdrawal(Capability[BodyMemory]):
             if touch.part != part:
                 continue
             closest: tuple[float, BodyField] | None = None
-            for candidate in self.fields.field:
-                if not self._can_answer(candidate, part, perception, touch.segment, body):
+            for candidate in self._own(part, body):
+                if candidate.segment != touch.segment:
                     continue
                 distance = body.distance(touch, candidate.spot)
                 if distance < candidate.radius_m and (closest is None or distance < closest[0]):
@@ -194,9 +189,3 @@ class BodyWithdrawal(Capability[BodyMemory]):
             return told
         where = f"{abs(margin) * 1e3:.0f} mm {'inside' if margin >= 0.0 else 'outside'}"
         return f"{told}, whose centre of mass would be {where} of it; valid: {self.margin * 1e3:g} mm inside"
-
-
-def _is_of(candidate: BodyField, part: str, posture: Array, segment: str) -> bool:
-    """Whether a field lies on a part, whose name tells its kind: `left_leg`, `head`."""
-    kind = part.rsplit("_", 1)[-1]
-    return kind == candidate.kind and segment == candidate.segment and posture.size == len(JOINTS[kind])

@@ -83,16 +83,15 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
             raise TciError(f"softness {self.softness}; valid: above 0, at most 1")
 
     def begin(self, perception: Perception, body: GenericBody) -> tuple[Command, ...]:
-        """The control mode of every part that has the joints of an arm, unless it is position."""
+        """The control mode of every arm, unless it is position."""
         if self.mode is Mode.POSITION:
             return ()
         commands: list[Command] = []
-        for part, posture in perception.posture.items():
-            if posture.size == len(JOINTS):
-                commands.append(SwitchMode(part, self.mode))
-                if self.mode is Mode.IMPEDANCE:
-                    share = read_only(np.full(posture.size, self.softness))
-                    commands.append(GenericCommand(part, Mode.STIFFNESS, share))
+        for part in body.parts("arm"):
+            commands.append(SwitchMode(part, self.mode))
+            if self.mode is Mode.IMPEDANCE:
+                share = read_only(np.full(len(JOINTS), self.softness))
+                commands.append(GenericCommand(part, Mode.STIFFNESS, share))
         return tuple(commands)
 
     def init(self, body: GenericBody) -> WithdrawalMemory:
@@ -140,10 +139,9 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         """Returns the field that has lost most of the skin that it feels with, as a reason to stop."""
         if perception.skin is None or perception.skin.masked is None:
             return None
-        arms = [part for part, posture in perception.posture.items() if posture.size == len(JOINTS)]
         places = [LimbPlace(one.segment, one.u, one.theta) for one in self.fields]
         radii = np.array([one.radius for one in self.fields])
-        for part in arms:
+        for part in body.parts("arm"):
             shares = body.coverage(perception, part, places, radii).tolist()
             for place, share in zip(self.fields, shares, strict=True):
                 if share >= LEAST_COVERAGE:

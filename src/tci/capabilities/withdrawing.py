@@ -16,7 +16,7 @@ import numpy as np
 from tci.body.generic_body import GenericBody
 from tci.capabilities.retreat import why_not
 from tci.frames import Array, frozen
-from tci.messages import Contact, Mode, Perception
+from tci.messages import Mode, Perception
 from tci.skin.contact_table import identities
 
 ANEW = 0.02
@@ -88,14 +88,14 @@ class Refusal(NamedTuple):
     """The reason why a touched part stays. A touch that lasts is not judged anew in each period."""
 
     reason: str
-    contacts: Sequence[Contact]
-    """Those of the perception that it was judged by."""
+    frames: bytes
+    """Sequences of the skin frames that it was judged by."""
     stamp: float
-    """When that was [s]."""
+    """Time of that [s]."""
 
     def stands(self, perception: Perception) -> bool:
-        """Tells if it need not be judged anew: the skin has told nothing new, and it is recent."""
-        return perception.contacts is self.contacts and perception.stamp - self.stamp < ANEW
+        """Tells if it need not be judged anew: no skin frame has come since, and it is recent."""
+        return perception.stamp - self.stamp < ANEW and _frames(perception) == self.frames
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,7 +162,7 @@ def withdraw(
 
 def refusal(reason: str, perception: Perception) -> Refusal | None:
     """A refusal for a reason; None for none."""
-    return Refusal(reason, perception.contacts, perception.stamp) if reason else None
+    return Refusal(reason, _frames(perception), perception.stamp) if reason else None
 
 
 def told(
@@ -214,6 +214,11 @@ def _meet(
     if reason := why_not(perception, body, part, withdrawal.target, mode=mode):
         return replace(withdrawal, ended=frozen(perception.posture[part].copy())), reason
     return replace(withdrawal, met=met), ""
+
+
+def _frames(perception: Perception) -> bytes:
+    """Sequences of the skin frames; as bytes they equal those of a copy."""
+    return b"" if perception.skin is None else perception.skin.sequence.tobytes()
 
 
 def _identities(perception: Perception) -> frozenset[int]:

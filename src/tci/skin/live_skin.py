@@ -58,6 +58,7 @@ class LiveSkin(Skin):
         self._links = tuple(dict.fromkeys(both))
         self._joints: JointReading | None = None
         self._state = SkinState(patches=self.felt, link_poses={})
+        self._sequence = self._state.sequence
         self._masks: tuple[NDArray[np.bool_], ...] = ()
         self._all_masked: NDArray[np.bool_] | None = None
 
@@ -113,12 +114,14 @@ class LiveSkin(Skin):
             got, expected = joints.position.shape, (len(self.robot.servos),)
             raise FrameError(f"joints of {self.robot.name}: position of shape {got}, expected {expected}")
         fresh = self.conditioner.take(reading.skin)
+        if fresh:
+            self._sequence = np.array([frame.sequence for frame in self.felt.frames.values()], np.int64)
         poses = self._state.link_poses
         if joints is not self._joints:
             poses, self._joints = LinkPoses(self.kinematics, self._links, joints.position), joints
         elif not fresh:
             return self._state
-        self._state = SkinState(self.conditioner.felt, poses, self._masked())
+        self._state = SkinState(self.conditioner.felt, poses, self._masked(), self._sequence)
         return self._state
 
     def _masked(self) -> NDArray[np.bool_] | None:

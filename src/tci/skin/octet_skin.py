@@ -59,8 +59,7 @@ class OctetSkin:
         self.channels = [one.patch.channels for one in conditioners]
         sources = np.cumsum([0, *self.channels]).tolist()
         self._raw = np.zeros(sources[-1], np.uint8)
-        # To types, arrays are buffers from Python 3.12 on.
-        self._slots: list[Any] = [self._raw[begin:end].data for begin, end in pairwise(sources)]
+        self._sources = sources
         nodes = [one.nodes for one in conditioners]
         node = np.cumsum([0, *(one.shape[1] for one in nodes)])
         self._table = np.array(
@@ -112,10 +111,25 @@ class OctetSkin:
         self._held, self._still = set[int](), set[int]()
         self._ended, self._which = list[int](), list[int]()
         self._kinds = np.zeros(0, np.int64)
-        for p, one in enumerate(conditioners):
+        self._view()
+        for p in range(len(conditioners)):
+            if self.takes[p]:
+                self._load(p)
+
+    def _view(self) -> None:
+        """Views of the whole arrays: room for each patch's frame, and the memory of its conditioner."""
+        # To types, arrays are buffers from Python 3.12 on.
+        self._slots: list[Any] = [self._raw[begin:end].data for begin, end in pairwise(self._sources)]
+        for p, one in enumerate(self.conditioners):
             if self.takes[p]:
                 one.memory = self._memory[ROWS * self.begins[p] : ROWS * self.begins[p + 1]].reshape(ROWS, -1)
-                self._load(p)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "_slots"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._view()
 
     @property
     def stamps(self) -> Array:

@@ -19,6 +19,7 @@ from tci.gate.bounds import Bounds, bounds_of
 from tci.messages import Contact, Mode
 from tci.robot.joint_map import JointMap, joint_map
 from tci.robot.kernels.links import retreats
+from tci.skin.contact_table import ContactTable
 from tci.skin.skin import Skin
 
 EARLY = (0.01, 0.02)
@@ -72,14 +73,17 @@ class Retreat:
         result = np.zeros((2, LOOKS, len(contacts)))
         motion = self._motion(part)
         if motion.joints.servos.size and len(contacts):
+            table = ContactTable.of(contacts)
+            after = np.array([self._after[site.patch] for site in table.sites])
+            p_L, n_L = table.vectors[table.order, :2].swapaxes(0, 1).copy()
             retreats(
                 self._way(motion, position, target, mode),
                 self._path,
                 self._chain.steps,
                 self._chain.sums,
-                np.array([self._after[contact.patch] for contact in contacts], np.int64),
-                np.array([contact.p_L for contact in contacts]),
-                np.array([contact.n_L for contact in contacts]),
+                after[table.patch[table.order]],
+                p_L,
+                n_L,
                 np.empty((len(self._chain.steps), 3, 4)),
                 np.empty((len(contacts), 3, 2)),
                 result,

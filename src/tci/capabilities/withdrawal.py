@@ -173,10 +173,11 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
     def _wishes(self, contacts: Sequence[Contact]) -> dict[str, list[Wish[ReceptiveField]]]:
         """What each contact asks for that has an answer, by part."""
         table = ContactTable.of(contacts)
+        places = np.argsort(table.order).tolist()
         wishes: dict[str, list[Wish[ReceptiveField]]] = {}
-        for row, (patch, nearest, gain) in enumerate(self._find(table)):
+        for place, (patch, nearest, gain) in zip(places, self._find(table), strict=True):
             if gain > 0.0:
-                wish = Wish(self.fields[nearest], gain, table.order.index(row))
+                wish = Wish(self.fields[nearest], gain, place)
                 wishes.setdefault(table.sites[patch].part, []).append(wish)
         return wishes
 

@@ -148,10 +148,11 @@ def withdraw(
     if wishes:
         after = replace(before, touched=now, quiet=False)
         if before.ended is None and stands is None:
-            same = [wish for wish in wishes if _is_same(wish.field, before.field)]
-            best = max(same, key=lambda wish: wish.gain, default=None)
-            if best is not None and best.gain > before.gain:
-                grown = replace(after, gain=best.gain)
+            more = [
+                one.gain for one in wishes if one.gain > before.gain and _is_same(one.field, before.field)
+            ]
+            if more:
+                grown = replace(after, gain=max(more))
                 if not (reason := why_not(perception, body, part, grown.target, mode=mode)):
                     after = grown
     elif not before.quiet:

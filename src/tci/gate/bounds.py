@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.frames import Array
+from tci.gate.kernels.couplings import project
 from tci.robot.description import Robot
 
 MARGIN = 1e-6
@@ -48,22 +49,11 @@ class Bounds:
         Projects onto each violated half-space in turn (Bregman 1965), last onto the limits. Where the
         other servos leave no such point, it comes as close as the limits allow.
         """
-        margin = np.minimum(MARGIN, (self.upper - self.lower) / 2)
-        lower, upper = self.lower + margin, self.upper - margin
-        point = np.where(free, np.clip(target, lower, upper), target)
-        rows = np.where(free, self.coupling, 0.0)
-        room = np.minimum(MARGIN, (self.coupling_upper - self.coupling_lower) / 2)
-        lows, highs = self.coupling_lower + room, self.coupling_upper - room
-        for _ in range(SWEEPS):
-            values = self.coupling @ point
-            if np.all((values >= lows - room / 2) & (values <= highs + room / 2)):
-                break
-            for row, moves, low, high in zip(self.coupling, rows, lows, highs, strict=True):
-                value = row @ point
-                share = row @ moves
-                if share > 0.0 and not low <= value <= high:
-                    point = point + moves * (np.clip(value, low, high) - value) / share
-                    point = np.where(free, np.clip(point, lower, upper), target)
+        point = np.empty(len(target))
+        project(
+            self.lower, self.upper, target, self.coupling, self.coupling_lower, self.coupling_upper, free,
+            MARGIN, SWEEPS, point,
+        )  # fmt: skip
         return point
 
     def allowed_velocity(self, position: Array, velocity: Array) -> Array:

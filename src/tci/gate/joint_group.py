@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tci.frames import Array
 from tci.gate.bounds import MARGIN, Bounds, bounds_of
+from tci.gate.kernels.couplings import shift
 from tci.gate.kernels.targets import put_in_place
 from tci.gate.trajectory import Guard, OnlineTrajectory
 from tci.robot.description import Robot
@@ -54,13 +55,12 @@ class JointGroup:
 
     def look_outside(self, measured: Array) -> None:
         """A coupled servo that is not commanded with these counts where it is `measured` (n_servos,) now."""
-        if len(self.outside) and self.outside.any():
-            shift = self.outside @ measured
-            self.limiter.bounds = replace(
-                self.bounds,
-                coupling_lower=self.bounds.coupling_lower - shift,
-                coupling_upper=self.bounds.coupling_upper - shift,
-            )
+        if len(self.outside):
+            now = self.limiter.bounds
+            shift(
+                self.outside, measured, self.bounds.coupling_lower, self.bounds.coupling_upper,
+                now.coupling_lower, now.coupling_upper,
+            )  # fmt: skip
 
     def places(self, servos: Sequence[int]) -> list[int]:
         """Places of some of its servos in the arrays of its limiter."""
@@ -85,7 +85,10 @@ def make_chain(
     """
     union = sorted(servos)
     bounds, outside = bounds_of(robot, union, speed_share=speed_share)
-    limiter = OnlineTrajectory(bounds, measured[union], period, guard=guard)
+    own = replace(
+        bounds, coupling_lower=bounds.coupling_lower.copy(), coupling_upper=bounds.coupling_upper.copy()
+    )
+    limiter = OnlineTrajectory(own, measured[union], period, guard=guard)
     chain = JointGroup(union, np.array(union, dtype=np.intp), limiter, bounds, outside)
     chain.look_outside(measured)
     if old is not None:

@@ -9,6 +9,7 @@ from ruckig import ControlInterface, InputParameter, Ruckig, Synchronization, Tr
 
 from tci.frames import Array
 from tci.gate.bounds import Bounds
+from tci.gate.kernels.couplings import box_keeps
 from tci.gate.kernels.stops import stop_stays_inside
 
 LONGEST_STOP = 512
@@ -71,10 +72,8 @@ class StopPlanner:
     def keeps_couplings(self, stop: StopTrajectory, bounds: Bounds) -> bool:
         """Whether a planned stop keeps the couplings."""
         lower, upper = bounds.coupling_lower, bounds.coupling_upper
-        lowest, highest = stop.span
         # The box around the stop is quick to check, and enough while no coupling is near.
-        pull, push = np.maximum(bounds.coupling, 0.0), np.minimum(bounds.coupling, 0.0)
-        if np.all((pull @ lowest + push @ highest >= lower) & (pull @ highest + push @ lowest <= upper)):
+        if box_keeps(stop.span, bounds.coupling, lower, upper):
             return True
         duration = stop.way.duration
         if duration > LONGEST_STOP * self._period:

@@ -100,9 +100,10 @@ class TorqueLimiter:
         again within RISE.
         """
         self._trust = np.broadcast_to(trust, self.servos.shape)
+        measured = np.array([position, velocity, slope, self._since(age), self._since(age + 0.5 * span)])
         at.limit_torques(
-            self.servos, position, velocity, slope, self._since(age), self._since(age + 0.5 * span),
-            self._limits, self._trust, self._halts, age + self._period, self._period, self._memory,
+            self.servos, measured, self._limits, self._trust, self._halts, age + self._period, self._period,
+            self._memory,
         )  # fmt: skip
         self._halts = False
         self._pushed.append(self._pushed[-1] + self._period * self._memory[at.GIVEN])

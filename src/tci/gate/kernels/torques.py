@@ -12,6 +12,9 @@ from tci.frames import Array
 LOWER, UPPER, VELOCITY, CREEP, ACCELERATION, APPROACH, TORQUE = range(7)
 """Rows of the limits (7, k) of the servos in torque mode; with the speed [rad/s] at which one outside its
 limits comes back, and the deceleration [rad/s2] that it may count on before them."""
+POSITION, SPEED, SLOPE, SINCE_SPEED, SINCE_SLOPE = range(5)
+"""Rows of what was measured (5, n_servos): angles [rad]; velocities [rad/s]; mean speeds [rad/s] that angles
+tell, NaN where they don't; impulses [N m s] of the torques given since each of the two was measured."""
 WANTED, RISEN, GIVEN, CALM, BEFORE = range(5)
 """Rows of the memory (5, n_servos): torques [N m] that are wanted, that have risen so far, and that were
 given; share of the braking torque, and speed [rad/s] at which it was chosen."""
@@ -32,18 +35,11 @@ FADE = float(np.deg2rad(2.0))
 
 
 @compiled(
-    void(
-        views(1, int64), views(1), views(1), views(1), reads(1), reads(1), reads(2), views(1), boolean,
-        float64, float64, writes(2),
-    )
+    void(views(1, int64), reads(2), reads(2), views(1), boolean, float64, float64, writes(2))
 )  # fmt: skip
 def limit_torques(
     servos: NDArray[np.intp],
-    position: Array,
-    velocity: Array,
-    slope: Array,
-    since_velocity: Array,
-    since_slope: Array,
+    measured: Array,
     limits: Array,
     trust: Array,
     halts: bool,
@@ -53,17 +49,15 @@ def limit_torques(
 ) -> None:
     """Write into the memory what `servos` (k,) are given now, by the share (k,) that their data is trusted.
 
-    All else has a place for each servo of the robot (n_servos,): `position` [rad] and `velocity` [rad/s],
-    which are `late` [s] old when the next torque is made; `slope` [rad/s], the mean speed that angles tell,
-    NaN where they don't; impulses [N m s] of the torques that were given since each of these was measured.
-    `halts`: any motion is braked.
+    All else has a place for each servo of the robot: `measured` (5, n_servos), which is `late` [s] old when
+    the next torque is made. `halts`: any motion is braked.
     """
     for k in range(len(servos)):
         i = servos[k]
-        q, v, wanted = position[i], velocity[i], memory[WANTED, i]
+        q, v, wanted = measured[POSITION, i], measured[SPEED, i], memory[WANTED, i]
         if not abs(v) < float("inf"):
             v = wanted = 0.0
-        mean = slope[i] if abs(slope[i]) < float("inf") else v
+        mean = measured[SLOPE, i] if abs(measured[SLOPE, i]) < float("inf") else v
         most, quickest = limits[TORQUE, k], limits[ACCELERATION, k]
         above, below = max(limits[UPPER, k] - q, 0.0), max(q - limits[LOWER, k], 0.0)
         inside = limits[LOWER, k] <= q <= limits[UPPER, k]
@@ -78,8 +72,8 @@ def limit_torques(
         risen = memory[RISEN, i] = trust[k] * min(max(wanted, risen - rise), risen + rise)
         way, left = (1.0, above) if risen > 0.0 else (-1.0, below)
         ahead = max(
-            way * v + quickest / most * max(way * since_velocity[i], 0.0),
-            way * mean + quickest / most * max(way * since_slope[i], 0.0),
+            way * v + quickest / most * max(way * measured[SINCE_SPEED, i], 0.0),
+            way * mean + quickest / most * max(way * measured[SINCE_SLOPE, i], 0.0),
         )
         driving = min(
             abs(risen) * min(left / FADE, 1.0),

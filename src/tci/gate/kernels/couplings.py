@@ -1,0 +1,88 @@
+"""Couplings: linear inequalities that servos which move together keep, for `tci.gate.bounds`."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import boolean, float64, int64, void
+from numpy.typing import NDArray
+
+from tci.compiled import compiled, views, writes
+from tci.frames import Array
+
+
+@compiled(
+    void(
+        views(1), views(1), views(1), views(2), views(1), views(1), views(1, boolean), float64, int64,
+        writes(1),
+    )
+)  # fmt: skip
+def project(
+    lower: Array, upper: Array, target: Array, coupling: Array, lows: Array, highs: Array,
+    free: NDArray[np.bool_], margin: float, sweeps: int, point: Array,
+) -> None:  # fmt: skip
+    """Write the `point` (n,) [rad] near `target` (n,) that is inside `lower` and `upper` (n,), and in bounds
+    `lows` <= `coupling` @ point <= `highs` (m,).
+
+    It is a `margin` [rad] inside all of them, or half of the way between two that are narrower. Only servos
+    that are `free` (n,) differ from `target`. Projects onto each violated half-space in turn (Bregman 1965),
+    at most so many `sweeps` over all of them, and onto the limits.
+    """
+    for i in range(len(target)):
+        point[i] = target[i]
+        if free[i]:
+            room = min(margin, (upper[i] - lower[i]) / 2)
+            point[i] = min(max(target[i], lower[i] + room), upper[i] - room)
+    for _ in range(sweeps):
+        inside = True
+        for m in range(len(lows)):
+            room = min(margin, (highs[m] - lows[m]) / 2)
+            value = 0.0
+            for i in range(len(target)):
+                value += coupling[m, i] * point[i]
+            if not lows[m] + room - room / 2 <= value <= highs[m] - room + room / 2:
+                inside = False
+        if inside:
+            return
+        for m in range(len(lows)):
+            room = min(margin, (highs[m] - lows[m]) / 2)
+            value = share = 0.0
+            for i in range(len(target)):
+                value += coupling[m, i] * point[i]
+                if free[i]:
+                    share += coupling[m, i] * coupling[m, i]
+            nearest = min(max(value, lows[m] + room), highs[m] - room)
+            if not share > 0.0 or nearest == value:
+                continue
+            for i in range(len(target)):
+                if free[i]:
+                    room = min(margin, (upper[i] - lower[i]) / 2)
+                    moved = point[i] + coupling[m, i] * (nearest - value) / share
+                    point[i] = min(max(moved, lower[i] + room), upper[i] - room)
+
+
+@compiled(boolean(views(2), views(2), views(1), views(1)))
+def box_keeps(span: Array, coupling: Array, lows: Array, highs: Array) -> bool:
+    """Tells if all points between angles of `span` (2, n) [rad] is in bounds: `lows` <= `coupling` @ point
+    <= `highs` (m,)."""
+    for m in range(len(lows)):
+        least = most = 0.0
+        for i in range(span.shape[1]):
+            one, other = coupling[m, i] * span[0, i], coupling[m, i] * span[1, i]
+            least += min(one, other)
+            most += max(one, other)
+        if not (least >= lows[m] and most <= highs[m]):
+            return False
+    return True
+
+
+@compiled(void(views(2), views(1), views(1), views(1), writes(1), writes(1)))
+def shift(outside: Array, measured: Array, lows: Array, highs: Array, lower: Array, upper: Array) -> None:
+    """Write the bounds `lower` and `upper` (m,) that servos outside leave of `lows` and `highs` (m,).
+
+    These are at `measured` (n_servos,) [rad] and have the coefficients `outside` (m, n_servos).
+    """
+    for m in range(len(lows)):
+        taken = 0.0
+        for i in range(len(measured)):
+            taken += outside[m, i] * measured[i]
+        lower[m], upper[m] = lows[m] - taken, highs[m] - taken

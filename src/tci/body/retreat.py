@@ -14,9 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from ruckig import InputParameter, Ruckig, RuckigError, Synchronization, Trajectory
 
+from tci.errors import UnknownNameError
 from tci.frames import Array
 from tci.gate.bounds import Bounds, bounds_of
+from tci.gate.kernels.couplings import box_keeps, shift
 from tci.messages import Contact, Mode
+from tci.robot.description import Robot
 from tci.robot.joint_map import JointMap, joint_map
 from tci.robot.kernels.links import retreats
 from tci.skin.contact_table import ContactTable
@@ -50,8 +53,7 @@ class Retreat:
     """Judges for one robot where motions lead. Threads may share it: each has a planner of its own."""
 
     def __init__(self, skin: Skin) -> None:
-        robot = skin.robot
-        self._robot = robot
+        robot = self._robot = skin.robot
         links = tuple(dict.fromkeys(patch.link for patch in robot.patches))
         self._chain = skin.kinematics
         ends = self._chain.ends([self._chain.body(link) for link in links])
@@ -59,6 +61,7 @@ class Retreat:
         after = dict(zip(links, ends.tolist(), strict=True))
         self._after = {patch.name: after[patch.link] for patch in robot.patches}
         self._own = local()
+        self._motions()  # now, or the first touch would wait for it
 
     def along(
         self, position: Array, contacts: Sequence[Contact], part: str, target: Array, mode: Mode
@@ -71,7 +74,10 @@ class Retreat:
         together, in others each as fast as it can. Raises UnknownNameError for the part.
         """
         result = np.zeros((2, LOOKS, len(contacts)))
-        motion = self._motion(part)
+        motions = self._motions()
+        if part not in motions:
+            raise UnknownNameError("generic part", part, motions)
+        motion = motions[part]
         if motion.joints.servos.size and len(contacts):
             table = ContactTable.of(contacts)
             after = np.array([self._after[site.patch] for site in table.sites])
@@ -96,17 +102,17 @@ class Retreat:
         here, goal = position[servos], joints.to_robot(target, position)
         goal = np.minimum(np.maximum(goal, bounds.lower), bounds.upper)
         if len(motion.outside):
-            shift = motion.outside @ position
-            lower, upper = bounds.coupling_lower - shift, bounds.coupling_upper - shift
-            coupled = bounds.coupling @ goal
-            if (coupled < lower).any() or (coupled > upper).any():
+            lower, upper = np.empty_like(bounds.coupling_lower), np.empty_like(bounds.coupling_upper)
+            shift(motion.outside, position, bounds.coupling_lower, bounds.coupling_upper, lower, upper)
+            if not box_keeps(np.array([goal, goal]), bounds.coupling, lower, upper):
                 goal = replace(bounds, coupling_lower=lower, coupling_upper=upper).nearest(goal, motion.free)
         plan = motion.input
         plan.current_position, plan.target_position = here.tolist(), goal.tolist()
         plan.max_velocity = np.minimum(bounds.velocity, joints.speeds(position)).tolist()
         together = mode in (Mode.POSITION, Mode.IMPEDANCE)
         plan.synchronization = Synchronization.Time if together else Synchronization.No
-        way = np.tile(position, (LOOKS + 1, 1))
+        way = np.empty((LOOKS + 1, len(position)))
+        way[:] = position
         try:
             motion.planner.calculate(plan, motion.trajectory)
         except RuckigError:  # a rare state without a synchronised way
@@ -117,23 +123,26 @@ class Retreat:
         way[1:, servos] = [at_time(moment)[0] for moment in moments]
         return way
 
-    def _motion(self, part: str) -> _Motion:
-        motions: dict[str, _Motion] = self._own.__dict__.setdefault("motions", {})
-        found = motions.get(part)
-        if found is None:
-            joints = joint_map(self._robot, part)
-            count = len(joints.servos)
-            bounds, outside = bounds_of(self._robot, joints.servos.tolist(), speed_share=1.0)
-            unlimited = {"lower": -np.inf, "upper": np.inf, "velocity": UNKNOWN, "acceleration": UNKNOWN,
-                         "jerk": UNKNOWN}  # fmt: skip
-            known = {
-                name: np.where(np.isnan(limit := getattr(bounds, name)), most, limit)
-                for name, most in unlimited.items()
-            }
-            bounds = replace(bounds, **known)
-            plan = InputParameter(count)
-            plan.max_acceleration, plan.max_jerk = bounds.acceleration.tolist(), bounds.jerk.tolist()
-            free = np.ones(count, np.bool_)
-            found = _Motion(joints, bounds, outside, free, Ruckig(count), plan, Trajectory(count))
-            motions[part] = found
-        return found
+    def _motions(self) -> dict[str, _Motion]:
+        """Those of all parts, for this thread."""
+        own: dict[str, dict[str, _Motion]] = self._own.__dict__
+        if "motions" not in own:
+            own["motions"] = {part.name: _motion(self._robot, part.name) for part in self._robot.parts}
+        return own["motions"]
+
+
+def _motion(robot: Robot, part: str) -> _Motion:
+    joints = joint_map(robot, part)
+    count = len(joints.servos)
+    bounds, outside = bounds_of(robot, joints.servos.tolist(), speed_share=1.0)
+    unlimited = {"lower": -np.inf, "upper": np.inf, "velocity": UNKNOWN, "acceleration": UNKNOWN,
+                 "jerk": UNKNOWN}  # fmt: skip
+    known = {
+        name: np.where(np.isnan(limit := getattr(bounds, name)), most, limit)
+        for name, most in unlimited.items()
+    }
+    bounds = replace(bounds, **known)
+    plan = InputParameter(count)
+    plan.max_acceleration, plan.max_jerk = bounds.acceleration.tolist(), bounds.jerk.tolist()
+    free = np.ones(count, np.bool_)
+    return _Motion(joints, bounds, outside, free, Ruckig(count), plan, Trajectory(count))

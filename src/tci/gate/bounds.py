@@ -9,16 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.frames import Array
-from tci.gate.kernels.couplings import project
+from tci.gate.kernels.couplings import MARGIN as MARGIN
+from tci.gate.kernels.couplings import find_nearest
 from tci.robot.description import Robot
 
-MARGIN = 1e-6
-"""Targets stay this far [rad] inside position limits and couplings, for ruckig's own rounding."""
 APPROACH = 0.5
 """Share of acceleration and jerk with which driven servos slow down before a limit. Ours: the rest is for
 the time that a change of velocity takes."""
-SWEEPS = 50
-"""Sweeps over the couplings in the search for a nearest point: bounds the time of a control step."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,9 +47,9 @@ class Bounds:
         other servos leave no such point, it comes as close as the limits allow.
         """
         point = np.empty(len(target))
-        project(
+        find_nearest(
             self.lower, self.upper, target, self.coupling, self.coupling_lower, self.coupling_upper, free,
-            MARGIN, SWEEPS, point,
+            point,
         )  # fmt: skip
         return point
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tci.frames import Array
-from tci.gate.bounds import MARGIN, Bounds, bounds_of
+from tci.gate.bounds import Bounds, bounds_of
 from tci.gate.kernels.couplings import shift
-from tci.gate.kernels.targets import put_in_place
+from tci.gate.kernels.targets import SPEED, TARGET, take_targets
 from tci.gate.trajectory import Guard, OnlineTrajectory
 from tci.robot.description import Robot
 
@@ -30,6 +30,10 @@ class JointGroup:
     """What they may do while every servo outside is at zero."""
     outside: NDArray[np.float64]
     """Coefficients (m, n_servos) of servos outside, in the couplings that name one of these."""
+    limits: Array
+    """Least and largest angles [rad] and speed limits [rad/s] (3, n) in one array."""
+    ends: Array
+    """Bounds (2, m) of the couplings now, which are those of the limiter: they shift with servos outside."""
 
     @property
     def driven(self) -> list[int]:
@@ -39,28 +43,27 @@ class JointGroup:
             return []
         return np.flatnonzero(np.abs(drive) > 0.0).tolist()  # false for NaN
 
-    def aim(self, servos: NDArray[np.intp], values: Array, speeds: Array) -> Array:
-        """Give those of `servos` (k,) that are its own new targets `values` (k,) [rad], or what is next to
-        them inside the bounds, at most at `speeds` (k,) [rad/s]; returns the targets (n,) of all."""
-        limiter, bounds, asked = self.limiter, self.limiter.bounds, np.empty(len(self.servos), np.bool_)
-        target, speed = limiter.target.copy(), limiter.speed.copy()
-        put_in_place(
-            self.index, servos, values, speeds, bounds.lower, bounds.upper, bounds.velocity, MARGIN,
-            target, speed, asked,
+    def aim(self, servos: NDArray[np.intp], values: Array, speeds: Array, sent: Array) -> float:
+        """Aim those of `servos` (k,) that are its own at `values` (k,) [rad] or next to them inside the
+        bounds, at most at `speeds` (k,) [rad/s].
+
+        Writes where they are `sent` (k,) [rad], and returns how far that is at most from the values [rad].
+        """
+        limiter, count = self.limiter, len(self.servos)
+        aims = np.empty((3, count))
+        aims[TARGET], aims[SPEED] = limiter.target, limiter.speed
+        farthest: float = take_targets(
+            self.index, servos, values, speeds, self.limits, self.bounds.coupling, self.ends,
+            np.empty(count, np.bool_), aims, sent,
         )  # fmt: skip
-        if len(bounds.coupling):
-            target = bounds.nearest(target, asked)
-        limiter.aim(target, speed)
-        return target
+        limiter.aim(aims[TARGET], aims[SPEED])
+        return farthest
 
     def look_outside(self, measured: Array) -> None:
         """A coupled servo that is not commanded with these counts where it is `measured` (n_servos,) now."""
         if len(self.outside):
-            now = self.limiter.bounds
-            shift(
-                self.outside, measured, self.bounds.coupling_lower, self.bounds.coupling_upper,
-                now.coupling_lower, now.coupling_upper,
-            )  # fmt: skip
+            lower, upper = self.bounds.coupling_lower, self.bounds.coupling_upper
+            shift(self.outside, measured, lower, upper, self.ends[0], self.ends[1])
 
     def places(self, servos: Sequence[int]) -> list[int]:
         """Places of some of its servos in the arrays of its limiter."""
@@ -85,11 +88,11 @@ def make_chain(
     """
     union = sorted(servos)
     bounds, outside = bounds_of(robot, union, speed_share=speed_share)
-    own = replace(
-        bounds, coupling_lower=bounds.coupling_lower.copy(), coupling_upper=bounds.coupling_upper.copy()
-    )
+    ends = np.array([bounds.coupling_lower, bounds.coupling_upper])
+    limits = np.array([bounds.lower, bounds.upper, bounds.velocity])
+    own = replace(bounds, coupling_lower=ends[0], coupling_upper=ends[1])
     limiter = OnlineTrajectory(own, measured[union], period, guard=guard)
-    chain = JointGroup(union, np.array(union, dtype=np.intp), limiter, bounds, outside)
+    chain = JointGroup(union, np.array(union, dtype=np.intp), limiter, bounds, outside, limits, ends)
     chain.look_outside(measured)
     if old is not None:
         moving = [servo for servo in union if servo in old.servos and servo not in fresh]

@@ -23,8 +23,7 @@ from tci.gate.bounds import MARGIN
 from tci.gate.freshness import Freshness
 from tci.gate.joint_group import JointGroup, groups_of, make_chain
 from tci.gate.joint_monitor import Reference
-from tci.gate.kernels.motion import largest_change
-from tci.gate.kernels.targets import is_far_off, pick_out
+from tci.gate.kernels.targets import is_far_off
 from tci.gate.self_collision import SelfCollision
 from tci.gate.settings import GateSettings, Tally
 from tci.gate.speeds import Slope, Speeds
@@ -232,9 +231,8 @@ class Motion:
     ) -> list[str]:
         """Give servos in position or impedance mode new targets."""
         sent = np.empty(len(servos))
-        for chain in self._chains_with(servos.tolist()):
-            pick_out(chain.index, servos, chain.aim(servos, values, speeds), sent)
-        if largest_change(values, sent) <= 2 * MARGIN:
+        chains = self._chains_with(servos.tolist())
+        if max(chain.aim(servos, values, speeds, sent) for chain in chains) <= 2 * MARGIN:
             return []
         return self.clamps(command, sent.tolist(), "degrees")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tci.gate.kernels.targets import is_acceptable, pick_out, put_in_place, straight_limits
+from tci.gate.kernels.targets import SPEED, TARGET, is_acceptable, straight_limits, take_targets
 
 SERVOS, VALUES, SPEEDS = np.array([3, 0, 5]), np.array([0.1, -0.2, 0.3]), np.array([1.0, 2.0, np.inf])
 
@@ -32,24 +32,45 @@ def test_one_wrong_number_at_any_place_is_seen(place: int) -> None:
 
 
 def test_values_go_to_their_servos_places_and_come_back_from_there() -> None:
-    index = np.array([0, 2, 3, 4])
-    target, speed, asked = np.full(4, 9.0), np.full(4, 8.0), np.ones(4, bool)
-    lower, upper, fastest = np.full(4, -0.2), np.full(4, 0.2), np.array([1.5, 0.1, 1.0, 0.1])
-    put_in_place(index, SERVOS, VALUES, SPEEDS, lower, upper, fastest, 0.05, target, speed, asked)
-    assert target.tolist() == pytest.approx([-0.15, 9.0, 0.1, 9.0])
-    assert speed.tolist() == [1.5, 8.0, 1.0, 8.0]
-    assert asked.tolist() == [True, False, True, False]
-    found = np.full(3, 7.0)
-    pick_out(index, SERVOS, target, found)
-    assert found.tolist() == pytest.approx([0.1, -0.15, 7.0])
+    index, free = np.array([0, 2, 3, 4]), np.ones(4, bool)
+    limits = np.array([[-0.15] * 4, [0.2] * 4, [1.5, 0.1, 1.0, 0.1]])
+    aims, sent = np.array([[9.0] * 4, [8.0] * 4, [7.0] * 4]), np.full(3, 7.0)
+    farthest = take_targets(
+        index, SERVOS, VALUES, SPEEDS, limits, np.zeros((0, 4)), np.zeros((2, 0)), free, aims, sent
+    )
+    assert aims[TARGET].tolist() == pytest.approx([-0.15, 9.0, 0.1, 9.0], abs=1e-5)
+    assert aims[SPEED].tolist() == [1.5, 8.0, 1.0, 8.0]
+    assert sent.tolist() == pytest.approx([0.1, -0.15, 7.0], abs=1e-5)
+    assert farthest == pytest.approx(0.05, abs=1e-5)
 
 
 def test_between_limits_that_are_near_a_value_goes_to_the_middle() -> None:
-    one, target, asked = np.zeros(1, np.intp), np.zeros(1), np.ones(1, bool)
-    put_in_place(
-        one, one, np.array([7.0]), one + 1.0, one + 0.0, one + 0.1, one + 1.0, 0.25, target, target + 0, asked
+    one, aims, sent = np.zeros(1, np.intp), np.zeros((3, 1)), np.zeros(1)
+    limits = np.array([[0.0], [1e-7], [1.0]])
+    none = np.zeros((0, 1)), np.zeros((2, 0)), np.zeros(1, bool)
+    take_targets(one, one, np.array([7.0]), np.ones(1), limits, *none, aims, sent)
+    assert sent.tolist() == [0.5e-7]
+
+
+def test_a_target_beyond_a_coupling_goes_next_to_it_and_servos_that_nobody_asked_stay() -> None:
+    index, free = np.array([0, 3]), np.zeros(2, bool)
+    limits = np.array([[-1.0] * 2, [1.0] * 2, [1.0] * 2])
+    ends = np.array([[-0.3], [0.3]])
+    aims, sent = np.array([[0.2, 0.0], [1.0, 1.0], [0.0, 0.0]]), np.zeros(1)
+    farthest = take_targets(
+        index,
+        np.array([3]),
+        np.array([0.5]),
+        np.ones(1),
+        limits,
+        np.array([[1.0, 1.0]]),
+        ends,
+        free,
+        aims,
+        sent,
     )
-    assert target.tolist() == [0.05]
+    assert aims[TARGET].tolist() == pytest.approx([0.2, 0.1], abs=1e-5)
+    assert farthest == pytest.approx(0.4, abs=1e-5)
 
 
 def test_limits_in_the_ratio_of_the_ways_are_as_large_as_they_may_be() -> None:

@@ -3,39 +3,39 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import boolean, float64, int64, void
+from numba import boolean, void
 from numpy.typing import NDArray
 
-from tci.compiled import compiled, views, writes
+from tci.compiled import compiled, inlined, views, writes
 from tci.frames import Array
 
+MARGIN = 1e-6
+"""Points stay this far [rad] inside limits and couplings, for ruckig's own rounding."""
+SWEEPS = 50
+"""Sweeps over the couplings in the search for a nearest point: bounds the time of a control step."""
 
-@compiled(
-    void(
-        views(1), views(1), views(1), views(2), views(1), views(1), views(1, boolean), float64, int64,
-        writes(1),
-    )
-)  # fmt: skip
+
+@inlined
 def project(
     lower: Array, upper: Array, target: Array, coupling: Array, lows: Array, highs: Array,
-    free: NDArray[np.bool_], margin: float, sweeps: int, point: Array,
+    free: NDArray[np.bool_], point: Array,
 ) -> None:  # fmt: skip
     """Write the `point` (n,) [rad] near `target` (n,) that is inside `lower` and `upper` (n,), and in bounds
     `lows` <= `coupling` @ point <= `highs` (m,).
 
-    It is a `margin` [rad] inside all of them, or half of the way between two that are narrower. Only servos
-    that are `free` (n,) differ from `target`. Projects onto each violated half-space in turn (Bregman 1965),
-    at most so many `sweeps` over all of them, and onto the limits.
+    It is a margin inside all of them, or half of the way between two that are narrower. Only servos that are
+    `free` (n,) differ from `target`. Projects onto each violated half-space in turn (Bregman 1965), and onto
+    the limits.
     """
     for i in range(len(target)):
         point[i] = target[i]
         if free[i]:
-            room = min(margin, (upper[i] - lower[i]) / 2)
+            room = min(MARGIN, (upper[i] - lower[i]) / 2)
             point[i] = min(max(target[i], lower[i] + room), upper[i] - room)
-    for _ in range(sweeps):
+    for _ in range(SWEEPS):
         inside = True
         for m in range(len(lows)):
-            room = min(margin, (highs[m] - lows[m]) / 2)
+            room = min(MARGIN, (highs[m] - lows[m]) / 2)
             value = 0.0
             for i in range(len(target)):
                 value += coupling[m, i] * point[i]
@@ -44,7 +44,7 @@ def project(
         if inside:
             return
         for m in range(len(lows)):
-            room = min(margin, (highs[m] - lows[m]) / 2)
+            room = min(MARGIN, (highs[m] - lows[m]) / 2)
             value = share = 0.0
             for i in range(len(target)):
                 value += coupling[m, i] * point[i]
@@ -55,9 +55,20 @@ def project(
                 continue
             for i in range(len(target)):
                 if free[i]:
-                    room = min(margin, (upper[i] - lower[i]) / 2)
+                    room = min(MARGIN, (upper[i] - lower[i]) / 2)
                     moved = point[i] + coupling[m, i] * (nearest - value) / share
                     point[i] = min(max(moved, lower[i] + room), upper[i] - room)
+
+
+@compiled(
+    void(views(1), views(1), views(1), views(2), views(1), views(1), views(1, boolean), writes(1))
+)  # fmt: skip
+def find_nearest(
+    lower: Array, upper: Array, target: Array, coupling: Array, lows: Array, highs: Array,
+    free: NDArray[np.bool_], point: Array,
+) -> None:  # fmt: skip
+    """`project`, called from Python."""
+    project(lower, upper, target, coupling, lows, highs, free, point)
 
 
 @compiled(boolean(views(2), views(2), views(1), views(1)))

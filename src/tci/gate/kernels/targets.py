@@ -8,6 +8,12 @@ from numpy.typing import NDArray
 
 from tci.compiled import compiled, reads, views, writes
 from tci.frames import Array
+from tci.gate.kernels.couplings import project
+
+LOWER, UPPER, FASTEST = range(3)
+"""Rows of the limits of a joint group: angles [rad], and speed [rad/s]."""
+TARGET, SPEED, WANTED = range(3)
+"""Rows of its aims."""
 
 
 @compiled(boolean(reads(1, int64), reads(1), reads(1), int64, float64))
@@ -37,39 +43,38 @@ def is_far_off(servos: NDArray[np.intp], values: Array, lower: Array, upper: Arr
 
 
 @compiled(
-    void(
-        reads(1, int64), reads(1, int64), reads(1), reads(1), views(1), views(1), views(1), float64,
-        writes(1), writes(1), writes(1, boolean),
+    float64(
+        reads(1, int64), reads(1, int64), reads(1), reads(1), reads(2), views(2), views(2),
+        writes(1, boolean), writes(2), writes(1),
     )
 )  # fmt: skip
-def put_in_place(
-    index: NDArray[np.intp], servos: NDArray[np.intp], values: Array, speeds: Array,
-    lower: Array, upper: Array, fastest: Array, margin: float,
-    target: Array, speed: Array, asked: NDArray[np.bool_],
-) -> None:  # fmt: skip
-    """Write `values` and `speeds` (k,) of `servos` into the places (n,) that they have in `index` (n,), and
-    which of those are `asked` (n,). Servos that are not there are left out.
+def take_targets(
+    index: NDArray[np.intp], servos: NDArray[np.intp], values: Array, speeds: Array, limits: Array,
+    coupling: Array, ends: Array, free: NDArray[np.bool_], aims: Array, sent: Array,
+) -> float:  # fmt: skip
+    """Aim the servos `index` (n,) of a joint group at those of the `values` (k,) that are theirs; return how
+    far [rad] at most one of these is from where its servo is sent.
 
-    Values are clamped to `lower`, `upper` (n,) and a `margin` away from them, or half of the way between
-    them; speeds are at most the `fastest` (n,).
+    Writes into `aims` (3, n) targets [rad] inside `limits` and couplings, and the `speeds` (k,), at most the
+    fastest of the `limits` (3, n); what each of `servos` (k,) is `sent` to, where it is in the group.
+    `coupling` (m, n) and its `ends` (2, m) see `Bounds`; `free` (n,) and the last row of `aims` are room.
     """
     for i in range(len(index)):
-        asked[i] = False
-        room = min(margin, (upper[i] - lower[i]) / 2)
+        free[i] = False
+        aims[WANTED, i] = aims[TARGET, i]
         for k in range(len(servos)):
             if servos[k] == index[i]:
-                target[i] = min(max(values[k], lower[i] + room), upper[i] - room)
-                speed[i] = min(speeds[k], fastest[i])
-                asked[i] = True
-
-
-@compiled(void(reads(1, int64), reads(1, int64), reads(1), writes(1)))
-def pick_out(index: NDArray[np.intp], servos: NDArray[np.intp], values: Array, found: Array) -> None:
-    """Write into `found` (k,) what `values` (n,) say of `servos` (k,) at their places in `index` (n,)."""
+                aims[WANTED, i] = values[k]
+                aims[SPEED, i] = min(speeds[k], limits[FASTEST, i])
+                free[i] = True
+    project(limits[LOWER], limits[UPPER], aims[WANTED], coupling, ends[0], ends[1], free, aims[TARGET])
+    farthest = 0.0
     for i in range(len(index)):
         for k in range(len(servos)):
             if servos[k] == index[i]:
-                found[k] = values[i]
+                sent[k] = aims[TARGET, i]
+                farthest = max(farthest, abs(values[k] - sent[k]))
+    return farthest
 
 
 @compiled(void(views(1), views(1), views(1), views(1), views(1), float64, float64, writes(2)))

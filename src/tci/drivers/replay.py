@@ -1,8 +1,8 @@
-"""`replay:FILE`: a robot that sends what it sent when it was recorded. It reaches no hardware.
+"""`replay:FILE`: a recorded robot, which sends its recorded readings. No hardware is involved.
 
-The loop, the behaviour and the gate are the real ones. With the behaviour and the settings of then they
-decide the same, bit for bit; with others one sees what would have happened, as long as the robot would
-have felt the same.
+The loop, the behaviour and the gate are the real ones. With the recorded behaviour and settings they decide
+exactly as recorded, bit for bit; with others they show what would have happened, as long as the robot's
+sensors would have measured the same.
 """
 
 from __future__ import annotations
@@ -23,7 +23,8 @@ from tci.robot.description import Robot
 
 
 def changed_versions(then: str) -> list[str]:
-    """Which of a recording's versions (JSON) are others here, in words; none where they can't be read."""
+    """Returns the recording's versions (JSON) that differ from those installed here, as text; none if they
+    can't be read."""
     try:
         known = json.loads(then)
     except ValueError:
@@ -35,7 +36,7 @@ def changed_versions(then: str) -> list[str]:
 
 
 class ReplayClock:
-    """The times of a recording, one after the other."""
+    """A clock that shows the times of a recording in order."""
 
     def __init__(self) -> None:
         self.time = 0.0
@@ -44,14 +45,14 @@ class ReplayClock:
         return self.time
 
     def sleep_until(self, stamp: float) -> None:
-        """Return at once: the recording says what time it is."""
+        """Returns at once: the recording determines the time."""
 
 
 class ReplayDriver(Driver):
     """A driver of a recording."""
 
     def __init__(self, robot: Robot, address: str = "", *, arm: bool = True) -> None:
-        """Open the file `address`, recorded from this robot by this description.
+        """Opens the file `address`, recorded from this robot by this description.
 
         Raises DriverError for no file or another robot, RecordingError for a file that is no recording.
         """
@@ -83,18 +84,20 @@ class ReplayDriver(Driver):
             )
         )
         self.compared = 0
-        """Decisions that were compared with those of then."""
+        """Number of decisions that were compared with the recorded ones."""
         self.different: list[float] = []
-        """Times [s] of those that differ in state, modes, codes, or any bit of a number."""
+        """Times [s] of decisions that differ in state, modes, codes, or any bit of a number."""
         self.changed = changed_versions(about.get("versions", ""))
-        """Whose versions are others than then, in words: `numpy 2.4.6, here 2.5.0`. Their bits may differ."""
+        """Versions that differ from the recorded ones: `numpy 2.4.6, here 2.5.0`. Their results may differ in
+        some bits."""
         self._ticks = self.recording.ticks()
         self._tick: RecordedTick | None = None
         if (first := next(self.recording.ticks(), None)) is not None:
             self._clock.time = first.now
 
     def ticks(self, *, duration: float | None = None, start: float | None = None) -> Iterator[float]:
-        """The times [s] of then, as fast as they are asked for, to the end of the file, whatever `start`."""
+        """Yields the recorded times [s] as fast as they are requested, to the end of the file, whatever
+        `start`."""
         del start
         begun: float | None = None
         for tick in self._ticks:

@@ -1,7 +1,7 @@
-"""What every way to show a robot to others has in common; the counterpart of a driver.
+"""Base class of servers, which make a robot available to other programs: the counterpart of a driver.
 
-A server stands beside the process's own driver of the robot, real or simulated. It publishes what the robot
-senses and hands on what others order; `runtime/serve.py` puts the gate between the two.
+A server works next to the process's own driver of the robot, real or simulated. It publishes the robot's
+sensor data and passes on the orders of other programs; `runtime/serve.py` connects it to the gate.
 """
 
 from __future__ import annotations
@@ -18,44 +18,44 @@ from tci.reasons import Reason
 
 
 class Server(ABC):
-    """Shows the robot of `driver` to others. All methods are called from the loop and never wait."""
+    """Serves the robot of `driver` to other programs. All methods are called from the loop and never wait."""
 
     def __init__(self, driver: Driver, address: str = "") -> None:
-        """A subclass opens its ports here, and raises DriverError when it can't."""
+        """Stores the driver. A subclass opens its ports here, and raises DriverError if that fails."""
         self.driver = driver
         self.address = address
 
     @abstractmethod
     def where(self) -> str:
-        """Where it is found, for people: an address, the names of ports."""
+        """Returns the address of the server for messages, such as the names of its ports."""
 
     def reach(self) -> str:
-        """What `connect` takes on this machine to reach it."""
+        """Returns the argument of `connect` that reaches the server on this machine."""
         return self.where().partition(",")[0]
 
     @abstractmethod
     def orders(self) -> Sequence[Order]:
-        """What arrived since the last call, oldest first."""
+        """Returns the orders that arrived since the last call, oldest first."""
 
     def show(self, reading: Reading) -> None:
-        """Show what can't wait, such as new frames of the skin, before anything is made of this period's
-        reading. `publish` follows."""
+        """Publishes urgent data, such as new frames of the skin, before this period's reading is processed.
+        `publish` follows."""
         return
 
     @abstractmethod
     def publish(self, reading: Reading, perception: Perception, sent: SafeCommand) -> None:
-        """Show this period's joints and skin, what was made of them, and what the gate let pass."""
+        """Publishes this period's joints and skin, the perception, and the command that the gate allowed."""
 
     @abstractmethod
     def close(self) -> None:
-        """Let go of every resource. A second call does nothing."""
+        """Closes every resource. A second call does nothing."""
 
     @abstractmethod
     def refuse(self, order: Order, reason: Reason) -> None:
-        """Tell who ordered it why it does not pass; what the gate refuses is in `publish`'s `sent`."""
+        """Reports to its sender why an order was refused; refusals of the gate are in `publish`'s `sent`."""
 
     def fault(self) -> Reason | None:
-        """Returns why the robot should hold, such as a commander that fell silent, or None."""
+        """Returns the reason why the robot should hold, such as a silent commander, or None."""
         return None
 
     def __enter__(self) -> Self:

@@ -1,7 +1,7 @@
-"""Who is alive: small datagrams between TCI processes on one machine.
+"""Heartbeats between TCI processes on one machine, as small datagrams.
 
-A process that is needed beats; the one that owns the driver listens and holds the robot when a beat is
-missing for `TIMEOUT`. Pass `Listener.fault` to `run` as its `guard`.
+A process that is needed sends beats; the process that owns the driver listens and holds the robot when a beat
+is missing for `TIMEOUT`. Pass `Listener.fault` to `run` as its `guard`.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from tci.reasons import Code, Reason
 TIMEOUT = 0.08
 """Silence [s] after which a process counts as dead: with one control period more it is below 100 ms."""
 INTERVAL = 0.02
-"""Time [s] between two beats that fits `TIMEOUT`."""
+"""Time [s] between two beats. Assumed: four beats fit into `TIMEOUT`."""
 _FORM = struct.Struct("<4sQ16sI")
 _MAGIC = b"TCIb"
 _PER_CALL = 64
-"""Datagrams looked at per call, so that a flood costs a bounded time."""
+"""Datagrams read per call, which bounds the time that a flood costs."""
 
 
 def encode(name: str, sequence: int) -> bytes:
-    """One beat. Raises TciError for a name that is empty or longer than 16 bytes."""
+    """Returns one beat as bytes. Raises TciError for a name that is empty or longer than 16 bytes."""
     raw = name.encode()
     if not 0 < len(raw) <= 16 or b"\0" in raw:
         raise TciError(f"heartbeat of {name!r}; valid: a name of 1 to 16 bytes without zeros")
@@ -37,7 +37,7 @@ def encode(name: str, sequence: int) -> bytes:
 
 
 def decode(data: bytes) -> tuple[str, int] | None:
-    """Name and sequence of a beat; None for any bytes that are none."""
+    """Returns name and sequence of a beat; None for any other bytes."""
     if len(data) != _FORM.size:
         return None
     magic, sequence, raw, check = _FORM.unpack(data)
@@ -50,29 +50,30 @@ def decode(data: bytes) -> tuple[str, int] | None:
 
 
 class Sender:
-    """Beats towards a listener; call `beat` from the work that must go on, never from a thread beside it."""
+    """Sends beats to a listener; call `beat` from the work that must continue, never from a separate
+    thread."""
 
     def __init__(self, name: str, port: int) -> None:
-        """`port` of the listener on this machine. Raises TciError for a bad name."""
+        """Opens a socket to the `port` of the listener on this machine. Raises TciError for a bad name."""
         encode(name, 0)
         self.name = name
         self._to = ("127.0.0.1", port)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 
     def beat(self) -> None:
-        """Say that this process is alive. Nobody needs to listen."""
+        """Sends a beat. No listener is needed."""
         try:
             self._socket.sendto(encode(self.name, time.monotonic_ns()), self._to)
         except OSError:
-            return  # nobody listens: it is the listener that judges
+            return  # no listener: detecting that is the listener's task
 
     def close(self) -> None:
-        """Let go of the socket."""
+        """Closes the socket."""
         self._socket.close()
 
 
 class Listener:
-    """Knows which of the needed processes are alive. A needed one that never beat counts as dead."""
+    """Tracks which of the needed processes are alive. One that never sent a beat counts as dead."""
 
     def __init__(
         self,
@@ -82,14 +83,15 @@ class Listener:
         timeout: float = TIMEOUT,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Listen on `port` of the loopback, or on a free one. Raises DriverError when it is taken."""
+        """Listens on `port` of the loopback interface, or on a free one. Raises DriverError when it is in
+        use."""
         if not timeout > 0.0:
             raise TciError(f"heartbeat timeout {timeout} s; valid: above 0")
         self._timeout = timeout
         self._clock = clock
         self._heard: dict[str, tuple[float, int]] = {name: (-float("inf"), -1) for name in needed}
         self.rejected = 0
-        """Datagrams that were no beats of a needed process, or old ones."""
+        """Number of datagrams that were no beats of a needed process, or old ones."""
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         try:
@@ -98,10 +100,11 @@ class Listener:
             self._socket.close()
             raise DriverError(f"heartbeat port {port}: {error.strerror}; valid: a free one, or 0") from error
         self.port: int = self._socket.getsockname()[1]
-        """Port that senders need."""
+        """Port to which senders send."""
 
     def fault(self) -> Reason | None:
-        """Returns why the robot should hold: the needed processes that are silent. None if all are alive."""
+        """Returns the reason why the robot should hold: the needed processes that are silent. None if all are
+        alive."""
         for _ in range(_PER_CALL):
             try:
                 data = self._socket.recv(_FORM.size + 1)
@@ -119,7 +122,7 @@ class Listener:
         return Reason(Code.HEARTBEAT_MISSING, f"no heartbeat of {', '.join(silent)}")
 
     def close(self) -> None:
-        """Let go of the socket."""
+        """Closes the socket."""
         self._socket.close()
 
     def __enter__(self) -> Self:

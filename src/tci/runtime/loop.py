@@ -1,7 +1,7 @@
 """The loop: read, perceive, decide, gate, write; once per period of the driver.
 
-It skips periods that it missed and counts them; after three the robot holds. However it ends, the robot is
-brought to rest; what goes wrong, in the capability, an observer or a thread, is raised then.
+Missed periods are skipped and counted. After three in a row the gate holds the robot. However the loop ends,
+the robot is brought to rest; errors of the capability, an observer or a thread are raised afterwards.
 """
 
 from __future__ import annotations
@@ -32,38 +32,39 @@ from tci.runtime.result import Account, RunResult
 from tci.runtime.watchdogs import SkinWatchdog, frozen_garbage, interruptions
 
 MISSED = 3
-"""Periods in a row that may be missed before the robot holds."""
+"""Number of periods missed in a row after which the robot holds. Assumed; no published value."""
 PERSISTS = 0.1
-"""How long [s] skin frames may not fit the robot before it stops. Ours."""
+"""Time [s] for which skin frames may fail to fit the robot before it stops. Assumed; no published value."""
 REST = 0.5
-"""Longest time [s] that the loop waits for the robot to come to rest when it ends. Ours."""
+"""Longest time [s] that the loop waits for the robot to come to rest when it ends. Assumed; no published
+value."""
 LET_GO = 0.1
-"""Last part of that time [s], in which nothing is read: the gate ends torques that are made of no fresh data,
-and a joint in torque mode keeps what it was sent last."""
+"""Last part [s] of `REST`, in which nothing is read. The gate ends torques that are not based on fresh data;
+otherwise a joint in torque mode would keep its last torque."""
 STILL = 1e-6
-"""Speed [rad/s] of a reference that counts as rest."""
+"""Speed [rad/s] of a reference up to which it counts as at rest."""
 
 Memory = TypeVar("Memory")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tick:
-    """All that passed through the loop in one period."""
+    """The data of one period of the loop."""
 
     now: float
     """Time [s] on the driver's clock."""
     reading: Reading
-    """What the robot sent."""
+    """Reading of the robot."""
     perception: Perception
-    """What the capability saw; from before, when this reading's skin did not fit the robot."""
+    """Perception of the capability; the previous one if this reading's skin did not fit the robot."""
     commands: tuple[Order, ...]
-    """What the capability wanted."""
+    """Orders of the capability."""
     sent: SafeCommand
-    """What the gate let pass and the driver sent."""
+    """Command that the gate allowed and the driver sent."""
 
     @property
     def skin(self) -> SkinState:
-        """Pressure on the whole skin, of which the contacts were made."""
+        """Pressure on the whole skin, from which the contacts were computed."""
         assert self.perception.skin is not None  # as a Perceiver made it
         return self.perception.skin
 
@@ -80,25 +81,25 @@ def run(
     report: LoopReport | None = None,
     write: bool = True,
 ) -> RunResult[Memory]:
-    """Run a capability on a robot for `duration` [s], or until interrupted, and return what came of it.
+    """Runs a capability on a robot for `duration` [s], or until interrupted, and returns the result.
 
     The result holds the memory, and is false if the robot was stopped or every command was refused; neither
     raises, since an exception would keep memory and reasons from the caller. The first refusal and the first
-    clamp of each kind, and each hold and stop, are logged as they come (`logging`, logger `tci`).
+    clamp of each kind, and each hold and stop, are logged as they occur (`logging`, logger `tci`).
 
-    `observe` is called after each tick, `sensed` before anything is made of its reading; the loop waits for
-    both. `guard` is asked in each period for a
-    reason to hold (`heartbeat.Listener.fault`). `report` is filled on the way. Without
-    `write` nothing is sent, and the driver need not be armed.
-    The run ends early when `until` says so of the capability's memory.
+    `observe` is called after each tick, `sensed` before its reading is processed; the loop waits for both.
+    `guard` is called in each period and returns a reason to hold (`heartbeat.Listener.fault`), or None.
+    `report` is filled during the run. Without `write` nothing is sent, and the driver need not be armed. The
+    run ends early when `until` returns True for the capability's memory.
 
-    However it ends, the robot is brought to rest, for at most `REST`; motions that were not over are cut
-    short. SIGINT and SIGTERM do so and raise KeyboardInterrupt or SystemExit. Raises
-    CommandError, before anything moves, when the robot refuses what the capability begins with;
-    TciError for a duration or arguments that are none, also before anything moves;
-    CommandError, once the robot is at rest, for a step that gives no pair of commands and memory;
-    DriverError when somebody else commands the robot; and what driver, capability, observer and threads
-    raise, after the gate has stopped and the robot is at rest.
+    However it ends, the robot is brought to rest within `REST`; unfinished motions are cut short. SIGINT and
+    SIGTERM also end the run so, and raise KeyboardInterrupt or SystemExit.
+
+    Raises CommandError, before anything moves, when the robot refuses the capability's first commands;
+    TciError for an invalid duration or argument, also before anything moves; CommandError, once the robot is
+    at rest, for a step that returns no pair of commands and memory; DriverError when another process commands
+    the robot; and the errors of driver, capability, observer and threads, after the gate has stopped and the
+    robot is at rest.
     """
     check_duration(duration)
     driver, capability = as_driver(driver), as_capability(capability)
@@ -128,7 +129,7 @@ def run(
 
 
 class _Loop(Generic[Memory]):
-    """One run: its memory and its time."""
+    """One run: its memory and its timing."""
 
     def __init__(
         self,
@@ -162,11 +163,11 @@ class _Loop(Generic[Memory]):
         self._sent: SafeCommand | None = None
 
     def begin(self, now: float) -> None:
-        """The first period is due `now` [s]; its own tick may already be late."""
+        """Makes the first period due at `now` [s]; its own tick may already be late."""
         self._start = now
 
     def tick(self, now: float) -> None:
-        """One period, at `now` [s] on the driver's clock."""
+        """Runs one period, at `now` [s] on the driver's clock."""
         begin = time.perf_counter()
         gate = self.driver.gate
         gate.hold(self._timing(now) or (self.guard() if self.guard else None))
@@ -201,7 +202,7 @@ class _Loop(Generic[Memory]):
         self.report.work.add(time.perf_counter() - begin)
 
     def end(self, duration: float | None) -> None:
-        """Count what was missed of `duration` [s] after the last period that was served."""
+        """Counts the periods of `duration` [s] that were missed after the last one served."""
         if duration is None or self._before is None:
             return
         missed = math.ceil(duration / self.driver.period - ROUNDING) - self._period_of(self._before) - 1
@@ -210,11 +211,11 @@ class _Loop(Generic[Memory]):
             self.report.missed += missed
 
     def _timing(self, now: float) -> Reason | None:
-        """Counts the periods missed before this one. Returns why to hold, if there were too many."""
+        """Counts the periods missed before this one. Returns a reason to hold if there were too many."""
         period = self.driver.period
         if self._before is None:
             self._before = now
-            self._start += self._period_of(now) * period  # nothing was missed before the first
+            self._start += self._period_of(now) * period  # no period counts as missed before the first
         missed = self._period_of(now) - self._period_of(self._before)
         self._before = now
         self.report.lateness.add(max(0.0, (now - self._start + period * ROUNDING) % period))
@@ -227,11 +228,11 @@ class _Loop(Generic[Memory]):
         return Reason(Code.PERIODS_MISSED, f"the loop missed {missed - 1} periods")
 
     def _period_of(self, now: float) -> int:
-        """Which period, counted from 0, a time [s] is in."""
+        """Returns the number, from 0, of the period that contains a time [s]."""
         return int((now - self._start) / self.driver.period + ROUNDING)
 
     def _perceive(self, reading: Reading, now: float) -> Perception | None:
-        """What the capability sees; None for a reading that does not fit. The robot stops if that lasts."""
+        """Returns the perception; None for a reading that does not fit. The robot stops if that persists."""
         try:
             self._perception = self.perceiver.step(reading, now)
         except FrameError as error:
@@ -244,7 +245,8 @@ class _Loop(Generic[Memory]):
         return self._perception
 
     def finish(self) -> None:
-        """Bring to rest what still moves, which nobody would renew or end, and let the hold clear again."""
+        """Brings moving joints to rest, since nothing would renew or end their commands, and clears the
+        loop's hold."""
         if self._sent is None or not _moves(self._sent):
             return
         gate = self.driver.gate
@@ -256,7 +258,7 @@ class _Loop(Generic[Memory]):
                 return
 
     def stop(self, reason: str, cause: BaseException) -> None:
-        """Stop the gate and bring the robot to rest. What fails is noted on `cause`."""
+        """Stops the gate and brings the robot to rest. Errors on the way are added to `cause` as notes."""
         self.driver.gate.stop(Reason(Code.PROGRAM_FAILED, reason))
         try:
             self._rest()
@@ -264,19 +266,20 @@ class _Loop(Generic[Memory]):
             cause.add_note(f"and the robot could not be brought to rest: {error}")
 
     def _rest(self, halt: Callable[[], None] | None = None) -> None:
-        """`halt` in each period until the references stand still, and long enough to be heard elsewhere."""
+        """Calls `halt` in each period until the references stand still, and long enough for other processes
+        to receive it."""
         for count, sent in enumerate(self._writes(halt), start=1):
             if count > MISSED and not _moves(sent):
                 return
 
     def _writes(self, halt: Callable[[], None] | None = None) -> Iterator[SafeCommand]:
-        """Write once per period what the gate makes of no commands, for `REST` at most."""
+        """Writes the gate's output for no commands once per period, for at most `REST`."""
         driver = self.driver
         if not self.write or not driver.armed or driver.info.recorded or self._joints is None:
             return
         begin = driver.clock.now()
         for now in driver.ticks(duration=REST):
-            with suppress(Exception):  # references need no reading to stop; torques end without one
+            with suppress(Exception):  # references stop without a reading; torques end without one
                 if now - begin < REST - LET_GO:
                     self._joints = driver.read().joints
             if halt is not None:
@@ -285,5 +288,5 @@ class _Loop(Generic[Memory]):
 
 
 def _moves(sent: SafeCommand) -> bool:
-    """Whether a command moves or pushes a joint."""
+    """Returns True if a command moves or pushes a joint."""
     return bool(np.any(np.abs(sent.velocity) >= STILL) or np.any(sent.torque))

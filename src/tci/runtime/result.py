@@ -1,4 +1,4 @@
-"""The result of a run: its memory, and an account of what the robot felt, did and refused."""
+"""The result of a run: its memory, and a summary of touches, motions and refusals."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ _log = logging.getLogger("tci")
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class RunResult(Generic[Memory]):
-    """A run that came to its end. Prints as a few lines.
+    """Result of a run that has ended. Prints as a few lines.
 
-    It is false if the robot was stopped, or if every command was refused. A STOP does not raise: the robot
-    is at rest by then, and an exception would keep the memory and the reasons from the caller.
+    It is false if the robot was stopped, or if every command was refused. A STOP does not raise: the robot is
+    at rest by then, and an exception would keep the memory and the reasons from the caller.
     """
 
     memory: Memory
@@ -50,7 +50,7 @@ class RunResult(Generic[Memory]):
     moved: Mapping[str, float]
     """Distance [rad] between the extreme angles of each servo that moved, by name, largest first."""
     accepted: int
-    """Commands that the gate took over, without those that the capability began with."""
+    """Number of commands that the gate accepted, without those that the capability began with."""
     refusals: tuple[Notice, ...]
     """Commands that were refused, by kind."""
     clamps: tuple[Notice, ...]
@@ -65,7 +65,7 @@ class RunResult(Generic[Memory]):
 
     @property
     def refused_all(self) -> bool:
-        """Whether commands were refused, and none was taken over."""
+        """True if commands were refused and none was accepted."""
         return bool(self.refusals) and not self.accepted
 
     def __bool__(self) -> bool:
@@ -73,7 +73,7 @@ class RunResult(Generic[Memory]):
 
     @property
     def summary(self) -> str:
-        """One line: where the robot was touched, and which of its joints moved."""
+        """Returns one line: the touched patches, and the joints that moved."""
         touched = ", ".join(f"{patch} ({force:.1f} N)" for patch, force in self.touched.items())
         moved = ", ".join(f"{name} {np.rad2deg(way):.0f}" for name, way in [*self.moved.items()][:SHOWN])
         more = f" and {len(self.moved) - SHOWN} more" if len(self.moved) > SHOWN else ""
@@ -92,7 +92,7 @@ class RunResult(Generic[Memory]):
         return "\n".join(lines)
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values of all but the memory; times in seconds, in the report in milliseconds."""
+        """Returns plain values of all but the memory; times in seconds, in the report in milliseconds."""
         return {
             "robot": self.robot,
             "ok": bool(self),
@@ -123,8 +123,8 @@ class Account:
         self._stopped: Reason | None = None
 
     def see(self, seen: Perception | None, position: Array, sent: SafeCommand, *, opening: bool) -> None:
-        """One period: `seen` is None if the reading did not fit the robot, else the servos are at `position`
-        (n_servos,) [rad]. `opening` commands are those that the capability begins with."""
+        """Adds one period: `seen` is None if the reading did not fit the robot, else the servos are at
+        `position` (n_servos,) [rad]. `opening` commands are those that the capability begins with."""
         if seen is not None:
             if seen.contacts is not self._contacts:
                 self._touch(seen)
@@ -144,7 +144,7 @@ class Account:
             self._stop(sent.reason, sent.stamp)
 
     def result(self, memory: Memory, report: LoopReport) -> RunResult[Memory]:
-        """The result of the run that is over."""
+        """Returns the result of the finished run."""
         gate = self._driver.gate
         if gate.state is GateState.STOP:
             self._stop(gate.reason, self._driver.clock.now())

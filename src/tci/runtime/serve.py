@@ -1,6 +1,6 @@
-"""A robot shown to other programs: the loop, with a server where a capability would be.
+"""Serving a robot to other programs: the loop, with a server instead of a capability.
 
-Gate, lease and watchdog are those of this process, whatever the others send.
+Gate, lease and watchdog of this process apply to all orders.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from tci.runtime.watchdogs import StallDetector, attentive
 
 @dataclass(slots=True)
 class Served:
-    """What a server has done so far."""
+    """Statistics of a server."""
 
     orders: int = 0
-    """Orders that arrived."""
+    """Number of orders that arrived."""
     refusals: ReasonCounter = field(default_factory=ReasonCounter)
-    """Orders that did not pass, by reason."""
+    """Refused orders, by reason."""
 
 
 def serve(
@@ -39,11 +39,11 @@ def serve(
     served: Served | None = None,
     clock: Clock | None = None,
 ) -> Served:
-    """Show the robot of `server.driver` for `duration` [s], or until interrupted; read-only unless it is
-    armed.
+    """Serves the robot of `server.driver` for `duration` [s], or until interrupted; read-only unless the
+    driver is armed.
 
-    An order that does not fit the robot is refused and changes nothing. `clock` is the one of those who
-    order: the machine's, unless told otherwise. Raises what `run` raises.
+    An order that does not fit the robot is refused and changes nothing. `clock` is that of the clients, by
+    default the machine's. Raises what `run` raises.
     """
     orders = _Orders(server, served if served is not None else Served(), clock or MonotonicClock())
 
@@ -61,7 +61,7 @@ def serve(
 
 
 class _Orders(Capability[None]):
-    """What others order, in the place of a behaviour."""
+    """Orders of other programs, in the form of a capability."""
 
     def __init__(self, server: Server, served: Served, clock: Clock) -> None:
         self.server = server
@@ -93,12 +93,12 @@ class _Orders(Capability[None]):
         return tuple(passed), None
 
     def hold(self) -> Reason | None:
-        """Returns why the robot should hold in this period, or None."""
+        """Returns the reason why the robot should hold in this period, or None."""
         missed = self.server.fault()
         return (self._standstill.fault() if self._standstill is not None else None) or missed
 
     def see(self, tick: Tick) -> None:
-        """Publish a period."""
+        """Publishes a period."""
         if self._standstill is None:  # the first period compiles and reads files
             self._standstill = StallDetector(self.clock, stale_after=self.server.driver.gate.stale_after)
         self._tick = tick

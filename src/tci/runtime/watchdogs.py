@@ -1,4 +1,4 @@
-"""What surrounds a running loop: signals, threads that fail, and the garbage collector."""
+"""Watchdogs of the loop: silent skin, stalls, signals, failed threads; and the garbage collector."""
 
 from __future__ import annotations
 
@@ -18,21 +18,23 @@ from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
 PERIODS = 3.0
-"""Periods of a patch's own rate after which it is silent."""
+"""Number of periods of a patch without a frame after which it is silent."""
 LEAST_SILENCE = 0.25
-"""And at least so long [s]: skins come over busy networks. Ours."""
+"""Lower bound [s] on that time. Assumed: skin data may come over busy networks."""
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 TURN = 0.0001
-"""How long [s] a thread that answers others waits for a busy loop. Ours; Python's is 5 ms."""
+"""Time [s] after which Python switches between busy threads. Assumed: far below a period; Python's own value
+is 5 ms."""
 STOOD = 0.3
-"""A process whose next period comes later [s] stood still. Ours: busy machines take less."""
+"""Delay [s] of the next period from which the process counts as stalled. Assumed: busy machines cause shorter
+ones."""
 PILED_UP = 0.3
-"""Time [s] in which what was sent to a process that stood still has been read. Ours."""
+"""Time [s] in which the data that queued up during a stall has been read. Assumed; no published value."""
 
 
 @contextmanager
 def attentive() -> Iterator[None]:
-    """Threads that answer others get their turn while the loop computes, not only when it waits."""
+    """Gives other threads their turn while the loop computes, not only when it waits."""
     before = sys.getswitchinterval()
     sys.setswitchinterval(min(before, TURN))
     try:
@@ -42,11 +44,12 @@ def attentive() -> Iterator[None]:
 
 
 class SkinWatchdog:
-    """Whether skin that once sent has fallen silent, while the joints go on: then nobody feels a touch."""
+    """Detects skin that sent frames and has fallen silent while the joints continue: touches are then not
+    measured."""
 
     def __init__(self, robot: Robot, *, stale_after: float, keep_alive: float | None = None) -> None:
-        """`stale_after` [s]: age from which joint data is too old; `keep_alive` [s] where the skin's senders
-        send changes only: each patch at least once in that time."""
+        """Takes `stale_after` [s], the age from which joint data is too old, and `keep_alive` [s] if the skin
+        is sent on change (send-on-delta): each patch sends at least once in that time."""
         least = max(stale_after, LEAST_SILENCE, PERIODS * (keep_alive or 0.0))
         self._longest = {patch.name: max(PERIODS / patch.rate, least) for patch in robot.patches}
         self._heard: dict[str, tuple[int, float]] = {}
@@ -54,7 +57,8 @@ class SkinWatchdog:
         self._soonest, self._quiet = np.inf, ""
 
     def fault(self, reading: Reading, now: float) -> Reason | None:
-        """Returns the patch that has sent no new frame for too long at `now` [s], as a reason to hold."""
+        """Returns a reason to hold that names the patch without a new frame for too long at `now` [s], or
+        None."""
         if reading.skin is not self._skin:
             self._skin = reading.skin
             for frame in reading.skin:
@@ -75,14 +79,14 @@ class SkinWatchdog:
 
 
 class StallDetector:
-    """Whether this process stood still: frozen, swapped out, starved. What was sent to it meanwhile waits in
-    sockets and looks new, so the robot holds until that has been read.
+    """Detects that this process stood still: frozen, swapped out or starved. Data that was sent meanwhile
+    waits in sockets and looks new, so the robot holds until it has been read.
 
-    It counts on the machine's clock, since that of a simulation stands still with the process.
+    It uses the machine's clock, since a simulation's clock stands still with the process.
     """
 
     def __init__(self, clock: Clock, *, stale_after: float) -> None:
-        """`stale_after` [s]: age from which data is too old. The first period begins now."""
+        """Takes `stale_after` [s], the age from which data is too old. The first period begins now."""
         self._clock = clock
         self._longest = max(stale_after, STOOD)
         self._before = clock.now()
@@ -90,7 +94,7 @@ class StallDetector:
         self._reason: Reason | None = None
 
     def fault(self) -> Reason | None:
-        """Returns why the robot should hold, or None. Ask it once per period."""
+        """Returns the reason why the robot should hold, or None. Call it once per period."""
         now = self._clock.now()
         stood, self._before = now - self._before, now
         if stood > self._longest:
@@ -101,20 +105,20 @@ class StallDetector:
 
 
 class Interruption:
-    """What came from outside the loop and ends it."""
+    """A signal or a failed thread, which ends the loop."""
 
     def __init__(self) -> None:
         self.signal: int | None = None
-        """Number of the signal, once one came."""
+        """Number of the signal; None if there was none."""
         self.failure: BaseException | None = None
-        """What a thread raised, once one did."""
+        """Exception of a thread; None if there was none."""
         self.thread = ""
         """Name of that thread."""
         self.rests = False
-        """Whether the robot is being brought to rest: no signal interrupts that."""
+        """True while the robot is brought to rest, which no signal interrupts."""
 
     def raise_it(self) -> None:
-        """Raise what came: KeyboardInterrupt, SystemExit (128 + signal), or the thread's own exception."""
+        """Raises KeyboardInterrupt, SystemExit (128 + signal), or the thread's own exception."""
         if self.failure is not None:
             raise self.failure
         if self.signal == signal.SIGINT:
@@ -125,10 +129,10 @@ class Interruption:
 
 @contextmanager
 def interruptions() -> Iterator[Interruption]:
-    """Catch signals (in the main thread) and exceptions of any thread inside the block.
+    """Catches signals (in the main thread) and exceptions of any thread inside the block.
 
-    The first signal is noted for the loop, which brings the robot to rest; a second one interrupts at
-    once, for a capability that hangs, unless the robot is on its way to rest already.
+    The first signal is recorded for the loop, which brings the robot to rest; a second one interrupts at
+    once, for a capability that hangs, unless the robot is already being brought to rest.
     """
     found = Interruption()
 
@@ -150,7 +154,7 @@ def interruptions() -> Iterator[Interruption]:
 
 _threads = threading.Lock()
 _watching: list[Interruption] = []
-"""Every block that is open: loops of several robots may run in threads of one process."""
+"""All open blocks: loops of several robots may run in threads of one process."""
 _hook = threading.excepthook
 
 
@@ -180,7 +184,7 @@ def _leave_threads(found: Interruption) -> None:
 
 @contextmanager
 def frozen_garbage() -> Iterator[None]:
-    """Keep what is alive now out of the garbage collector, whose pauses grow with it."""
+    """Excludes existing objects from garbage collection, whose pauses grow with their number."""
     if gc.get_freeze_count():
         yield
         return

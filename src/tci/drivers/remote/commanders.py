@@ -1,4 +1,5 @@
-"""Who commands a served robot: freshness, one commander per joint, each order once."""
+"""Arbitrates between processes that command a served robot: drops stale messages, grants each joint to one
+process, executes each order once."""
 
 from __future__ import annotations
 
@@ -15,7 +16,7 @@ from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
 LEASE = 1.0
-"""Time [s] from when a commander fell silent until its joints are free for others. Ours."""
+"""Silence [s] of a commander after which its joints are free for others. Assumed; no published value."""
 
 
 @dataclass(slots=True)
@@ -24,22 +25,22 @@ class _Member:
 
     name: str
     heard: float
-    """When its last message came that answers a fresh state [s]."""
+    """Arrival time [s] of its last message that answers a fresh state."""
     sequence: int = 0
     acknowledged: int = 0
     refused: int = 0
     reason: Reason | None = None
     halt: Reason | None = None
     servos: set[int] = field(default_factory=set)
-    """Joints that only it may command."""
+    """Joints that only this process may command."""
 
 
 class CommandArbiter:
-    """All processes that command one robot.
+    """The processes that command one robot.
 
-    A message counts only when it answers a state of this session that is at most `silence` [s] old, and that
-    its sender saw after it last left: what was held up on the way, or recorded, moves nothing. While a
-    commander is silent for longer, or its own gate holds, the robot holds.
+    A message is accepted only if it answers a state of this session that is at most `silence` [s] old and
+    that its sender received after it last left: delayed or recorded messages move nothing. While a commander
+    is silent for longer, or its own gate holds, the robot holds.
     """
 
     def __init__(
@@ -55,10 +56,11 @@ class CommandArbiter:
         self._left: Reason | None = None
         self._gone: dict[int, float] = {}
         self.rejected = 0
-        """Messages that did not count: late, repeated, of another session, of one who left, or too many."""
+        """Number of rejected messages: late, repeated, of another session, of a process that left, or too
+        many."""
 
     def hear(self, message: Orders) -> None:
-        """A message came."""
+        """Handles a message."""
         now = self._clock()
         member = self._members.get(message.client)
         fresh = message.session == self._session and 0.0 <= now - message.seen <= self._silence
@@ -80,7 +82,8 @@ class CommandArbiter:
             self._forget(message.client, Reason(Code.COMMANDER_LEFT, f"{member.name} left"))
 
     def fault(self) -> Reason | None:
-        """Returns why the robot should hold: a commander that is silent, holds itself, or has just left."""
+        """Returns the reason why the robot should hold: a commander that is silent, holds itself, or has just
+        left."""
         now = self._clock()
         reason, self._left = self._left, None
         for client, member in list(self._members.items()):
@@ -95,7 +98,8 @@ class CommandArbiter:
         return reason
 
     def take(self) -> list[PlatformOrder]:
-        """What the gate should look at now, oldest first; orders for another's joints are refused."""
+        """Returns the orders for the gate, oldest first; orders for another commander's joints are
+        refused."""
         self._handed = []
         while self._waiting:
             client, number, order = self._waiting.popleft()
@@ -111,7 +115,7 @@ class CommandArbiter:
         return [order for _, _, order in self._handed]
 
     def refuse(self, order: Order, reason: Reason) -> None:
-        """An order that was taken did not reach the gate."""
+        """Records that an order returned by `take` did not reach the gate."""
         for place, (client, number, handed) in enumerate(self._handed):
             if handed is order:
                 self._refuse(client, number, reason)
@@ -119,7 +123,8 @@ class CommandArbiter:
                 return
 
     def decided(self, sent: SafeCommand) -> None:
-        """The gate has judged what was taken: it names those it took over, and the reasons of the others."""
+        """Records the gate's decision on the orders of `take`: those it accepted, and the reasons for the
+        others."""
         over = {id(order) for order in sent.orders}
         refused = [(client, number) for client, number, order in self._handed if id(order) not in over]
         for (client, number), reason in zip(refused, sent.refusals, strict=False):
@@ -127,7 +132,7 @@ class CommandArbiter:
         self._handed = []
 
     def states(self) -> tuple[Commander, ...]:
-        """What the next state says to each of them."""
+        """Returns the entry of each commander in the next state."""
         return tuple(
             Commander(client, member.name, member.acknowledged, member.refused, member.reason)
             for client, member in self._members.items()

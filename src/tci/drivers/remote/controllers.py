@@ -1,6 +1,6 @@
-"""The controllers of a robot that is shown in another middleware's own terms: orders for one part each.
+"""Controllers of a robot that is served in another middleware's own protocol; each takes orders for one part.
 
-Each counts as one commander beside the TCI processes, so a joint is commanded by one of them at a time.
+Each counts as one commander among the TCI processes, so a joint is commanded by one of them at a time.
 """
 
 from __future__ import annotations
@@ -23,21 +23,22 @@ from tci.reasons import Reason
 from tci.robot.description import Robot, Servo
 
 KEEP = 1.0
-"""Time [s] after its last order for which a part stays commanded: it comes to rest in it. Ours."""
+"""Time [s] after its last order for which a part stays under command, so that it comes to rest. Assumed; no
+published value."""
 MOST = 16
-"""Messages between two periods that are looked at. Ours."""
+"""Largest number of messages that are handled between two periods. Assumed; no published value."""
 
 
 class Source(Protocol):
-    """What a controller follows."""
+    """The set-points that a controller follows."""
 
     def order(self, now: float) -> PlatformCommand | None:
-        """Where its joints should be at `now` [s]; None when it is over."""
+        """Returns the set-points of its joints at `now` [s]; None when it is over."""
         ...
 
 
 Make = Callable[[Array, float], Source]
-"""Begins to follow something, from a position (n_servos,) [rad] at a time [s]. Raises CommandError."""
+"""Makes a source, from a position (n_servos,) [rad] at a time [s]. Raises CommandError."""
 
 
 class Once:
@@ -47,27 +48,27 @@ class Once:
         self._left: PlatformCommand | None = order
 
     def order(self, now: float) -> PlatformCommand | None:
-        """The order, the first time."""
+        """Returns the order the first time, then None."""
         found, self._left = self._left, None
         return found
 
 
 class PartControllers:
-    """All controllers of one robot."""
+    """The controllers of one robot, one per part."""
 
     def __init__(self, robot: Robot, session: int, *, of: str) -> None:
-        """`session` is the server's number; `of` says who orders, for people."""
+        """Takes the server's number `session`; `of` names the clients, for messages."""
         parts = dict.fromkeys(servo.robot_part for servo in robot.servos)
         self._parts = {part: _Part(robot, f"{of}, for {part}", session) for part in parts}
         self._arrived: deque[tuple[str, Make]] = deque(maxlen=MOST)
         self._refused: list[Reason] = []
 
     def hear(self, part: str, make: Make) -> None:
-        """Something to follow came for a part; it replaces what was followed."""
+        """Starts a new source for a part; it replaces the previous one."""
         self._arrived.append((part, make))
 
     def messages(self, position: Array, now: float) -> Iterator[Orders]:
-        """What they order at `now` [s], with the robot at `position` (n_servos,) [rad]."""
+        """Yields the controllers' orders at `now` [s], with the robot at `position` (n_servos,) [rad]."""
         while self._arrived:
             part, make = self._arrived.popleft()
             try:
@@ -78,7 +79,7 @@ class PartControllers:
             yield from controller.messages(now)
 
     def refusals(self, commanders: Iterable[Commander]) -> list[Reason]:
-        """Returns the reasons of what did not pass since the last call."""
+        """Returns the reasons for refusals since the last call."""
         told, self._refused = self._refused, []
         for commander in commanders:
             for controller in self._parts.values():
@@ -120,14 +121,15 @@ class _Part:
 
 
 def position_order(servos: NDArray[np.intp], values: Array) -> PlatformCommand:
-    """A command of positions [rad], as fast as the gate allows."""
+    """Returns a command of positions [rad], as fast as the gate allows."""
     return PlatformCommand(
         mode=Mode.POSITION, servos=servos, values=values, speed=np.full(len(servos), math.inf)
     )
 
 
 def values_order(robot_part: str, servos: tuple[Servo, ...], data: Any) -> PlatformCommand:
-    """Positions [rad] of all servos of a part. Raises CommandError for another count, or no numbers."""
+    """Returns a command of positions [rad] of all servos of a part. Raises CommandError for another count, or
+    no numbers."""
     values = np.asarray(data, dtype=float)
     if values.shape != (len(servos),) or not np.isfinite(values).all():
         found = f"commands for {robot_part}: {len(values)} values"
@@ -136,7 +138,7 @@ def values_order(robot_part: str, servos: tuple[Servo, ...], data: Any) -> Platf
 
 
 def movable(order: PlatformCommand, robot: Robot) -> PlatformCommand:
-    """The same without joints that the gate never moves: a message for a whole part names them too."""
+    """Removes the joints that the gate never moves; a message for a whole part contains them too."""
     limits = (robot.servos[servo].limits for servo in order.servos)
     known = [None not in (s.lower, s.upper, s.velocity, s.acceleration, s.jerk) for s in limits]
     return position_order(order.servos[known], order.values[known])

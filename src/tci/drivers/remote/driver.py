@@ -1,4 +1,4 @@
-"""The behaviour's side of `remote`, whatever carries the messages."""
+"""The behaviour's side of `remote`, over any middleware."""
 
 from __future__ import annotations
 
@@ -27,35 +27,37 @@ from tci.reasons import Code, Reason, text_of
 from tci.robot.description import Robot
 
 TIMEOUT = 3.0
-"""Time [s] that a robot has to answer when a driver is opened. Ours."""
+"""Time [s] that a robot has to answer when a driver is opened. Assumed; no published value."""
 STARTING = 30.0
-"""The same while its process is there, which may still compile. Ours."""
+"""Time [s] that it has if its process is running, which may still compile. Assumed; no published value."""
 SKIN = 2.0
-"""Time [s] that the first frames of the skin have after that; a dead patch is for the skin to see. Ours."""
+"""Time [s] that the first frames of the skin have after that; later the conditioning detects a dead patch.
+Assumed; no published value."""
 WINDOW = 1.0
-"""Time [s] over which the shortest way of a state counts as its undelayed one, silence left out: what comes
-after it was held up. Ours."""
+"""Time [s], without silences, in which the shortest delay of a state counts as the transport's own; a longer
+delay is a late arrival. Assumed; no published value."""
 
 
 class RemoteDriver(Driver):
-    """A robot that another TCI process owns and shows. The gate here is the behaviour's own: it refuses
-    early, and leaves the robot's body and whether it follows to the gate there. While one of them holds,
-    both do.
+    """A robot that another TCI process owns and serves. The gate of this driver is the behaviour's own: it
+    refuses commands early, and leaves checks of collisions and of following errors to the robot's gate. If
+    one of the two gates holds, both do.
 
-    A subclass carries messages in `_poll` and `_put`, and calls `_wait` at the end of its `__init__`.
-    Stamps are on this process's clock: time on the way counts as age.
+    A subclass transfers messages in `_poll` and `_put`, and calls `_wait` at the end of its `__init__`.
+    Stamps are on this process's clock: delays of the transport count as age.
     """
 
     def __init__(
         self, robot: Robot, *, middleware: str, place: str, arm: bool, clock: Clock | None = None
     ) -> None:
-        """`place` says where the robot is, for people. Raises UnknownNameError without a binding."""
+        """Prepares the connection; `place` is the robot's address, for messages. Raises UnknownNameError
+        without a binding."""
         self.client = secrets.randbits(62) + 1
         """Number of this driver."""
         super().__init__(
             DriverInfo.of(
                 robot, middleware, clock=MonotonicClock() if clock is None else clock, armed=arm,
-                lease_name=f"{middleware}:{robot.name}:{self.client}",  # the robot's own lease is there
+                lease_name=f"{middleware}:{robot.name}:{self.client}",  # the robot's own lease is held there
                 settings=GateSettings(self_collision=None, monitor=None),
             )
         )  # fmt: skip
@@ -64,9 +66,9 @@ class RemoteDriver(Driver):
         self.refusals: deque[Reason] = deque(maxlen=100)
         """Reasons of the orders that the robot's process refused, latest last."""
         self.rejected = 0
-        """Messages that did not count: damaged, out of order, for another robot."""
+        """Number of rejected messages: damaged, out of order, for another robot."""
         self.strangers = 0
-        """Messages of another session or another sender than the robot's process; they are ignored."""
+        """Number of ignored messages: of another session or another sender than the robot's process."""
         self._state: State | None = None
         self._delays: deque[tuple[float, float]] = deque()
         self._shift = self._heard = 0.0
@@ -78,28 +80,28 @@ class RemoteDriver(Driver):
 
     @abstractmethod
     def _poll(self) -> Iterable[State | SessionFrame]:
-        """Messages that came, a bounded number of the latest."""
+        """Returns the messages that arrived, a bounded number of the latest."""
 
     @abstractmethod
     def _put(self, orders: Orders) -> None:
-        """Send orders to the robot's process."""
+        """Sends orders to the robot's process."""
 
     def _be_only_gate(self, lease_name: str) -> None:
-        """Turns to a robot that no TCI process owns: gate and lease are here, in full."""
+        """Changes to a robot that no TCI process owns: this process then has the full gate and the lease."""
         gate = Gate(self.robot, period=self.period, stale_after=self.gate.stale_after)
         self.info = replace(self.info, gate=gate, lease_name=lease_name)
 
     def _starting(self) -> bool:
-        """Whether the robot's process is known to be there, so that it pays to wait for it."""
+        """Returns True if the robot's process is known to run, so that waiting for it is worthwhile."""
         return False
 
     @abstractmethod
     def _nobody(self) -> str:
-        """Why no state may have come, for the error."""
+        """Returns the probable reason why no state has arrived, for the error."""
 
     def diagnose(self) -> tuple[Finding, ...]:
-        """What the robot's process says: its gate, who commands. Raises DriverError when the driver is
-        closed."""
+        """Returns findings about the robot's process: its gate, its commanders. Raises DriverError when the
+        driver is closed."""
         self._check_open()
         self._take()
         state = self._state
@@ -124,7 +126,7 @@ class RemoteDriver(Driver):
         return tuple(found)
 
     def _wait(self) -> None:
-        """Return when a state and all patches have come. Raises DriverError when no state comes in time."""
+        """Waits for a state and all patches. Raises DriverError when no state arrives in time."""
         begin = time.monotonic()
         while self._state is None:
             self._take()
@@ -166,13 +168,13 @@ class RemoteDriver(Driver):
         ):
             self._pending.clear()
             self.gate.hold(Reason(Code.OWNER_SILENT, f"no answer of {self.robot.name} to orders"))
-        # The robot's process is not told of its own reason: each would wait for the other.
+        # The robot's process is not sent its own reason, since each would then wait for the other.
         theirs = safe.reason is None or safe.reason.code in (Code.OWNER_HOLDS, Code.OWNER_REFUSES)
         self._say(state, None if theirs else safe.reason, leaving=False)
 
     def _halt(self) -> None:
-        """What was ordered is not gone on with: the robot's process is told until it holds. When no word gets
-        through it holds by itself."""
+        """Drops pending orders and asks the robot's process to hold until it does. Without a connection it
+        holds by itself."""
         if self._state is None or not self._sequence:
             return
         self._pending.clear()
@@ -187,7 +189,7 @@ class RemoteDriver(Driver):
     def _close(self) -> None:
         if self._state is not None and self._sequence:
             self._pending.clear()
-            with suppress(DriverError):  # then the silence tells it
+            with suppress(DriverError):  # otherwise the silence ends the command
                 self._say(self._state, None, leaving=True)
 
     def _say(self, state: State, halt: Reason | None, *, leaving: bool) -> None:
@@ -204,11 +206,12 @@ class RemoteDriver(Driver):
     def _take(self) -> None:
         for message in self._poll():
             if self._state is None:
-                if isinstance(message, State):  # before that nobody can tell whose skin it is
+                if isinstance(message, State):  # until then the session of a frame is unknown
                     self._accept(message)
             elif message.session != self._state.session:
                 self.strangers += 1
-                # Its own states end it only once the robot's process, which owns the robot, is silent.
+                # Its own states end the session only once the robot's process, which owns the robot, is
+                # silent.
                 if isinstance(message, State) and self.clock.now() - self._arrival > LEASE:
                     words = f"the process that owns {self.robot.name} was restarted; connect again"
                     self._lost = Reason(Code.OWNER_RESTARTED, words)
@@ -235,11 +238,11 @@ class RemoteDriver(Driver):
         while self._delays and (self._delays[0][0] < begin or self._delays[-1][1] >= delay):
             self._delays.popleft() if self._delays[0][0] < begin else self._delays.pop()
         self._delays.append((self._heard, delay))
-        # Where the robot's time is here: when the state was sent, if its way was the shortest one.
+        # The robot's time on this clock: when the state was sent, if its delay was the shortest one.
         self._shift = state.sent + self._delays[0][1] - state.now
 
     def _heed(self, commander: Commander) -> None:
-        """What the robot's process says to this one."""
+        """Handles this driver's entry in a state of the robot's process."""
         while self._pending and self._next - len(self._pending) <= commander.acknowledged:
             self._pending.popleft()
         if commander.refused > self._refused:

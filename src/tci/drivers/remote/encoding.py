@@ -1,7 +1,7 @@
 """The messages of `remote` as bytes: a checked envelope around ROS 2's CDR, which any ROS tool can read.
 
 Envelope: `TCI3`, kind (1 byte), 8 bytes of the description's SHA-256, CRC-32 of all that follows and of the
-13 bytes before. Anything that does not fit is refused before it is looked at.
+13 bytes before. Anything that does not fit is refused before it is decoded.
 """
 
 from __future__ import annotations
@@ -36,9 +36,9 @@ ENVELOPE = struct.Struct("<4sc8sI")
 FAMILY = b"TCI"
 MAGIC = FAMILY + b"3"
 LONGEST = 1 << 16
-"""Bytes that a message may have. Ours."""
+"""Size [bytes] of the longest message. Assumed: the longest datagram of UDP."""
 Kind = Literal[b"S", b"F", b"O"]
-"""A state, a frame of skin, orders."""
+"""Kinds of messages: a state, a frame of skin, orders."""
 
 STATE = MessageType(
     "tci_msgs/msg/State",
@@ -73,13 +73,13 @@ ORDERS = MessageType(
 
 
 def seal(robot: Robot, kind: Kind, body: bytes) -> bytes:
-    """A message of `kind`."""
+    """Returns a message of `kind`."""
     begin = MAGIC + kind + bytes.fromhex(robot.digest[:16])
     return begin + struct.pack("<I", zlib.crc32(body, zlib.crc32(begin))) + body
 
 
 def unseal(robot: Robot, kind: Kind, data: bytes) -> bytes:
-    """The body of a message. Raises FrameError for damaged bytes, another kind or another robot."""
+    """Returns the body of a message. Raises FrameError for damaged bytes, another kind or another robot."""
     if not ENVELOPE.size <= len(data) <= LONGEST:
         raise FrameError(f"message of {len(data)} bytes; valid: {ENVELOPE.size} to {LONGEST}")
     magic, found, digest, check = ENVELOPE.unpack_from(data)
@@ -101,7 +101,7 @@ def unseal(robot: Robot, kind: Kind, data: bytes) -> bytes:
 
 
 def state_bytes(robot: Robot, state: State) -> bytes:
-    """A State."""
+    """Returns a State as bytes."""
     joints, members = state.joints, state.commanders
     modes = [] if joints.modes is None else [mode_number(mode) for mode in joints.modes]
     values = (
@@ -118,7 +118,7 @@ def state_bytes(robot: Robot, state: State) -> bytes:
 
 
 def to_state(robot: Robot, data: bytes) -> State:
-    """The State in a message. Raises FrameError."""
+    """Returns the State in a message. Raises FrameError."""
     found = _decode(STATE, unseal(robot, b"S", data))
     columns = [found[name] for name in ("clients", "names", "acknowledged", "refused", "codes", "reasons")]
     sizes = {len(column) for column in columns}
@@ -142,7 +142,7 @@ def to_state(robot: Robot, data: bytes) -> State:
 
 
 def frame_bytes(robot: Robot, message: SessionFrame) -> bytes:
-    """A frame of skin, its patch by its number in the description."""
+    """Returns a frame of skin as bytes; its patch is given by its number in the description."""
     frame, names = message.frame, [patch.name for patch in robot.patches]
     seconds, nanoseconds, name, *values = skin_values(frame, names.index(frame.patch), frame.stamp)
     body = encode(FRAME, (seconds, nanoseconds, name, message.session, *values))
@@ -150,7 +150,7 @@ def frame_bytes(robot: Robot, message: SessionFrame) -> bytes:
 
 
 def to_skin(robot: Robot, data: bytes) -> SessionFrame:
-    """The frame in a message. Raises FrameError; whether it fits its patch is for the skin to say."""
+    """Returns the frame in a message. Raises FrameError; conditioning checks if it fits its patch."""
     found = _decode(FRAME, unseal(robot, b"F", data))
     frame = _checked(robot, to_frame, found)
     if frame.patch not in {patch.name for patch in robot.patches}:
@@ -159,7 +159,7 @@ def to_skin(robot: Robot, data: bytes) -> SessionFrame:
 
 
 def orders_bytes(robot: Robot, message: Orders) -> bytes:
-    """Orders."""
+    """Returns Orders as bytes."""
     servos, values, speeds = [], [], []
     for order in message.orders:
         nothing = np.zeros(len(order.servos))
@@ -178,7 +178,7 @@ def orders_bytes(robot: Robot, message: Orders) -> bytes:
 
 
 def to_orders(robot: Robot, data: bytes) -> Orders:
-    """The Orders in a message. Raises FrameError; what they ask for is for the gate to judge."""
+    """Returns the Orders in a message. Raises FrameError; the gate checks the orders themselves."""
     found = _decode(ORDERS, unseal(robot, b"O", data))
     counts, columns = found["counts"], [found[name] for name in ("servos", "values", "speeds")]
     if len(counts) > MOST_ORDERS or {len(found[name]) for name in ("switches", "modes")} != {len(counts)}:

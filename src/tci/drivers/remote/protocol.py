@@ -1,10 +1,10 @@
-"""What two TCI processes tell each other: one owns the robot (gate, lease, watchdog), others command it.
+"""The messages between two TCI processes: one owns the robot (gate, lease, watchdog), others command it.
 
 The robot's process sends a `State` in every period and each skin frame once. A behaviour's process answers
-with `Orders` in every period, also with none: that is its heartbeat. Orders carry the time of the state that
-they answer, so what was delayed on the way is found out without comparing clocks. They are repeated until a
-state acknowledges their number, so a lost datagram loses nothing. All three carry the session of the
-robot's process: what another one sends is counted and ignored.
+with `Orders` in every period, even with none: that is its heartbeat. Orders echo the stamp of the state they
+answer, so delays are detected without synchronised clocks. They are repeated until a state acknowledges their
+number, so a lost datagram has no effect. All three carry the session of the robot's process: messages of
+other sessions are counted and ignored.
 """
 
 from __future__ import annotations
@@ -15,48 +15,49 @@ from tci.messages import JointReading, PlatformOrder, SkinFrame
 from tci.reasons import Reason
 
 MOST_ORDERS = 64
-"""Orders that one message may carry. Ours."""
+"""Largest number of orders in one message. Assumed; no published value."""
 HIGHEST = 1 << 62
-"""Numbers of orders are below it."""
+"""Upper bound of the numbers of orders."""
 MOST_COMMANDERS = 16
-"""Processes that may command one robot at a time. Ours."""
+"""Largest number of processes that may command one robot at a time. Assumed; no published value."""
 MOST_WORDS = 2000
-"""Characters of a reason, so that those for all commanders fit in one state. Ours."""
+"""Longest reason [characters]. Assumed: the reasons for all commanders fit in one state."""
 
 
 def shown(text: str, most: int) -> str:
-    """What others sent for people to read: at most `most` characters, all of them such as can be printed."""
+    """Returns a text of another process in printable form: at most `most` characters, all of them
+    printable."""
     return "".join(one if one.isprintable() else "\N{REPLACEMENT CHARACTER}" for one in text[:most])
 
 
 @dataclass(frozen=True, slots=True)
 class Commander:
-    """What a state says to one of those that command."""
+    """Part of a state for one commander."""
 
     client: int
-    """Its number."""
+    """Number of the commander."""
     name: str
-    """Who it is, for people."""
+    """Name of the commander, for messages."""
     acknowledged: int
     """Number of its last order that was handled."""
     refused: int
     """Number of its last order that was refused; 0 for none."""
     reason: Reason | None
-    """Reason why it was."""
+    """Reason for the refusal."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class State:
-    """The robot in one period."""
+    """State of the robot in one period."""
 
     session: int
-    """Number of the robot's process, another one after each start."""
+    """Number of the robot's process, a new one after each start."""
     sequence: int
-    """Counts up by one with each state of the session."""
+    """Number of the state, which increases by one with each state of the session."""
     sent: float
-    """When it was sent [s], on the process's monotonic clock."""
+    """Time [s] of sending on the process's monotonic clock."""
     now: float
-    """The same instant [s] on the clock of the joint stamps."""
+    """Time [s] of sending on the clock of the joint stamps."""
     joints: JointReading
     gate: str
     """State of the gate: run, hold, stop."""
@@ -67,7 +68,7 @@ class State:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SessionFrame:
-    """A frame of skin, and whose it is."""
+    """A frame of skin with its session."""
 
     session: int
     """Number of the robot's process, as in its states."""
@@ -76,23 +77,23 @@ class SessionFrame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Orders:
-    """What one behaviour's process wants, and that it is alive."""
+    """Orders of one behaviour's process, which also serve as its heartbeat."""
 
     session: int
-    """Of the state that it answers."""
+    """Session of the state that it answers."""
     seen: float
-    """`sent` [s] of that state."""
+    """`sent` [s] of the state that it answers."""
     client: int
-    """Number of the sender, another one after each start."""
+    """Number of the sender, a new one after each start."""
     name: str
-    """Who it is, for people: host and process."""
+    """Name of the sender, for messages: host and process."""
     sequence: int
-    """Counts up by one with each message of the client."""
+    """Number of the message, which increases by one with each message of the client."""
     halt: Reason | None
     """Reason why the robot should hold, as the sender's own gate does; None while that runs."""
     leaving: bool
-    """Whether this is the last message."""
+    """True if this is the last message."""
     first: int
-    """Number of the first of `orders`; numbers count up by one from 1."""
+    """Number of the first of `orders`; orders are numbered consecutively from 1."""
     orders: tuple[PlatformOrder, ...]
-    """All that are not acknowledged yet, oldest first."""
+    """All orders that are not acknowledged yet, oldest first."""

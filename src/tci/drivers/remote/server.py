@@ -1,4 +1,4 @@
-"""The robot's side of `remote`, whatever carries the messages."""
+"""The robot's side of `remote`, over any middleware."""
 
 from __future__ import annotations
 
@@ -17,33 +17,33 @@ from tci.reasons import Reason
 
 
 class RemoteServer(Server):
-    """Shows a robot to other TCI processes, which command it under the gate of this one.
+    """Serves a robot to other TCI processes, which command it through the gate of this one.
 
-    A subclass carries messages in `_poll`, `_show` and `_show_skin`, and never waits there.
+    A subclass transfers messages in `_poll`, `_show` and `_show_skin`, and never waits there.
     """
 
     def __init__(self, driver: Driver, address: str = "", *, middleware: str) -> None:
-        """Raises UnknownNameError when the robot has no binding to `middleware`."""
+        """Prepares the server. Raises UnknownNameError when the robot has no binding to `middleware`."""
         super().__init__(driver, address)
         self.number = secrets.randbits(62) + 1
         """Number of this start."""
         silence = driver.robot.binding(middleware).stale_after
         self.commanders = CommandArbiter(driver.robot, self.number, silence)
-        """Who commands now."""
+        """Arbiter between the processes that command now."""
         self._sequence = 0
         self._shown: dict[str, int] = {}
 
     @abstractmethod
     def _poll(self) -> Iterable[Orders]:
-        """Messages that came, a bounded number."""
+        """Returns the messages that arrived, a bounded number."""
 
     @abstractmethod
     def _show(self, state: State) -> None:
-        """Send a state to everybody."""
+        """Sends a state to all clients."""
 
     @abstractmethod
     def _show_skin(self, frame: SkinFrame) -> None:
-        """Send a frame of skin to everybody."""
+        """Sends a frame of skin to all clients."""
 
     def fault(self) -> Reason | None:
         for message in self._poll():

@@ -35,7 +35,8 @@ from yarpwire.values import (
 LIST, DICT = 256, 512
 GROUP = LIST | DICT
 DEEPEST = 32
-"""Deepest nesting that is read. Assumed; no published value."""
+"""Deepest nesting that is read. Assumed: YARP's own messages nest a few levels; deeper data is malicious or
+damaged."""
 
 INT8, INT16, INT32, INT64, VOCAB32, STRING, BLOB = 32, 64, 1, 17, 9, 4, 12
 PACKS: dict[type, tuple[int, str]] = {

@@ -14,15 +14,17 @@ from yarpwire.incoming import Delivery
 from yarpwire.network import Network
 
 KEPT = 4
-"""Number of messages that are kept, so that those of several ports can be taken from about the same time.
-Assumed; no published value."""
+"""Number of messages that are kept. Assumed: those of several ports can then be taken from about the same
+time."""
 RESTARTED = 100
-"""Decrease of a message count from which its sender counts as restarted. Assumed; no published value."""
+"""Decrease of a message count from which its sender counts as restarted. Assumed: more than the messages that
+may arrive out of order."""
 LATE = 0.003
-"""Time [s] after a message is due for which it is still waited for. Assumed; no published value."""
+"""Time [s] after a message is due for which it is still waited for. Assumed: a fraction of a control
+period."""
 MIXED = 0.1
-"""Weight of a new interval in the running mean of the intervals between messages. Assumed; no published
-value."""
+"""Weight of a new interval in the running mean of the intervals between messages. Assumed: the mean covers
+about ten messages."""
 Value = TypeVar("Value")
 
 

@@ -27,7 +27,7 @@ from yarpwire.visitors import Visitor
 
 BURST, SLICE = 200, 0.01
 """Number of messages that are read from one connection in such a time [s]; beyond, its sender has to wait or
-to drop. Assumed; no published value."""
+to drop. Assumed: 20 000 messages a second are more than any genuine sender has."""
 UDP_LARGEST = 65_507
 
 

@@ -18,7 +18,7 @@ from yarpwire.visitors import Visitor
 FIRST_PORT = 2
 """Offset from the server's own port number at which it begins to assign ports, as in YARP."""
 MOST_NAMES = 10_000
-"""Largest number of names that it keeps. Assumed; no published value."""
+"""Largest number of names that it keeps. Assumed: bounds memory."""
 
 
 class NameServer:

@@ -24,13 +24,14 @@ from yarpwire.text import to_text
 from yarpwire.values import Array
 
 MOST_UNANSWERED = 16
-"""Number of messages without acknowledgement above which new ones are dropped. Assumed; no published
-value."""
+"""Number of messages without acknowledgement above which new ones are dropped. Assumed: the reader is then
+slower than the sender."""
 STUCK = 1.0
-"""Longest time [s] that the rest of a message waits for a reader that does not read. Assumed; no published
-value."""
+"""Longest time [s] that the rest of a message waits for a reader that does not read. Assumed: a running
+reader reads within a few periods."""
 GOODBYE = 0.5
-"""Longest time [s] for the quit message of a datagram connection. Assumed; no published value."""
+"""Longest time [s] for the quit message of a datagram connection. Assumed: closing must not wait long for a
+dead reader."""
 DATAGRAM = 65_499
 
 

@@ -20,7 +20,8 @@ from yarpwire.source import SocketSource
 from yarpwire.text import from_text, to_text
 
 SOON = 0.05
-"""Longest time [s] for the rest of a reply that has begun to arrive. Assumed; no published value."""
+"""Longest time [s] for the rest of a reply that has begun to arrive. Assumed: replies are short and sent at
+once."""
 
 
 class Rpc:

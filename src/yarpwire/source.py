@@ -10,7 +10,7 @@ from yarpwire.errors import WireError
 LONGEST = 1 << 24
 """Length [bytes] of the longest message that is read. Assumed: a skin of 4000 taxels has 32 kB."""
 LONGEST_LINE = 1 << 16
-"""Length [bytes] of the longest line of text. Assumed; no published value."""
+"""Length [bytes] of the longest line of text. Assumed: bounds memory."""
 CHUNK = 1 << 16
 
 

@@ -21,7 +21,7 @@ JOINTS = ("position", "velocity", "acceleration", "motor_position", "motor_veloc
 QUANTITIES = (*JOINTS, "torque", "duty_cycle", "current", "modes", "interactions", "temperature")
 """Quantities in the order of the wire; 3.x has no temperature."""
 MOST_JOINTS = 256
-"""Largest number of joints of a board. Assumed; no published value."""
+"""Largest number of joints of a board. Assumed: bounds memory; an iCub's boards have up to 16."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

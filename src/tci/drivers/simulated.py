@@ -19,10 +19,10 @@ from tci.simulation.world import World
 from tci.skin.send_on_delta import SendOnDelta
 
 FASTEST = 10_000.0
-"""Highest rate [Hz] of commands. Assumed; no published value."""
+"""Highest rate [Hz] of commands. Assumed: ten times that of the fastest robots' controllers."""
 LATE = 0.1
-"""Delay [s] after which a paced simulation no longer catches up with real time. Assumed; no published
-value."""
+"""Delay [s] after which a paced simulation no longer catches up with real time. Assumed: catching up longer
+would look like a jump to clients."""
 
 
 class WorldClock:

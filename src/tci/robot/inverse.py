@@ -1,7 +1,7 @@
 """Inverse kinematics: servo angles that bring a point of a link to a position or a pose.
 
 Damped least squares (Wampler 1986; Nakamura and Hanafusa 1986) on the model's Jacobian, with the damping of
-Sugihara 2011, projected onto the limits of the servos. All settings are assumed; the papers publish none.
+Sugihara 2011, projected onto the limits of the servos. All settings are assumed.
 """
 
 from __future__ import annotations
@@ -21,8 +21,7 @@ from tci.robot.kinematics import Kinematics
 
 @dataclass(frozen=True, slots=True)
 class InverseSettings:
-    """Tolerances for a target that counts as reached, and bounds on the search. Assumed; no published
-    values."""
+    """Tolerances for a target that counts as reached, and bounds on the search. All are assumed."""
 
     position_tolerance: float = 1e-5
     """Largest position error [m] of a reached target."""
@@ -42,9 +41,11 @@ class InverseSettings:
 
 DEFAULTS = InverseSettings()
 SWEEPS = 30
-"""Largest number of projections onto couplings for one posture. Assumed; no published value."""
+"""Largest number of projections onto couplings for one posture. Assumed: a bound on the computing time; the
+projections usually end earlier."""
 ROOM = 1e-9
-"""Margin [rad] that answers keep from couplings, against rounding errors. Assumed; no published value."""
+"""Margin [rad] that answers keep from couplings. Assumed: above rounding errors, far below any encoder's
+resolution."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,8 +29,8 @@ Assumed: they differ by less than 0.1 degrees."""
 SHORT = 1e-3
 """Length [m] from which an upper arm has a direction. Assumed: far below the length of a real upper arm."""
 SINGULAR = 1e-6
-"""Determinant of the generic axes below which their velocities are not defined. Assumed; no published
-value."""
+"""Determinant of the generic axes below which their velocities are not defined. Assumed: above rounding
+errors only; it is 0 at 90 degrees of abduction."""
 
 Vector = Sequence[float] | Array
 """Vector (3,), preferably of Python floats: NumPy takes ten times as long for three numbers."""

@@ -32,12 +32,14 @@ from tci.runtime.result import Account, RunResult
 from tci.runtime.watchdogs import SkinWatchdog, frozen_garbage, interruptions
 
 MISSED = 3
-"""Number of periods missed in a row after which the robot holds. Assumed; no published value."""
+"""Number of periods missed in a row after which the robot holds. Assumed: a few are normal without real-time
+priority."""
 PERSISTS = 0.1
-"""Time [s] for which skin frames may fail to fit the robot before it stops. Assumed; no published value."""
+"""Time [s] for which skin frames may fail to fit the robot before it stops. Assumed: single damaged frames do
+no harm."""
 REST = 0.5
-"""Longest time [s] that the loop waits for the robot to come to rest when it ends. Assumed; no published
-value."""
+"""Longest time [s] that the loop waits for the robot to come to rest when it ends. Assumed: robots stop
+sooner within their limits."""
 LET_GO = 0.1
 """Last part [s] of `REST`, in which nothing is read. The gate ends torques that are not based on fresh data;
 otherwise a joint in torque mode would keep its last torque."""

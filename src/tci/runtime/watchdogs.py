@@ -29,7 +29,8 @@ STOOD = 0.3
 """Delay [s] of the next period from which the process counts as stalled. Assumed: busy machines cause shorter
 ones."""
 PILED_UP = 0.3
-"""Time [s] in which the data that queued up during a stall has been read. Assumed; no published value."""
+"""Time [s] in which the data that queued up during a stall has been read. Assumed: as long as the shortest
+stall."""
 
 
 @contextmanager

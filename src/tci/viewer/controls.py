@@ -21,8 +21,8 @@ from tci.viewer.session import Session
 LEFT_OUT = ("sigterm",)
 """Faults that are not offered because they would end the viewer itself."""
 MINE = 1.0
-"""Time [s] that a slider keeps the position that a person gave it before it follows the robot again. Assumed;
-no published value."""
+"""Time [s] that a slider keeps the position that a person gave it before it follows the robot again. Assumed:
+a person's drag has no longer pauses."""
 STEP = 0.5
 """Finest step [deg] of a slider."""
 FULL_TURN = 180.0

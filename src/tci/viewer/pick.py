@@ -9,7 +9,8 @@ from tci.frames import Array, apply, invert, read_only
 from tci.viewer.figure import Figure
 
 NEAR = 0.015
-"""Largest distance [m] between a click and the skin that it selects. Assumed; no published value."""
+"""Largest distance [m] between a click and the skin that it selects. Assumed: about two taxels of iCub's
+skin."""
 BEHIND = 0.03
 """Largest depth [m] of the skin below the visible surface. Assumed: covers lie over the skin."""
 

@@ -14,7 +14,8 @@ from tci.viewer.player import Player
 
 SPEEDS = ("0.1", "0.25", "0.5", "1", "2", "5")
 MINE = 0.5
-"""Time [s] that the slider keeps the position that a person gave it. Assumed; no published value."""
+"""Time [s] that the slider keeps the position that a person gave it. Assumed: a person's drag has no longer
+pauses."""
 STEP = 0.01
 """Finest step [s] of the slider."""
 

@@ -40,12 +40,13 @@ FRESH = 0.01
 IDLE = 0.02
 """Time [s] between two checks of a robot whose loop has ended. Assumed: shorter than one picture."""
 QUIET = 0.3
-"""Pause [s] after which a touch or a command becomes a new event. Assumed; no published value."""
+"""Pause [s] after which a touch or a command becomes a new event. Assumed: bridges short interruptions of one
+touch."""
 GAP = 0.01
-"""Distance [m] from which the finger approaches. Assumed; no published value."""
+"""Distance [m] from which the finger approaches. Assumed: the approach is visible."""
 LEAVE, STAY = 0.3, 1.5
-"""Times [s] after which the finger leaves: since the touch ended, and since it began. Assumed; no published
-value."""
+"""Times [s] after which the finger leaves: since the touch ended, and since it began. Assumed: long enough
+for a person to see the touch."""
 
 
 class _Closed(Exception):

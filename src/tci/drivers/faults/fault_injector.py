@@ -20,7 +20,8 @@ from tci.frames import read_only
 from tci.messages import Reading, SkinFrame
 
 SWITCH = 16
-"""Number of counts below which a sensor is a switch, which has no noise. Assumed; no published value."""
+"""Number of counts below which a sensor is a switch, which has no noise. Assumed: a pressure sensor has
+more."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,13 +28,13 @@ PER_POLL = 1024
 """Datagrams read per call. Assumed: more than can wait, so that the latest is found, but a flood costs a
 bounded time."""
 BUFFER = 1 << 18
-"""Size [bytes] of the system's receive buffer. Assumed; no published value."""
+"""Size [bytes] of the system's send and receive buffers. Assumed: twice the longest message."""
 LONGEST = 1 << 17
-"""Length [bytes] of the longest message. Assumed; no published value."""
+"""Length [bytes] of the longest message. Assumed: about two datagrams of the largest size."""
 SENDERS = 64
-"""Largest number of senders whose message numbers and pieces are tracked. Assumed; no published value."""
+"""Largest number of senders whose message numbers and pieces are tracked. Assumed: bounds memory."""
 PATIENCE = 0.1
-"""Longest time [s] between the pieces of a message. Assumed; no published value."""
+"""Longest time [s] from the first to the last piece of a message. Assumed: pieces are sent at once."""
 PIECE = 65_487 if sys.platform == "linux" else 1435
 """Bytes of a message that one datagram carries, as in LCM: other systems refuse longer ones."""
 _SHORT, _LONG = struct.Struct(">4sI"), struct.Struct(">4sIIIHH")

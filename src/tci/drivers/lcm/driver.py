@@ -38,9 +38,11 @@ from tci.messages import Reading, SkinFrame
 from tci.robot.description import Robot
 
 PER_POLL = 64
-"""Messages that are decoded per call. Assumed; no published value."""
+"""Largest number of messages that are decoded per call, the latest ones. Assumed: bounds the time that a
+flood costs."""
 FACTS = 1.0
-"""Time [s] between two messages with the robot's facts; LCM has no requests. Assumed; no published value."""
+"""Time [s] between two messages with the robot's facts. Assumed: LCM has no requests, so a new client waits
+this long."""
 
 
 class _Bus:

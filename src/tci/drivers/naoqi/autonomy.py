@@ -21,7 +21,8 @@ LIFE_OFF = "disabled"
 LIFE = "ALAutonomousLife"
 """Name of the service of autonomous life."""
 EVERY = 1.0
-"""Time [s] between two queries of the state of autonomous life. Assumed; no published value."""
+"""Time [s] between two queries of the state of autonomous life. Assumed: a person switches it, so a second is
+soon enough."""
 ENABLED = ("ALBackgroundMovement", "ALBasicAwareness")
 """Services other than autonomous life that move the robot while they are enabled."""
 REFLEXES = {

@@ -20,8 +20,8 @@ CLOSE = np.deg2rad(0.6)
 """Difference [rad] up to which limits count as equal. Assumed: manufacturers round limits to half a
 degree."""
 OFFSET = 1.0
-"""Offset [s] of the robot's clock above which its logs can't be compared with TCI's. Assumed; no published
-value."""
+"""Offset [s] of the robot's clock above which its logs can't be compared with TCI's. Assumed: log entries are
+compared to the second."""
 
 
 def examine(robot: Robot, poller: Poller, stream: Stream | None) -> tuple[Finding, ...]:

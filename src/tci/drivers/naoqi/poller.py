@@ -22,21 +22,23 @@ from tci.robot.description import Robot
 ANSWER = 0.05
 """Longest time [s] to wait for an answer while running. Assumed: 2.5 of ALMotion's periods."""
 GONE = 1.0
-"""Time [s] without an answer after which the connection counts as lost. Assumed; no published value."""
+"""Time [s] without an answer after which the connection counts as lost. Assumed: twenty times `ANSWER`."""
 AGAIN = 0.3
-"""Time [s] between two attempts to reconnect. Assumed; no published value."""
+"""Time [s] between two attempts to reconnect. Assumed: attempts cost little, and a robot needs seconds to
+start."""
 IDLE = 0.1
-"""Longest time [s] between two requests if nobody reads. Assumed; no published value."""
+"""Longest time [s] between two requests if no reader waits. Assumed: keeps the connection checked at little
+cost."""
 EARLY, LATE = 0.0005, 0.0025
 """Window [s] before and after the time of a skin frame in which the frame is requested. Assumed; no published
 value."""
 STEP = 0.001
 """Longest time [s] that a frame found at the first request is assumed to have been available before it."""
 FIRST = 0.003
-"""Time [s] before a skin frame is due within which it is requested before the joints. Assumed; no published
-value."""
+"""Time [s] before a skin frame is due within which it is requested before the joints. Assumed: the length of
+the window of `EARLY` and `LATE`."""
 SLOW = 0.05
-"""Time [s] between two requests for stiffness, which changes slowly. Assumed; no published value."""
+"""Time [s] between two requests for stiffness. Assumed: stiffness changes slowly."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

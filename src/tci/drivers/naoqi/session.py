@@ -20,7 +20,8 @@ SECURE_PORT = 9503
 PASSWORD = "TCI_NAOQI_PASSWORD"
 """Environment variable with the password; a command line would be visible to other users."""
 TIMEOUT = 3.0
-"""Longest time [s] to connect, and for answers while connecting. Assumed; no published value."""
+"""Longest time [s] to connect, and for answers while connecting. Assumed: a robot on the local network
+answers within a second."""
 VALID = "valid: naoqi://HOST[:PORT], or naoqi://USER@HOST for NAOqi 2.9"
 
 # The library logs to standard output, which other programs may parse.

@@ -27,7 +27,7 @@ from tci.errors import DriverError, FrameError
 PORT = 6665
 """Default port of a server."""
 TIMEOUT = 3.0
-"""Time [s] that a server has to answer. Assumed; no published value."""
+"""Time [s] that a server has to answer. Assumed: on a local network it answers within a second."""
 CHUNK = 1 << 16
 PER_POLL = 64
 """Chunks of CHUNK bytes that one call reads. Assumed: bounds the time that a flood of data costs."""

@@ -40,7 +40,8 @@ from tci.robot.description import Robot
 STATES, FRAMES = 99, 100
 """Indices of the opaque devices between TCI processes: of states, and of the first patch's frames."""
 WAIT = 5.0
-"""Time [s] that a driver waits for joints and skin when it opens. Assumed; no published value."""
+"""Time [s] that a driver waits for joints and skin when it opens. Assumed: a server sends them in every
+period."""
 
 
 def numbers(robot: Robot) -> dict[tuple[int, int], str]:

@@ -59,12 +59,14 @@ from tci.robot.joint_map import initial_position
 from yarpwire.visitors import Visitor, Visitors
 
 BACKLOG = 128
-"""Largest number of connections accepted in one period. Assumed; no published value."""
+"""Largest number of connections that wait and that are accepted in one period. Assumed: bounds the time that
+a flood costs."""
 MOST_WAITING = 1 << 16
-"""Bytes that may wait for a slow client before it gets no more data. Assumed; no published value."""
+"""Bytes that may wait for a slow client before it gets no more data. Assumed: bounds memory, and the age of
+what it gets."""
 MOST_OWED = 1 << 20
-"""Bytes that may wait for a client before it is disconnected, since replies are never dropped. Assumed; no
-published value."""
+"""Bytes that may wait for a client before it is disconnected, since replies are never dropped. Assumed:
+bounds memory."""
 DRIVER = b"tci\0"
 """Driver name that devices report."""
 

@@ -16,7 +16,8 @@ from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
 LEASE = 1.0
-"""Silence [s] of a commander after which its joints are free for others. Assumed; no published value."""
+"""Time [s] after a commander counts as silent until its joints are free for others. Assumed: the robot comes
+to rest first."""
 
 
 @dataclass(slots=True)

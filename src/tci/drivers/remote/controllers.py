@@ -26,7 +26,8 @@ KEEP = 1.0
 """Time [s] after its last order for which a part stays under command, so that it comes to rest. Assumed; no
 published value."""
 MOST = 16
-"""Largest number of messages that are handled between two periods. Assumed; no published value."""
+"""Largest number of messages that are handled between two periods. Assumed: a client sends about one in each
+period."""
 
 
 class Source(Protocol):

@@ -27,15 +27,16 @@ from tci.reasons import Code, Reason, text_of
 from tci.robot.description import Robot
 
 TIMEOUT = 3.0
-"""Time [s] that a robot has to answer when a driver is opened. Assumed; no published value."""
+"""Time [s] that a robot has to answer when a driver is opened. Assumed: a served robot sends a state in every
+period."""
 STARTING = 30.0
-"""Time [s] that it has if its process is running, which may still compile. Assumed; no published value."""
+"""Time [s] that it has if its process is running. Assumed: the process may still compile its kernels."""
 SKIN = 2.0
-"""Time [s] that the first frames of the skin have after that; later the conditioning detects a dead patch.
-Assumed; no published value."""
+"""Time [s] that the first frames of the skin have after that. Assumed: longer than the period of any patch;
+later the conditioning detects a dead patch."""
 WINDOW = 1.0
 """Time [s], without silences, in which the shortest delay of a state counts as the transport's own; a longer
-delay is a late arrival. Assumed; no published value."""
+delay is a late arrival. Assumed: many periods of the states."""
 
 
 class RemoteDriver(Driver):

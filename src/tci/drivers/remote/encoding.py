@@ -36,7 +36,7 @@ ENVELOPE = struct.Struct("<4sc8sI")
 FAMILY = b"TCI"
 MAGIC = FAMILY + b"3"
 LONGEST = 1 << 16
-"""Size [bytes] of the longest message. Assumed: the longest datagram of UDP."""
+"""Size [bytes] of the longest message. Assumed: about the longest datagram of UDP."""
 Kind = Literal[b"S", b"F", b"O"]
 """Kinds of messages: a state, a frame of skin, orders."""
 

@@ -15,11 +15,13 @@ from tci.messages import JointReading, PlatformOrder, SkinFrame
 from tci.reasons import Reason
 
 MOST_ORDERS = 64
-"""Largest number of orders in one message. Assumed; no published value."""
+"""Largest number of orders in one message. Assumed: bounds the message; a behaviour sends one for each part
+in a period."""
 HIGHEST = 1 << 62
 """Upper bound of the numbers of orders."""
 MOST_COMMANDERS = 16
-"""Largest number of processes that may command one robot at a time. Assumed; no published value."""
+"""Largest number of processes that may command one robot at a time. Assumed: bounds the state, which has an
+entry for each."""
 MOST_WORDS = 2000
 """Longest reason [characters]. Assumed: the reasons for all commanders fit in one state."""
 

@@ -6,16 +6,17 @@ import math
 
 JUMP = 1.0
 """Jump [s] back of the stamps, or of the delay below its minimum, that means that the sender's clock was set
-or the sender was restarted. A smaller one is a message out of order, or a faster path. Assumed; no published
-value."""
+or the sender was restarted. A smaller one is a message out of order, or a faster path. Assumed: far above the
+delays of a local network."""
 WINDOW = 5.0
-"""Time [s] for which a minimum of the delay is used, since clocks drift. A delay that lasts for two windows
-belongs to the path. Assumed; no published value."""
+"""Time [s] for which a minimum of the delay is used. A delay that lasts for two windows belongs to the path.
+Assumed: clocks drift by less than a millisecond in it."""
 FIRST = 20
-"""Number of messages after which the offset may change only slowly. Assumed; no published value."""
+"""Number of messages after which the offset may change only slowly. Assumed: the shortest delay occurs among
+them."""
 SLEW = 0.1
-"""Largest change of the offset, as a fraction of the time between two messages; it bounds the error of
-measured speeds. Assumed; no published value."""
+"""Largest change of the offset, as a fraction of the time between two messages. Assumed: measured speeds are
+then wrong by at most a tenth."""
 
 
 class SourceClock:

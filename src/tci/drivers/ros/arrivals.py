@@ -15,7 +15,8 @@ from tci.messages import JointReading, SkinFrame
 from tci.robot.description import Robot
 
 MOST_ORDERS = 32
-"""Largest number of different orders of joint names that are cached. Assumed; no published value."""
+"""Largest number of different orders of joint names that are cached. Assumed: each publisher uses one, so
+more are an error."""
 FORMATS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """NumPy's type codes of PointField's datatypes."""
 

@@ -27,12 +27,14 @@ from tci.recording.schemas import JOINTS
 from tci.robot.description import Robot
 
 WAIT = 5.0
-"""Time [s] that a driver waits for the robot's joints when it opens. Assumed; no published value."""
+"""Time [s] that a driver waits for the robot's joints when it opens. Assumed: discovery of nodes takes a few
+seconds."""
 STATE_WAIT = 0.5
-"""Time [s] that joints are published but no states before the robot counts as one of ROS. Assumed; no
-published value."""
+"""Time [s] that joints are published but no states before the robot counts as one of ROS. Assumed: a TCI
+process offers states first, so they appear within a few periods."""
 SKIN_WAIT = 2.0
-"""Time [s] to wait then for patches that have sent nothing yet. Assumed; no published value."""
+"""Time [s] to wait then for patches that have sent nothing yet. Assumed: longer than the period of any
+patch."""
 
 
 class RosDriver(RemoteDriver):

@@ -17,10 +17,11 @@ Hear = Callable[[Mapping[str, Any]], None]
 """Handles one message, as `tci.rosmsg.cdr.decode` returns it. Errors that it raises are counted and have no
 other effect."""
 LIFESPAN = 0.1
-"""Time [s] after which a message is no longer delivered, if the middleware stores messages. Assumed; no
-published value."""
+"""Time [s] after which a message is no longer delivered, if the middleware stores messages. Assumed: older
+joint data or commands are stale."""
 MOST_REASONS = 100
-"""Largest number of reasons that are counted separately. Assumed; no published value."""
+"""Largest number of reasons that are counted separately. Assumed: bounds memory, since the reasons contain
+received text."""
 NAMESPACE = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)*")
 
 

@@ -41,7 +41,8 @@ HOW = (
     "with a Python of the system's version"
 )
 MASTER_TIMEOUT = 3.0
-"""Time [s] that the master or a node has to answer. Assumed; no published value."""
+"""Time [s] that the master or a node has to answer. Assumed: on a local network it answers within a
+second."""
 BUFFER = 1 << 20
 """Bytes that a subscriber reads at once, so that the newest message of a flood is found. Assumed; no
 published value."""

@@ -25,11 +25,12 @@ from tci.rosmsg.cdr import MessageType
 PORT = 9090
 """Default port of the server."""
 TIMEOUT = 5.0
-"""Time [s] that a server has to answer. Assumed; no published value."""
+"""Time [s] that a server has to answer. Assumed: on a local network it answers within a second."""
 RETRY = 5.0
 """Longest time [s] between two attempts to reconnect. Assumed: roslibpy's own value is an hour."""
 MOST_WAITING = 1 << 20
-"""Bytes that may wait for a slow server before it gets no more. Assumed; no published value."""
+"""Bytes that may wait for a slow server before it gets no more. Assumed: bounds memory, and the delay of what
+is sent."""
 ADDRESS = re.compile(
     r"(?P<host>[A-Za-z0-9_.-]*|\[[0-9a-fA-F:]+\])(:(?P<port>[0-9]{1,5}))?(?P<namespace>/.*)?"
 )

@@ -37,7 +37,8 @@ from tci.robot.kinematics import Kinematics
 from tci.skin.surfaces import build_surface
 
 MOST_ORDERS = 64
-"""Largest number of messages with orders kept between two periods. Assumed; no published value."""
+"""Largest number of messages with orders kept between two periods. Assumed: several commanders send one in
+each period."""
 
 
 class RosServer(RemoteServer):

@@ -18,7 +18,8 @@ VALID = "valid: [NAME@]PROTOCOL/HOST:PORT, as in tcp/10.0.0.5:7447, or [NAME@]FI
 PENDING = 10_000
 """Unauthenticated connections that Zenoh lets wait before it refuses more: larger than `Watch` allows."""
 LEASE = 2000
-"""Silence [ms] after which a connection counts as broken and is opened again. Assumed; no published value."""
+"""Silence [ms] after which a connection counts as broken and is opened again. Assumed: short network failures
+do not end it."""
 
 
 def parse_address(text: str, robot: str) -> RemoteAddress:

@@ -18,7 +18,8 @@ NEIGHBOURS = 10
 """Number of points that a plane is fitted to, including the taxel's own. Assumed: a module has ten taxels."""
 
 FLAT = 1e-3
-"""Distance [m] (RMS) from one plane below which a skin counts as flat. Assumed; no published value."""
+"""Distance [m] (RMS) from one plane below which a skin counts as flat. Assumed: files may round positions to
+a millimetre."""
 
 
 def estimate_normals(positions: Array) -> Array:

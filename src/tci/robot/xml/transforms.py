@@ -15,7 +15,8 @@ STEEPEST = 1e3
 """Largest slope, and inverse of the smallest, between neighbouring points of a table. Assumed: the bounds of
 gamma (`values.Factor`)."""
 WORST = 1e4
-"""Largest condition number of a coupling's matrix. Assumed; no published value."""
+"""Largest condition number of a coupling's matrix. Assumed: rounding errors then stay far below the sensors'
+resolution."""
 SHOULDER = (0, 1, 2)
 """Generic ids of the arm joints that are retargeted together."""
 

@@ -23,8 +23,7 @@ class Slope:
 
     def __init__(self, count: int) -> None:
         self._past: deque[JointReading] = deque()
-        self.speed = np.full(count, np.nan)
-        """Speeds (n,) [rad/s]; NaN where readings come too seldom to tell."""
+        self._none = np.full(count, np.nan)
         self.span = 0.0
         """Time [s] until the latest reading for which they are the mean."""
 
@@ -35,8 +34,14 @@ class Slope:
         while not 0.0 <= joints.stamp - past[0].stamp <= SPAN:
             past.popleft()
         self.span = joints.stamp - past[0].stamp
-        moved = joints.position - past[0].position
-        self.speed = moved / self.span if self.span > 0.0 else np.full(len(moved), np.nan)
+
+    @property
+    def speed(self) -> Array:
+        """Speeds (n,) [rad/s]; NaN where readings come too seldom to tell."""
+        if not self.span > 0.0:
+            return self._none
+        speed: Array = (self._past[-1].position - self._past[0].position) / self.span
+        return speed
 
 
 class Speeds:

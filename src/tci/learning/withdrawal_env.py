@@ -167,14 +167,16 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         values = np.clip(np.asarray(action, np.float64), self._low, self._high)
         orders: list[GenericCommand] = [GenericCommand(self.part.name, self.mode, values)]
         begin, end = self.time, self.time + self.period
-        harm = 0.0
+        harm, skin = 0.0, None
         while self.time < end - 1e-9:
             if not self._poked and self.time >= self._due:
                 self._poke()
-            seen = self._look()
+            self._reading = self.driver.read()
+            if self._reading.skin != skin:  # between its frames nothing new is felt
+                self._perceive()
+                harm, skin = max(harm, self._harm()), self._reading.skin
             self._write(orders)
             orders = []
-            harm = max(harm, self._harm())
             self.time += self.driver.period
             self.world.advance(self.time)
         seen = self._look()
@@ -220,6 +222,9 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
 
     def _look(self) -> Perception:
         self._reading = self.driver.read()
+        return self._perceive()
+
+    def _perceive(self) -> Perception:
         self._seen = self.perceiver.step(self._reading, self.world.time)
         return self._seen
 

@@ -73,7 +73,7 @@ class RunResult(Generic[Memory]):
 
     @property
     def summary(self) -> str:
-        """Returns one line: the touched patches, and the joints that moved."""
+        """One line with the touched patches, and the joints that moved."""
         touched = ", ".join(f"{patch} ({force:.1f} N)" for patch, force in self.touched.items())
         moved = ", ".join(f"{name} {np.rad2deg(way):.0f}" for name, way in [*self.moved.items()][:SHOWN])
         more = f" and {len(self.moved) - SHOWN} more" if len(self.moved) > SHOWN else ""

@@ -256,7 +256,7 @@ class Figure:
             handle.batched_colors = sent
 
     def _tint(self, position: Array) -> None:
-        """Returns the colours of the taxels at rest: those of the receptive field that they lie in."""
+        """Computes the colours of the taxels at rest: those of the receptive field that they lie in."""
         joints = JointReading(0.0, 0, position, np.zeros_like(position))
         for name, surface in self.skin.surfaces.items():
             patch = self.robot.patch(name)

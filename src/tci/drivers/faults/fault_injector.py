@@ -1,7 +1,7 @@
 """Fault injection: a driver around any other driver that corrupts its data from a given time on.
 
-The inner driver, its gate and its robot are unchanged; only readings and writes are. Users can test their own
-behaviours with the faults that TCI's tests use (docs/reliability.md).
+The inner driver, its gate and its robot stay unchanged; the injector changes readings and writes only. Users
+can test their own behaviours with the faults that TCI's tests use (docs/reliability.md).
 """
 
 from __future__ import annotations

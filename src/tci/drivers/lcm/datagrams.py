@@ -223,7 +223,7 @@ class Receiver:
             raise DriverError(f"lcm: {url}: {error.strerror}; {VALID}") from error
 
     def poll(self) -> Iterator[tuple[str, bytes, Address]]:
-        """Returns channel, bytes and sender of the messages that arrived, oldest first; a bounded number."""
+        """Yields channel, bytes and sender of the messages that arrived, oldest first; a bounded number."""
         for _ in range(PER_POLL):
             try:
                 data, sender = self._socket.recvfrom(65536)

@@ -78,7 +78,7 @@ class Stream:
         self._bytes = bytearray()
 
     def feed(self, data: bytes) -> Iterator[Message]:
-        """Returns the messages that are complete now. Raises FrameError for a body longer than MOST, which
+        """Yields the messages that are complete now. Raises FrameError for a body longer than MOST, which
         ends the stream."""
         self._bytes += data
         at = 0

@@ -30,10 +30,11 @@ TIMEOUT = 3.0
 """Time [s] that a robot has to answer when a driver is opened. Assumed: a served robot sends a state in every
 period."""
 STARTING = 30.0
-"""Time [s] that it has if its process is running. Assumed: the process may still compile its kernels."""
+"""Time [s] that a robot has to answer if its process is running. Assumed: the process may still
+compile its kernels."""
 SKIN = 2.0
-"""Time [s] that the first frames of the skin have after that. Assumed: longer than the period of any patch;
-later the conditioning detects a dead patch."""
+"""Time [s] that the first frames of the skin have after the first state. Assumed: longer than the period of
+any patch; later the conditioning detects a dead patch."""
 WINDOW = 1.0
 """Time [s], without silences, in which the shortest delay of a state counts as the transport's own; a longer
 delay is a late arrival. Assumed: many periods of the states."""

@@ -52,7 +52,7 @@ class NativeRobot:
 
     @property
     def complete(self) -> bool:
-        """Returns True if data of every joint and every patch has arrived."""
+        """True if data of every joint and every patch has arrived."""
         heard = (arrivals.latest is not None for arrivals in self.skin.values())
         return self.joints.latest is not None and all(heard)
 

@@ -183,7 +183,7 @@ def _look(session: zenoh.Session, robot: Robot, name: str) -> Iterator[Finding]:
 
 
 def _received(subscriber: zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]) -> Iterator[bytes]:
-    """Returns the payloads that arrived, oldest first; a bounded number."""
+    """Yields the payloads that arrived, oldest first; a bounded number."""
     for _ in range(PER_POLL):
         sample = subscriber.try_recv()
         if sample is None:

@@ -41,7 +41,7 @@ class Servo(Description):
     limits: Limits = Limits()
     """Limits of its motion."""
     modes: tuple[Mode, ...] = (Mode.POSITION,)
-    """Control modes that it can be switched to; the first is the mode at power-on."""
+    """Control modes that it can be switched to; the first is the initial one."""
 
 
 class Coupling(Description):

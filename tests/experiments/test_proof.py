@@ -117,7 +117,7 @@ def test_every_patch_is_poked_and_a_motion_towards_the_finger_is_found_out(
     assert not refused.answered
     assert "would press pad" in refused.reason
     assert not refused.fault
-    monkeypatch.setattr("tci.capabilities.withdrawing.why_not", lambda *a, **options: "")
+    monkeypatch.setattr("tci.capabilities.withdrawal_rule.why_not", lambda *a, **options: "")
     (pressed,) = patch_trials_of(robot, WithdrawalReflex(), wrong)
     assert not pressed.answered
     assert "left_hand moves towards the finger" in pressed.fault

@@ -19,7 +19,7 @@ from tci.capabilities.body_fields import BodyField, BodyFields, default_body_fie
 from tci.capabilities.capability import Capability
 from tci.capabilities.discounts import phi, psi
 from tci.capabilities.withdrawal import LEAST_COVERAGE
-from tci.capabilities.withdrawing import Wish, Withdrawal, Withdrawals, refusal, told, withdraw
+from tci.capabilities.withdrawal_rule import Wish, Withdrawal, Withdrawals, refusal, told, withdraw
 from tci.errors import TciError
 from tci.frames import Array
 from tci.messages import Contact, GenericCommand, Mode, Order, Perception

@@ -1,6 +1,6 @@
 """The protective withdrawal reflex (§4): a touched arm moves away from what touches it (eqs 5-7).
 
-Once per touch, and never towards it: see `withdrawing`.
+Once per touch, and never towards it: see `withdrawal_rule`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from tci.body.generic_body import GenericBody
 from tci.capabilities.answer import field_table, find_answers
 from tci.capabilities.capability import Capability
 from tci.capabilities.fields import ReceptiveField, default_fields
-from tci.capabilities.withdrawing import Wish, Withdrawals, told, withdraw
+from tci.capabilities.withdrawal_rule import Wish, Withdrawals, told, withdraw
 from tci.errors import CommandError, TciError
 from tci.frames import Array, read_only
 from tci.messages import Command, Contact, GenericCommand, LimbPlace, Mode, Perception, SwitchMode

@@ -18,12 +18,11 @@ from tci.body.generic_body import GenericBody
 from tci.capabilities.body_fields import BodyField, BodyFields, default_body_fields
 from tci.capabilities.capability import Capability
 from tci.capabilities.discounts import phi, psi
-from tci.capabilities.withdrawal import LEAST_COVERAGE
-from tci.capabilities.withdrawal_rule import Wish, Withdrawal, Withdrawals, refusal, told, withdraw
+from tci.capabilities.withdrawal_rule import Wish, Withdrawals, blind_field, new_targets, withdraw_all
 from tci.errors import TciError
 from tci.frames import Array
-from tci.messages import Contact, GenericCommand, Mode, Order, Perception
-from tci.reasons import Code, Reason
+from tci.messages import Contact, Order, Perception
+from tci.reasons import Reason
 from tci.robot.description import SOLE
 
 ALONE = (
@@ -73,40 +72,20 @@ class BodyWithdrawal(Capability[BodyMemory]):
         self, memory: BodyMemory, perception: Perception, body: GenericBody
     ) -> tuple[tuple[Order, ...], BodyMemory]:
         """One command for each part whose target changed."""
-        commands: list[Order] = []
-        motions: dict[str, Withdrawal[BodyField]] = {}
-        refused = memory.refused
         heavy = self._heavy(perception.contacts)
         if heavy:  # what a sole feels while the robot stands is the ground
             contacts = [contact for contact in perception.contacts if contact.segment != SOLE]
             perception = replace(perception, contacts=contacts)
-        for part in perception.posture:
-            wishes = self._wishes(part, perception, body)
-            before = memory.motions.get(part)
-            after, reason = withdraw(
-                before,
-                wishes,
-                perception,
-                body,
-                part,
-                refractory=self.refractory,
-                refused=refused.get(part),
-            )
-            carries = ""
-            if wishes and wishes[0].field.kind == "leg" and after is not None:
-                carries = self._carries(part, after.target, heavy, perception, body)
-            if carries and after is not None:
-                reason = refusal(carries, perception)
-                # The touch that a leg has answered goes on, though it may not move further.
-                same = before is not None and before.started == after.started
-                after = replace(after, gain=before.gain) if same and before is not None else None
-            refused = told(refused, part, after, reason)
-            if after is None:
-                continue
-            motions[part] = after
-            if not after.goes_as(before):
-                commands.append(GenericCommand(part, Mode.POSITION, after.target))
-        return tuple(commands), Withdrawals(motions, refused)
+
+        def forbids(part: str, target: Array) -> str:
+            legs = body.parts("leg")
+            return self._carries(part, target, heavy, perception, body) if part in legs else ""
+
+        after = withdraw_all(
+            memory, self._wishes(perception, body), perception, body,
+            refractory=self.refractory, forbids=forbids,
+        )  # fmt: skip
+        return new_targets(memory, after), after
 
     def notes(self, memory: BodyMemory) -> tuple[str, ...]:
         """Which parts stay though they were touched, and why."""
@@ -119,15 +98,9 @@ class BodyWithdrawal(Capability[BodyMemory]):
         for part in perception.posture:
             own = self._own(part, body)
             radii = np.array([one.radius_m for one in own])
-            shares = body.coverage(perception, part, [one.spot for one in own], radii).tolist()
-            for place, share in zip(own, shares, strict=True):
-                if share >= LEAST_COVERAGE:
-                    continue
-                return Reason(
-                    Code.SKIN_BLIND,
-                    f"the field {place.name} of {part} is blind: {share:.0%} of its taxels can be trusted; "
-                    f"valid: {LEAST_COVERAGE:.0%} or more",
-                )
+            shares = body.coverage(perception, part, [one.spot for one in own], radii)
+            if blind := blind_field(part, own, shares):
+                return blind
         return None
 
     def _own(self, part: str, body: GenericBody) -> list[BodyField]:
@@ -136,14 +109,14 @@ class BodyWithdrawal(Capability[BodyMemory]):
         own = [one for one in self.fields.field if part in body.parts(one.kind)]
         return [one for one in own if len(one.motion) == len(has) and np.any(one.motion * has)]
 
-    def _wishes(self, part: str, perception: Perception, body: GenericBody) -> list[Wish[BodyField]]:
-        """What each touch of a part asks for: the closest of the fields that it lies in, and its gain."""
-        wishes = []
+    def _wishes(self, perception: Perception, body: GenericBody) -> dict[str, list[Wish[BodyField]]]:
+        """Returns, by part, the closest field that each touch lies in, and its gain."""
+        wishes: dict[str, list[Wish[BodyField]]] = {}
         for index, touch in enumerate(perception.contacts):
-            if touch.part != part:
+            if touch.part not in perception.posture:
                 continue
             closest: tuple[float, BodyField] | None = None
-            for candidate in self._own(part, body):
+            for candidate in self._own(touch.part, body):
                 if candidate.segment != touch.segment:
                     continue
                 distance = body.distance(touch, candidate.spot)
@@ -155,7 +128,7 @@ class BodyWithdrawal(Capability[BodyMemory]):
             force = self.fields.force
             gain = phi(touch.force, force.threshold_n, force.saturation_n) * psi(distance, found.radius_m)
             if gain > 0.0:
-                wishes.append(Wish(found, gain, index))
+                wishes.setdefault(touch.part, []).append(Wish(found, gain, index))
         return wishes
 
     def _heavy(self, contacts: Sequence[Contact]) -> dict[str, float]:

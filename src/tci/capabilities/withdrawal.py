@@ -16,11 +16,11 @@ from tci.body.generic_body import GenericBody
 from tci.capabilities.answer import field_table, find_answers
 from tci.capabilities.capability import Capability
 from tci.capabilities.fields import ReceptiveField, default_fields
-from tci.capabilities.withdrawal_rule import Wish, Withdrawals, told, withdraw
-from tci.errors import CommandError, TciError
+from tci.capabilities.withdrawal_rule import Wish, Withdrawals, blind_field, new_targets, withdraw_all
+from tci.errors import TciError
 from tci.frames import Array, read_only
 from tci.messages import Command, Contact, GenericCommand, LimbPlace, Mode, Perception, SwitchMode
-from tci.reasons import Code, Reason
+from tci.reasons import Reason
 from tci.robot.generic_arm import JOINTS
 from tci.skin.contact_table import ContactTable
 
@@ -28,8 +28,6 @@ DISCOUNTS = ("linear", "cosine")
 """Distance discounts: `discounts.psi` and `psi_cosine`."""
 MODES = (Mode.POSITION, Mode.VELOCITY, Mode.IMPEDANCE)
 """Forms of the reflex."""
-LEAST_COVERAGE = 0.5
-"""Share of a field's taxels below which nobody should rely on it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,31 +103,14 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
 
         Raises CommandError when a touched part does not have the five joints of a base motion.
         """
-        commands: list[Command] = []
-        withdrawals = {}
-        refused = memory.refused
         wishes = self._wishes(perception.contacts) if perception.contacts else {}
-        for part, posture in perception.posture.items():
-            before, own = memory.motions.get(part), wishes.get(part, ())
-            if before is None and not own:
-                continue
-            if own and posture.size != len(own[0].field.motion):
-                valid = len(own[0].field.motion)
-                raise CommandError(f"{part} has {posture.size} joints; a base motion has {valid}")
-            after, reason = withdraw(
-                before, own, perception, body, part,
-                refractory=self.refractory, refused=refused.get(part), mode=self.mode,
-            )  # fmt: skip
-            refused = told(refused, part, after, reason)
-            if after is None:
-                continue
-            withdrawals[part] = after
-            if self.mode is Mode.VELOCITY:
-                velocity = (after.target - posture) / self.approach
-                commands.append(GenericCommand(part=part, mode=Mode.VELOCITY, values=read_only(velocity)))
-            elif not after.goes_as(before):
-                commands.append(GenericCommand(part=part, mode=self.mode, values=after.target))
-        return tuple(commands), Withdrawals(withdrawals, refused)
+        after = withdraw_all(memory, wishes, perception, body, refractory=self.refractory, mode=self.mode)
+        if self.mode is not Mode.VELOCITY:
+            return new_targets(memory, after, self.mode), after
+        velocities = {
+            part: (one.target - perception.posture[part]) / self.approach for part, one in after.items()
+        }
+        return tuple(GenericCommand(p, Mode.VELOCITY, read_only(v)) for p, v in velocities.items()), after
 
     def notes(self, memory: WithdrawalMemory) -> tuple[str, ...]:
         """Which arms stay though they were touched, and why."""
@@ -142,15 +123,8 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
         places = [LimbPlace(one.segment, one.u, one.theta) for one in self.fields]
         radii = np.array([one.radius for one in self.fields])
         for part in body.parts("arm"):
-            shares = body.coverage(perception, part, places, radii).tolist()
-            for place, share in zip(self.fields, shares, strict=True):
-                if share >= LEAST_COVERAGE:
-                    continue
-                return Reason(
-                    Code.SKIN_BLIND,
-                    f"the field {place.name} of {part} is blind: {share:.0%} of its taxels can be trusted; "
-                    f"valid: {LEAST_COVERAGE:.0%} or more",
-                )
+            if blind := blind_field(part, self.fields, body.coverage(perception, part, places, radii)):
+                return blind
         return None
 
     def answer(self, contact: Contact) -> Answer | None:

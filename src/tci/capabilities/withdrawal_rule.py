@@ -7,7 +7,7 @@ to 1, but no other field answers and nothing is added twice.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Generic, NamedTuple, Protocol, TypeVar
 
@@ -15,12 +15,17 @@ import numpy as np
 
 from tci.body.generic_body import GenericBody
 from tci.capabilities.retreat import why_not
+from tci.errors import CommandError
 from tci.frames import Array, frozen
-from tci.messages import Mode, Perception
+from tci.messages import GenericCommand, Mode, Perception
+from tci.reasons import Code, Reason
 from tci.skin.contact_table import identities
 
 ANEW = 0.02
 """Time [s] after which a refusal is judged anew though the skin feels as before: the robot may have moved."""
+
+LEAST_COVERAGE = 0.5
+"""Fraction of a field's taxels below which it must not be relied on. Assumed: more is felt than lost."""
 
 
 class Field(Protocol):
@@ -119,6 +124,69 @@ class Withdrawals(Mapping[str, Withdrawal[F]]):
     def notes(self) -> tuple[str, ...]:
         """What a person should know of parts that stay."""
         return tuple(f"{part} was touched and stays: {one.reason}" for part, one in self.refused.items())
+
+
+def withdraw_all(
+    memory: Withdrawals[F],
+    wishes: Mapping[str, Sequence[Wish[F]]],
+    perception: Perception,
+    body: GenericBody,
+    *,
+    refractory: float,
+    mode: Mode = Mode.POSITION,
+    forbids: Callable[[str, Array], str] | None = None,
+) -> Withdrawals[F]:
+    """Returns the withdrawals of all parts after this instant; `wishes` are those of each touched part.
+
+    `forbids` tells why a part must not go to generic angles (n,) for a reason of its own; empty if it may.
+    Raises CommandError for a touched part that has not as many joints as a base motion.
+    """
+    motions: dict[str, Withdrawal[F]] = {}
+    refused = memory.refused
+    for part, posture in perception.posture.items():
+        before, own = memory.motions.get(part), wishes.get(part, ())
+        if before is None and not own:
+            continue
+        if own and posture.size != len(own[0].field.motion):
+            valid = len(own[0].field.motion)
+            raise CommandError(f"{part} has {posture.size} joints; a base motion has {valid}")
+        after, reason = withdraw(
+            before, own, perception, body, part,
+            refractory=refractory, refused=refused.get(part), mode=mode,
+        )  # fmt: skip
+        if own and after is not None and forbids is not None and (why := forbids(part, after.target)):
+            reason = refusal(why, perception)
+            # The touch that a part has answered goes on, though it may not move further.
+            same = before is not None and before.started == after.started
+            after = replace(after, gain=before.gain) if same and before is not None else None
+        refused = told(refused, part, after, reason)
+        if after is not None:
+            motions[part] = after
+    return Withdrawals(motions, refused)
+
+
+def new_targets(
+    before: Withdrawals[F], after: Withdrawals[F], mode: Mode = Mode.POSITION
+) -> tuple[GenericCommand, ...]:
+    """Returns a command for each part whose target changed."""
+    return tuple(
+        GenericCommand(part, mode, one.target)
+        for part, one in after.items()
+        if not one.goes_as(before.motions.get(part))
+    )
+
+
+def blind_field(part: str, fields: Iterable[Field], shares: Array) -> Reason | None:
+    """Returns the first field that has lost most of its skin, as a reason to stop; `shares` (m,) are the
+    fractions of their taxels that are trusted."""
+    for one, share in zip(fields, shares.tolist(), strict=True):
+        if share < LEAST_COVERAGE:
+            return Reason(
+                Code.SKIN_BLIND,
+                f"the field {one.name} of {part} is blind: {share:.0%} of its taxels can be trusted; "
+                f"valid: {LEAST_COVERAGE:.0%} or more",
+            )
+    return None
 
 
 def withdraw(

@@ -15,10 +15,14 @@ from numpy.typing import NDArray
 from tci.errors import TciError
 from tci.frames import Array
 from tci.gate.kernels.motion import (
+    ANGLE,
+    ANGLE_BEFORE,
     DISAGREES,
     FOLLOWS,
     LATE,
     OPPOSED,
+    SPEED,
+    SPEED_BEFORE,
     judge_motion,
     judge_velocity,
     largest_change,
@@ -115,7 +119,8 @@ class JointMonitor:
         never = np.full(len(self._names), np.inf)
         self._before: JointReading | None = None
         self._modes: tuple[Mode, ...] = ()
-        self._judged = self._loose = np.zeros(0, dtype=bool)
+        self._kinds = np.zeros((2, 0), dtype=bool)
+        self._readings = np.zeros((4, len(never)))
         self._fresh = np.inf
         self._memory = np.array([never, never, never, np.zeros(len(never))])
         self._drifts = np.array([np.zeros(len(never)), never, -never, never])
@@ -129,6 +134,9 @@ class JointMonitor:
         control period.
         """
         before, self._before = self._before, joints
+        readings = self._readings
+        readings[ANGLE_BEFORE], readings[SPEED_BEFORE] = readings[ANGLE], readings[SPEED]
+        readings[ANGLE], readings[SPEED] = joints.position, joints.velocity
         if before is None or joints.stamp <= before.stamp:
             self._fresh = min(self._fresh, joints.stamp)
             return self._fault_of_state(joints, reference)
@@ -189,9 +197,8 @@ class JointMonitor:
     ) -> Reason | None:
         servos = reference.servos
         found = judge_motion(
-            servos, self._judged, joints.position, before.position, reference.position,
-            reference.velocity, self._numbers, joints.stamp, joints.stamp - before.stamp, self._memory,
-            self._worst,
+            servos, self._kinds, self._readings, reference.position, reference.velocity, self._numbers,
+            joints.stamp, joints.stamp - before.stamp, self._memory, self._worst,
         )  # fmt: skip
         if found == FOLLOWS:
             return None
@@ -215,9 +222,8 @@ class JointMonitor:
         self._sort(reference.modes)
         pushed = np.zeros(len(servos)) if torque is None else torque
         found = judge_velocity(
-            servos, self._judged, self._loose, joints.position, before.position, joints.velocity,
-            before.velocity, pushed, self._limits, self._numbers, joints.stamp, elapsed, self._drifts,
-            self._worst,
+            servos, self._kinds, self._readings, pushed, self._limits, self._numbers, joints.stamp, elapsed,
+            self._drifts, self._worst,
         )  # fmt: skip
         if found == FOLLOWS:
             return None
@@ -235,5 +241,6 @@ class JointMonitor:
         """Which servos (k,) are in modes that are judged by the reference, and which in torque mode."""
         if modes != self._modes:
             self._modes = modes
-            self._judged = np.array([mode in JUDGED for mode in modes], dtype=bool)
-            self._loose = np.array([mode is Mode.TORQUE for mode in modes], dtype=bool)
+            self._kinds = np.array(
+                [[mode in JUDGED for mode in modes], [mode is Mode.TORQUE for mode in modes]], dtype=bool
+            )

@@ -56,7 +56,8 @@ def test_it_finds_what_numpy_finds(seed: int) -> None:
         position = position + step * velocity
         before, measured = measured, measured + (step * velocity * moving if k >= 10 else 0.0)
         wanted = oracle(judged, measured, before, position, velocity, step * k, step, memories[0])
-        seen = (servos, judged, measured, before, position, velocity, SETTINGS, step * k, step)
+        readings = np.array([measured, velocity, before, velocity])
+        seen = (servos, np.array([judged, judged]), readings, position, velocity, SETTINGS, step * k, step)
         plain = np.zeros(2)
         in_python = at.judge_motion.py_func(*seen, memories[2], plain)
         got = at.judge_motion(*seen, memories[1], worst)
@@ -127,7 +128,8 @@ def test_it_finds_what_numpy_finds_of_velocities(seed: int) -> None:
         speed_before, speed = speed, told * true
         readings = measured, before, speed, speed_before
         wanted = velocity_oracle(judged, loose, readings, torque, stamp, elapsed, memories[0])
-        seen = (np.arange(n), judged, loose, *readings, torque, LIMITS, TOLD, stamp, elapsed)
+        both = np.array([measured, speed, before, speed_before])
+        seen = (np.arange(n), np.array([judged, loose]), both, torque, LIMITS, TOLD, stamp, elapsed)
         worst, plain = np.zeros(2), np.zeros(2)
         got = at.judge_velocity(*seen, memories[1], worst)
         in_python = at.judge_velocity.py_func(*seen, memories[2], plain)

@@ -12,6 +12,10 @@ FOLLOWS, LATE, OPPOSED, FROZEN, DISAGREES, DEAF = range(6)
 that goes elsewhere than its velocity leads; one that no change of torque moves by a bit."""
 FOLLOWING_ERROR, LAG, PATIENCE, OPPOSING, LEAST_SPEED, LONGEST_REPEAT, TRAVEL, FORGETS, PUSH = range(9)
 """Places of the settings."""
+ANGLE, SPEED, ANGLE_BEFORE, SPEED_BEFORE = range(4)
+"""Rows of two successive readings (4, n_servos): angles [rad] and velocities [rad/s] now, and before."""
+FOLLOWED, LOOSE = range(2)
+"""Rows of the kinds of modes (2, k): those judged by a reference, and torque mode."""
 LATE_SINCE, OPPOSED_SINCE, REPEATS_SINCE, ORIGIN = range(4)
 """Rows of the memory (4, n_servos): since when [s] a condition has held without a break, or infinity; where
 the reference was [rad] when the angle began to repeat."""
@@ -44,15 +48,14 @@ def largest_change(now: Array, before: Array) -> float:
 
 @compiled(
     int64(
-        views(1, int64), views(1, boolean), views(1), views(1), views(1), views(1), reads(1),
-        float64, float64, writes(2), writes(1),
+        views(1, int64), views(2, boolean), reads(2), views(1), views(1), reads(1), float64, float64,
+        writes(2), writes(1),
     )
 )  # fmt: skip
 def judge_motion(
     servos: Array,
-    judged: Array,
-    measured: Array,
-    before: Array,
+    kinds: Array,
+    readings: Array,
     position: Array,
     velocity: Array,
     settings: Array,
@@ -61,18 +64,18 @@ def judge_motion(
     memory: Array,
     worst: Array,
 ) -> int:
-    """What is wrong with the motion of `servos` (k,) from reading to reading, in modes that are `judged`.
+    """Returns what is wrong with the motion of `servos` (k,) whose mode follows a reference.
 
-    `measured` and `before` (n_servos,) [rad] are `elapsed` [s] apart, `position` [rad] and `velocity` [rad/s]
-    (k,) their reference. Updates the memory, and writes into `worst` (2,) the place of the worst servo, and
-    its error or its reference's way [rad].
+    The readings are `elapsed` [s] apart, `position` [rad] and `velocity` [rad/s] (k,) their reference.
+    Updates the memory, and writes into `worst` (2,) the place of the worst servo, and its error or its
+    reference's way [rad].
     """
     longest = -1.0
     for k in range(len(servos)):
         servo = servos[k]
-        error = abs(position[k] - measured[servo])
+        error = abs(position[k] - readings[ANGLE, servo])
         far = error > settings[FOLLOWING_ERROR] + settings[LAG] * abs(velocity[k])
-        begin = min(memory[LATE_SINCE, servo], now) if judged[k] and far else float("inf")
+        begin = min(memory[LATE_SINCE, servo], now) if kinds[FOLLOWED, k] and far else float("inf")
         memory[LATE_SINCE, servo] = begin
         if now - begin > max(longest, settings[PATIENCE]):
             longest, worst[0], worst[1] = now - begin, k, error
@@ -80,9 +83,9 @@ def judge_motion(
         return LATE
     for k in range(len(servos)):
         servo = servos[k]
-        speed = (measured[servo] - before[servo]) / elapsed
+        speed = (readings[ANGLE, servo] - readings[ANGLE_BEFORE, servo]) / elapsed
         against = velocity[k] * speed < 0.0 and min(abs(speed), abs(velocity[k])) > settings[LEAST_SPEED]
-        begin = min(memory[OPPOSED_SINCE, servo], now) if judged[k] and against else float("inf")
+        begin = min(memory[OPPOSED_SINCE, servo], now) if kinds[FOLLOWED, k] and against else float("inf")
         memory[OPPOSED_SINCE, servo] = begin
         if now - begin > max(longest, settings[OPPOSING]):
             longest, worst[0] = now - begin, k
@@ -91,7 +94,7 @@ def judge_motion(
     found = FOLLOWS
     for k in range(len(servos)):
         servo = servos[k]
-        repeats = judged[k] and measured[servo] == before[servo]
+        repeats = kinds[FOLLOWED, k] and readings[ANGLE, servo] == readings[ANGLE_BEFORE, servo]
         begin = min(memory[REPEATS_SINCE, servo], now) if repeats else float("inf")
         memory[REPEATS_SINCE, servo] = begin
         if not begin < now:
@@ -104,18 +107,14 @@ def judge_motion(
 
 @compiled(
     int64(
-        views(1, int64), views(1, boolean), views(1, boolean), views(1), views(1), views(1), views(1),
-        views(1), reads(2), reads(1), float64, float64, writes(2), writes(1),
+        views(1, int64), views(2, boolean), reads(2), views(1), reads(2), reads(1), float64, float64,
+        writes(2), writes(1),
     )
 )  # fmt: skip
 def judge_velocity(
     servos: Array,
-    judged: Array,
-    loose: Array,
-    measured: Array,
-    before: Array,
-    velocity: Array,
-    velocity_before: Array,
+    kinds: Array,
+    readings: Array,
     torque: Array,
     limits: Array,
     settings: Array,
@@ -126,22 +125,21 @@ def judge_velocity(
 ) -> int:
     """What is wrong with the angles of `servos` (k,), judged by their velocities and by what pushes them.
 
-    `measured` and `before` (n_servos,) [rad] are `elapsed` [s] apart, and so are both velocities [rad/s]; NaN
-    tells nothing. Angles that are `judged` (k,) by their reference are not judged by velocities. `torque`
-    (k,) [N m] was sent to those that are `loose` (k,), in torque mode. Updates the memory, and writes into
-    `worst` (2,) the place of the worst servo and the way [rad] that is not seen.
+    The readings are `elapsed` [s] apart; a velocity that is NaN tells nothing. Angles that follow a reference
+    are not judged by velocities. `torque` (k,) [N m] was sent to those that are loose. Updates the memory,
+    and writes into `worst` (2,) the place of the worst servo and the way [rad] that is not seen.
     """
     keeps = max(1.0 - elapsed / settings[FORGETS], 0.0)
     found, worst[1] = FOLLOWS, 0.0
     for k in range(len(servos)):
         servo = servos[k]
-        speed, change = velocity[servo], measured[servo] - before[servo]
+        speed, change = readings[SPEED, servo], readings[ANGLE, servo] - readings[ANGLE_BEFORE, servo]
         drift = 0.0
-        mean = 0.5 * (speed + velocity_before[servo])
-        if not judged[k] and abs(mean) < float("inf") and elapsed <= SELDOM:
+        mean = 0.5 * (speed + readings[SPEED_BEFORE, servo])
+        if not kinds[FOLLOWED, k] and abs(mean) < float("inf") and elapsed <= SELDOM:
             drift = keeps * memory[DRIFT, servo]
             # In torque mode nothing but its velocity brakes a joint: one that says too little counts too.
-            way = max(abs(speed) * elapsed, abs(change) if loose[k] else 0.0)
+            way = max(abs(speed) * elapsed, abs(change) if kinds[LOOSE, k] else 0.0)
             if way > settings[LEAST_SPEED] * elapsed:
                 drift += mean * elapsed - change
         memory[DRIFT, servo] = drift
@@ -152,8 +150,11 @@ def judge_velocity(
         return found
     for k in range(len(servos)):
         servo = servos[k]
-        repeats = measured[servo] == before[servo] and velocity[servo] == velocity_before[servo]
-        if not (loose[k] and repeats):
+        repeats = (
+            readings[ANGLE, servo] == readings[ANGLE_BEFORE, servo]
+            and readings[SPEED, servo] == readings[SPEED_BEFORE, servo]
+        )
+        if not (kinds[LOOSE, k] and repeats):
             memory[WEAKEST, servo] = memory[PUSHED_SINCE, servo] = float("inf")
             memory[STRONGEST, servo] = -float("inf")
             continue

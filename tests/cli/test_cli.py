@@ -84,7 +84,7 @@ def test_describe_in_every_format(robot: str) -> None:
     facts = json.loads(tci("describe", robot, "--format", "json"))
     told, known = read_facts(json.dumps(facts)), query(load_robot(robot))
     assert told.servos == known.servos
-    assert told.drivers == known.drivers
+    assert told.links == known.links
     assert [len(patch.taxels) for patch in told.patches] == [len(patch.taxels) for patch in known.patches]
     dh = tci("describe", robot, "--format", "dh")
     assert "classic convention" in dh

@@ -68,12 +68,12 @@ def dropped(full: bool) -> Any:
 
 
 def _drop(name: str, seed: int, count: int) -> dict[str, Any]:
-    from drivers import drivers
+    from drivers.wires import PEERS
 
     with ExitStack() as stack:
         with suppress(TciError):  # where it is permitted, other programs are not what is measured
             stack.enter_context(real_time())
-        return _silences(drivers.PEERS[name](), name, seed, count)
+        return _silences(PEERS[name](), name, seed, count)
 
 
 def _silences(peer: Any, name: str, seed: int, count: int) -> dict[str, Any]:

@@ -22,7 +22,6 @@ from tci.messages import GenericCommand, JointReading, Mode
 from tci.robot.inverse import InverseKinematics
 from tci.robot.joint_map import initial_position
 from tci.robot.kinematics import Kinematics
-from tci.robot.link_poses import SkinLinks
 from tci.robot.model_file import load_spec
 from tci.skin.contacts import ContactSettings
 from tci.skin.kernels.contacts import cluster
@@ -90,13 +89,12 @@ def kinematics_and_mujoco(robot: tci.Robot, *, in_loop: bool) -> tuple[Work, Wor
     """Poses of four links: ours from joint angles to torso frame, as asked for or as the loop does it, and
     MuJoCo's mj_kinematics alone."""
     kinematics, position = Kinematics(robot), initial_position(robot)
-    links = [patch.link for patch in robot.patches]
-    own = SkinLinks(robot, kinematics, links)
+    links = tuple(patch.link for patch in robot.patches)
     assert robot.model is not None
     model = load_spec(robot.model).compile()
     data = mujoco.MjData(model)
-    ours = (lambda: own.poses(position).all) if in_loop else (lambda: kinematics.poses(position, links))
-    return ours, lambda: mujoco.mj_kinematics(model, data)
+    ours = kinematics.pose_array if in_loop else kinematics.poses
+    return lambda: ours(position, links), lambda: mujoco.mj_kinematics(model, data)
 
 
 def kinematics_and_pinocchio(robot: tci.Robot) -> tuple[Work, Work]:

@@ -48,7 +48,7 @@ class Surface:
     patch: str
     """Name of the patch."""
     link: str
-    """Driver of the kinematic model that carries it."""
+    """Link of the kinematic model that carries it."""
     positions: Array
     """Taxel positions (n, 3) [m] in the link."""
     normals: Array

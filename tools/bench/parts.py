@@ -198,8 +198,8 @@ def kinematics() -> list[Measured]:
     nao = tci.load_robot("nao")
     asked, looped = (in_turn(*kinematics_and_mujoco(nao, in_loop=one)) for one in (False, True))
     return [
-        row("forward kinematics, 4 drivers", "mj_kinematics", asked),
-        row("forward kinematics, 4 drivers, in the loop", "mj_kinematics", looped),
+        row("forward kinematics, 4 links", "mj_kinematics", asked),
+        row("forward kinematics, 4 links, in the loop", "mj_kinematics", looped),
         row("pose and Jacobian of a hand", "Pinocchio", in_turn(*kinematics_and_pinocchio(nao))),
     ]
 

@@ -23,6 +23,7 @@ from tci.drivers.yarp.server import YarpServer
 from tci.drivers.yarp.skin_events import decode_events
 from tci.errors import DriverError
 from tci.messages import Mode, PlatformCommand, PlatformSwitch
+from tci.reasons import Code, Reason
 from tci.runtime.serve import serve
 from tci.skin.skin import Skin
 from yarpwire import names
@@ -168,7 +169,7 @@ def test_a_board_whose_change_of_mode_was_refused_is_in_the_mode_from_before() -
     board = ServedBoard("LArm", tci.load_robot("nao").servos_of("LArm"))
     board.set_modes(None, [DIRECT] * board.count)
     board.book.take()
-    board.book.judge([], ["hold: joint data is old"])
+    board.book.judge([], [Reason(Code.GATE_CLOSED, "hold: joint data is old")])
     with pytest.raises(CallError, match=r"is in \[pos\]"):
         board.stream(Stream.POSITION, [ELBOW], [10.0])
     board.set_modes([ELBOW], [DIRECT])

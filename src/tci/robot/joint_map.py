@@ -17,6 +17,7 @@ from tci.errors import CommandError, FrameError
 from tci.frames import Array, frozen, read_only
 from tci.messages import JointReading
 from tci.robot.description import GenericPart, GenericServo, Robot
+from tci.robot.per_robot import per_robot
 
 
 class Transform(ABC):
@@ -280,21 +281,16 @@ KINDS = ("linear", "table", "coupled", "retarget")
 """Kinds of transforms of a joint."""
 
 
+@per_robot
 def joint_map(robot: Robot, name: str) -> JointMap:
     """Returns the map of a generic part by name. Raises UnknownNameError, and what the transforms raise."""
-    key = ("joint_map", name)
-    found: JointMap | None = robot.kept.get(key)
-    if found is None:
-        found = robot.kept[key] = JointMap(robot, robot.part(name))
-    return found
+    return JointMap(robot, robot.part(name))
 
 
+@per_robot
 def postures(robot: Robot) -> Postures:
     """Returns the map of all generic parts. Raises what the transforms raise."""
-    found: Postures | None = robot.kept.get(("joint_map", ""))
-    if found is None:
-        found = robot.kept["joint_map", ""] = Postures(robot)
-    return found
+    return Postures(robot)
 
 
 def generic_posture(robot: Robot, joints: JointReading) -> dict[str, Array]:
@@ -309,17 +305,15 @@ def generic_posture(robot: Robot, joints: JointReading) -> dict[str, Array]:
     return postures(robot).to_generic(joints.position)
 
 
+@per_robot
 def initial_position(robot: Robot) -> Array:
     """Returns the angle (n_servos,) [rad] of every servo in the initial posture (inverse of eq. 1); 0 where
     no generic part gives one. Raises what the transforms raise."""
-    found: Array | None = robot.kept.get(("initial_position", ""))
-    if found is None:
-        position = np.zeros(len(robot.servos))
-        for part in robot.parts:
-            joints = joint_map(robot, part.name)
-            position[joints.servos] = joints.to_robot(part.initial_posture, position)
-        found = robot.kept["initial_position", ""] = read_only(position)
-    return found
+    position = np.zeros(len(robot.servos))
+    for part in robot.parts:
+        joints = joint_map(robot, part.name)
+        position[joints.servos] = joints.to_robot(part.initial_posture, position)
+    return read_only(position)
 
 
 def _speeds(slope: Array, most: Array) -> Array:

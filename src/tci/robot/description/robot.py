@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -67,12 +67,6 @@ class Robot(Description):
             row[list(coupling.servos)] = coupling.coefficients
         lower, upper = [c.lower for c in self.couplings], [c.upper for c in self.couplings]
         return read_only(rows), read_only(lower), read_only(upper)
-
-    @cached_property
-    def kept(self) -> dict[tuple[str, str], Any]:
-        """Cache for results that other modules compute from this robot and need in each period. It is kept
-        here because a dictionary keyed by robots would compare them field by field."""
-        return {}
 
     def part(self, name: str) -> GenericPart:
         """Returns the generic part of that name. Raises UnknownNameError."""

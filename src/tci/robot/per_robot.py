@@ -1,0 +1,33 @@
+"""Results that are computed once for each robot."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable, Hashable
+from functools import wraps
+from typing import Concatenate, ParamSpec, TypeVar
+
+from tci.robot.description import Robot
+
+Rest = ParamSpec("Rest")
+Result = TypeVar("Result")
+
+
+def per_robot(
+    make: Callable[Concatenate[Robot, Rest], Result],
+) -> Callable[Concatenate[Robot, Rest], Result]:
+    """Lets a function compute its result once for each robot and other arguments, until the robot is gone.
+
+    Robots are told apart by identity: an `lru_cache` would compare equal ones field by field in each period.
+    """
+    found: dict[Hashable, Result] = {}
+
+    @wraps(make)
+    def result(robot: Robot, /, *args: Rest.args, **names: Rest.kwargs) -> Result:
+        key = (id(robot), *args, *names.items())
+        if key not in found:
+            found[key] = make(robot, *args, **names)
+            weakref.finalize(robot, found.pop, key, None).atexit = False
+        return found[key]
+
+    return result

@@ -1,0 +1,43 @@
+"""Results of a robot are computed once, kept apart from its description, and released with it."""
+
+from __future__ import annotations
+
+import gc
+import pickle
+import weakref
+
+import numpy as np
+import pytest
+
+import tci
+from tci.robot.description import Robot
+from tci.robot.joint_map import initial_position, joint_map, postures
+from tci.robot.per_robot import per_robot
+
+
+def test_a_result_is_computed_once_for_each_robot_and_other_arguments() -> None:
+    made: list[tuple[str, int]] = []
+
+    @per_robot
+    def count(robot: Robot, number: int) -> int:
+        made.append((robot.name, number))
+        return len(made)
+
+    one, same = tci.load_robot("nao"), tci.load_robot("nao")
+    assert one == same
+    assert [count(one, 1), count(one, 1), count(one, 2), count(same, 1), count(one, 1)] == [1, 1, 2, 3, 1]
+
+
+@pytest.mark.parametrize("name", ["nao", "icub-whole"])
+def test_what_is_computed_of_a_robot_is_released_with_it_and_no_part_of_its_pickle(name: str) -> None:
+    robot = tci.load_robot(name)
+    generic = postures(robot).to_generic(initial_position(robot))
+    for part in robot.parts:
+        assert np.array_equal(
+            joint_map(robot, part.name).to_generic(initial_position(robot)), generic[part.name]
+        )
+    assert b"joint_map" not in pickle.dumps(robot)
+    gone = weakref.ref(robot)
+    del robot, part
+    gc.collect()
+    assert gone() is None

@@ -5,9 +5,11 @@ from __future__ import annotations
 import os
 import random
 import signal
+import struct
 import subprocess
 import sys
 import time
+import zlib
 from pathlib import Path
 
 import lcm
@@ -97,6 +99,14 @@ def test_wrong_types_damage_and_other_robots_are_refused() -> None:
                 read(NAO, bytes(damaged))
     with pytest.raises(FrameError, match="state_t"):
         to_state(NAO, WHOLE[2][2])
+
+
+def test_a_message_of_another_version_is_told_from_a_damaged_one() -> None:
+    body = bytes([WHOLE[0][2][0] ^ 1]) + WHOLE[0][2][1:-4]
+    with pytest.raises(
+        FrameError, match="no state_t of this version of TCI; valid: the same version on both"
+    ):
+        to_state(NAO, body + struct.pack(">I", zlib.crc32(body)))
 
 
 def test_what_lcm_itself_sends_is_read_whole_or_in_pieces() -> None:

@@ -188,6 +188,8 @@ def _sealed(kind: Any, **fields: Any) -> bytes:
 def _opened(robot: Robot, kind: Any, data: bytes) -> Any:
     if len(data) < 16 or struct.unpack(">I", data[-4:])[0] != zlib.crc32(data[:-4]):
         raise FrameError("no message of TCI, or a damaged one")
+    if data[:8] != kind._get_packed_fingerprint():
+        raise FrameError(f"no {kind.__name__} of this version of TCI; valid: the same version on both sides")
     try:
         found = kind.decode(data)
     except (ValueError, struct.error, MemoryError, OverflowError) as error:

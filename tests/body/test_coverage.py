@@ -16,7 +16,7 @@ from tci.messages import JointReading, Landmark, LimbPlace, Perception, Reading,
 from tci.robot.catalogue import load_robot
 from tci.robot.joint_map import joint_map
 from tci.robot.limb import generic_limb_distance
-from tci.testing import perception
+from tci.testing import TouchedRobot, perception
 
 ROBOT = load_robot("icub")
 BODY = GenericBody(ROBOT)
@@ -80,6 +80,31 @@ def test_it_is_told_for_where_the_arm_is_now() -> None:
         assert share(seen) == pytest.approx(1.0 - gone[field].mean())
     assert share(seen) < 0.5
     assert "forearm_extensor of left_arm is blind" in str(reflex.fault(seen, BODY))
+
+
+@pytest.mark.parametrize("name", ["nao", "icub"])
+def test_shares_of_all_fields_are_those_of_numpy(name: str) -> None:
+    touched, random = TouchedRobot(name), np.random.default_rng(0)
+    body, fields, seen = touched.body, default_fields(), touched.perceive()
+    places = [LimbPlace(field.segment, field.u, field.theta) for field in fields]
+    patches = {patch.name: body.skin.surfaces[patch.name].positions for patch in body.robot.patches}
+    masked = random.random(sum(map(len, patches.values()))) < 0.4
+    assert seen.skin is not None
+    assert seen.joints is not None
+    seen = replace(seen, skin=replace(seen.skin, masked=masked))
+    own = dict(
+        zip(patches, np.split(masked, np.cumsum([len(p) for p in patches.values()])[:-1]), strict=True)
+    )
+    for part in body.parts("arm"):
+        found = body.coverage(seen, part, places, np.array([field.radius for field in fields]))
+        for field, share in zip(fields, found, strict=True):
+            near = []
+            for patch in body.robot.patches:
+                if (patch.part, patch.segment) == (part, field.segment):
+                    u, theta, _ = body.skin.limb(patch.name, seen.joints)
+                    inside = generic_limb_distance(u, theta, field.u, field.theta) < field.radius
+                    near.append(own[patch.name][inside])
+            assert share == pytest.approx(1.0 - np.concatenate(near).mean())
 
 
 def test_a_landmark_is_covered_by_the_skin_around_it() -> None:

@@ -14,11 +14,13 @@ from typer.testing import CliRunner
 
 from cli.test_cli import tci
 from recording.recorded import LIKE_LISTING_2
+from tci.body.generic_body import GenericBody
 from tci.cli.check import check
 from tci.cli.demo import load_robots
 from tci.cli.main import app
 from tci.cli.run import load_capability
 from tci.errors import MissingExtraError
+from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
 
 SILENT = {"view", "zenoh router"}
@@ -27,6 +29,7 @@ SILENT = {"view", "zenoh router"}
 
 OWN = """
 import tci
+
 
 class Shrug(tci.Capability):
     def init(self, body):
@@ -182,4 +185,4 @@ def test_a_capability_runs_from_a_file_beside_the_user(
     (tmp_path / "shrugging.py").write_text(OWN)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))
-    assert load_capability("shrugging:Shrug").init(tci.GenericBody(tci.load_robot("nao"))) == 7
+    assert load_capability("shrugging:Shrug").init(GenericBody(load_robot("nao"))) == 7

@@ -200,7 +200,7 @@ def test_the_same_frames_give_the_same_bits() -> None:
 def test_settings_are_checked() -> None:
     for make in (
         lambda: BaselineSettings(own=0.0),
-        lambda: HealthSettings(still=np.nan),
+        lambda: HealthSettings(constant=np.nan),
         lambda: ConditioningSettings(latency=-1.0),
     ):
         with pytest.raises(TciError, match="valid:"):

@@ -105,7 +105,7 @@ def test_the_same_frames_give_the_same_bits() -> None:
     np.testing.assert_array_equal(one.subject.baseline.offset, other.subject.baseline.offset)
 
 
-@pytest.mark.parametrize("bad", [{"still": 0.0}, {"noisy": -1.0}, {"flicker": np.nan}])
+@pytest.mark.parametrize("bad", [{"constant": 0.0}, {"noisy": -1.0}, {"flicker": np.nan}])
 def test_settings_that_make_no_sense(bad: dict[str, float]) -> None:
     with pytest.raises(TciError, match="health"):
         HealthSettings(**bad)

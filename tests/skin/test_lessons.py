@@ -73,7 +73,7 @@ def test_one_lesson_at_a_time_between_two_frames(monkeypatch: pytest.MonkeyPatch
 
 def test_no_period_learns_a_whole_lesson(monkeypatch: pytest.MonkeyPatch) -> None:
     perceiver, done = Perceiver(GenericBody(NAO)), []
-    for owner, name in ((Baseline, "learn"), (TaxelHealth, "judge")):
+    for owner, name in ((Baseline, "update"), (TaxelHealth, "judge")):
         step = getattr(owner, name)
         monkeypatch.setattr(
             owner, name, lambda *a, _step=step, _name=name: (done.append(_name), _step(*a))[1]
@@ -83,4 +83,4 @@ def test_no_period_learns_a_whole_lesson(monkeypatch: pytest.MonkeyPatch) -> Non
             before = len(done)
             perceiver.step(reading, number / 50.0 + period / 1000.0)
             assert len(done) - before <= 1
-    assert done.count("learn") == done.count("judge") > len(NAO.patches)
+    assert done.count("update") == done.count("judge") > len(NAO.patches)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from tci.errors import TciError
 from tci.frames import Array
 
-BEND = np.sqrt(6.0) * np.sqrt(2.0 / np.pi)
+NOISE_GAIN = np.sqrt(6.0) * np.sqrt(2.0 / np.pi)
 """Mean size of the second difference of normal noise, in standard deviations of the noise."""
 
 
@@ -22,7 +22,7 @@ BEND = np.sqrt(6.0) * np.sqrt(2.0 / np.pi)
 class BaselineSettings:
     """Time constants in seconds, so that the frame rate plays no part. All figures are ours."""
 
-    lesson: float = 1.0
+    window: float = 1.0
     """Time [s] over which frames are averaged before something is learnt from them."""
     frames: int = 50
     """And at least so many frames, or single readings of a touch would look like noise."""
@@ -38,16 +38,16 @@ class BaselineSettings:
     """Deviation [counts] below which a taxel counts as quiet, however small its noise."""
     threshold: float = 7.0
     """Deviations below this many standard deviations of the noise are no pressure."""
-    restless: float = 0.2
-    """Share of the frames of a lesson that must differ from the one before to be called noise."""
+    fluctuating: float = 0.2
+    """Share of the frames of a window that must differ from the one before to be called noise."""
     share: float = 0.25
-    """Share of the sound taxels that must be quiet before their median counts as drift."""
+    """Share of the healthy taxels that must be quiet before their median counts as drift."""
 
     step: float = 30.0
     """How long [s] nearly all taxels must read pressure to be called a step of the sensor, and rest; but of a
     sole, which may carry weight for ever."""
     step_share: float = 0.9
-    """How many of the sound taxels are nearly all."""
+    """How many of the healthy taxels are nearly all."""
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -57,7 +57,7 @@ class BaselineSettings:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Lesson:
+class Window:
     """What a patch read for some time, per taxel."""
 
     elapsed: float
@@ -66,7 +66,7 @@ class Lesson:
     """Mean signal (n,) [counts]."""
     peak: Array
     """Largest deviation (n,) [counts] from the rest value."""
-    bend: Array
+    second_difference: Array
     """Mean size (n,) [counts] of second differences: slow changes, a touch among them, leave it alone."""
     changes: Array
     """Share (n,) of the frames that differ from the one before."""
@@ -97,7 +97,7 @@ class Baseline:
         self._floor = floor
         self._slew = settings.drift_rate * span
         self._neighbours = neighbours
-        self._taught = np.zeros(count, dtype=bool)
+        self._initialised = np.zeros(count, dtype=bool)
         self._afresh = False
 
     def start(self, offset: Array, noise: ArrayLike) -> None:
@@ -105,48 +105,48 @@ class Baseline:
         self.offset[:] = offset
         self.noise[:] = noise
         self.threshold[:] = self.settings.threshold * self.noise
-        self._taught[:] = True
+        self._initialised[:] = True
 
     def rezero(self, signal: Array) -> None:
-        """`signal` (n,) [counts] is rest; the next lesson makes it exact."""
+        """`signal` (n,) [counts] is rest; the next window makes it exact."""
         self.offset[:] = signal
         self._afresh = True
 
-    def learn(self, lesson: Lesson, sound: NDArray[np.bool_]) -> None:
-        """Only `sound` taxels (n,) teach anything."""
+    def update(self, window: Window, healthy: NDArray[np.bool_]) -> None:
+        """Only `healthy` taxels (n,) teach anything."""
         s = self.settings
-        restless = lesson.changes >= s.restless
-        noise = np.where(restless, lesson.bend / BEND, 0.0)
-        deviation = lesson.mean - self.offset
+        fluctuating = window.changes >= s.fluctuating
+        noise = np.where(fluctuating, window.second_difference / NOISE_GAIN, 0.0)
+        deviation = window.mean - self.offset
         level = np.maximum(s.threshold * np.maximum(self.noise, noise), s.quiet)
-        quiet = sound & (lesson.peak < level)
+        quiet = healthy & (window.peak < level)
         if self._afresh:
-            self.offset[quiet] = lesson.mean[quiet]
+            self.offset[quiet] = window.mean[quiet]
             self._afresh = False
-            deviation = lesson.mean - self.offset
-        if np.count_nonzero(quiet) >= max(s.share * np.count_nonzero(sound), 1.0):
-            most = self._slew * lesson.elapsed
+            deviation = window.mean - self.offset
+        if np.count_nonzero(quiet) >= max(s.share * np.count_nonzero(healthy), 1.0):
+            most = self._slew * window.elapsed
             drift = min(max(median(deviation[quiet]), -most), most)
             self.offset += drift
             deviation -= drift
-        self._follow(lesson.elapsed, deviation, quiet, sound)
+        self._follow(window.elapsed, deviation, quiet, healthy)
         # At the end of the range noise is cut off: there it may be found larger, never smaller.
-        cut = lesson.mean - np.maximum(4.0 * self.noise, 1.0) < self._floor
-        teaches = quiet & restless & ~(cut & self._taught & (noise < self.noise))
-        share = np.where(self._taught, 1.0 - np.exp(-lesson.elapsed / s.noise), 1.0)
-        self.noise += np.where(teaches, share * (noise - self.noise), 0.0)
-        self._taught |= teaches
+        cut = window.mean - np.maximum(4.0 * self.noise, 1.0) < self._floor
+        contributes = quiet & fluctuating & ~(cut & self._initialised & (noise < self.noise))
+        share = np.where(self._initialised, 1.0 - np.exp(-window.elapsed / s.noise), 1.0)
+        self.noise += np.where(contributes, share * (noise - self.noise), 0.0)
+        self._initialised |= contributes
         # Few frames are no proof that a taxel is quieter than its patch.
         self.threshold[:] = s.threshold * np.maximum(self.noise, median(self.noise))
 
     def _follow(
-        self, elapsed: float, deviation: Array, quiet: NDArray[np.bool_], sound: NDArray[np.bool_]
+        self, elapsed: float, deviation: Array, quiet: NDArray[np.bool_], healthy: NDArray[np.bool_]
     ) -> None:
         """Each taxel's own rest value. A touch's weak edge looks quiet, so its neighbours wait."""
         s = self.settings
-        touched = sound & ~quiet & (deviation > 0.0)
+        touched = healthy & ~quiet & (deviation > 0.0)
         own = quiet & ~near(touched, self._neighbours)
-        below = sound & ~quiet & (deviation < 0.0)
+        below = healthy & ~quiet & (deviation < 0.0)
         share = np.where(own, 1.0 - np.exp(-elapsed / s.own), 0.0)
         share[below] = 1.0 - np.exp(-elapsed / s.release)
         self.offset += share * deviation

@@ -19,7 +19,7 @@ from tci.errors import FrameError, TciError
 from tci.frames import Array, doubles, read_only
 from tci.robot.description import SOLE, Patch
 from tci.robot.skin_files.calibration import PatchCalibration
-from tci.skin.baseline import Baseline, BaselineSettings, Lesson
+from tci.skin.baseline import Baseline, BaselineSettings, Window
 from tci.skin.health import Health, HealthSettings, TaxelHealth
 from tci.skin.kernels.condition import (
     BEFORE,
@@ -128,8 +128,8 @@ class Conditioner:
         self._frames = self._in_lesson = self._bends = 0
         self.ended = False
         """A lesson has ended from which nothing has been learnt yet."""
-        self._half: tuple[Lesson, Array, NDArray[np.bool_]] | None = None
-        self._due, self._phase = self.settings.baseline.lesson, phase
+        self._half: tuple[Window, Array, NDArray[np.bool_]] | None = None
+        self._due, self._phase = self.settings.baseline.window, phase
         self._elapsed = self._raised = 0.0
         self._stamp: float | None = None
         self._values: object = None
@@ -153,18 +153,18 @@ class Conditioner:
     @property
     def lively(self) -> NDArray[np.bool_]:
         """Which taxels (n,) have so much noise that their values never stay the same for long."""
-        lively: NDArray[np.bool_] = self.baseline.noise >= self.settings.health.lively
+        lively: NDArray[np.bool_] = self.baseline.noise >= self.settings.health.fluctuating
         return lively
 
     @property
     def silent(self) -> NDArray[np.bool_]:
         """Which taxels (n,) are not believed."""
-        return self._health.silent
+        return self._health.muted
 
     @property
     def still(self) -> bool:
         """Whether a taxel is dead or stuck, so that a change of it counts."""
-        return self._health.still
+        return self._health.constant
 
     @property
     def lesson(self) -> tuple[float, float, int, int]:
@@ -241,7 +241,7 @@ class Conditioner:
             self.sensor,
             self.offset,
             self.threshold,
-            self._health.silent,
+            self._health.muted,
             self.gain,
             self.nodes,
             self.memory,
@@ -253,9 +253,9 @@ class Conditioner:
         )
         self._pressure = pressure
         self.dropped += self._dropped
-        settled = self._frames == 2 and latency == 0.0 and not self._health.still
+        settled = self._frames == 2 and latency == 0.0 and not self._health.constant
         self._values = values if settled and not values.flags.writeable else None
-        if self._health.still:
+        if self._health.constant:
             self.revive(self.memory[CHANGED] > 0.0)
 
     def _count_repeats(self) -> None:
@@ -294,21 +294,21 @@ class Conditioner:
         self._step(raised & (lesson.mean < SATURATED * self.sensor[-1]), lesson.elapsed)
         return True
 
-    def _teach(self) -> tuple[Lesson, Array, NDArray[np.bool_]]:
+    def _teach(self) -> tuple[Window, Array, NDArray[np.bool_]]:
         """A lesson from which rest values and noise are learnt; the rest values (n,) before it, and which
         taxels (n,) felt something by these."""
         self._count_repeats()
         total, peak, bend, changed = self.memory[[TOTAL, PEAK, BEND, CHANGED]].astype(np.float64)
-        lesson = Lesson(
+        lesson = Window(
             elapsed=self._elapsed,
             mean=total / self._in_lesson,
             peak=peak,
-            bend=bend / max(self._bends, 1),
+            second_difference=bend / max(self._bends, 1),
             changes=changed / self._in_lesson,
         )
         before = self.baseline.offset.copy()
         raised = lesson.mean - before > self.baseline.threshold
-        self.baseline.learn(lesson, self._health.sound)
+        self.baseline.update(lesson, self._health.healthy)
         return lesson, before, raised
 
     def _step(self, raised: NDArray[np.bool_], elapsed: float) -> None:
@@ -318,7 +318,7 @@ class Conditioner:
         """
         if self.patch.segment == SOLE:
             return
-        settings, sound = self.settings.baseline, self._health.sound
+        settings, sound = self.settings.baseline, self._health.healthy
         all_sound = max(int(np.count_nonzero(sound)), 1)
         nearly_all = int(np.count_nonzero(raised & sound)) >= settings.step_share * all_sound
         self._raised = self._raised + elapsed if nearly_all else 0.0
@@ -335,7 +335,7 @@ class Conditioner:
     def _forget(self) -> None:
         self.memory[TOTAL:RAW] = 0.0
         self._in_lesson = self._bends = 0
-        self._due = self.settings.baseline.lesson * (1.0 + self._phase)
+        self._due = self.settings.baseline.window * (1.0 + self._phase)
         self._phase = self._elapsed = 0.0
 
     def check(self, values: NDArray[np.generic]) -> None:

@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 
 from tci.errors import TciError
 from tci.frames import Array
-from tci.skin.baseline import BEND, Lesson, median, near
+from tci.skin.baseline import NOISE_GAIN, Window, median, near
 
 
 class Health(IntEnum):
     """State of a taxel."""
 
-    SOUND = 0
+    HEALTHY = 0
     """It is used."""
     DEAD = 1
     """Its value has not changed for long, at rest, though its patch flickers: masked."""
     STUCK = 2
-    """The same while it reads pressure, all alone for a lesson only; or pressed to the end of its range all
+    """The same while it reads pressure, all alone for a window only; or pressed to the end of its range all
     alone: masked."""
     NOISY = 3
     """Far noisier than its patch: masked."""
@@ -31,11 +31,11 @@ class Health(IntEnum):
 class HealthSettings:
     """When a taxel is no longer believed. All figures are ours."""
 
-    still: float = 60.0
+    constant: float = 60.0
     """How long [s] a value may stay the same to the bit while others change."""
-    lively: float = 0.4
-    """Noise [counts] from which a taxel that reads pressure all alone, the same to the bit for one lesson,
-    is stuck: a third of such a taxel's frames differ, so that chance gives 50 alike once in 1e5 lessons."""
+    fluctuating: float = 0.4
+    """Noise [counts] from which a taxel that reads pressure all alone, the same to the bit for one window,
+    is stuck: a third of such a taxel's frames differ, so that chance gives 50 alike once in 1e5 windows."""
     noisy: float = 8.0
     """A taxel this many times as noisy as the median of its patch is masked, until half of that."""
     least_noise: float = 1.0
@@ -61,60 +61,60 @@ class TaxelHealth:
         self.settings = settings
         self.state = np.zeros(count, dtype=np.int8)
         """`Health` of each taxel (n,)."""
-        self.silent = np.zeros(count, dtype=bool)
+        self.muted = np.zeros(count, dtype=bool)
         """Taxels (n,) whose pressure is not believed. A dead one has none, and should it change, it lives."""
-        self.still = False
+        self.constant = False
         """Whether a taxel is dead or stuck."""
         self._full = full
         self._neighbours = neighbours
         self._unchanged = np.zeros(count)
 
     @property
-    def sound(self) -> NDArray[np.bool_]:
+    def healthy(self) -> NDArray[np.bool_]:
         """Which taxels (n,) are used."""
-        sound: NDArray[np.bool_] = self.state == Health.SOUND
-        return sound
+        healthy: NDArray[np.bool_] = self.state == Health.HEALTHY
+        return healthy
 
     def revive(self, changed: NDArray[np.bool_]) -> None:
         """Taxels that were dead or stuck and `changed` (n,) are believed again, from the next frame on."""
-        self.state[changed & (self.state != Health.NOISY)] = Health.SOUND
-        self.silent &= ~(changed & (self.state == Health.SOUND))
+        self.state[changed & (self.state != Health.NOISY)] = Health.HEALTHY
+        self.muted &= ~(changed & (self.state == Health.HEALTHY))
 
-    def judge(self, lesson: Lesson, offset: Array, noise: Array, threshold: Array) -> None:
-        """Judge every taxel (n,) by a lesson: `offset` is its rest value, `noise` its standard deviation,
+    def judge(self, window: Window, offset: Array, noise: Array, threshold: Array) -> None:
+        """Judge every taxel (n,) by a window: `offset` is its rest value, `noise` its standard deviation,
         `threshold` the deviation from which it feels something, all in counts."""
         s = self.settings
-        deviation = lesson.mean - offset
-        changed = lesson.changes > 0.0
-        self._unchanged = np.where(changed, 0.0, self._unchanged + lesson.elapsed)
-        still = self._unchanged > s.still
+        deviation = window.mean - offset
+        changed = window.changes > 0.0
+        self._unchanged = np.where(changed, 0.0, self._unchanged + window.elapsed)
+        constant = self._unchanged > s.constant
         middle = median(noise)
-        if still.any():
-            self._judge_still(still, deviation, threshold, middle)
-        frozen = ~changed & (noise >= s.lively)
+        if constant.any():
+            self._judge_constant(constant, deviation, threshold, middle)
+        frozen = ~changed & (noise >= s.fluctuating)
         if frozen.any():
             touched = _touched(deviation, threshold)
             self.state[frozen & touched & ~near(touched, self._neighbours)] = Health.STUCK
         limit = max(s.noisy * middle, s.least_noise)
-        present = lesson.bend / BEND
-        self.state[(noise > limit) & (self.state == Health.SOUND)] = Health.NOISY
-        # What a masked taxel sends teaches nothing, so that its release goes by the lesson itself.
-        self.state[(present < limit / 2.0) & (self.state == Health.NOISY)] = Health.SOUND
-        self.still = bool(((self.state == Health.DEAD) | (self.state == Health.STUCK)).any())
-        self.silent[:] = (self.state == Health.STUCK) | (self.state == Health.NOISY)
+        present = window.second_difference / NOISE_GAIN
+        self.state[(noise > limit) & (self.state == Health.HEALTHY)] = Health.NOISY
+        # What a masked taxel sends contributes nothing, so that its release goes by the window itself.
+        self.state[(present < limit / 2.0) & (self.state == Health.NOISY)] = Health.HEALTHY
+        self.constant = bool(((self.state == Health.DEAD) | (self.state == Health.STUCK)).any())
+        self.muted[:] = (self.state == Health.STUCK) | (self.state == Health.NOISY)
 
-    def _judge_still(
-        self, still: NDArray[np.bool_], deviation: Array, threshold: Array, middle: float
+    def _judge_constant(
+        self, constant: NDArray[np.bool_], deviation: Array, threshold: Array, middle: float
     ) -> None:
         touched = _touched(deviation, threshold)
         alone = touched & ~near(touched, self._neighbours)
         # Where taxels flicker, one that does not is no sensor; where none ever did, it means nothing.
         if middle > self.settings.flicker:
-            self.state[still & ~touched] = Health.DEAD
+            self.state[constant & ~touched] = Health.DEAD
             # A lasting press may saturate a taxel, but not one alone, nor all of a patch.
-            self.state[still & (alone | (touched & bool(still.all())))] = Health.STUCK
+            self.state[constant & (alone | (touched & bool(constant.all())))] = Health.STUCK
         else:
-            self.state[still & alone & (deviation >= 0.9 * self._full)] = Health.STUCK
+            self.state[constant & alone & (deviation >= 0.9 * self._full)] = Health.STUCK
 
 
 def _touched(deviation: Array, threshold: Array) -> NDArray[np.bool_]:

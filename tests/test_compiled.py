@@ -11,7 +11,7 @@ import pytest
 
 from tci import compiled
 from tci.capabilities import answer, discounts
-from tci.skin.kernels import condition, nearest, whole
+from tci.skin.kernels import condition, contacts, nearest
 
 
 def test_the_stamp_follows_every_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -44,7 +44,7 @@ def test_numba_compares_our_stamp() -> None:
     """It does so through a name of its own: a version without it must not go unnoticed."""
     for loop, module, made_of in (
         (condition.condition, condition, condition),
-        (whole.describe_all, whole, nearest),
+        (contacts.describe, contacts, nearest),
         (answer.find_answers, answer, discounts),
     ):
         file = Path(str(module.__file__))

@@ -14,6 +14,7 @@ import tci
 ROOT = Path(tci.__file__).parent
 LAYERS = (
     "reasons errors installed clock frames compile_ahead compiled engine",
+    "contacts",
     "messages",
     "rosmsg",
     "robot",

@@ -13,12 +13,15 @@ from numpy.typing import NDArray
 
 from tci.authoring.calibrate_skin import calibrate
 from tci.authoring.live_channels import live_channels
+from tci.messages import SkinFrame
+from tci.robot.catalogue import load_robot
 from tci.robot.description import Patch, Sensor, Table
-from tci.robot.skin_files.layout import SkinLayout
+from tci.robot.skin_files.layout import SkinLayout as TaxelTable
 from tci.robot.skin_files.reader import read_layout
 from tci.skin.conditioning import Conditioner
-from tci.skin.contacts import ContactSettings, find_clusters
-from tci.skin.surfaces import find_neighbours
+from tci.skin.contacts import ContactFinder
+from tci.skin.layout import SkinLayout, SkinPatch
+from tci.skin.surfaces import Surface, find_neighbours
 
 SENSOR = Sensor(rest=240.0, pascal_per_count=-450.0, lowest=0.0, highest=255.0)
 MOMENTS = (5.0, 11.2, 14.05, 15.45, 17.6)
@@ -42,20 +45,28 @@ def draw(data: Path, out: Path) -> None:
         name="right_foot", part="right_leg", link="r_sole", rate=50.0, channels=values.shape[1],
         sensor=SENSOR, surface=Table(file="right_foot.txt", format="icub"),
     )  # fmt: skip
-    conditioner = Conditioner(
-        patch,
-        taxels,
-        neighbours=neighbours,
-        calibration=calibrate(SENSOR, layout.areas[taxels], unloaded, []),
-    )
-    forces = np.array([conditioner.pressure(*frame) for frame in zip(values, times, strict=True)])
-    forces *= layout.areas[taxels]
-    contacts = [find_clusters(force, neighbours, ContactSettings()) for force in forces]
+    normals, areas = layout.normals[taxels], layout.areas[taxels]
+    surface = Surface(
+        patch.name, patch.link, layout.positions[taxels], normals, areas, taxels, neighbours,
+        np.zeros((0, 3), np.intp),
+    )  # fmt: skip
+    leg = load_robot("icub-whole").part(patch.part)
+    skin = SkinLayout.of([SkinPatch(patch, surface, leg, None, calibrate(SENSOR, areas, unloaded, []))])
+    conditioner, forces = Conditioner(skin), np.zeros((len(values), len(taxels)))
+    finder = ContactFinder(skin)
+    contacts = []
+    for k, (frame, stamp) in enumerate(zip(values, times, strict=True)):
+        conditioner.step([SkinFrame(patch.name, float(stamp), k, frame)])
+        forces[k] = conditioner.state.on(0) * areas
+        found = finder.find(
+            conditioner.state, conditioner.estimates, lambda: np.eye(4)[None], {patch.part: np.zeros(5)}
+        )
+        contacts.append([contact.taxels for contact in found])
     _figure(layout, taxels, times, forces, contacts).savefig(out, dpi=110)
 
 
 def _figure(
-    layout: SkinLayout,
+    layout: TaxelTable,
     taxels: NDArray[np.intp],
     times: NDArray[np.float64],
     forces: NDArray[np.float64],

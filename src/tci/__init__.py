@@ -59,6 +59,7 @@ if TYPE_CHECKING:
     from tci.learning.simulate import simulate as simulate
     from tci.messages import CartesianCommand as CartesianCommand
     from tci.messages import Contact as Contact
+    from tci.messages import Contacts as Contacts
     from tci.messages import GenericCommand as GenericCommand
     from tci.messages import JointReading as JointReading
     from tci.messages import Landmark as Landmark
@@ -160,6 +161,7 @@ _NAMES = {
     "tci.messages": (
         "CartesianCommand",
         "Contact",
+        "Contacts",
         "GenericCommand",
         "JointReading",
         "Landmark",

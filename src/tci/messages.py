@@ -3,8 +3,8 @@
 One way for the data (docs/architecture.md):
 
     Reading(JointReading, SkinFrame...)   robot -> interface       raw, in the robot's own order
-    SkinState                             skin                     pressure [Pa] of every taxel
-    Contact...                            skin/contacts            eq. 7
+    SkinState                             skin                     pressure [Pa] of the active taxels
+    Contacts                              skin/contacts            eq. 7
     Perception                            interface -> capability  generic posture and contacts
     GenericCommand, SwitchMode            capability -> interface  generic joints, tagged with its mode
     PlatformCommand, PlatformSwitch       body/posture             inverse of eqs 1-2, mapped servos only
@@ -13,13 +13,17 @@ One way for the data (docs/architecture.md):
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tci.contacts import Contact as Contact
+from tci.contacts import Contacts as Contacts
+from tci.contacts import Frozen
+from tci.contacts import Site as Site
 from tci.errors import CommandError, UnknownNameError
 from tci.frames import Array, read_only
 
@@ -100,88 +104,36 @@ class Reading:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PatchState:
-    """What one patch feels."""
+class SkinState(Frozen):
+    """Pressure on the whole skin at one instant, sparse: only taxels above their threshold are listed."""
 
-    patch: str
-    """Name of the patch."""
-    stamp: float
-    """When it was measured [s]."""
-    sequence: int
-    """Sequence of the frame it was made from."""
+    taxels: NDArray[np.int64]
+    """Where each patch's taxels start among those of the whole skin (p + 1,), in the robot's order."""
+    stamp: Array
+    """Time (p,) [s] of each patch's latest frame; NaN before the first."""
+    sequence: NDArray[np.int64]
+    """Sequence (p,) of that frame; -1 before the first."""
+    begin: NDArray[np.int64]
+    """Where each patch's active taxels start (p + 1,)."""
+    active: NDArray[np.int32]
+    """Index (k,) of each active taxel within its patch, rising."""
     pressure: Array
-    """Pressure (taxels,) [Pa], never negative."""
-    force: Array
-    """Normal force (taxels,) [N]: pressure times the taxel's area."""
-    masked: NDArray[np.bool_] | None = None
-    """Which taxels (taxels,) are ignored because they can't be trusted; None: none."""
+    """Pressure (k,) [Pa] on it, positive."""
     vector: Array | None = None
-    """Force (taxels, 3) [N] on each taxel, in the patch's link, of three-axis skin; None for other skin."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SkinState:
-    """What the whole skin feels, and where its links are."""
-
-    patches: Mapping[str, PatchState]
-    """State of each patch by name."""
-    link_poses: Mapping[str, Array]
-    """`T_TL` (4, 4) of each link that carries skin, seen from the torso, by link name."""
+    """Force (k, 3) [N] on it, in the patch's link; None without three-axis sensors."""
     masked: NDArray[np.bool_] | None = None
-    """Taxels (n,) of the whole skin, patch by patch, that are not trusted; None if there are none."""
-    sequence: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
-    """Sequence of the latest frame of each patch that has sent one."""
+    """Taxels (n,) of the whole skin that are not trusted; None if there are none."""
 
+    def on(self, patch: int) -> Array:
+        """Pressure (taxels,) [Pa] on all taxels of one patch, the inactive ones too."""
+        own = slice(*self.begin[patch : patch + 2].tolist())
+        pressure = np.zeros(self.taxels[patch + 1] - self.taxels[patch])
+        pressure[self.active[own]] = self.pressure[own]
+        return read_only(pressure)
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Contact:
-    """Taxels that are pressed together (eq. 7)."""
-
-    patch: str
-    """Patch it lies on."""
-    part: str
-    """Generic part that the patch belongs to."""
-    segment: str
-    """Segment of that part: `upper_arm`, `forearm`; empty where the skin is on none of them."""
-    stamp: float
-    """When it was measured [s]."""
-    sequence: int
-    """Sequence of the frame it was found in."""
-    taxels: NDArray[np.intp]
-    """Indices (k,) of its taxels in the patch."""
-    taxel_forces: Array
-    """Force (k,) [N] on each of them."""
-    force: float
-    """Their sum [N]."""
-    peak_force: float
-    """The largest of them [N]."""
-    area: float
-    """Area of its taxels [m2]."""
-    p_L: Array
-    """Centre of pressure (3,) [m] on the surface, in the patch's link."""
-    n_L: Array
-    """Outward unit normal (3,) there, in the patch's link."""
-    p_T: Array
-    """Centre of pressure (3,) [m] seen from the torso."""
-    n_T: Array
-    """Outward unit normal (3,) seen from the torso."""
-    f_T: Array
-    """Force (3,) [N] on the skin, seen from the torso: along the inward normal, unless the taxels feel
-    its direction."""
-    u: float
-    """Place along the segment: 0 at its proximal, 1 at its distal joint; NaN where the skin is on no limb."""
-    theta: float
-    """Angle around the segment [rad]: 0 flexor, +pi/2 lateral, pi extensor, -pi/2 medial; NaN likewise."""
-    taxel_u: Array
-    """Place (k,) of each taxel along the segment; NaN likewise."""
-    taxel_theta: Array
-    """Angle (k,) [rad] of each taxel around the segment; NaN likewise."""
-    identity: int = 0
-    """The same number from the frame in which the contact began to its end; no other contact has it."""
-    began: float = 0.0
-    """When it began [s], on the driver's clock: its own stamp in its first frame."""
-    moved: float = 0.0
-    """How far [m] its centre is from where it began, in the patch's link."""
+    def by_patch(self, names: Iterable[str]) -> dict[str, Array]:
+        """Pressure (taxels,) [Pa] on each patch that has sent a frame, by its name; `names` (p,) are all."""
+        return {name: self.on(p) for p, name in enumerate(names) if not np.isnan(self.stamp[p])}
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,7 +181,7 @@ class Perception:
     """Time now [s], on the driver's clock."""
     posture: Mapping[str, Array]
     """Generic joint angles (n,) [rad] of each generic part, by name (eqs. 1-2)."""
-    contacts: Sequence[Contact]
+    contacts: Contacts
     """Contacts in the latest frames of the skin."""
     ended: tuple[int, ...] = ()
     """Identities of contacts that were in the previous perception and are gone."""

@@ -17,7 +17,7 @@ from tci.messages import GenericCommand, JointReading, Mode, Perception, Reading
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Patch, Robot
 from tci.robot.joint_map import initial_position
-from tci.skin.shear import normal_channels
+from tci.skin.layout import normal_channels
 from tci.skin.surfaces import Surface
 
 PERIOD = 0.02

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from capabilities.touches import touch
 from tci.body.generic_body import GenericBody
 from tci.errors import TciError
 from tci.frames import Array, rotation_rpy
-from tci.messages import Contact, Landmark
+from tci.messages import Contact, Landmark, Site
 from tci.robot.catalogue import load_robot
 from tci.robot.description import TruncatedCone
 from tci.robot.joint_map import initial_position
@@ -23,7 +25,7 @@ def contact_at(body: GenericBody, patch: str, point: Array) -> Contact:
     words = body.robot.patch(patch)
     made = touch(np.nan, np.nan, [1.0], part=words.part, segment=words.segment)
     nearest, _ = body.skin.surfaces[patch].project(point[None])
-    return Contact(**{**{f: getattr(made, f) for f in made.__slots__}, "patch": patch, "p_L": nearest[0]})
+    return replace(made.table, sites=(Site(patch, words.part, words.segment),), p_L=nearest)[0]
 
 
 @pytest.mark.parametrize("name", ROBOTS)

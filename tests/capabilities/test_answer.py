@@ -16,7 +16,7 @@ from tci.robot.limb import generic_limb_distance
 
 def force_of(contact: Contact, radius: float, measure: str) -> float:
     if measure != "weighted":
-        return {"sum": contact.force, "peak": contact.peak_force}[measure]
+        return {"sum": contact.force, "peak": contact.peak}[measure]
     apart = generic_limb_distance(contact.taxel_u, contact.taxel_theta, contact.u, contact.theta)
     weights = np.maximum(2.0 * radius - apart, 0.0)
     return float(weights @ contact.taxel_forces / weights.sum()) if weights.sum() > 0.0 else 0.0

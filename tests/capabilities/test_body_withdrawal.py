@@ -15,7 +15,7 @@ from tci.capabilities.body_fields import JOINTS, BodyFields, default_body_fields
 from tci.capabilities.body_withdrawal import BodyMemory, BodyWithdrawal
 from tci.errors import DescriptionError, TciError
 from tci.frames import Array
-from tci.messages import Contact, GenericCommand, Landmark, Perception, Support
+from tci.messages import Contact, Contacts, GenericCommand, Landmark, Perception, Support
 
 POSTURE = {"head": np.zeros(3), "torso": np.zeros(3), "left_leg": np.zeros(6), "left_arm": np.zeros(5)}
 FACE = default_body_fields().field[0]
@@ -35,7 +35,7 @@ def see(
         support=lambda perception, leg, target: Support({}, -np.inf),
         has_joint=lambda part: (joints or {}).get(part, np.ones(len(POSTURE[part]), bool)),
     )
-    return Perception(stamp, posture, contacts), body
+    return Perception(stamp, posture, Contacts.of(contacts)), body
 
 
 def press(part: str, force: float, *, segment: str = "", sequence: int = 0) -> Contact:

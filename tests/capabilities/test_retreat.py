@@ -12,7 +12,7 @@ from tci.body.generic_body import GenericBody
 from tci.capabilities.soft_reaction import SoftReaction
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.frames import Array
-from tci.messages import Contact, Mode, Perception
+from tci.messages import Contact, Contacts, Mode, Perception
 from tci.testing import perception
 
 FIELD = one_field()
@@ -35,7 +35,7 @@ class Room:
 
 def touches(*identities: int, force: float = 5.0) -> list[Contact]:
     """Contacts at the centre of the field."""
-    return [replace(poke(FIELD, force), identity=one) for one in identities]
+    return [replace(poke(FIELD, force).table, identity=np.array([one]))[0] for one in identities]
 
 
 def seen(
@@ -100,7 +100,7 @@ def test_a_touch_that_lasts_is_judged_anew_when_the_skin_tells_something_new_or_
         return room.retreat(perception, part, target, mode)
 
     body = body_that(retreat=counted)
-    frames, memory, when = [tuple(touches(1)), tuple(touches(1))], REFLEX.init(BODY), []
+    frames, memory, when = [Contacts.of(touches(1)), Contacts.of(touches(1))], REFLEX.init(BODY), []
     for tick in range(60):
         view = see(stamp=tick / 1024, posture={"left_arm": POSTURE})
         skin = replace(SKIN, sequence=np.array([int(tick >= 5)]))

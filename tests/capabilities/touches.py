@@ -11,8 +11,9 @@ import numpy as np
 from tci.body.generic_body import GenericBody
 from tci.capabilities.fields import ReceptiveField
 from tci.frames import Array, read_only
-from tci.messages import Contact, Mode, Perception
+from tci.messages import Contact, Contacts, Mode, Perception, Site
 from tci.robot.catalogue import load_robot
+from tci.skin.contacts import single_contact
 
 POSTURE = read_only(np.deg2rad([25.0, 25.0, 0.0, 60.0, 0.0]))
 BOTH_ARMS = {"left_arm": POSTURE, "right_arm": POSTURE}
@@ -29,29 +30,14 @@ def touch(
     sequence: int = 0,
 ) -> Contact:
     """A contact centred at (u, theta) whose taxels carry `forces` [N], at `offsets` of u from it."""
-    taxel_forces = read_only(forces)
     taxel_u = u + (np.zeros(len(forces)) if offsets is None else np.array(offsets))
-    return Contact(
-        patch=f"{part}_{segment}",
-        part=part,
-        segment=segment,
-        stamp=0.01 * sequence,
-        sequence=sequence,
-        taxels=read_only(range(len(forces)), np.intp),
-        taxel_forces=taxel_forces,
-        force=float(taxel_forces.sum()),
-        peak_force=float(taxel_forces.max(initial=0.0)),
-        area=1e-4,
-        p_L=read_only([0.0, 0.0, 0.0]),
-        n_L=read_only([1.0, 0.0, 0.0]),
-        p_T=read_only([0.0, 0.0, 0.0]),
-        n_T=read_only([1.0, 0.0, 0.0]),
-        f_T=read_only([-float(taxel_forces.sum()), 0.0, 0.0]),
-        u=u,
-        theta=theta,
-        taxel_u=read_only(taxel_u),
-        taxel_theta=read_only(np.full(len(forces), theta)),
-    )
+    origin, x = [0.0, 0.0, 0.0], [1.0, 0.0, 0.0]
+    return single_contact(
+        Site(f"{part}_{segment}", part, segment), range(len(forces)), forces,
+        stamp=0.01 * sequence, sequence=sequence, area=1e-4, u=u, theta=theta, taxel_u=taxel_u,
+        taxel_theta=np.full(len(forces), theta), p_L=origin, n_L=x, p_T=origin, n_T=x,
+        f_T=[-float(np.sum(forces)), 0.0, 0.0],
+    )  # fmt: skip
 
 
 def poke(field: ReceptiveField, force: float, *, part: str = "left_arm", sequence: int = 0) -> Contact:
@@ -85,7 +71,7 @@ BODY = body_that(retreat=away)
 
 def see(*contacts: Contact, stamp: float = 0.0, posture: Mapping[str, Array] = BOTH_ARMS) -> Perception:
     """What a capability sees at `stamp` [s]."""
-    return Perception(stamp=stamp, posture=posture, contacts=contacts)
+    return Perception(stamp=stamp, posture=posture, contacts=Contacts.of(contacts))
 
 
 def one_field(**changes: Any) -> ReceptiveField:

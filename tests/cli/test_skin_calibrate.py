@@ -12,6 +12,7 @@ from lxml import etree
 from typer.testing import CliRunner
 
 import tci.robot
+from felt_skin import FeltSkin
 from tci.cli.main import app
 from tci.cli.record import recorder_for
 from tci.drivers.simulated import SimulatedDriver
@@ -23,7 +24,6 @@ from tci.robot.joint_map import initial_position
 from tci.robot.skin_files.calibration import read_calibration
 from tci.robot.xml import read_robot
 from tci.simulation.world import World
-from tci.skin.live_skin import LiveSkin
 
 NAO = Path(tci.robot.__file__).parent / "robots" / "nao"
 WRONG = 1.4
@@ -113,8 +113,8 @@ def test_a_force_sensor_beside_the_skin_finds_the_wrong_response(
 
 def felt(description: Path) -> float:
     world = pressed()
-    state = LiveSkin(read_robot(description)).update(Reading(world.joints(), world.frames()))
-    return float(state.patches["left_forearm"].force.sum())
+    state = FeltSkin(read_robot(description)).update(Reading(world.joints(), world.frames()))
+    return float(state["left_forearm"].force.sum())
 
 
 def true_force() -> float:
@@ -182,4 +182,4 @@ def test_a_place_where_nothing_can_be_written_is_known_before_anybody_lifts_a_we
 def test_a_damaged_calibration_beside_a_description_is_one_error(description: Path) -> None:
     (description.parent / "robot.skin.json").write_text('{"robot": "nao", "date": 5}')
     with pytest.raises(DescriptionError, match="date"):
-        LiveSkin(read_robot(description))
+        FeltSkin(read_robot(description))

@@ -20,6 +20,7 @@ from hypothesis import strategies as st
 import tci
 from drivers.player_exchange import RecordedServer, gist, read, said
 from drivers.rosbridge_exchange import narrow
+from felt_skin import FeltSkin
 from tci.drivers.player import wire
 from tci.drivers.player.client import parse
 from tci.drivers.player.driver import FRAMES, STATES
@@ -31,7 +32,6 @@ from tci.gate.safe_command import GateState
 from tci.messages import JointReading, Reading, SkinFrame
 from tci.robot.joint_map import initial_position
 from tci.runtime.serve import serve
-from tci.skin.live_skin import LiveSkin
 
 DECODERS = (wire.to_floats, wire.to_blob, wire.to_actuators, wire.to_devices, wire.to_access)
 FUZZ = int(os.environ.get("TCI_FUZZ_WIRE", "20000"))
@@ -134,7 +134,7 @@ def test_what_is_not_a_number_is_read_as_such(bits: str) -> None:
     patch = robot.patches[0]
     frame = SkinFrame(patch.name, 1.0, 0, wire.to_skin(value * patch.channels, patch.channels))
     reading = Reading(JointReading(1.0, 0, initial_position(robot), 0.0 * initial_position(robot)), (frame,))
-    assert not LiveSkin(robot).update(reading).patches[patch.name].pressure.any()
+    assert not FeltSkin(robot).update(reading)[patch.name].pressure.any()
 
 
 def test_the_server_answers_as_the_genuine_client_understood_and_obeys_it() -> None:

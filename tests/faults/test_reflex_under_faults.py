@@ -10,10 +10,10 @@ import pytest
 import tci
 from capabilities.touches import BODY, one_field, see, touch
 from faults.felt import OTHER, PATCH, Felt, NoisySkin
+from felt_skin import FeltSkin
 from tci.drivers.faults.fault_injector import FaultInjector, FaultPlan
 from tci.gate.gate import GateState
 from tci.messages import LimbPlace
-from tci.skin.live_skin import LiveSkin
 
 LEARNT = 5.0
 """Time [s] after which noise and rest are learnt."""
@@ -64,19 +64,19 @@ def test_03_a_dead_patch_stops_the_robot_since_its_fields_are_blind() -> None:
 def test_04_values_that_are_no_number_are_dropped_and_counted() -> None:
     driver = NoisySkin(noise=0.0)
     driver.touch(1.0, 9.0)
-    faulty, skin = FaultInjector(driver, [FaultPlan("nan-taxel", 2.0, 1.0)]), LiveSkin(driver.robot)
+    faulty, skin = FaultInjector(driver, [FaultPlan("nan-taxel", 2.0, 1.0)]), FeltSkin(driver.robot)
     for now in driver.ticks(duration=4.0):
         reading = faulty.read()
         (frame,) = (frame for frame in reading.skin if frame.patch == PATCH.name)
         bad = ~np.isfinite(frame.values[skin.surfaces[PATCH.name].channels])
-        before = skin.counts["values_dropped"]
-        felt = skin.update(reading).patches[PATCH.name]
-        assert skin.counts["values_dropped"] - before == np.count_nonzero(bad)
+        before = skin.conditioner.dropped
+        felt = skin.update(reading)[PATCH.name]
+        assert skin.conditioner.dropped - before == np.count_nonzero(bad)
         assert bad.any() == (2.0 <= now < 3.0)
         assert np.isfinite(felt.pressure).all()
         assert not felt.pressure[bad].any()
         assert bool((felt.pressure > 0.0).any()) == (now >= 1.0), "the others feel"
-    assert skin.health[PATCH.name].dropped == skin.counts["values_dropped"] > 1000
+    assert skin.conditioner.health[PATCH.name].dropped == skin.conditioner.dropped > 1000
 
 
 @pytest.mark.parametrize("count", [12, 60])
@@ -94,7 +94,8 @@ def test_05_saturated_taxels_are_one_touch_with_a_bounded_answer(count: int) -> 
     assert 0.5 < answer.gain <= 1.0
     assert answer.gain == pytest.approx(hard.gain, rel=0.02), "no more than to half of that"
     (full,) = {
-        int(state.pressure.max()) for state in (tick.skin.patches[PATCH.name] for tick in felt.ticks[-2:])
+        int(tick.skin.by_patch(p.name for p in driver.robot.patches)[PATCH.name].max())
+        for tick in felt.ticks[-2:]
     }
     assert full == pytest.approx(240 * 420, rel=0.01)
     commands = [one for tick in felt.ticks for one in tick.commands if one.part == PATCH.part]

@@ -116,7 +116,7 @@ def perceived(ticks: Iterable[Tick]) -> dict[str, np.ndarray[Any, Any]]:
         )
         contacts += [
             [
-                c.identity, len(c.taxels), c.stamp, c.began, c.moved, c.force, c.peak_force, c.area,
+                c.identity, len(c.taxels), c.stamp, c.onset, c.displacement, c.force, c.peak, c.area,
                 c.u, c.theta, *c.p_L, *c.n_L, *c.p_T, *c.n_T, *c.f_T,
                 c.taxels.sum(), c.taxel_forces @ c.taxels,
             ]

@@ -8,6 +8,7 @@ import pytest
 from pyarrow import parquet
 from pyarrow.csv import read_csv
 
+from felt_skin import patches
 from recording.recorded import record_poke, two_parts
 from tci.errors import RecordingError, UnknownNameError
 from tci.messages import JointReading, Reading, SkinFrame
@@ -18,6 +19,7 @@ from tci.recording.recording import Recording
 from tci.robot.catalogue import load_robot
 from tci.robot.joint_map import initial_position
 from tci.runtime.loop import Tick
+from tci.skin.skin import Skin
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +32,9 @@ def poked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Recording, list[Tic
 def test_skin_is_a_matrix_of_frames_and_taxels_as_it_was_felt(poked: tuple[Recording, list[Tick]]) -> None:
     recording, ticks = poked
     found = tables(recording, load_robot("nao"))
-    states = {tick.skin.patches["left_forearm"].stamp: tick.skin.patches["left_forearm"] for tick in ticks}
+    skin = Skin(load_robot("nao"))
+    felt = [patches(skin, tick.skin)["left_forearm"] for tick in ticks]
+    states = {one.stamp: one for one in felt}
     skin = found["skin_left_forearm"]
     assert skin["time_s"].tolist() == sorted(states)
     assert np.array_equal(skin["force_n"], np.stack([states[stamp].force for stamp in sorted(states)]))

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import pickle
 from concurrent.futures import ThreadPoolExecutor
-from copy import deepcopy
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +14,7 @@ from tci.frames import apply
 from tci.robot.catalogue import load_robot, robot_names
 from tci.robot.description import Model, Robot
 from tci.robot.gravity import Gravity
-from tci.robot.joint_map import initial_position
-from tci.robot.kinematics import Kinematics, LinkPoses
+from tci.robot.kinematics import Kinematics
 
 ODD = """
 <mujoco><compiler angle="radian"/><worldbody>
@@ -72,18 +69,6 @@ def test_sliding_joints_references_and_two_joints_on_a_link(tmp_path: Path) -> N
     robot = nao.model_copy(update={"model": model, "servos": moving})
     random = np.random.default_rng(0)
     assert_the_same(robot, [random.uniform(-2.0, 2.0, len(moving)) for _ in range(20)])
-
-
-def test_poses_of_skin_are_made_when_asked_for_and_copied_as_plain_data() -> None:
-    robot = load_robot("nao")
-    kinematics, position = Kinematics(robot), np.array(initial_position(robot))
-    poses = LinkPoses(kinematics, ("LForeArm", "RForeArm"), position)
-    with pytest.raises(KeyError):
-        poses["Paw"]
-    for other in (pickle.loads(pickle.dumps(poses)), deepcopy(poses)):
-        assert type(other) is dict
-        assert other.keys() == {"LForeArm", "RForeArm"}
-        np.testing.assert_array_equal(other["RForeArm"], poses["RForeArm"])
 
 
 def test_threads_share_it() -> None:

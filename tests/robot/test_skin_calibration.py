@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 import small_robot
+from felt_skin import FeltSkin
 from tci.errors import DescriptionError, TciError, UnknownNameError
 from tci.robot.skin_files.calibration import (
     PatchCalibration,
@@ -15,7 +16,6 @@ from tci.robot.skin_files.calibration import (
     read_calibration,
     write_calibration,
 )
-from tci.skin.live_skin import LiveSkin
 
 
 def made(taxels: int, *, robot: str = "small", patch: str = "left_arm_forearm") -> SkinCalibration:
@@ -50,10 +50,10 @@ def test_absent_file(tmp_path: Path) -> None:
 
 def test_skin_takes_its_rest_values_from_it(tmp_path: Path) -> None:
     robot = small_robot.build(tmp_path)
-    skin = LiveSkin(robot, calibration=made(small_robot.TAXELS))
+    skin = FeltSkin(robot, calibration=made(small_robot.TAXELS))
     name = "left_arm_forearm"
     state = skin.update(small_robot.reading(small_robot.frame(name, {7: 20})))
-    felt = state.patches[name].pressure
+    felt = state[name].pressure
     assert felt.max() == pytest.approx((20.0 - (small_robot.REST - 230.0)) * 100.0)
     assert (felt > 0.0).sum() == 1
 
@@ -61,8 +61,8 @@ def test_skin_takes_its_rest_values_from_it(tmp_path: Path) -> None:
 def test_calibration_of_another_skin_is_refused(tmp_path: Path) -> None:
     robot = small_robot.build(tmp_path)
     with pytest.raises(TciError, match="'nao'"):
-        LiveSkin(robot, calibration=made(small_robot.TAXELS, robot="nao"))
+        FeltSkin(robot, calibration=made(small_robot.TAXELS, robot="nao"))
     with pytest.raises(UnknownNameError, match="tail"):
-        LiveSkin(robot, calibration=made(small_robot.TAXELS, patch="tail"))
+        FeltSkin(robot, calibration=made(small_robot.TAXELS, patch="tail"))
     with pytest.raises(TciError, match="3 taxels"):
-        LiveSkin(robot, calibration=made(3))
+        FeltSkin(robot, calibration=made(3))

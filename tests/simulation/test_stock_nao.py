@@ -96,4 +96,4 @@ def test_a_robot_without_sleeves_sends_no_frames_of_them(world: World) -> None:
     assert {frame.patch for frame in world.frames()} == set(SWITCHES)
     seen = Perceiver(GenericBody(world.robot)).step(Reading(world.joints(), world.frames()), world.time)
     assert seen.skin is not None
-    assert set(seen.skin.patches) == set(SWITCHES)
+    assert set(seen.skin.by_patch(patch.name for patch in world.robot.patches)) == set(SWITCHES)

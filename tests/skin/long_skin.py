@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from tci.robot.description import Patch, Sensor, TruncatedCone
-from tci.skin.conditioning import Conditioner
+from skin.flat_skin import OnePatch, skin_patch
+from tci.robot.description import Sensor
 
 ROWS, COLUMNS = 12, 20
 TAXELS = ROWS * COLUMNS
@@ -34,22 +34,9 @@ def sensor(bits: int = 8) -> Sensor:
     )
 
 
-def conditioner(of: Sensor | None = None) -> Conditioner:
+def conditioner(of: Sensor | None = None) -> OnePatch:
     """A patch of 240 taxels."""
-    cone = TruncatedCone(
-        origin=(0.0, 0.0, 0.0),
-        rpy=(0.0, 0.0, 0.0),
-        length=0.1,
-        r1=0.03,
-        r2=0.03,
-        rings=ROWS,
-        per_ring=COLUMNS,
-    )
-    patch = Patch(
-        name="skin", part="left_arm", segment="forearm", link="l", rate=RATE, channels=TAXELS,
-        sensor=of or sensor(), surface=cone,
-    )  # fmt: skip
-    return Conditioner(patch, np.arange(TAXELS), neighbours=grid())
+    return OnePatch(skin_patch(of or sensor(), np.arange(TAXELS), neighbours=grid(), rate=RATE))
 
 
 def bump(row: float, column: float, peak: float, *, width: float = 1.3) -> np.ndarray:
@@ -59,7 +46,7 @@ def bump(row: float, column: float, peak: float, *, width: float = 1.3) -> np.nd
 
 
 def block(
-    subject: Conditioner, signal: np.ndarray, times: np.ndarray, noise: float, generator: np.random.Generator
+    subject: OnePatch, signal: np.ndarray, times: np.ndarray, noise: float, generator: np.random.Generator
 ) -> Iterator[np.ndarray]:
     """Pressures (taxels,) of frames at `times`; `signal` (frames, taxels) [counts] away from rest."""
     own = subject.patch.sensor

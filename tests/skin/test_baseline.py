@@ -7,11 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from skin.flat_skin import OnePatch, skin_patch
 from tci.errors import TciError
 from tci.frames import Array
-from tci.robot.description import Patch, Sensor, TruncatedCone
+from tci.robot.description import Sensor
 from tci.skin.baseline import BaselineSettings, median
-from tci.skin.conditioning import Conditioner, ConditioningSettings
+from tci.skin.conditioning import ConditioningSettings
 from tci.skin.health import HealthSettings
 
 COUNT = 60
@@ -19,17 +20,11 @@ PERIOD = 0.05
 PASCAL = 400.0
 FALLING = Sensor(rest=240.0, pascal_per_count=-PASCAL, lowest=0.0, highest=255.0)
 RING = np.array([(i, (i + 1) % COUNT) for i in range(COUNT)])
-CONE = TruncatedCone(
-    origin=(0.0, 0.0, 0.0), rpy=(0.0, 0.0, 0.0), length=0.1, r1=0.03, r2=0.03, rings=6, per_ring=10
-)
 
 
-def conditioner(sensor: Sensor = FALLING, **settings: float) -> Conditioner:
-    patch = Patch(
-        name="skin", part="left_arm", segment="forearm", link="l", rate=20.0, channels=COUNT, sensor=sensor,
-        surface=CONE,
-    )  # fmt: skip
-    return Conditioner(patch, np.arange(COUNT), neighbours=RING, settings=ConditioningSettings(**settings))
+def conditioner(sensor: Sensor = FALLING, **settings: float) -> OnePatch:
+    patch = skin_patch(sensor, np.arange(COUNT), neighbours=RING, rate=20.0)
+    return OnePatch(patch, ConditioningSettings(**settings))
 
 
 def raw(counts: Array) -> Array:
@@ -37,7 +32,7 @@ def raw(counts: Array) -> Array:
     return np.clip(np.rint(240.0 - counts), 0, 255).astype(np.uint8)
 
 
-def play(subject: Conditioner, counts: Array, start: float = 0.0) -> Array:
+def play(subject: OnePatch, counts: Array, start: float = 0.0) -> Array:
     """Pressures (frames, n) [Pa] of deviations (frames, n) [counts], one frame each period."""
     return np.array([subject.pressure(raw(row), start + i * PERIOD) for i, row in enumerate(counts)])
 

@@ -8,30 +8,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from skin.flat_skin import OnePatch, skin_patch
 from tci.errors import FrameError
-from tci.robot.description import Patch, Sensor, TruncatedCone
-from tci.skin.conditioning import Conditioner
+from tci.robot.description import Sensor
 
-CONE = TruncatedCone(
-    origin=(0.0, 0.0, 0.0), rpy=(0.0, 0.0, 0.0), length=0.1, r1=0.03, r2=0.03, rings=2, per_ring=5
-)
 FALLING = Sensor(rest=240.0, pascal_per_count=-900.0, lowest=0.0, highest=255.0)
 RISING = Sensor(rest=10.0, pascal_per_count=50.0, lowest=0.0, highest=4095.0)
 
 
-def conditioner(sensor: Sensor) -> Conditioner:
+def conditioner(sensor: Sensor) -> OnePatch:
     """Ten taxels in a frame of 12 channels: 6 and 10 are thermal pads."""
-    patch = Patch(
-        name="skin",
-        part="left_arm",
-        segment="forearm",
-        link="l",
-        rate=100.0,
-        channels=12,
-        sensor=sensor,
-        surface=CONE,
-    )
-    return Conditioner(patch, np.array([0, 1, 2, 3, 4, 5, 7, 8, 9, 11]))
+    return OnePatch(skin_patch(sensor, np.array([0, 1, 2, 3, 4, 5, 7, 8, 9, 11]), width=12))
 
 
 def test_iCub_sensor_falls_with_pressure() -> None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from skin.flat_skin import OnePatch
 from skin.long_skin import PASCAL, TAXELS, conditioner, grid
 from tci.errors import TciError
-from tci.skin.conditioning import Conditioner
 from tci.skin.health import HealthSettings
 
 RATE = 10.0
@@ -17,7 +17,7 @@ class Bench:
     """A patch with noise of one count, fed at 10 Hz."""
 
     def __init__(self) -> None:
-        self.subject: Conditioner = conditioner()
+        self.subject: OnePatch = conditioner()
         self.time = 0.0
         self.generator = np.random.default_rng(7)
         self.feed(30.0)

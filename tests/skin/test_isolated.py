@@ -9,18 +9,17 @@ import numpy as np
 import pytest
 
 import tci
+from felt_skin import AT_ONCE, FeltSkin, contacts_of, skin_state
 from tci.body.generic_body import GenericBody
 from tci.body.perceiver import Perceiver
 from tci.errors import TciError
 from tci.frames import read_only
-from tci.messages import Contact, JointReading, PatchState, Reading, SkinFrame, SkinState
-from tci.robot.joint_map import generic_posture
-from tci.skin.contacts import ContactSettings, find_contacts
+from tci.messages import Contact, JointReading, Reading, SkinFrame
+from tci.skin.contacts import ContactFinder, ContactSettings
 from tci.skin.health import Health
-from tci.skin.isolated import LoneSettings
-from tci.skin.live_skin import LiveSkin
+from tci.skin.isolated import IsolatedSettings
+from tci.skin.layout import SkinLayout
 from tci.skin.skin import Skin
-from tci.skin.tracking import Tracker
 
 ARM = "left_forearm"
 PERIOD = 0.02
@@ -34,8 +33,8 @@ class Felt:
     """Frames of one patch of a robot, and the contacts that are found in them."""
 
     def __init__(self, robot: str = "nao", patch: str = ARM) -> None:
-        self.skin, self.patch = LiveSkin(tci.load_robot(robot)), patch
-        self.tracker: Tracker | None = Tracker()
+        self.skin, self.patch = FeltSkin(tci.load_robot(robot)), patch
+        self.finder = ContactFinder(self.skin.layout)
         self.surface = self.skin.surfaces[patch]
         self.frame = 0
 
@@ -43,19 +42,23 @@ class Felt:
         pairs = self.surface.neighbours
         return sorted({int(i) for pair in pairs if taxel in pair for i in pair} - {taxel})
 
-    def see(self, forces: dict[int, float], *, settings: ContactSettings | None = None) -> Sequence[Contact]:
+    def see(self, forces: dict[int, float]) -> Sequence[Contact]:
         """The contacts of the next frame, with forces [N] on some taxels."""
         force = np.zeros(len(self.surface.positions))
         force[list(forces)] = list(forces.values())
         still = np.zeros(len(self.skin.robot.servos))
         joints = JointReading(0.0, 0, still, still)
         self.frame += 1
-        felt = PatchState(self.patch, self.frame * PERIOD, self.frame, force / self.surface.areas, force)
-        poses = self.skin.kinematics.poses(still, self.skin.kinematics.links)
-        return find_contacts(
-            self.skin, SkinState({self.patch: felt}, poses), generic_posture(self.skin.robot, joints),
-            settings=settings or ContactSettings(), tracker=self.tracker,
-        )  # fmt: skip
+        pressure = {self.patch: force / self.surface.areas}
+        state = skin_state(self.skin.layout, pressure, stamp=self.frame * PERIOD, sequence=self.frame)
+        return contacts_of(self.skin, state, joints, finder=self.finder)
+
+    def set_noise(self, counts: float) -> None:
+        """All taxels fluctuate so much [counts] at rest."""
+        place = self.skin.layout.places[self.patch]
+        estimator, own = self.skin.conditioner.estimators[place], self.skin.layout.taxels[place]
+        estimator.baseline.start(np.zeros(own.stop - own.start), counts)
+        estimator.write(own, self.skin.conditioner.estimates)
 
 
 def beside_some(count: int) -> Felt:
@@ -64,14 +67,20 @@ def beside_some(count: int) -> Felt:
     beside, at = felt.beside(LONE), felt.surface.positions
     nearest = sorted(beside, key=lambda other: float(np.linalg.norm(at[other] - at[beside[0]])))[:count]
     pairs = np.array([[LONE, other] for other in nearest])
-    felt.skin.surfaces = {ARM: replace(felt.surface, neighbours=pairs)}
+    patches = [
+        replace(one, surface=replace(one.surface, neighbours=pairs)) if one.words.name == ARM else one
+        for one in felt.skin.layout.patches
+    ]
+    felt.skin.layout = SkinLayout.of(patches)
+    felt.finder = ContactFinder(felt.skin.layout)
     return felt
 
 
 def test_a_taxel_that_is_pressed_hard_beside_silent_ones_is_never_a_touch() -> None:
     felt = Felt()
     assert not any(felt.see({LONE: FIRM}) for _ in range(100))
-    assert len(felt.see({LONE: FIRM}, settings=ContactSettings(lone=None))) == 1
+    felt.finder = ContactFinder(felt.skin.layout, ContactSettings(isolated=None))
+    assert len(felt.see({LONE: FIRM})) == 1
 
 
 def test_a_light_touch_of_one_taxel_comes_later_and_stays() -> None:
@@ -83,9 +92,7 @@ def test_a_light_touch_of_one_taxel_comes_later_and_stays() -> None:
 
 def test_a_light_touch_of_a_taxel_that_flickers_at_rest_flickers_too() -> None:
     felt = Felt()
-    conditioner = felt.skin.conditioner.patches[ARM]
-    conditioner.baseline.start(np.zeros(240), 1.0)
-    conditioner._round()
+    felt.set_noise(1.0)
     assert not any(felt.see({LONE: LIGHT}) for _ in range(100)), "it is stuck"
     assert not any(felt.see({LONE: LIGHT + 0.01}) for _ in range(100)), "its rest value was learnt anew"
     felt.see({})
@@ -119,9 +126,7 @@ def test_a_touch_over_a_broken_taxel_is_felt_and_leaves_nothing_behind() -> None
 
 def test_a_stuck_taxel_under_a_touch_that_has_ended_goes_on_for_a_moment_only() -> None:
     felt = Felt()
-    conditioner = felt.skin.conditioner.patches[ARM]
-    conditioner.baseline.start(np.zeros(240), 1.0)
-    conditioner._round()
+    felt.set_noise(1.0)
     assert felt.see({LONE: 2.0, felt.beside(LONE)[0]: 0.5})
     left = [bool(felt.see({LONE: 2.0})) for _ in range(40)]
     assert left.index(False) == pytest.approx(0.2 / PERIOD, abs=1)
@@ -140,9 +145,10 @@ def test_a_touch_elsewhere_is_felt_beside_a_broken_taxel() -> None:
 @pytest.mark.parametrize("force", [LIGHT, FIRM])
 def test_where_neighbours_tell_nothing_one_taxel_is_a_touch_at_once(force: float) -> None:
     felt = Felt()
-    conditioner = felt.skin.conditioner.patches[ARM]
-    conditioner._health.state[felt.beside(LONE)] = Health.DEAD
-    conditioner.revive(np.zeros(240, bool))
+    place = felt.skin.layout.places[ARM]
+    estimator, own = felt.skin.conditioner.estimators[place], felt.skin.layout.taxels[place]
+    estimator.health.state[felt.beside(LONE)] = Health.DEAD
+    estimator.write(own, felt.skin.conditioner.estimates)
     assert len(felt.see({LONE: force})) == 1, "masked neighbours"
     pair = beside_some(1)
     assert len(pair.see({LONE: force})) == 1, "one neighbour says nothing"
@@ -163,15 +169,13 @@ def test_switches_and_coarse_skins_have_touches_of_one_taxel(patch: str) -> None
 def test_forces_that_neighbours_must_feel_follow_from_noise_and_distance() -> None:
     """About 1 N on a skin of 10 mm without noise, five times that with a count of it; never on 30 mm."""
     felt = Felt()
-    felt.tracker = None  # nothing waits for the next frame
+    felt.finder = ContactFinder(felt.skin.layout, AT_ONCE)  # nothing waits for the next frame
 
     def largest() -> float:
         return float(max(force for force in np.geomspace(0.2, 50.0, 200) if felt.see({LONE: force})))
 
     assert largest() == pytest.approx(1.1, abs=0.2)
-    conditioner = felt.skin.conditioner.patches[ARM]
-    conditioner.baseline.start(np.zeros(240), 1.0)
-    conditioner._round()
+    felt.set_noise(1.0)
     assert largest() == pytest.approx(4.8, abs=0.5)
 
 
@@ -197,8 +201,8 @@ def test_a_light_touch_is_the_same_from_senders_of_changes() -> None:
     assert seen[0] == seen[1]
 
 
-@pytest.mark.parametrize("field", [field.name for field in fields(LoneSettings)])
+@pytest.mark.parametrize("field", [field.name for field in fields(IsolatedSettings)])
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
 def test_settings_that_make_no_sense_are_refused(field: str, value: float) -> None:
-    with pytest.raises(TciError, match=f"lone taxels: {field} {value}; valid: above 0 and finite"):
-        replace(LoneSettings(), **{field: value})
+    with pytest.raises(TciError, match=f"isolated taxels: {field} {value}; valid: above 0 and finite"):
+        replace(IsolatedSettings(), **{field: value})

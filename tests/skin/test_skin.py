@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +13,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 import small_robot
+from felt_skin import FeltSkin
 from small_robot import LOWER, PASCAL, RADIUS, TAXELS, frame, joints, reading
+from tci.body.generic_body import GenericBody
+from tci.body.perceiver import Perceiver
 from tci.body.places import find_place
 from tci.errors import FrameError, TciError, UnknownNameError
 from tci.frames import rotation_z
@@ -19,19 +24,18 @@ from tci.messages import JointReading, SkinFrame
 from tci.robot.catalogue import load_robot
 from tci.robot.generic_arm import Side, forearm_rotation, side_sign, upper_arm_rotation
 from tci.robot.joint_map import initial_position
-from tci.skin.live_skin import LiveSkin
 
 postures = hnp.arrays(np.float64, 10, elements=st.floats(-1.5, 1.5))
 
 
 @pytest.fixture(scope="module")
-def skin(tmp_path_factory: pytest.TempPathFactory) -> LiveSkin:
-    return LiveSkin(small_robot.build(tmp_path_factory.mktemp("robot")))
+def skin(tmp_path_factory: pytest.TempPathFactory) -> FeltSkin:
+    return FeltSkin(small_robot.build(tmp_path_factory.mktemp("robot")))
 
 
 @pytest.fixture
-def fresh(skin: LiveSkin) -> LiveSkin:
-    return LiveSkin(skin.robot)
+def fresh(skin: FeltSkin) -> FeltSkin:
+    return FeltSkin(skin.robot)
 
 
 def turned(angle: np.ndarray) -> np.ndarray:
@@ -42,9 +46,9 @@ def turned(angle: np.ndarray) -> np.ndarray:
 # Frames in, states out
 
 
-def test_pressure_and_force_of_a_pressed_taxel(fresh: LiveSkin) -> None:
+def test_pressure_and_force_of_a_pressed_taxel(fresh: FeltSkin) -> None:
     state = fresh.update(reading(frame("left_arm_forearm", {7: 10})))
-    felt = state.patches["left_arm_forearm"]
+    felt = state["left_arm_forearm"]
     surface = fresh.surfaces["left_arm_forearm"]
     taxel = int(np.flatnonzero(surface.channels == 7)[0])
     assert np.flatnonzero(felt.pressure).tolist() == [taxel]
@@ -52,52 +56,44 @@ def test_pressure_and_force_of_a_pressed_taxel(fresh: LiveSkin) -> None:
     assert felt.force[taxel] == pytest.approx(10 * PASCAL * surface.areas[taxel])
 
 
-def test_patch_that_has_not_sent_is_absent(fresh: LiveSkin) -> None:
-    assert not fresh.update(reading()).patches
-    assert list(fresh.update(reading(frame("left_arm_forearm", {}))).patches) == ["left_arm_forearm"]
+def test_patch_that_has_not_sent_is_absent(fresh: FeltSkin) -> None:
+    assert not fresh.update(reading())
+    assert list(fresh.update(reading(frame("left_arm_forearm", {})))) == ["left_arm_forearm"]
 
 
-def test_link_poses_are_those_of_skin_and_segments(fresh: LiveSkin) -> None:
-    position = np.linspace(-1.0, 1.0, 10)
-    poses = fresh.update(reading(position=position)).link_poses
-    assert set(poses) == {"l_4", "l_1", "r_3", "torso", "l_2", "r_2"}
-    rotation = forearm_rotation(position[:5], "left", axial=True)
-    np.testing.assert_allclose(poses["l_4"][:3, :3], rotation, atol=1e-12)
+def test_links_are_those_of_skin_and_segments(fresh: FeltSkin) -> None:
+    assert set(fresh.layout.links) == {"l_4", "l_1", "r_3", "torso", "l_2", "r_2"}
 
 
-def test_nothing_new_is_the_same_state(fresh: LiveSkin) -> None:
+def test_nothing_new_is_the_same_state(fresh: FeltSkin) -> None:
     twice = reading(frame("left_arm_forearm", {7: 10}, sequence=3))
-    assert fresh.update(twice) is fresh.update(twice)
+    fresh.update(twice)
+    first = fresh.conditioner.state
+    fresh.update(twice)
+    assert fresh.conditioner.state is first
+    assert fresh.conditioner.late == 0
 
 
-def test_duplicate_frame_keeps_the_patch_but_not_the_pose(fresh: LiveSkin) -> None:
-    touch = frame("left_arm_forearm", {7: 10}, sequence=3)
-    first = fresh.update(reading(touch))
-    second = fresh.update(reading(touch, position=np.full(10, 0.5)))
-    assert second.patches["left_arm_forearm"] is first.patches["left_arm_forearm"]
-    assert not np.allclose(second.link_poses["l_4"], first.link_poses["l_4"])
-    assert fresh.counts == {"values_dropped": 0, "frames_late": 0}
+def test_late_frame_is_not_used_and_counted(fresh: FeltSkin) -> None:
+    fresh.update(reading(frame("left_arm_forearm", {7: 10}, sequence=5)))
+    newest = fresh.conditioner.state
+    fresh.update(reading(frame("left_arm_forearm", {9: 99}, sequence=4)))
+    assert fresh.conditioner.state is newest
+    assert fresh.conditioner.late == 1
 
 
-def test_late_frame_is_not_used_and_counted(fresh: LiveSkin) -> None:
-    newest = fresh.update(reading(frame("left_arm_forearm", {7: 10}, sequence=5)))
-    after = fresh.update(reading(frame("left_arm_forearm", {9: 99}, sequence=4)))
-    assert after.patches["left_arm_forearm"] is newest.patches["left_arm_forearm"]
-    assert fresh.counts["frames_late"] == 1
-
-
-def test_restarted_sender_is_heard_again(fresh: LiveSkin) -> None:
+def test_restarted_sender_is_heard_again(fresh: FeltSkin) -> None:
     fresh.update(reading(frame("left_arm_forearm", {}, sequence=5000, stamp=50.0)))
     state = fresh.update(reading(frame("left_arm_forearm", {7: 10}, sequence=0, stamp=53.0)))
-    assert state.patches["left_arm_forearm"].sequence == 0
+    assert state["left_arm_forearm"].sequence == 0
 
 
 @given(st.permutations(range(6)))
-def test_of_frames_in_any_order_the_newest_stays(skin: LiveSkin, order: list[int]) -> None:
-    subject = LiveSkin(skin.robot)
+def test_of_frames_in_any_order_the_newest_stays(skin: FeltSkin, order: list[int]) -> None:
+    subject = FeltSkin(skin.robot)
     for sequence in order:
         state = subject.update(reading(frame("right_arm_forearm", {sequence: 50}, sequence=sequence)))
-    assert state.patches["right_arm_forearm"].sequence == 5
+    assert state["right_arm_forearm"].sequence == 5
 
 
 @pytest.mark.parametrize(
@@ -111,28 +107,29 @@ def test_of_frames_in_any_order_the_newest_stays(skin: LiveSkin, order: list[int
     ],
 )
 def test_wrong_frame_is_refused_and_changes_nothing(
-    fresh: LiveSkin, wrong: SkinFrame, words: list[str]
+    fresh: FeltSkin, wrong: SkinFrame, words: list[str]
 ) -> None:
-    before = fresh.update(reading(frame("left_arm_forearm", {7: 10}, sequence=1)))
+    fresh.update(reading(frame("left_arm_forearm", {7: 10}, sequence=1)))
+    newest = fresh.conditioner.state
     good = frame("right_arm_forearm", {7: 10}, sequence=1)
     with pytest.raises(FrameError) as caught:
         fresh.update(reading(good, wrong))
     assert all(word in str(caught.value) for word in words)
-    same = fresh.update(reading(frame("left_arm_forearm", {7: 10}, sequence=1)))
-    assert same.patches == before.patches
+    fresh.update(reading(frame("left_arm_forearm", {7: 10}, sequence=1)))
+    assert fresh.conditioner.state is newest
 
 
-def test_joints_of_another_robot_are_refused(fresh: LiveSkin) -> None:
-    with pytest.raises(FrameError, match=r"small.*\(9,\), expected \(10,\)"):
-        fresh.update(reading(position=np.zeros(9)))
+def test_joints_of_another_robot_are_refused(skin: FeltSkin) -> None:
+    with pytest.raises(FrameError, match=r"\(9,\)"):
+        Perceiver(GenericBody(skin.robot)).step(reading(position=np.zeros(9)), 0.0)
 
 
-def test_dropped_values_are_counted(fresh: LiveSkin) -> None:
+def test_dropped_values_are_counted(fresh: FeltSkin) -> None:
     values = np.full(TAXELS, 240.0)
     values[3] = np.nan
     state = fresh.update(reading(SkinFrame("left_arm_forearm", 0.0, 0, values)))
-    assert not state.patches["left_arm_forearm"].force.any()
-    assert fresh.counts["values_dropped"] == 1
+    assert not state["left_arm_forearm"].force.any()
+    assert fresh.conditioner.dropped == 1
 
 
 @pytest.mark.parametrize("name", ["nao", "icub"])
@@ -140,7 +137,7 @@ def test_frames_of_bytes_are_felt_like_any_numbers(name: str) -> None:
     """Patches of all kinds, some of them missing or late, a sender that restarts, a board that sends what it
     can't: the fast way perceives what the other does."""
     robot = load_robot(name)
-    quick, slow = LiveSkin(robot), LiveSkin(robot)
+    quick, slow = FeltSkin(robot), FeltSkin(robot)
     random = np.random.default_rng(1)
     sequences = {patch.name: 0 for patch in robot.patches}
     for k in range(300):
@@ -167,47 +164,44 @@ def test_frames_of_bytes_are_felt_like_any_numbers(name: str) -> None:
             )
             for subject, kind in ((quick, np.uint8), (slow, np.float64))
         ]
-        assert list(both[0].patches) == list(both[1].patches)
-        for patch_name, state in both[0].patches.items():
-            other = both[1].patches[patch_name]
+        assert list(both[0]) == list(both[1])
+        for patch_name, state in both[0].items():
+            other = both[1][patch_name]
             assert (state.stamp, state.sequence) == (other.stamp, other.sequence)
             np.testing.assert_array_equal(state.pressure, other.pressure)
             np.testing.assert_array_equal(state.force, other.force)
             np.testing.assert_array_equal(state.masked, other.masked)
-    assert quick.counts == slow.counts
-    assert quick.counts["frames_late"] > 0
-    assert quick.health == slow.health
+    assert quick.conditioner.dropped == slow.conditioner.dropped
+    assert quick.conditioner.late == slow.conditioner.late > 0
+    assert quick.conditioner.health == slow.conditioner.health
 
 
 def test_two_frames_of_a_patch_at_once_are_taken_in_turn() -> None:
     robot = load_robot("nao")
-    together, apart = LiveSkin(robot), LiveSkin(robot)
+    together, apart = FeltSkin(robot), FeltSkin(robot)
     frames = [
         SkinFrame("left_forearm", 0.02 * k, k, np.full(240, 240 - 30 * (k % 2), np.uint8)) for k in range(6)
     ]
     state = together.update(reading(*frames, position=np.array(initial_position(robot))))
     for one in frames:
         expected = apart.update(reading(one, position=np.array(initial_position(robot))))
-    np.testing.assert_array_equal(
-        state.patches["left_forearm"].pressure, expected.patches["left_forearm"].pressure
-    )
-    assert together.health == apart.health
+    np.testing.assert_array_equal(state["left_forearm"].pressure, expected["left_forearm"].pressure)
+    assert together.conditioner.health == apart.conditioner.health
 
 
-def test_nobody_can_change_a_state(fresh: LiveSkin) -> None:
-    state = fresh.update(reading(frame("left_arm_forearm", {7: 10})))
-    felt = state.patches["left_arm_forearm"]
-    for array in (felt.pressure, felt.force, *state.link_poses.values()):
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = 1.0
-    with pytest.raises(TypeError):
-        state.patches["tail"] = felt
+def test_nobody_can_change_a_state_also_after_pickling(fresh: FeltSkin) -> None:
+    fresh.update(reading(frame("left_arm_forearm", {7: 10})))
+    state = fresh.conditioner.state
+    for one in (state, pickle.loads(pickle.dumps(state)), copy.deepcopy(state)):
+        for array in (one.stamp, one.sequence, one.begin, one.active, one.pressure, one.on(0)):
+            assert not array.flags.writeable
+        assert one.pressure.tolist() == [10 * PASCAL]
 
 
 # Places
 
 
-def test_link_frame_is_the_surface(skin: LiveSkin) -> None:
+def test_link_frame_is_the_surface(skin: FeltSkin) -> None:
     surface = skin.surfaces["left_arm_forearm"]
     at = joints(np.full(10, 0.7))
     np.testing.assert_array_equal(skin.positions("left_arm_forearm", at), surface.positions)
@@ -215,7 +209,7 @@ def test_link_frame_is_the_surface(skin: LiveSkin) -> None:
 
 
 @given(postures)
-def test_torso_frame_follows_the_arm(skin: LiveSkin, position: np.ndarray) -> None:
+def test_torso_frame_follows_the_arm(skin: FeltSkin, position: np.ndarray) -> None:
     at = joints(position)
     surface = skin.surfaces["left_arm_forearm"]
     upper_arm = upper_arm_rotation(position[:5], "left", axial=True)
@@ -228,7 +222,7 @@ def test_torso_frame_follows_the_arm(skin: LiveSkin, position: np.ndarray) -> No
 
 
 @given(postures)
-def test_distances_are_the_same_in_every_frame(skin: LiveSkin, position: np.ndarray) -> None:
+def test_distances_are_the_same_in_every_frame(skin: FeltSkin, position: np.ndarray) -> None:
     at = joints(position)
     for patch, surface in skin.surfaces.items():
         for name in ("limb", "torso"):
@@ -241,7 +235,7 @@ def test_distances_are_the_same_in_every_frame(skin: LiveSkin, position: np.ndar
 
 
 @given(postures)
-def test_limb_coordinates_are_the_cone(skin: LiveSkin, position: np.ndarray) -> None:
+def test_limb_coordinates_are_the_cone(skin: FeltSkin, position: np.ndarray) -> None:
     for patch, length in (
         ("left_arm_forearm", LOWER),
         ("right_arm_forearm", LOWER),
@@ -253,7 +247,7 @@ def test_limb_coordinates_are_the_cone(skin: LiveSkin, position: np.ndarray) -> 
 
 
 @given(postures)
-def test_theta_turns_with_pronation_only_where_the_skin_does(skin: LiveSkin, position: np.ndarray) -> None:
+def test_theta_turns_with_pronation_only_where_the_skin_does(skin: FeltSkin, position: np.ndarray) -> None:
     rest, at = joints(np.zeros(10)), joints(position)
     still = skin.limb("right_arm_forearm", at)[1] - skin.limb("right_arm_forearm", rest)[1]
     np.testing.assert_allclose(turned(still), 0.0, atol=1e-9)
@@ -264,7 +258,7 @@ def test_theta_turns_with_pronation_only_where_the_skin_does(skin: LiveSkin, pos
 
 
 @given(hnp.arrays(np.float64, 5, elements=st.floats(-1.5, 1.5)))
-def test_one_place_is_mirrored_on_the_other_arm(skin: LiveSkin, posture: np.ndarray) -> None:
+def test_one_place_is_mirrored_on_the_other_arm(skin: FeltSkin, posture: np.ndarray) -> None:
     """(u, theta, r) fixes the place beside the body: left and right differ by a mirror and the mount."""
     at = joints(np.concatenate([posture, posture]))
     beside = {}
@@ -284,7 +278,7 @@ def test_one_place_is_mirrored_on_the_other_arm(skin: LiveSkin, posture: np.ndar
     np.testing.assert_allclose(np.c_[other_at, np.ones(TAXELS)] @ motion, others, atol=1e-9)
 
 
-def test_unknown_names_list_the_valid_ones(skin: LiveSkin) -> None:
+def test_unknown_names_list_the_valid_ones(skin: FeltSkin) -> None:
     at = joints(np.zeros(10))
     with pytest.raises(UnknownNameError, match="left_arm_forearm"):
         skin.positions("tail", at)
@@ -300,7 +294,7 @@ def test_a_line_of_taxels_has_no_faces(tmp_path: Path) -> None:
     patch = robot.patches[0]
     cone = patch.surface.model_copy(update={"per_ring": 1})
     line = patch.model_copy(update={"surface": cone, "channels": small_robot.RINGS})
-    surface = LiveSkin(robot.model_copy(update={"patches": (line,), "digest": "line"})).surfaces[patch.name]
+    surface = FeltSkin(robot.model_copy(update={"patches": (line,), "digest": "line"})).surfaces[patch.name]
     assert surface.faces.shape == (0, 3)
     for near, place in zip(*surface.project(surface.positions + 1e-3 * surface.normals), strict=True):
         assert np.linalg.norm(place) == pytest.approx(1.0)
@@ -309,7 +303,7 @@ def test_a_line_of_taxels_has_no_faces(tmp_path: Path) -> None:
 
 def test_a_leg_has_no_places_of_the_generic_limb() -> None:
     robot = load_robot("nao-whole")
-    skin, at = LiveSkin(robot), JointReading(0.0, 0, initial_position(robot), np.zeros(len(robot.servos)))
+    skin, at = FeltSkin(robot), JointReading(0.0, 0, initial_position(robot), np.zeros(len(robot.servos)))
     with pytest.raises(
         TciError, match="the thigh of left_leg is on no generic limb; valid: segments of an arm"
     ):
@@ -321,7 +315,7 @@ def test_a_leg_has_no_places_of_the_generic_limb() -> None:
 def test_skin_that_is_on_no_limb_has_no_place_on_one(tmp_path: Path) -> None:
     robot = small_robot.build(tmp_path)
     part = robot.parts[0].model_copy(update={"kind": "leg"})
-    skin = LiveSkin(robot.model_copy(update={"parts": (part, robot.parts[1])}))
+    skin = FeltSkin(robot.model_copy(update={"parts": (part, robot.parts[1])}))
     at = joints(np.zeros(10))
     assert skin.positions("left_arm_forearm", at, frame="torso").shape[1] == 3
     with pytest.raises(TciError, match="no limb; valid frames: link, torso"):
@@ -332,16 +326,16 @@ def test_skin_that_is_on_no_limb_has_no_place_on_one(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module", params=["nao", "icub"])
-def packaged(request: pytest.FixtureRequest) -> LiveSkin:
-    return LiveSkin(load_robot(request.param))
+def packaged(request: pytest.FixtureRequest) -> FeltSkin:
+    return FeltSkin(load_robot(request.param))
 
 
-def at_zero(skin: LiveSkin) -> JointReading:
+def at_zero(skin: FeltSkin) -> JointReading:
     count = len(skin.robot.servos)
     return JointReading(0.0, 0, np.zeros(count), np.zeros(count))
 
 
-def test_packaged_skin_lies_on_its_segment(packaged: LiveSkin) -> None:
+def test_packaged_skin_lies_on_its_segment(packaged: FeltSkin) -> None:
     at = at_zero(packaged)
     for patch in filter(packaged.robot.limb_segment, packaged.robot.patches):
         u, _, r = packaged.limb(patch.name, at)
@@ -349,7 +343,7 @@ def test_packaged_skin_lies_on_its_segment(packaged: LiveSkin) -> None:
         assert 0.015 < r.min() <= r.max() < 0.07, patch.name
 
 
-def test_packaged_skin_looks_outward(packaged: LiveSkin) -> None:
+def test_packaged_skin_looks_outward(packaged: FeltSkin) -> None:
     at = at_zero(packaged)
     for patch in filter(packaged.robot.limb_segment, packaged.robot.patches):
         normals = packaged.normals(patch.name, at, frame="limb")
@@ -361,7 +355,7 @@ def test_packaged_skin_looks_outward(packaged: LiveSkin) -> None:
 
 @settings(max_examples=20)
 @given(share=st.floats(0.1, 0.9))
-def test_forearm_skin_rides_as_facts_say(packaged: LiveSkin, share: float) -> None:
+def test_forearm_skin_rides_as_facts_say(packaged: FeltSkin, share: float) -> None:
     """iCub's forearm skin turns with pronation and its upper-arm skin with the yaw, NAO's sleeves do not."""
     robot = packaged.robot
     low, high = at_zero(packaged), at_zero(packaged)

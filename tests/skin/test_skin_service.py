@@ -8,35 +8,35 @@ import numpy as np
 import pytest
 
 import tci
+from felt_skin import FeltSkin, patches, skin_state
 from tci.errors import TciError, UnknownNameError
-from tci.messages import JointReading, PatchState, SkinState
-from tci.skin.live_skin import LiveSkin
+from tci.messages import JointReading, SkinState
 from tci.skin.regions import limb_region, patch_region, region, region_state
 from tci.skin.service import SkinService
 
 
 @pytest.fixture(scope="module")
-def skin() -> LiveSkin:
-    return LiveSkin(tci.load_robot("nao"))
+def skin() -> FeltSkin:
+    return FeltSkin(tci.load_robot("nao"))
 
 
-def state(skin: LiveSkin, sequence: int, forces: dict[str, dict[int, float]] | None = None) -> SkinState:
+def state(skin: FeltSkin, sequence: int, forces: dict[str, dict[int, float]] | None = None) -> SkinState:
     """A state in which some taxels feel some newtons."""
-    patches = {}
+    pressures = {}
     for name, surface in skin.surfaces.items():
         force = np.zeros(len(surface.positions))
         for taxel, value in (forces or {}).get(name, {}).items():
             force[taxel] = value
-        patches[name] = PatchState(name, 0.01 * sequence, sequence, force / surface.areas, force)
-    return SkinState(patches, {})
+        pressures[name] = force / surface.areas
+    return skin_state(skin.layout, pressures, stamp=0.01 * sequence, sequence=sequence)
 
 
 def number(found: SkinState | None) -> int:
     assert found is not None
-    return found.patches["head"].sequence
+    return int(found.sequence[0])
 
 
-def test_every_reads_all_and_latest_the_newest(skin: LiveSkin) -> None:
+def test_every_reads_all_and_latest_the_newest(skin: FeltSkin) -> None:
     service = SkinService(skin)
     service.publish(state(skin, 0))
     every, latest = service.reader("every"), service.reader("latest")
@@ -50,7 +50,7 @@ def test_every_reads_all_and_latest_the_newest(skin: LiveSkin) -> None:
     assert every.missed == 0
 
 
-def test_the_same_state_is_published_once(skin: LiveSkin) -> None:
+def test_the_same_state_is_published_once(skin: FeltSkin) -> None:
     service = SkinService(skin)
     reader = service.reader()
     same = state(skin, 1)
@@ -60,7 +60,7 @@ def test_the_same_state_is_published_once(skin: LiveSkin) -> None:
     assert reader.read(0.0) is None
 
 
-def test_a_slow_reader_misses_and_knows_how_many(skin: LiveSkin) -> None:
+def test_a_slow_reader_misses_and_knows_how_many(skin: FeltSkin) -> None:
     service = SkinService(skin, depth=4)
     slow, quick = service.reader(), service.reader()
     for sequence in range(10):
@@ -70,7 +70,7 @@ def test_a_slow_reader_misses_and_knows_how_many(skin: LiveSkin) -> None:
     assert (slow.missed, quick.missed) == (6, 0)
 
 
-def test_on_change_of_any_patch_or_of_a_region(skin: LiveSkin) -> None:
+def test_on_change_of_any_patch_or_of_a_region(skin: FeltSkin) -> None:
     service = SkinService(skin)
     whole = service.reader("change", step=0.5)
     head = service.reader("change", region=patch_region(skin, "head"))
@@ -85,7 +85,7 @@ def test_on_change_of_any_patch_or_of_a_region(skin: LiveSkin) -> None:
     assert number(head.read(0.0)) == 3
 
 
-def test_many_readers_in_threads_get_all_that_is_published(skin: LiveSkin) -> None:
+def test_many_readers_in_threads_get_all_that_is_published(skin: FeltSkin) -> None:
     service = SkinService(skin, depth=1000)
     count, seen = 500, [[] for _ in range(20)]
 
@@ -107,7 +107,7 @@ def test_many_readers_in_threads_get_all_that_is_published(skin: LiveSkin) -> No
     assert all(into == list(range(count)) for into in seen)
 
 
-def test_figures_of_a_region(skin: LiveSkin) -> None:
+def test_figures_of_a_region(skin: FeltSkin) -> None:
     forearm = skin.surfaces["left_forearm"]
     own = region(skin, "mine", {"left_forearm": [3, 4, 5], "head": [1]})
     felt = state(skin, 1, {"left_forearm": {3: 1.0, 9: 5.0}, "head": {1: 0.5}})
@@ -119,13 +119,13 @@ def test_figures_of_a_region(skin: LiveSkin) -> None:
     assert figures.peak_pressure == pytest.approx(max(pressures))
     assert figures.mean_pressure == pytest.approx(np.mean(pressures))
     assert figures.coverage == 1.0
-    silent = SkinState({"head": felt.patches["head"]}, {})
+    silent = skin_state(skin.layout, {"head": patches(skin, felt)["head"].pressure})
     assert region_state(skin, own, silent).coverage == 0.25
     reader = SkinService(skin).reader(region=own)
     assert reader.figures(felt) == figures
 
 
-def test_a_region_around_a_place_on_the_limb(skin: LiveSkin) -> None:
+def test_a_region_around_a_place_on_the_limb(skin: FeltSkin) -> None:
     count = len(skin.robot.servos)
     at = JointReading(0.0, 0, np.zeros(count), np.zeros(count))
     place = limb_region(skin, "wrist", "left_arm", "forearm", u=0.7, theta=0.0, radius=0.2, joints=at)
@@ -136,7 +136,7 @@ def test_a_region_around_a_place_on_the_limb(skin: LiveSkin) -> None:
     assert np.abs(theta[own]).max() < np.pi / 2
 
 
-def test_faults(skin: LiveSkin) -> None:
+def test_faults(skin: FeltSkin) -> None:
     service = SkinService(skin)
     with pytest.raises(UnknownNameError, match="every, latest, change"):
         service.reader("sometimes")

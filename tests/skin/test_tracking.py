@@ -13,6 +13,7 @@ from tci.body.perceiver import Perceiver
 from tci.errors import TciError
 from tci.messages import Reading
 from tci.simulation.world import World
+from tci.skin.contacts import empty_contacts
 from tci.skin.tracking import Tracker, TrackSettings
 
 
@@ -23,8 +24,12 @@ def places(*x: float) -> np.ndarray:
 def follow(
     tracker: Tracker, patch: str, centres: np.ndarray, stamp: float
 ) -> list[tuple[float, float, float]]:
-    one = np.full(len(centres), ("arm", "hand").index(patch))
-    return [tuple(row) for row in tracker.follow(one, centres, np.full(2, stamp)).tolist()]
+    """Identity, onset and displacement of contacts of one taxel each."""
+    made = empty_contacts(len(centres), len(centres))
+    made.site[:], made.p_L[:] = ("arm", "hand").index(patch), centres
+    made.begin[:], made.taxel[:] = np.arange(len(centres) + 1), np.arange(len(centres))
+    tracker.follow(made, np.full(2, stamp))
+    return [*zip(made.identity.tolist(), made.onset.tolist(), made.displacement.tolist(), strict=True)]
 
 
 def identities(tracker: Tracker, *x: float, at: float, patch: str = "arm") -> list[float]:
@@ -98,7 +103,7 @@ def test_one_poke_is_one_contact_from_its_beginning_to_its_end() -> None:
         if period == 30:
             world.finger.retire()
         perception = perceiver.step(Reading(world.joints(), world.frames()), world.time)
-        seen += [(contact.identity, contact.began, contact.stamp) for contact in perception.contacts]
+        seen += [(contact.identity, contact.onset, contact.stamp) for contact in perception.contacts]
         ended += perception.ended
     assert {identity for identity, _, _ in seen} == {1}
     assert {began for _, began, _ in seen} == {seen[0][2]}

@@ -41,7 +41,10 @@ def test_every_moment_is_shown_as_it_was(player: Player, poked: tuple[Path, list
         shown = next(known for known in ticks if known.now == view.time)
         assert np.array_equal(view.joints.position, shown.reading.joints.position)
         assert [c.force for c in view.contacts] == [c.force for c in shown.perception.contacts]
-        assert np.array_equal(view.pressure["left_forearm"], shown.skin.patches["left_forearm"].pressure)
+        assert np.array_equal(
+            view.pressure["left_forearm"],
+            shown.skin.by_patch(patch.name for patch in player.robot.patches)["left_forearm"],
+        )
         assert view.state is shown.sent.state is GateState.RUN
         touched += bool(view.contacts)
     assert touched > 3

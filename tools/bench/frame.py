@@ -14,26 +14,27 @@ import numpy as np
 from measured import Measured, cold, each, in_turn, row
 
 import tci
+from felt_skin import FeltSkin, PatchFelt
 from skin.kernels import contact_oracle
 from tci.authoring.dense_skin import with_dense_skin
-from tci.capabilities.answer import field_table, find_answers
+from tci.capabilities.answer import Touches, field_table, find_answers, segments_of
 from tci.capabilities.discounts import phi, psi
 from tci.capabilities.fields import default_fields
 from tci.compiled import inlined
-from tci.messages import PatchState, SkinState
+from tci.frames import frozen
+from tci.messages import JointReading
 from tci.robot.joint_map import initial_position
 from tci.robot.limb import generic_limb_distance
-from tci.skin.contacts import ContactSettings
-from tci.skin.kernels.condition import empty_memory
-from tci.skin.kernels.contacts import NUMBERS, VECTORS
-from tci.skin.kernels.octet_counts import END, STRAIGHT, TURN
-from tci.skin.kernels.octets import feel
-from tci.skin.kernels.whole import cluster_all, describe_all
-from tci.skin.live_skin import LiveSkin
+from tci.skin.contacts import ContactFinder, ContactSettings, empty_contacts
+from tci.skin.kernels.arrays import AREA, FULL, LIMB_LINK, REST, SIGN, STRAIGHT, ActiveTaxels
+from tci.skin.kernels.condition import condition
+from tci.skin.kernels.contacts import SUMMARY, cluster, describe
 
 SETTINGS = ContactSettings()
-_feel, _cluster, _describe, _answer = [
-    inlined(loop.py_func) for loop in (feel, cluster_all, describe_all, find_answers)
+FLOOR, TOUCH, THRESHOLD = SETTINGS.floor, SETTINGS.touch, 7.0
+"""Forces [N] and deviation [counts] from which taxels count."""
+_condition, _cluster, _describe, _answer = [
+    inlined(loop.py_func) for loop in (condition, cluster, describe, find_answers)
 ]
 """The loops that are shipped, within one: what a call costs is a row of its own."""
 HERE = Path(__file__).parent
@@ -43,29 +44,22 @@ PITCH = 0.012
 
 @inlined
 def respond(
-    repeats, values, which, stamps, table, sensor, offset, memory, octets, words, blocks, state, channels,
-    gain, nodes, area, force, active, pressed, actives, felt, pressure, ends, floor, touch, graph, begins,
-    work, found, taxels, faces, box, cells, limb, poses, posture, on, numbers, vectors, indices, places,
-    rows, segments, fields, squares, closest, one, gains,
+    repeats, values, last, which, stamps, layout, estimates, memory, active, clusters, poses, posture,
+    summary, made, segments, fields, squares, closest, one, gains,
 ):  # fmt: skip
     count = 0
     for again in range(repeats):
         gains[:] = 0.0
-        _feel(
-            values[again & 1], which, stamps, 1.0, table, sensor, offset, memory, octets, words, blocks,
-            state, channels, gain, nodes, area, force, active, pressed, actives, felt, pressure, ends,
-        )  # fmt: skip
-        count, k, _ = _cluster(force, floor, touch, active, actives, graph, begins, work, found)
+        _condition(values[again & 1], last, which, stamps, 0.0, layout, estimates, memory, active)
+        count, _, _ = _cluster(active, FLOOR, TOUCH, layout, clusters)
         if count == 0:
             continue
-        own, order = places[: 4 * k].reshape(4, k), rows[: 3 * (count + 1)].reshape(3, count + 1)
-        _describe(
-            force, work, begins, found, taxels, faces, box, cells, limb, poses, posture, on, numbers, vectors,
-            indices, own, order,
+        _describe(layout, clusters, poses, posture, summary, made)
+        touches = Touches(
+            made.site[:count], made.begin, made.force, made.peak, made.limb_point, made.taxel_force,
+            made.taxel_point,
         )  # fmt: skip
-        _answer(
-            fields, False, segments, order[1, :count], order[0], numbers[:count], own, squares, closest, one
-        )
+        _answer(fields, False, segments, touches, squares, closest, one)
         for c in range(count):
             if closest[c] >= 0:
                 gains[closest[c]] = max(gains[closest[c]], one[c])
@@ -79,11 +73,12 @@ class Frame:
         nao = tci.load_robot("nao")
         one = nao.model_copy(update={"patches": (nao.patch("left_forearm"),)})
         robot = with_dense_skin(one, taxels, patches=1, pitch=PITCH if taxels > 1000 else 0.004)
-        self.skin = LiveSkin(robot)
+        self.skin = FeltSkin(robot)
         (self.patch,) = robot.patches
-        self.octets, self.flat = self.skin.octets, self.skin.flat_skin()
+        self.layout, conditioner = self.skin.layout, self.skin.conditioner
+        arrays = self.layout.arrays
         self.surface = self.skin.surfaces[self.patch.name]
-        n = len(self.flat.taxels)
+        n = len(arrays.taxel)
         self.n, random = n, np.random.default_rng(0)
         base = default_fields()
         self.fields = tuple(
@@ -97,40 +92,29 @@ class Frame:
         )  # fmt: skip
         self.rest = np.full(self.patch.channels, self.patch.sensor.rest, np.uint8)
         self.touched = self.rest.copy()
-        pitch = float(np.sqrt(self.flat.taxels[:, 6].mean()))
+        pitch = float(np.sqrt(arrays.taxel[:, 6].mean()))
         for i in range(contacts):
             at = self.surface.positions[int((i + 0.5) * n / contacts)]
             near = np.linalg.norm(self.surface.positions - at, axis=1) < 1.6 * pitch
             self.touched[self.surface.channels[near]] = 120
         self.values = np.zeros((2, self.patch.channels), np.uint8)
-        position = np.array(initial_position(robot))
-        self.poses = self.skin.kinematics.poses(position, self.flat.links)
+        self.position = position = np.array(initial_position(robot))
+        self.poses = self.skin.kinematics.poses(position, self.layout.links)
         self.posture = np.array(robot.part(self.patch.part).initial_posture)
-        self.octets.conditioners[0].threshold[:] = 7.0
-        self.octets.limit(0)
+        conditioner.estimates.threshold[:] = THRESHOLD
         self.table, self.gains = field_table(self.fields), np.zeros(fields)
-        octets, flat = self.octets, self.flat
-        poses = np.array([self.poses[link] for link in flat.links])
-        self._feel = (
-            np.zeros(1, np.int64), np.full(1, np.nan), 1.0, *octets.tables, octets.force, octets.active,
-            np.zeros(n), octets.counts, np.zeros(n, np.int32), np.zeros(n), np.zeros(2, np.int64),
+        poses = np.array([self.poses[link] for link in self.layout.links])
+        finder = ContactFinder(self.layout)
+        self._condition = (
+            conditioner._last, np.zeros(1, np.int64), np.full(1, np.nan), 0.0, arrays, conditioner.estimates,
+            conditioner._memory, conditioner._out,
         )  # fmt: skip
-        self._cluster = (
-            octets.force, SETTINGS.floor, SETTINGS.touch, octets.active, octets.counts, flat.graph,
-            flat.begins, flat.work, flat.counts,
-        )  # fmt: skip
-        self._describe = (
-            octets.force, flat.work, flat.begins, flat.counts, flat.taxels, flat.faces, flat.box, flat.cells,
-            flat.limb, poses, self.posture[None, :4].copy(), flat.on,
-        )  # fmt: skip
-        self._answer = np.zeros(fields), np.zeros(n, np.int64), np.zeros(n)
-        room = (
-            np.zeros((n, NUMBERS)), np.zeros((n, VECTORS, 3)), np.zeros(n, np.int64), np.zeros(4 * n),
-            np.zeros(3 * n + 3, np.int64),
-        )  # fmt: skip
+        self._clusters, self._posture = finder._clusters, (poses, self.posture[None, :4].copy())
+        self._room = np.zeros(fields), np.zeros(n, np.int64), np.zeros(n)
+        self._segments = segments_of(self.layout.sites)
         self._arguments = (
-            *self._feel[:2], *self._feel[3:], *self._cluster[1:3], *self._cluster[5:], *self._describe[4:],
-            *room, flat.segments, self.table, *self._answer, self.gains,
+            *self._condition[:3], *self._condition[4:], self._clusters, *self._posture,
+            np.zeros((n, SUMMARY)), empty_contacts(n, n), self._segments, self.table, *self._room, self.gains,
         )  # fmt: skip
         self.show(self.touched)
 
@@ -148,29 +132,37 @@ class Frame:
 
     def called(self) -> None:
         """The next frame through the loops as they are shipped, each called from Python."""
-        feel(next(self._turns), *self._feel)
-        count, taxels, _ = cluster_all(*self._cluster)
+        condition(next(self._turns), *self._condition)
+        arrays, active = self.layout.arrays, self._condition[-1]
+        state = ActiveTaxels(*(frozen(array[:]) for array in active))
+        count, taxels, _ = cluster(state, FLOOR, TOUCH, arrays, self._clusters)
         if count == 0:
             return
-        numbers, vectors = np.empty((count, NUMBERS)), np.empty((count, VECTORS, 3))
-        indices, places = np.empty(taxels, np.intp), np.empty((4, taxels))
-        rows, closest, gains = np.empty((3, count + 1), np.int64), np.empty(count, np.int64), np.empty(count)
-        describe_all(*self._describe, numbers, vectors, indices, places, rows)
-        find_answers(
-            self.table, False, self.flat.segments, rows[1, :count], rows[0], numbers, places,
-            self._answer[0], closest, gains,
+        made = empty_contacts(count, taxels)
+        describe(arrays, self._clusters, *self._posture, np.empty((count, SUMMARY)), made)
+        touches = Touches(
+            *(
+                frozen(array)
+                for array in (
+                    made.site, made.begin, made.force, made.peak, made.limb_point, made.taxel_force,
+                    made.taxel_point,
+                )
+            )
         )  # fmt: skip
+        closest, gains = np.empty(count, np.int64), np.empty(count)
+        find_answers(self.table, False, self._segments, touches, self._room[0], closest, gains)
 
     def numpy(self) -> np.ndarray:
         """The oracle of the tests: contacts as objects, gains by NumPy."""
         sensor = self.patch.sensor
         counts = sensor.rest - self.values[0, self.surface.channels].astype(float)
         areas = self.surface.areas
-        force = np.where(counts >= 7.0, counts, 0.0) * abs(sensor.pascal_per_count) * areas
-        name = self.patch.name
-        state = SkinState({name: PatchState(name, 0.0, 0, force, force)}, self.poses)
+        force = np.where(counts >= THRESHOLD, counts, 0.0) * abs(sensor.pascal_per_count) * areas
+        felt = PatchFelt(0.0, 0, force / areas, force, np.zeros(len(force), bool), None)
+        joints = JointReading(0.0, 0, self.position, self.position)
+        posture = {self.patch.part: self.posture}
         gains = np.zeros(len(self.fields))
-        for contact in contact_oracle.contacts(self.skin, state, {self.patch.part: self.posture}, SETTINGS):
+        for contact in contact_oracle.contacts(self.skin, {self.patch.name: felt}, joints, posture, SETTINGS):
             apart = np.array(
                 [generic_limb_distance(contact.u, contact.theta, f.u, f.theta) for f in self.fields]
             )
@@ -200,23 +192,29 @@ class InC:
         )  # fmt: skip
         self._function = ctypes.CDLL(str(library)).respond
         self._function.restype = ctypes.c_int64
-        f, flat, n = frame, frame.flat, frame.n
-        link = f.skin.flat(f.patch.name).link
-        table, sensor, offset, _, octets, words, blocks, _, channels, gain, _, area = f.octets.tables
-        octets, words, blocks = octets.copy(), words.copy(), blocks.copy()
+        f, n, arrays = frame, frame.n, frame.layout.arrays
+        estimates = frame.skin.conditioner.estimates
+        own, limb = f.poses[f.patch.link], f.layout.links[arrays.on[0, LIMB_LINK]]
+        blocks = len(arrays.span)
+        sensor = arrays.sensor[0]
+        turn = 255 if sensor[SIGN] < 0.0 else 0
+        signals = sensor[SIGN] * ((np.arange(256) ^ turn) - sensor[REST])  # rising with the turned byte
+        octets, words = np.zeros((7, 64 * blocks), np.uint8), np.zeros((2, 64 * blocks), np.uint16)
+        octets[3], octets[6] = 255, np.count_nonzero(signals < THRESHOLD) - 1
         members = [
             ("n", n), ("fields_n", len(f.fields)), ("repeats", 1), ("stride", f.values.shape[1]),
-            ("padded", octets.shape[1]), ("straight", int(table[0, STRAIGHT])), ("frames", 0), ("since", 0),
-            ("turn", int(table[0, TURN])), ("end", int(table[0, END])), ("felt", 0),
-            ("values", f.values), ("channels", channels), ("sensor", sensor), ("offset", offset),
-            ("gain", gain), ("area", area), ("memory", empty_memory(n)), ("octets", octets),
-            ("words", words), ("blocks", blocks), ("active", np.zeros(n, np.int32)),
+            ("padded", octets.shape[1]), ("straight", int(arrays.span[:, STRAIGHT].all())), ("frames", 0),
+            ("since", 0), ("turn", turn), ("end", int(np.count_nonzero(signals < sensor[FULL])) - 1),
+            ("felt", 0), ("values", f.values), ("channels", arrays.channel), ("sensor", sensor),
+            ("offset", estimates.offset), ("gain", arrays.gain),
+            ("area", np.ascontiguousarray(arrays.taxel[:, AREA])),
+            ("memory", np.zeros(7 * n, np.float32)), ("octets", octets),
+            ("words", words), ("blocks", np.zeros((4, blocks), np.int32)), ("active", np.zeros(n, np.int32)),
             ("force", np.zeros(n)), ("floor", SETTINGS.floor),
-            ("touch", SETTINGS.touch), ("graph", flat.graph), ("work", np.zeros(4 * n + 1, np.int32)),
-            ("taxels", flat.taxels), ("faces", flat.faces), ("box", flat.box), ("cells", flat.cells),
-            ("T_TL", f.poses[f.patch.link]), ("T_TG", f.poses[link]), ("limb", flat.limb),
-            ("posture", f.posture), ("numbers", np.zeros((n, NUMBERS))),
-            ("vectors", np.zeros((n, VECTORS, 3))),
+            ("touch", SETTINGS.touch), ("graph", arrays.graph), ("work", np.zeros(4 * n + 1, np.int32)),
+            ("taxels", arrays.taxel), ("faces", arrays.faces), ("box", arrays.box), ("cells", arrays.cells),
+            ("T_TL", own), ("T_TG", f.poses[limb]), ("limb", arrays.limb),
+            ("posture", f.posture), ("numbers", np.zeros((n, 7))), ("vectors", np.zeros((n, 5, 3))),
             ("indices", np.zeros(n, np.int64)), ("places", np.zeros((4, n))), ("fields", f.table),
             ("gains", np.zeros(len(f.fields))),
         ]  # fmt: skip

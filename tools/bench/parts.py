@@ -18,14 +18,17 @@ import tci
 from tci.body.posture import to_platform
 from tci.exports.chain import chain_to
 from tci.exports.urdf import to_urdf
+from tci.frames import frozen
 from tci.messages import GenericCommand, JointReading, Mode
 from tci.robot.inverse import InverseKinematics
 from tci.robot.joint_map import initial_position
 from tci.robot.kinematics import Kinematics
 from tci.robot.model_file import load_spec
-from tci.skin.contacts import ContactSettings
+from tci.skin.contacts import ContactFinder, ContactSettings
+from tci.skin.kernels.arrays import ActiveTaxels
 from tci.skin.kernels.contacts import cluster
-from tci.skin.live_skin import LiveSkin
+from tci.skin.layout import SkinLayout
+from tci.skin.skin import Skin
 
 
 def gate_and_ruckig(robot: tci.Robot) -> tuple[Work, Work]:
@@ -66,14 +69,19 @@ def gate_and_ruckig(robot: tci.Robot) -> tuple[Work, Work]:
 
 def clusters_and_scipy(robot: tci.Robot) -> tuple[Work, Work]:
     """Single-link clusters of one touch: ours on the surface's neighbours, and SciPy's on a k-d tree."""
-    skin = LiveSkin(robot)
-    surface, flat = skin.surfaces["left_forearm"], skin.flat("left_forearm")
+    skin = Skin(robot)
+    layout, surface = SkinLayout.of_skin(skin), skin.surfaces["left_forearm"]
     distance = np.linalg.norm(surface.positions - surface.positions[100], axis=1)
     forces = np.where(distance < 0.015, 0.5, 0.0)
-    settings = ContactSettings()
+    settings, clusters = ContactSettings(), ContactFinder(layout)._clusters
+    place, touched = layout.places["left_forearm"], np.flatnonzero(forces)
+    begin = np.zeros(len(layout.sites) + 1, np.int64)
+    begin[place + 1 :] = len(touched)
+    pressure = (forces / surface.areas)[touched]
+    state = ActiveTaxels(*map(frozen, (np.zeros(len(begin) - 1), begin, touched.astype(np.int32), pressure)))
 
     def ours() -> object:
-        return cluster(forces, settings.floor, settings.touch, flat.graph, flat.work)
+        return cluster(state, settings.floor, settings.touch, layout.arrays, clusters)
 
     def peer() -> object:
         active = np.flatnonzero(forces > settings.floor)

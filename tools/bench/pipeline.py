@@ -18,8 +18,10 @@ from tci.authoring.dense_skin import with_dense_skin
 from tci.messages import Command, GenericCommand, JointReading, Mode, Perception, Reading, SkinFrame
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
-from tci.skin.live_skin import LiveSkin
+from tci.skin.conditioning import Conditioner
+from tci.skin.layout import SkinLayout
 from tci.skin.send_on_delta import HoldLast
+from tci.skin.skin import Skin
 
 PERIOD = 0.002
 TURN = 40
@@ -195,9 +197,9 @@ def events() -> list[Measured]:
     raw = {p.name: np.full(p.channels, p.sensor.rest, np.uint8) for p in robot.patches}
     for values in raw.values():
         values.setflags(write=False)
-    joints = JointReading(0.0, 0, np.array(initial_position(robot)), np.zeros(len(robot.servos)))
     period = 1.0 / robot.patches[0].rate
-    clocked, eventful = LiveSkin(robot), LiveSkin(robot)
+    layout = SkinLayout.of_skin(Skin(robot))
+    clocked, eventful = Conditioner(layout), Conditioner(layout)
     filled = HoldLast(robot, 1.0)
     count = [itertools.count(1), itertools.count(1)]
     sent: tuple[SkinFrame, ...] = ()
@@ -207,12 +209,12 @@ def events() -> list[Measured]:
         k = next(count[0])
         if k % 50 == 1:  # one keep-alive in 50 frames: else nothing is sent
             sent = tuple(SkinFrame(name, period * k, k, values) for name, values in raw.items())
-        return eventful.update(Reading(joints, filled.fill(sent, period * k)))
+        return eventful.step(filled.fill(sent, period * k))
 
     def peer() -> object:
         k = next(count[1])
         frames = tuple(SkinFrame(name, period * k, k, values.copy()) for name, values in raw.items())
-        return clocked.update(Reading(joints, frames))
+        return clocked.step(frames)
 
     pairs = in_turn(ours, peer)
     return [

@@ -41,6 +41,7 @@ from tci.robot.joint_map import JointMap, generic_posture, joint_map
 from tci.robot.skin_files.calibration import SkinCalibration
 from tci.skin.conditioning import ConditioningSettings
 from tci.skin.contacts import ContactSettings
+from tci.skin.layout import SkinLayout
 from tci.skin.skin import Skin
 
 
@@ -68,6 +69,8 @@ class GenericBody:
     settings: BodySettings = field(default_factory=BodySettings)
     skin: Skin = field(init=False, repr=False)
     """Taxels as places on the robot."""
+    layout: SkinLayout = field(init=False, repr=False)
+    """All taxels in the arrays that perception reads."""
     joint_maps: Mapping[str, JointMap] = field(init=False, repr=False)
     """Transforms between generic joints and servos, by generic part."""
     _parts: Mapping[Kind, tuple[str, ...]] = field(init=False, repr=False)
@@ -78,7 +81,8 @@ class GenericBody:
     _coverage: Coverage = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Raises DescriptionError for a model or a skin that can't be used."""
+        """Raises DescriptionError for a model or a skin that can't be used, TciError for a calibration that
+        does not fit the robot."""
         skin, robot = Skin(self.robot), self.robot
         landmarks = Landmarks(skin)
         kinds = {one.kind: tuple(p.name for p in robot.parts if p.kind == one.kind) for one in robot.parts}
@@ -87,6 +91,7 @@ class GenericBody:
         }
         self._set(
             skin=skin,
+            layout=SkinLayout.of_skin(skin, self.settings.calibration),
             joint_maps=MappingProxyType({part.name: joint_map(robot, part.name) for part in robot.parts}),
             _parts=kinds,
             _has_joint=has,

@@ -6,7 +6,6 @@ with its own acceleration, from rest. It is seen from the robot's root, since a 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from threading import local
 
@@ -18,11 +17,10 @@ from tci.errors import UnknownNameError
 from tci.frames import Array
 from tci.gate.bounds import Bounds, bounds_of
 from tci.gate.kernels.couplings import box_keeps, shift
-from tci.messages import Contact, Mode
+from tci.messages import Contacts, Mode
 from tci.robot.description import Robot
 from tci.robot.joint_map import JointMap, joint_map
 from tci.robot.kernels.links import retreats
-from tci.skin.contact_table import ContactTable
 from tci.skin.skin import Skin
 
 EARLY = (0.01, 0.02)
@@ -63,9 +61,7 @@ class Retreat:
         self._own = local()
         self._motions()  # now, or the first touch would wait for it
 
-    def along(
-        self, position: Array, contacts: Sequence[Contact], part: str, target: Array, mode: Mode
-    ) -> Array:
+    def along(self, position: Array, contacts: Contacts, part: str, target: Array, mode: Mode) -> Array:
         """How far [m] the point of each contact (c,) would be from where it is, (0, k, c) along its inward
         normal, below 0 where it is pressed, and (1, k, c) across it, at k moments while `part` goes to
         generic angles `target` (n,).
@@ -79,17 +75,15 @@ class Retreat:
             raise UnknownNameError("generic part", part, motions)
         motion = motions[part]
         if motion.joints.servos.size and len(contacts):
-            table = ContactTable.of(contacts)
-            after = np.array([self._after[site.patch] for site in table.sites])
-            p_L, n_L = table.vectors[table.order, :2].swapaxes(0, 1).copy()
+            after = np.array([self._after[site.patch] for site in contacts.sites])
             retreats(
                 self._way(motion, position, target, mode),
                 self._path,
                 self._chain.steps,
                 self._chain.sums,
-                after[table.patch[table.order]],
-                p_L,
-                n_L,
+                after[contacts.site],
+                contacts.p_L,
+                contacts.n_L,
                 np.empty((len(self._chain.steps), 3, 4)),
                 np.empty((len(contacts), 3, 2)),
                 result,

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numba import boolean, int64, void
@@ -10,11 +12,11 @@ from numpy.typing import NDArray
 
 from tci.capabilities import discounts
 from tci.capabilities.fields import ReceptiveField
-from tci.compiled import compiled, inlined, reads, views, writes
+from tci.compiled import compiled, inlined, reads, record, writes
 from tci.frames import Array, read_only
+from tci.messages import Contacts, Site
 from tci.robot.generic_arm import SEGMENTS
 from tci.robot.limb import generic_limb_point
-from tci.skin.kernels.contacts import FORCE, PEAK, U, Y, Z
 
 _SEGMENT, _X, _Y, _Z, _RADIUS, _THRESHOLD, _SATURATION, _MEASURE = range(8)
 _MEASURES = ("weighted", "sum", "peak")
@@ -34,20 +36,44 @@ def field_table(fields: Sequence[ReceptiveField]) -> Array:
     return read_only(np.ascontiguousarray(np.array(rows, dtype=np.float64).reshape(-1, 8).T))
 
 
+@lru_cache(maxsize=16)
+def segments_of(sites: tuple[Site, ...]) -> NDArray[np.int64]:
+    """The place (p,) of each site's segment in SEGMENTS; -1 for none of these."""
+    return read_only([SEGMENTS.index(s.segment) if s.segment in SEGMENTS else -1 for s in sites], np.int64)
+
+
+class Touches(NamedTuple):
+    """The arrays of `Contacts` that fields answer by."""
+
+    site: NDArray[np.int64]
+    begin: NDArray[np.int64]
+    force: Array
+    peak: Array
+    limb_point: Array
+    taxel_force: Array
+    taxel_point: Array
+
+
+def touches(contacts: Contacts) -> Touches:
+    c = contacts
+    return Touches(c.site, c.begin, c.force, c.peak, c.limb_point, c.taxel_force, c.taxel_point)
+
+
 @inlined
-def _felt(fields: Array, closest: int, numbers: Array, c: int, places: Array, begin: int, end: int) -> float:
+def _felt(fields: Array, closest: int, contacts: Touches, c: int) -> float:
     """The force [N] of a contact that a field compares, see `tci.skin.contacts.weighted_force`."""
     if fields[_MEASURE, closest] == 1.0:
-        return numbers[c, FORCE]
+        return contacts.force[c]
     if fields[_MEASURE, closest] == 2.0:
-        return numbers[c, PEAK]
+        return contacts.peak[c]
     total, weights = 0.0, 0.0
-    reach, u, y, z = 2.0 * fields[_RADIUS, closest], numbers[c, U], numbers[c, Y], numbers[c, Z]
-    for k in range(begin, end):
-        dx, dy, dz = places[1, k] - u, places[2, k] - y, places[3, k] - z
+    reach, points = 2.0 * fields[_RADIUS, closest], contacts.taxel_point
+    u, y, z = contacts.limb_point[c, 0], contacts.limb_point[c, 1], contacts.limb_point[c, 2]
+    for k in range(contacts.begin[c], contacts.begin[c + 1]):
+        dx, dy, dz = points[k, 0] - u, points[k, 1] - y, points[k, 2] - z
         weight = reach - np.sqrt(dx * dx + dy * dy + dz * dz)
         if weight > 0.0:
-            total += weight * places[0, k]
+            total += weight * contacts.taxel_force[k]
             weights += weight
     return total / weights if weights > 0.0 else 0.0
 
@@ -63,31 +89,27 @@ def _squares(fields: Array, segment: float, u: float, y: float, z: float, square
         squares[i] = square if inside else np.inf
 
 
-@compiled(
-    void(
-        reads(2), boolean, reads(1, int64), views(1, int64), views(1, int64), reads(2), reads(2), writes(1),
-        writes(1, int64), writes(1),
-    ),
-)  # fmt: skip
+_TOUCHES = record(Touches, reads(1, int64), reads(1, int64), reads(1), reads(1), reads(2), reads(1), reads(2))
+
+
+@compiled(void(reads(2), boolean, reads(1, int64), _TOUCHES, writes(1), writes(1, int64), writes(1)))
 def find_answers(
     fields: Array,
     cosine: bool,
     segments: NDArray[np.int64],
-    patch: NDArray[np.int64],
-    bounds: NDArray[np.int64],
-    numbers: Array,
-    places: Array,
+    contacts: Touches,
     squares: Array,
     nearest: NDArray[np.int64],
     gains: Array,
 ) -> None:
-    """Of each contact of a table the `nearest` (c,) of the `fields` (8, m) that it lies in, -1 for none, and
-    the `gains` (c,) phi(F) psi(d).
+    """Of each contact the `nearest` (c,) of the `fields` (8, m) that it lies in, -1 for none, and the
+    `gains` (c,) phi(F) psi(d).
 
-    All about them is as in `ContactTable`; `squares` (m,) is room to work in.
+    `segments` (p,) are those of the contacts' sites; `squares` (m,) is room to work in.
     """
-    for c in range(len(numbers)):
-        _squares(fields, np.float64(segments[patch[c]]), numbers[c, U], numbers[c, Y], numbers[c, Z], squares)
+    for c in range(len(contacts.site)):
+        point = contacts.limb_point[c]
+        _squares(fields, np.float64(segments[contacts.site[c]]), point[0], point[1], point[2], squares)
         closest, least = -1, np.inf
         for i in range(len(squares)):
             if squares[i] < least:
@@ -95,6 +117,6 @@ def find_answers(
         nearest[c], gains[c] = closest, 0.0
         if closest >= 0:
             radius, apart = fields[_RADIUS, closest], np.sqrt(least)
-            felt = _felt(fields, closest, numbers, c, places, bounds[c], bounds[c + 1])
+            felt = _felt(fields, closest, contacts, c)
             gain = _phi(felt, fields[_THRESHOLD, closest], fields[_SATURATION, closest])
             gains[c] = gain * (_psi_cosine(apart, radius) if cosine else _psi(apart, radius))

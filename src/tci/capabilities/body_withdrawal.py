@@ -21,7 +21,7 @@ from tci.capabilities.discounts import phi, psi
 from tci.capabilities.withdrawal_rule import Wish, Withdrawals, blind_field, new_targets, withdraw_all
 from tci.errors import TciError
 from tci.frames import Array
-from tci.messages import Contact, Order, Perception
+from tci.messages import Contact, Contacts, Order, Perception
 from tci.reasons import Reason
 from tci.robot.description import SOLE
 
@@ -74,7 +74,7 @@ class BodyWithdrawal(Capability[BodyMemory]):
         """One command for each part whose target changed."""
         heavy = self._heavy(perception.contacts)
         if heavy:  # what a sole feels while the robot stands is the ground
-            contacts = [contact for contact in perception.contacts if contact.segment != SOLE]
+            contacts = Contacts.of(touch for touch in perception.contacts if touch.segment != SOLE)
             perception = replace(perception, contacts=contacts)
 
         def forbids(part: str, target: Array) -> str:

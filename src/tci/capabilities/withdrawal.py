@@ -13,16 +13,24 @@ from typing import Literal
 import numpy as np
 
 from tci.body.generic_body import GenericBody
-from tci.capabilities.answer import field_table, find_answers
+from tci.capabilities.answer import field_table, find_answers, segments_of, touches
 from tci.capabilities.capability import Capability
 from tci.capabilities.fields import ReceptiveField, default_fields
 from tci.capabilities.withdrawal_rule import Wish, Withdrawals, blind_field, new_targets, withdraw_all
 from tci.errors import TciError
 from tci.frames import Array, read_only
-from tci.messages import Command, Contact, GenericCommand, LimbPlace, Mode, Perception, SwitchMode
+from tci.messages import (
+    Command,
+    Contact,
+    Contacts,
+    GenericCommand,
+    LimbPlace,
+    Mode,
+    Perception,
+    SwitchMode,
+)
 from tci.reasons import Reason
 from tci.robot.generic_arm import JOINTS
-from tci.skin.contact_table import ContactTable
 
 DISCOUNTS = ("linear", "cosine")
 """Distance discounts: `discounts.psi` and `psi_cosine`."""
@@ -132,27 +140,24 @@ class WithdrawalReflex(Capability[WithdrawalMemory]):
 
         The sum of overlapping fields would have no bound.
         """
-        ((_, closest, gain),) = self._find(ContactTable.of((contact,)))
+        ((_, closest, gain),) = self._find(Contacts.of((contact,)))
         return Answer(self.fields[closest], gain) if gain > 0.0 else None
 
-    def _find(self, table: ContactTable) -> Iterable[tuple[int, int, float]]:
-        """Of each row its patch, the field that is nearest, and the gain; 0: no answer."""
+    def _find(self, table: Contacts) -> Iterable[tuple[int, int, float]]:
+        """Of each contact its site, the field that is nearest, and the gain; 0: no answer."""
         closest, gains = np.empty(len(table), np.int64), np.empty(len(table))
         find_answers(
-            self._table, self.distance_discount == "cosine", table.segments, table.patch, table.bounds,
-            table.numbers, table.places, np.empty(len(self.fields)), closest, gains,
+            self._table, self.distance_discount == "cosine", segments_of(table.sites), touches(table),
+            np.empty(len(self.fields)), closest, gains,
         )  # fmt: skip
-        return zip(table.patch.tolist(), closest.tolist(), gains.tolist(), strict=True)
+        return zip(table.site.tolist(), closest.tolist(), gains.tolist(), strict=True)
 
-    def _wishes(self, contacts: Sequence[Contact]) -> dict[str, list[Wish[ReceptiveField]]]:
-        """What each contact asks for that has an answer, by part."""
-        table = ContactTable.of(contacts)
-        places = np.argsort(table.order).tolist()
+    def _wishes(self, contacts: Contacts) -> dict[str, list[Wish[ReceptiveField]]]:
+        """Answers that contacts ask for, by part."""
         wishes: dict[str, list[Wish[ReceptiveField]]] = {}
-        for place, (patch, nearest, gain) in zip(places, self._find(table), strict=True):
+        for row, (site, nearest, gain) in enumerate(self._find(contacts)):
             if gain > 0.0:
-                wish = Wish(self.fields[nearest], gain, place)
-                wishes.setdefault(table.sites[patch].part, []).append(wish)
+                wishes.setdefault(contacts.sites[site].part, []).append(Wish(self.fields[nearest], gain, row))
         return wishes
 
     @cached_property

@@ -19,7 +19,6 @@ from tci.errors import CommandError
 from tci.frames import Array, frozen
 from tci.messages import GenericCommand, Mode, Perception
 from tci.reasons import Code, Reason
-from tci.skin.contact_table import identities
 
 ANEW = 0.02
 """Time [s] after which a refusal is judged anew though the skin feels as before: the robot may have moved."""
@@ -291,7 +290,7 @@ def _frames(perception: Perception) -> bytes:
 
 
 def _identities(perception: Perception) -> frozenset[int]:
-    return frozenset(map(int, identities(perception.contacts)))
+    return frozenset(perception.contacts.identity.tolist())
 
 
 def _is_same(one: F, other: F) -> bool:

@@ -50,6 +50,7 @@ class RunLog:
         self._contacts: set[int] = set()
         self._touched: dict[str, float] = {}
         self._masked: dict[str, int] = {}
+        self._patches = [patch.name for patch in driver.robot.patches]
         self._ended: float | None = None
 
     def see(self, tick: Tick) -> None:
@@ -147,11 +148,13 @@ class RunLog:
         self._contacts = {*contacts}
 
     def _skin(self, tick: Tick) -> None:
-        for name, patch in tick.skin.patches.items():
-            masked = 0 if patch.masked is None else int(np.count_nonzero(patch.masked))
+        skin = tick.skin
+        for p, name in enumerate(self._patches):
+            own = slice(*skin.taxels[p : p + 2].tolist())
+            masked = 0 if skin.masked is None else int(np.count_nonzero(skin.masked[own]))
             if masked != self._masked.get(name, 0):
                 self._masked[name] = masked
-                count = len(patch.pressure)
+                count = own.stop - own.start
                 others = "no other is left" if masked == count else "the others are used"
                 words = f"{name}: {masked} of {count} taxels are not believed, {others}"
                 self.tell(tick.now, "MASK", words, "yellow")

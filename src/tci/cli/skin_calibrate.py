@@ -34,7 +34,7 @@ from tci.robot.skin_files.calibration import (
 )
 from tci.robot.xml.values import decimal
 from tci.simulation.finger import STIFFNESS
-from tci.skin.shear import normal_channels
+from tci.skin.layout import normal_channels
 from tci.skin.surfaces import Surface, build_surface
 
 SILENCE = 5.0

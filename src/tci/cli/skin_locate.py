@@ -15,7 +15,7 @@ from tci.frames import Array
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
 from tci.robot.kinematics import Kinematics
-from tci.skin.shear import normal_channels
+from tci.skin.layout import normal_channels
 from tci.skin.surfaces import Surface, build_surface
 
 PLACE = 6

@@ -14,10 +14,11 @@ from tci.body.posture import to_platform
 from tci.capabilities.fields import ReceptiveField
 from tci.capabilities.withdrawal import WithdrawalReflex
 from tci.frames import Array, angle_between, apply, invert, read_only
-from tci.messages import Contact, GenericCommand, JointReading, Mode, Perception
+from tci.messages import Contact, Contacts, GenericCommand, JointReading, Mode, Perception, Site
 from tci.robot.description import Robot
 from tci.robot.generic_arm import limb_coordinates
 from tci.robot.joint_map import generic_posture, initial_position
+from tci.skin.contacts import single_contact
 
 FORCES = np.linspace(0.0, 1.0, 21)
 """Force of the stimulus [N] in successive frames: the rise of a touch."""
@@ -71,7 +72,7 @@ def answer(body: GenericBody, part: str, field: ReceptiveField) -> Array:
     target, targets = posture[part], []
     for sequence, force in enumerate(FORCES):
         contact = touch(body, part, field, joints, force=float(force), sequence=sequence)
-        perception = Perception(contact.stamp, posture, (contact,), joints=joints)
+        perception = Perception(contact.stamp, posture, Contacts.of((contact,)), joints=joints)
         commands, memory = reflex.step(memory, perception, body)
         for command in commands:
             if isinstance(command, GenericCommand):
@@ -100,27 +101,12 @@ def touch(
     p_T = apply(T_TL, place.p_L)
     length = generic_part.segment(field.segment).length
     u, theta = limb_coordinates(apply(invert(T_TS), p_T), length, generic_part.side)
-    return Contact(
-        patch=place.patch,
-        part=part,
-        segment=field.segment,
-        stamp=0.01 * sequence,
-        sequence=sequence,
-        taxels=read_only([0], np.intp),
-        taxel_forces=read_only([force]),
-        force=force,
-        peak_force=force,
-        area=0.0,
-        p_L=place.p_L,
-        n_L=place.n_L,
-        p_T=read_only(p_T),
-        n_T=read_only(T_TL[:3, :3] @ place.n_L),
-        f_T=read_only(-force * (T_TL[:3, :3] @ place.n_L)),
-        u=float(u),
-        theta=float(theta),
-        taxel_u=read_only([u]),
-        taxel_theta=read_only([theta]),
-    )
+    n_T = T_TL[:3, :3] @ place.n_L
+    return single_contact(
+        Site(place.patch, part, field.segment), [0], [force],
+        stamp=0.01 * sequence, sequence=sequence, u=float(u), theta=float(theta), taxel_u=[u],
+        taxel_theta=[theta], p_L=place.p_L, n_L=place.n_L, p_T=p_T, n_T=n_T, f_T=-force * n_T,
+    )  # fmt: skip
 
 
 def displacements(body: GenericBody, part: str, target: Array) -> Array:

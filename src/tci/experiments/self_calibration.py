@@ -15,7 +15,7 @@ from tci.robot.description import Robot
 from tci.robot.kinematics import Kinematics
 from tci.simulation.finger import STIFFNESS
 from tci.simulation.world import World
-from tci.skin.shear import normal_channels
+from tci.skin.layout import normal_channels
 from tci.skin.surfaces import Surface
 
 SPEED, FORCE = 0.25, (3.0, 6.0)

@@ -19,7 +19,7 @@ from tci.reasons import Code, Reason
 from tci.robot.clearance import Clearance
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
-from tci.skin.kernels.flat import Indices
+from tci.skin.kernels.arrays import Indices
 
 MARGIN = 0.005
 """Distance [m] that links keep. Ours: room for the servos' lag and for hulls of reduced meshes."""

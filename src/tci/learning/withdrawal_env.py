@@ -7,7 +7,6 @@ return to the task.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, Literal
 
 import numpy as np
@@ -22,7 +21,7 @@ from tci.errors import TciError
 from tci.frames import Array
 from tci.installed import needs
 from tci.learning.registration import register
-from tci.messages import GenericCommand, Mode, PatchState, Perception, SwitchMode
+from tci.messages import GenericCommand, Mode, Perception, SwitchMode
 from tci.pictures.camera import look_at
 from tci.pictures.portrait import Portrait, keep_moment
 from tci.robot.catalogue import load_robot
@@ -234,10 +233,9 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         self.driver.write(self.driver.gate.step(platform, joints, self.world.time, refused=refused))
 
     def _harm(self) -> float:
-        felt = self._patches()
+        felt = self._pressures()
         return (
-            max((float(felt[name].pressure.max()) for name in self.patches if name in felt), default=0.0)
-            / self.pain
+            max((float(felt[name].max()) for name in self.patches if name in felt), default=0.0) / self.pain
         )
 
     def _observe(self, seen: Perception, took: float) -> Observation:
@@ -259,18 +257,18 @@ class WithdrawalEnv(gymnasium.Env[Observation, NDArray[np.float64]]):
         for row, contact in zip(rows, own, strict=False):
             sin, cos = np.sin(contact.theta), np.cos(contact.theta)
             row[:] = (
-                contact.segment == "forearm", contact.u, sin, cos, contact.force, contact.peak_force,
+                contact.segment == "forearm", contact.u, sin, cos, contact.force, contact.peak,
                 1e4 * contact.area,
             )  # fmt: skip
         return rows
 
-    def _patches(self) -> Mapping[str, PatchState]:
+    def _pressures(self) -> dict[str, Array]:
         assert self._seen.skin is not None  # as a Perceiver made it
-        return self._seen.skin.patches
+        return self._seen.skin.by_patch(patch.name for patch in self.body.robot.patches)
 
     def _taxels(self) -> Array:
-        felt = self._patches()
-        return np.concatenate([np.array(felt[name].force) for name in self.patches])
+        felt, surfaces = self._pressures(), self.body.skin.surfaces
+        return np.concatenate([felt[name] * surfaces[name].areas for name in self.patches])
 
 
 def generic_limits(robot: Robot, part: GenericPart) -> tuple[Array, Array]:

@@ -79,11 +79,12 @@ def collect(
     forces: dict[str, Array] = {}
     peak: dict[str, Array] = {}
     sent, measured, response = [], [], []
+    names = [patch.name for patch in robot.patches]
     for index, period in enumerate(chosen):
         for contact in period.perception.contacts:
             forces.setdefault(contact.patch, np.zeros(len(chosen)))[index] += contact.force
-        for name, patch in period.skin.patches.items():
-            peak[name] = np.maximum(peak.get(name, 0.0), patch.pressure)
+        for name, pressure in period.skin.by_patch(names).items():
+            peak[name] = np.maximum(peak.get(name, 0.0), pressure)
         measured.append(period.perception.posture[part])
         sent.append(_sent(robot, period, part))
         speeds = period.decision["velocity"] if period.decision else ()

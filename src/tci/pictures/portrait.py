@@ -20,7 +20,8 @@ from tci.robot.joint_map import generic_posture
 from tci.simulation.finger import FINGER
 from tci.simulation.touch import skin_geom
 from tci.simulation.world import World
-from tci.skin.live_skin import LiveSkin
+from tci.skin.conditioning import Conditioner
+from tci.skin.layout import SkinLayout
 from tci.skin.skin import Skin
 
 _FINGER_ALPHA = 0.6
@@ -122,9 +123,11 @@ class Portrait:
                         [field for field in self._fields if field.segment == segment],
                     )
                 )
-        # A separate LiveSkin, so that pressures depend on this reading alone.
-        state = LiveSkin(robot, skin=skin).update(moment.reading)
-        pressure = np.concatenate([state.patches[name].pressure for name in names])
+        # A separate conditioner, so that pressures depend on this reading alone.
+        conditioner = Conditioner(SkinLayout.of_skin(skin))
+        conditioner.step(moment.reading.skin)
+        felt = conditioner.state.by_patch(patch.name for patch in robot.patches)
+        pressure = np.concatenate([felt[name] for name in names])
         paint.append(
             TaxelPaint(
                 np.concatenate(list(positions.values())),

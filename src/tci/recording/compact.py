@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 from mcap.writer import Writer
 
+from tci.body.generic_body import GenericBody
+from tci.body.perceiver import Perceiver
 from tci.errors import RecordingError, TciError
-from tci.frames import apply
 from tci.recording.recording import Recording
 from tci.recording.schemas import CLOUD, JOINTS, SKIN, cloud_fields, header, to_nanoseconds
 from tci.recording.topics import Topics
 from tci.robot.description import Robot
 from tci.rosmsg.cdr import MessageType, encode
-from tci.skin.live_skin import LiveSkin
 
 CLOUDS = 10.0
 """Rate [Hz] of point clouds. Assumed: enough for display, as every raw frame is kept as well."""
@@ -42,8 +42,8 @@ def compact(
 
     Adds point clouds of the skin if the `robot` of the recording is given and has a model. The latest joints
     and skin frames before `begin` are repeated at the start. On any error `source` is unchanged. Raises
-    RecordingError if the disk fails or the recording can't be read, and what `LiveSkin` raises if the robot's
-    model can't be used.
+    RecordingError if the disk fails or the recording can't be read, and what `GenericBody` raises if the
+    robot's model can't be used.
     """
     part = target.with_name(target.name + ".part")
     recording = Recording(source)
@@ -54,7 +54,7 @@ def compact(
             writer.add_metadata("tci", recording.about | dict(about or {}))
             streams = [_between(recording, begin, end)]
             if robot is not None and robot.model is not None:
-                streams.append(_clouds(recording, LiveSkin(robot), begin, end))
+                streams.append(_clouds(recording, GenericBody(robot), begin, end))
             topics = Topics(writer)
             for stamp, topic, kind, data in heapq.merge(*streams, key=lambda message: message[0]):
                 topics.put(topic, kind, stamp, data)
@@ -89,25 +89,25 @@ def _between(recording: Recording, begin: float, end: float) -> Iterator[Stamped
             yield stamp, topic, kind, data
 
 
-def _clouds(recording: Recording, skin: LiveSkin, begin: float, end: float) -> Iterator[Stamped]:
+def _clouds(recording: Recording, body: GenericBody, begin: float, end: float) -> Iterator[Stamped]:
     """Yields point clouds of the whole skin with its pressure, in the torso frame; none for a reading that
     does not fit."""
-    due = -np.inf
+    due, perceiver = -np.inf, Perceiver(body)
+    names = [patch.name for patch in body.robot.patches]
     for tick in recording.ticks():
         if not max(begin, due) <= tick.now < end:
             continue
         try:
-            state = skin.update(tick.reading)
-            points = [
-                apply(state.link_poses[skin.robot.patch(name).link], skin.surfaces[name].positions)
-                for name in state.patches
-            ]
+            state = perceiver.step(tick.reading, tick.now).skin
+            assert state is not None  # as a Perceiver made it
+            felt = state.by_patch(names)
+            points = [body.skin.positions(name, tick.reading.joints, frame="torso") for name in felt]
         except TciError:
             continue
         if not points:
             continue
         due = tick.now + 1.0 / CLOUDS - 1e-6
-        pressure = np.concatenate([patch.pressure for patch in state.patches.values()])
+        pressure = np.concatenate([*felt.values()])
         cloud = np.empty((len(pressure), 4), dtype="<f4")
         cloud[:, :3] = np.round(np.concatenate(points) / FINEST) * FINEST
         cloud[:, 3] = pressure

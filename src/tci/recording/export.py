@@ -19,6 +19,7 @@ from tci.recording.recording import Recording
 from tci.recording.schemas import DECISION, JOINTS, SKIN, to_frame
 from tci.robot.description import Robot
 from tci.rosmsg.cdr import decode
+from tci.skin.skin import Skin
 
 FORMATS = ("csv", "npz", "parquet")
 Table = dict[str, NDArray[Any]]
@@ -134,21 +135,24 @@ def _felt(
     row = {patch: {(f.stamp, f.sequence): k for k, f in enumerate(some)} for patch, some in frames.items()}
     felt: dict[str, Table] = {}
     contacts: dict[tuple[str, float, int, int], tuple[Any, ...]] = {}
+    skins, names = Skin(robot), [patch.name for patch in robot.patches]
     for period in perceive(recording, robot):
-        for patch, state in period.skin.patches.items():
-            k = row.get(patch, {}).get((state.stamp, state.sequence))
+        skin = period.skin
+        for p, patch in enumerate(names):
+            k = row.get(patch, {}).get((skin.stamp[p], skin.sequence[p]))
             if k is None:
-                continue  # a repeated frame of a skin that sends on change
+                continue  # none, or a repeated frame of a skin that sends on change
+            pressure, areas = skin.on(p), skins.surfaces[patch].areas
             if patch not in felt:
-                shape = len(frames[patch]), state.pressure.size
+                shape = len(frames[patch]), pressure.size
                 felt[patch] = {name: np.full(shape, np.nan) for name in ("pressure_pa", "force_n")}
-            felt[patch]["pressure_pa"][k], felt[patch]["force_n"][k] = state.pressure, state.force
+            felt[patch]["pressure_pa"][k], felt[patch]["force_n"][k] = pressure, pressure * areas
         for c in period.perception.contacts:
             contacts.setdefault(
                 (c.patch, c.stamp, c.sequence, c.identity),
                 (
-                    c.stamp, c.sequence, c.patch, c.part, c.segment, c.identity, c.began, c.force,
-                    c.peak_force, c.area, len(c.taxels), c.u, c.theta, *c.p_T, *c.f_T,
+                    c.stamp, c.sequence, c.patch, c.part, c.segment, c.identity, c.onset, c.force,
+                    c.peak, c.area, len(c.taxels), c.u, c.theta, *c.p_T, *c.f_T,
                 ),
             )  # fmt: skip
     columns = zip(*contacts.values(), strict=True) if contacts else [()] * len(CONTACT)

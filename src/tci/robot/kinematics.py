@@ -8,7 +8,7 @@ K0 + K1 q.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable
 from copy import copy
 from functools import lru_cache
 from pathlib import Path
@@ -191,42 +191,6 @@ class _Steps:
         self.sums.append(sums)
         self.axes.append(np.zeros((2, 3)) if axis is None else axis)
         return len(self.steps) - 1
-
-
-class LinkPoses(Mapping[str, Array]):
-    """`T_TL` (4, 4) of some links by name, computed when the first is asked for. Copies and pickles are
-    plain dictionaries."""
-
-    __slots__ = ("_all", "_kinematics", "_position", "names")
-
-    def __init__(self, kinematics: Kinematics, names: tuple[str, ...], position: Array) -> None:
-        """At angles `position` (n_servos,) [rad] that nobody changes."""
-        self.names = names
-        self._kinematics, self._position = kinematics, position
-        self._all: Array | None = None
-
-    @property
-    def all(self) -> Array:
-        """`T_TL` (l, 4, 4) of all links."""
-        if self._all is None:
-            self._all = self._kinematics.pose_array(self._position, self.names)
-            self._all.setflags(write=False)
-        return self._all
-
-    def __getitem__(self, link: str) -> Array:
-        if link not in self.names:
-            raise KeyError(link)
-        pose: Array = self.all[self.names.index(link)]
-        return pose
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self.names)
-
-    def __len__(self) -> int:
-        return len(self.names)
-
-    def __reduce__(self) -> tuple[type[dict[str, Array]], tuple[dict[str, Array]]]:
-        return dict, (dict(self),)
 
 
 def joints_of(robot: Robot, model: mujoco.MjModel) -> tuple[list[int], list[int], list[int]]:

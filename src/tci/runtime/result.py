@@ -15,8 +15,6 @@ from tci.gate.gate import GateState, SafeCommand
 from tci.messages import Perception
 from tci.reasons import Notice, Reason, ReasonCounter, text_of
 from tci.runtime.loop_report import LoopReport
-from tci.skin.contact_table import ContactTable
-from tci.skin.kernels.contacts import FORCE
 
 MOVED = float(np.deg2rad(1.0))
 """Travel [rad] from which a servo counts as moved. Assumed: less is how far gravity makes a servo sag."""
@@ -166,8 +164,8 @@ class Account:
         self._contacts = seen.contacts
         if not seen.contacts:
             return
-        table = ContactTable.of(seen.contacts)
-        for site, force in zip(table.patch.tolist(), table.numbers[:, FORCE].tolist(), strict=True):
+        table = seen.contacts
+        for site, force in zip(table.site.tolist(), table.force.tolist(), strict=True):
             patch = table.sites[site].patch
             self._touched[patch] = max(force, self._touched.get(patch, 0.0))
 

@@ -1,52 +1,69 @@
-"""From raw frames of a patch to the pressure on its taxels.
+"""From raw frames of all patches to the pressure on their taxels.
 
 Each robot's sensor has its own numbers: polarity, range and response come from the description, rest values
-and noise are learnt, and taxels that can't be trusted are masked, so that above this module all skins speak
-pascal (§3.2: readings are normalised in layer L3). The same frames give the same pressures, bit for bit.
+and noise are estimated, and taxels that can't be trusted are masked, so that above this module all skins
+speak pascal (§3.2: readings are normalised in layer L3). The same frames give the same pressures, bit for
+bit.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
+import copy
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from types import MappingProxyType
+from operator import gt, lt
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.errors import FrameError, TciError
-from tci.frames import Array, doubles, read_only
-from tci.robot.description import SOLE, Patch
-from tci.robot.skin_files.calibration import PatchCalibration
-from tci.skin.baseline import Baseline, BaselineSettings, Window
-from tci.skin.health import Health, HealthSettings, TaxelHealth
+from tci.compiled import entry
+from tci.errors import FrameError, TciError, UnknownNameError
+from tci.frames import frozen
+from tci.messages import SkinFrame, SkinState
+from tci.skin.baseline import BaselineSettings
+from tci.skin.estimation import PatchEstimator
+from tci.skin.health import HealthSettings
+from tci.skin.kernels.arrays import BLOCK, BLOCK_SIZE, ActiveTaxels, Estimates, SkinMemory
 from tci.skin.kernels.condition import (
-    BEFORE,
-    BEND,
-    CHANGED,
-    PEAK,
-    RAW,
+    BLOCK_COLUMNS,
+    CHANGES,
+    CONSTANT,
+    DIFFERENCES,
+    DROPPED,
+    DUE,
+    ELAPSED,
+    FRAMES,
+    IN_WINDOW,
+    LEAST,
+    PATCH_COLUMNS,
+    REPEATED,
+    REPEATS,
+    ROWS,
+    SATURATED,
     SIGNAL,
+    STAMP,
     TOTAL,
     condition,
-    empty_memory,
 )
+from tci.skin.layout import AXES, SkinLayout
+from tci.skin.shear import Shear
 
-GAP = 1.0
-"""Longest time [s] between two frames that anything is learnt for at once. Ours."""
-SATURATED = 0.9
-"""Share of the range from which a taxel is at its end, not stepped. Ours."""
+RESTART = 1.0
+"""A frame with a lower sequence that is this much newer [s] means that its sender restarted. Assumed."""
+
+
+_CONDITION = {np.dtype(kind): entry(condition, k) for k, kind in enumerate((np.uint8, np.float32))}
+"""The kernel for each type of raw values."""
 
 
 @dataclass(frozen=True, slots=True)
 class ConditioningSettings:
-    """How frames become pressures."""
+    """Settings by which frames become pressures."""
 
     baseline: BaselineSettings = field(default_factory=BaselineSettings)
     """Rest values, drift, noise."""
     health: HealthSettings = field(default_factory=HealthSettings)
-    """When taxels are masked."""
+    """Conditions under which taxels are masked."""
     latency: float = 0.0
     """Time constant [s] of smoothing: pressures come at most this much later. 0: none."""
 
@@ -57,12 +74,12 @@ class ConditioningSettings:
 
 @dataclass(frozen=True, slots=True)
 class PatchHealth:
-    """How much of a patch can be trusted."""
+    """Trust in the taxels of a patch."""
 
     coverage: float
     """Share 0..1 of its taxels that are used."""
     masked: Mapping[int, str]
-    """Why each of the others is not, by index: `dead`, `stuck`, `noisy`."""
+    """Reason for each of the others, by index: `dead`, `stuck`, `noisy`."""
     saturated: int
     """Taxels at the end of their range now: a valid touch, its amplitude capped."""
     dropped: int
@@ -70,282 +87,291 @@ class PatchHealth:
 
 
 class Conditioner:
-    """Turns the raw frames of one patch into pressures.
+    """Turns the raw frames of a skin into pressures; remembers the statistics and estimates of its taxels."""
 
-    One lives as long as the patch's link is open: what is learnt about its taxels belongs here.
-    """
-
-    def __init__(
-        self,
-        patch: Patch,
-        channels: NDArray[np.intp],
-        *,
-        neighbours: NDArray[np.intp] | None = None,
-        settings: ConditioningSettings | None = None,
-        calibration: PatchCalibration | None = None,
-        phase: float = 0.0,
-    ) -> None:
-        """`channels` (taxels,) are the places of the taxels in the raw frame, `neighbours` (m, 2) pairs of
-        taxels that touch. A `calibration` takes the place of the description's rest, noise and response.
-        The second lesson is longer by the share `phase`, so that patches do not all learn in the same frame.
-
-        Raises TciError for a calibration of another number of taxels.
-        """
-        self.patch = patch
-        self.channels = np.ascontiguousarray(channels, dtype=np.intp)
-        self.dropped = 0
-        """Values dropped until now: not finite, or none that the sensor can send."""
-        self.settings = settings or ConditioningSettings()
-        sensor = patch.sensor
-        self.sign = float(np.sign(sensor.pascal_per_count))
-        full = (sensor.highest - sensor.rest) if self.sign > 0 else (sensor.rest - sensor.lowest)
-        count = len(channels)
-        pairs = np.zeros((0, 2), dtype=np.intp) if neighbours is None else neighbours
-        self.baseline = Baseline(
-            count,
-            span=sensor.highest - sensor.lowest,
-            floor=min(self.sign * (end - sensor.rest) for end in (sensor.lowest, sensor.highest)),
-            noise=sensor.noise,
-            neighbours=pairs,
-            settings=self.settings.baseline,
+    def __init__(self, layout: SkinLayout, settings: ConditioningSettings = ConditioningSettings()) -> None:
+        self.layout, self.settings = layout, settings
+        self.late = 0
+        """Frames until now that came after a newer one."""
+        self.estimators = tuple(
+            PatchEstimator(patch, settings.baseline, settings.health) for patch in layout.patches
         )
-        """What the taxels read at rest."""
-        response = sensor.response
-        if calibration is not None:
-            calibration.check(count)
-            self.baseline.start(self.sign * (np.array(calibration.rest) - sensor.rest), calibration.noise)
-            response = calibration.response
-        self._health = TaxelHealth(count, full=full, neighbours=pairs, settings=self.settings.health)
-        self.sensor = np.array([sensor.lowest, sensor.highest, sensor.rest, self.sign, full], np.float32)
-        self.nodes = np.array(response).T.copy() if response else np.zeros((2, 0))
-        self.gain = np.full(count, 1.0 if response else abs(sensor.pascal_per_count))
-        self.memory = empty_memory(count)
-        self._active = np.zeros(count, np.uint8)
-        self._pressure = np.zeros(count)
-        self._masked = read_only(self._health.state, np.bool_)
-        self._least: Array | None = None
-        self._saturated = 0
-        self._frames = self._in_lesson = self._bends = 0
-        self.ended = False
-        """A lesson has ended from which nothing has been learnt yet."""
-        self._half: tuple[Window, Array, NDArray[np.bool_]] | None = None
-        self._due, self._phase = self.settings.baseline.window, phase
-        self._elapsed = self._raised = 0.0
-        self._stamp: float | None = None
-        self._values: object = None
-        self._repeats = 0
-        self._round()
-
-    @property
-    def masked(self) -> NDArray[np.bool_]:
-        """Which taxels (n,) are ignored: an array that nobody changes."""
-        return self._masked
-
-    @property
-    def least(self) -> Array:
-        """Pressure (n,) [Pa] from which taxels feel something, at least one count; masked ones: infinite."""
-        if self._least is None:
-            counts = np.maximum(self.baseline.threshold, 1.0)
-            pressure = np.interp(counts, *self.nodes) if self.nodes.size else self.gain * counts
-            self._least = read_only(np.where(self._masked, np.inf, pressure))
-        return self._least
-
-    @property
-    def lively(self) -> NDArray[np.bool_]:
-        """Which taxels (n,) have so much noise that their values never stay the same for long."""
-        lively: NDArray[np.bool_] = self.baseline.noise >= self.settings.health.fluctuating
-        return lively
-
-    @property
-    def silent(self) -> NDArray[np.bool_]:
-        """Which taxels (n,) are not believed."""
-        return self._health.muted
-
-    @property
-    def still(self) -> bool:
-        """Whether a taxel is dead or stuck, so that a change of it counts."""
-        return self._health.constant
-
-    @property
-    def lesson(self) -> tuple[float, float, int, int]:
-        """Time since this lesson began and when it ends [s], frames and second differences in it."""
-        return self._elapsed, self._due, self._in_lesson, self._bends
-
-    def resume(
-        self, *, stamp: float | None, elapsed: float, frames: int, in_lesson: int, bends: int, saturated: int
-    ) -> None:
-        """Go on from what somebody else counted: stamp [s] of the latest frame, time [s] since the lesson
-        began, frames seen, frames and second differences in the lesson, taxels at the end of their range."""
-        self._stamp, self._elapsed, self._frames = stamp, elapsed, frames
-        self._in_lesson, self._bends, self._saturated = in_lesson, bends, saturated
-        self._values = None
-
-    def revive(self, changed: NDArray[np.bool_]) -> None:
-        """Taxels that were dead or stuck and `changed` (n,) are believed again, from the next frame on."""
-        self._health.revive(changed)
-        self._masked, self._least = read_only(self._health.state, np.bool_), None
-
-    @property
-    def health(self) -> PatchHealth:
-        """What was found out about the taxels until now."""
-        self.catch_up()
-        state = self._health.state
-        masked = {int(i): Health(state[i]).name.lower() for i in np.flatnonzero(state)}
-        coverage = 1.0 - len(masked) / max(len(state), 1)
-        return PatchHealth(coverage, MappingProxyType(masked), self._saturated, self.dropped)
-
-    def rezero(self) -> None:
-        """What the taxels read now is rest: after a step of the baseline, or on an operator's word."""
-        if self._frames:
-            self.catch_up()
-            self._count_repeats()
-            self.baseline.rezero(self.memory[SIGNAL].astype(np.float64))
-            self._round()
-            self._forget()
-
-    def pressure(self, values: NDArray[np.generic], stamp: float | None = None) -> Array:
-        """Pressure (taxels,) [Pa] of a raw frame (channels,) at `stamp` [s]: never negative, always finite.
-
-        Without a stamp nothing is learnt from the frame. What a lesson teaches counts from the frame after it
-        on. A value that is not finite, or that the sensor
-        can't send, counts as the taxel's rest. The same read-only array again is the same frame again: it is
-        only counted. Raises FrameError for another number of values, or for values that are no real numbers.
-        """
-        self.catch_up()
-        elapsed = 0.0
-        if stamp is not None:
-            elapsed = 0.0 if self._stamp is None else min(max(stamp - self._stamp, 0.0), GAP)
-            self._stamp = stamp
-        if values is self._values:
-            self._repeats += 1
-            self.dropped += self._dropped
-        else:
-            self._condition(np.asarray(values), elapsed)
-        self._bends += self._frames == 2
-        self._frames = min(self._frames + 1, 2)
-        self._in_lesson += 1
-        self._elapsed += elapsed
-        self.ended = self._elapsed >= self._due and self._in_lesson >= self.settings.baseline.frames
-        return self._pressure
-
-    def _condition(self, values: NDArray[np.generic], elapsed: float) -> None:
-        """Go through all taxels."""
-        self.check(values)
-        self._count_repeats()
-        latency = self.settings.latency
-        smooth = latency > 0.0 and elapsed > 0.0
-        pressure = np.zeros(len(self.channels))
-        self._dropped, self._saturated = condition(
-            values if values.dtype == np.uint8 else doubles(values),
-            self.channels,
-            self.sensor,
-            self.offset,
-            self.threshold,
-            self._health.muted,
-            self.gain,
-            self.nodes,
-            self.memory,
-            self._active,
-            self._frames,
-            1.0 - math.exp(-elapsed / latency) if smooth else 1.0,
-            self._pressure,
-            pressure,
+        """Of each patch (p,)."""
+        arrays, patches = layout.arrays, len(layout.patches)
+        taxels, blocks = len(arrays.taxel), int(arrays.begin[-1, BLOCK])
+        self._raw = np.zeros(layout.channels[-1].stop if patches else 0, layout.dtype)
+        self._last = self._raw.copy()
+        self.estimates = Estimates(
+            offset=np.zeros(taxels, np.float32),
+            threshold=np.zeros(taxels, np.float32),
+            muted=np.zeros(taxels, np.bool_),
+            least=np.zeros(taxels),
+            fluctuating=np.zeros(taxels, np.bool_),
         )
-        self._pressure = pressure
-        self.dropped += self._dropped
-        settled = self._frames == 2 and latency == 0.0 and not self._health.constant
-        self._values = values if settled and not values.flags.writeable else None
-        if self._health.constant:
-            self.revive(self.memory[CHANGED] > 0.0)
-
-    def _count_repeats(self) -> None:
-        """Note in the memory what frames left there that were the same as the one before."""
-        if self._repeats:
-            memory = self.memory
-            memory[BEND] += np.abs(memory[BEFORE] - memory[SIGNAL])
-            memory[BEFORE] = memory[SIGNAL]
-            memory[TOTAL] += np.float32(self._repeats) * memory[SIGNAL]
-            self._repeats = 0
-
-    def catch_up(self) -> None:
-        """Learn from the lesson that ended: at any time between two frames the result is the same."""
-        while self.ended:
-            self.learn()
+        self._memory = SkinMemory(
+            statistics=np.zeros((ROWS, taxels), np.float32),
+            blocks=np.zeros((blocks, BLOCK_COLUMNS), np.int32),
+            patches=np.zeros((patches, PATCH_COLUMNS)),
+            smoothed=np.zeros(taxels if settings.latency > 0.0 else 0),
+            room=np.zeros(BLOCK_SIZE, np.float32),
+            counts=np.zeros(patches, np.int64),
+            active=np.zeros(taxels, np.int32),
+            pressure=np.zeros(taxels),
+        )
+        status = self._memory.patches
+        status[:, STAMP], status[:, CONSTANT] = np.nan, -1.0
+        status[:, DUE], status[:, LEAST] = settings.baseline.window, settings.baseline.frames
+        # The second windows differ in length, so that they do not all end in one frame.
+        self._stagger = 0.5 * np.arange(patches) / max(patches, 1)
+        self._out = ActiveTaxels(
+            np.zeros(patches), np.zeros(patches + 1, np.int64), np.zeros(taxels, np.int32), np.zeros(taxels)
+        )
+        self._sequence = np.full(patches, -1, np.int64)
+        self._shears = {
+            p: Shear(patch.words, patch.surface)
+            for p, patch in enumerate(layout.patches)
+            if patch.words.sensor.axes == AXES
+        }
+        self._vectors = {p: np.zeros((0, 3)) for p in self._shears}
+        self._ended: list[int] = []
+        self._names: list[str] = []
+        self._which, self._sizes = np.zeros(0, np.int64), list[tuple[int]]()
+        self._all = False
+        for estimator, own in zip(self.estimators, layout.taxels, strict=True):
+            estimator.write(own, self.estimates)
+        self._masked: NDArray[np.bool_] | None = None
+        self.state = self._state()
+        """Pressures in the latest frames."""
 
     @property
-    def halfway(self) -> bool:
-        """Whether the first half of a lesson is learnt, and the second is not."""
-        return self._half is not None
+    def dropped(self) -> int:
+        """Values until now that were not finite, or that a sensor can't send."""
+        return int(self._memory.patches[:, DROPPED].sum())
 
-    def learn(self) -> bool:
-        """Learn half of a lesson that has ended: rest values and noise, then which taxels are believed. True
-        when it is all learnt.
+    @property
+    def health(self) -> dict[str, PatchHealth]:
+        """Trust in the taxels of each patch, by its name."""
+        self.catch_up()
+        found, firsts = {}, self.layout.arrays.begin[:, BLOCK]
+        for p, (site, estimator) in enumerate(zip(self.layout.sites, self.estimators, strict=True)):
+            masked = estimator.masked()
+            coverage = 1.0 - len(masked) / max(len(estimator.health.state), 1)
+            saturated = int(self._memory.blocks[firsts[p] : firsts[p + 1], SATURATED].sum())
+            dropped = int(self._memory.patches[p, DROPPED])
+            found[site.patch] = PatchHealth(coverage, masked, saturated, dropped)
+        return found
 
-        Both at once are the longest that a loop at 1 kHz does in one period.
+    def copy(self) -> Conditioner:
+        """Another one that goes on from here."""
+        return copy.deepcopy(self)
+
+    def step(self, frames: Sequence[SkinFrame]) -> bool:
+        """Takes what is newer than what is known of its patch; false, and nothing has changed, if none is.
+
+        Of frames out of order the newest stays. Raises FrameError, and nothing has changed, for a frame that
+        does not fit its patch.
         """
-        if self._half is None:
-            self._half = self._teach()
+        names = [frame.patch for frame in frames]
+        if names != self._names:
+            if len({*names}) < len(names):
+                return self._step_each(frames)
+            self._arrange(names)
+        known, sequences = self._sequence[self._which].tolist(), [frame.sequence for frame in frames]
+        if not all(map(gt, sequences, known)):
+            fresh = [frame for frame, last in zip(frames, known, strict=True) if self._is_new(frame, last)]
+            if len(fresh) < len(frames):
+                late = sum(map(lt, sequences, known)) - sum(
+                    frame.sequence < self._sequence[self.layout.places[frame.patch]] for frame in fresh
+                )
+                taken = bool(fresh) and self.step(fresh)
+                self.late += late
+                return taken
+        if not frames:
             return False
-        (lesson, before, raised), self._half, self.ended = self._half, None, False
-        self._health.judge(lesson, before, self.baseline.noise, self.baseline.threshold)
-        self._masked = read_only(self._health.state, np.bool_)
-        self._round()
-        self._forget()
-        self._step(raised & (lesson.mean < SATURATED * self.sensor[-1]), lesson.elapsed)
+        values = [np.asarray(frame.values) for frame in frames]
+        self._check(values)
+        self.catch_up()
+        self._fill(values)
+        self._sequence[self._which] = sequences
+        self._condition(frames)
         return True
 
-    def _teach(self) -> tuple[Window, Array, NDArray[np.bool_]]:
-        """A lesson from which rest values and noise are learnt; the rest values (n,) before it, and which
-        taxels (n,) felt something by these."""
-        self._count_repeats()
-        total, peak, bend, changed = self.memory[[TOTAL, PEAK, BEND, CHANGED]].astype(np.float64)
-        lesson = Window(
-            elapsed=self._elapsed,
-            mean=total / self._in_lesson,
-            peak=peak,
-            second_difference=bend / max(self._bends, 1),
-            changes=changed / self._in_lesson,
-        )
-        before = self.baseline.offset.copy()
-        raised = lesson.mean - before > self.baseline.threshold
-        self.baseline.update(lesson, self._health.healthy)
-        return lesson, before, raised
+    def update(self) -> bool:
+        """Takes half of an estimation window that has ended into the estimates; false if none has.
 
-    def _step(self, raised: NDArray[np.bool_], elapsed: float) -> None:
-        """What nearly all taxels read for long, and none at the end of its range, is no touch but rest.
-
-        But of a sole, which weight presses all over for as long as the robot stands.
+        It takes longer than a frame, and would be done at the next frame anyway, with the same result.
         """
-        if self.patch.segment == SOLE:
-            return
-        settings, sound = self.settings.baseline, self._health.healthy
-        all_sound = max(int(np.count_nonzero(sound)), 1)
-        nearly_all = int(np.count_nonzero(raised & sound)) >= settings.step_share * all_sound
-        self._raised = self._raised + elapsed if nearly_all else 0.0
-        if self._raised >= settings.step:
-            self._raised = 0.0
-            self.rezero()
+        if not self._ended:
+            return False
+        p = self._ended[-1]
+        estimator, status = self.estimators[p], self._memory.patches[p]
+        own = self.layout.taxels[p]
+        self._count_repeats(p)
+        if estimator.update(self._memory.statistics[:, own], status):
+            self._ended.pop()
+            self._restart(p)
+        return True
 
-    def _round(self) -> None:
-        """What the loop compares with, in single precision: exact for counts below 2^24."""
-        self._values = self._least = None
-        self.offset = self.baseline.offset.astype(np.float32)
-        self.threshold = self.baseline.threshold.astype(np.float32)
+    def catch_up(self) -> None:
+        """Takes all windows that have ended into the estimates."""
+        while self.update():
+            pass
 
-    def _forget(self) -> None:
-        self.memory[TOTAL:RAW] = 0.0
-        self._in_lesson = self._bends = 0
-        self._due = self.settings.baseline.window * (1.0 + self._phase)
-        self._phase = self._elapsed = 0.0
+    def rezero(self, patch: str) -> None:
+        """Takes what a patch reads now as rest. Raises UnknownNameError for an unknown patch."""
+        if (p := self.layout.places.get(patch)) is None:
+            raise UnknownNameError("skin patch", patch, self.layout.places)
+        if self._memory.patches[p, FRAMES]:
+            self.catch_up()
+            self.estimators[p].rezero(self._memory.statistics[:, self.layout.taxels[p]])
+            self._restart(p)
 
-    def check(self, values: NDArray[np.generic]) -> None:
-        """Raises FrameError unless these can be a frame of the patch."""
-        name, expected = self.patch.name, (self.patch.channels,)
-        if values.shape != expected:
-            raise FrameError(
-                f"{name}: frame of shape {values.shape}, expected {expected}, one value per channel"
-            )
-        if values.dtype.kind not in "uif":
-            raise FrameError(
-                f"{name}: frame of type {values.dtype}, expected integers or floating point numbers"
-            )
+    def _arrange(self, names: list[str]) -> None:
+        places = self.layout.places
+        for name in names:
+            if name not in places:
+                raise FrameError(f"no skin patch {name!r}; valid: {', '.join(places) or '(none)'}")
+        self._which = np.array([places[name] for name in names], np.int64)
+        self._sizes = [(self.layout.patches[p].words.channels,) for p in self._which.tolist()]
+        self._all = self._which.tolist() == [*range(len(places))]
+        self._names = names
+
+    def _step_each(self, frames: Sequence[SkinFrame]) -> bool:
+        """Takes several frames of a patch in turn."""
+        for frame in frames:
+            self._arrange([frame.patch])
+            self._check([np.asarray(frame.values)])
+        taken = [self.step([frame]) for frame in frames]  # every one
+        return any(taken)
+
+    def _is_new(self, frame: SkinFrame, known: int) -> bool:
+        stamp = self._memory.patches[self.layout.places[frame.patch], STAMP]
+        return frame.sequence > known or not frame.stamp <= stamp + RESTART
+
+    def _check(self, values: list[NDArray[np.generic]]) -> None:
+        """Raises FrameError unless all can be frames of the patches; makes room for their type."""
+        if [one.shape for one in values] != self._sizes:
+            for name, one, size in zip(self._names, values, self._sizes, strict=True):
+                if one.shape != size:
+                    raise FrameError(
+                        f"{name}: frame of shape {one.shape}, expected {size}, one value per channel"
+                    )
+        own = self._raw.dtype
+        others = {one.dtype for one in values if one.dtype is not own}
+        for name, one in zip(self._names, values, strict=True) if others else ():
+            if one.dtype.kind not in "uif":
+                raise FrameError(
+                    f"{name}: frame of type {one.dtype}, expected integers or floating point numbers"
+                )
+        if own != np.float32 and not all(np.can_cast(other, own) for other in others):
+            self._raw, self._last = self._raw.astype(np.float32), self._last.astype(np.float32)
+
+    def _fill(self, values: list[NDArray[np.generic]]) -> None:
+        if self._raw.dtype != np.float32:
+            self._copy(values)
+        else:  # numbers that are none, or too large, become values that no sensor sends
+            with np.errstate(invalid="ignore", over="ignore"):
+                self._copy(values)
+
+    def _copy(self, values: list[NDArray[np.generic]]) -> None:
+        if self._all:
+            np.concatenate(values, out=self._raw, casting="unsafe")
+        else:
+            for p, one in zip(self._which.tolist(), values, strict=True):
+                self._raw[self.layout.channels[p]] = one
+
+    def _condition(self, frames: Sequence[SkinFrame]) -> None:
+        memory = self._memory
+        ended = _CONDITION[self._raw.dtype](
+            self._raw, self._last, self._which, np.array([frame.stamp for frame in frames], np.float64),
+            self.settings.latency, self.layout.arrays, self.estimates, memory, self._out,
+        )  # fmt: skip
+        which = self._which.tolist()
+        if self._masked is not None:
+            self._revive(which)
+        if ended:
+            status = memory.patches
+            self._ended = [
+                p for p in which
+                if status[p, ELAPSED] >= status[p, DUE] and status[p, IN_WINDOW] >= status[p, LEAST]
+            ]  # fmt: skip
+        for p in self._shears.keys() & {*which}:
+            self._shear(p, frames[which.index(p)])
+        self.state = self._state()
+
+    def _state(self) -> SkinState:
+        out = self._out
+        found = int(out.begin[-1])
+        return SkinState(
+            self.layout.starts, self._memory.patches[:, STAMP].copy(), self._sequence.copy(),
+            out.begin.copy(), out.active[:found].copy(), out.pressure[:found].copy(), self._vector(),
+            self._masked,
+        )  # fmt: skip
+
+    def _shear(self, p: int, frame: SkinFrame) -> None:
+        """Finds the force on the active taxels of a three-axis patch."""
+        own = slice(*self._out.begin[p : p + 2])
+        pressure = np.zeros(len(self.layout.patches[p].surface.areas))
+        active = self._out.active[own]
+        pressure[active] = self._out.pressure[own]
+        self._vectors[p] = self._shears[p].force(frame.values, pressure, frame.stamp)[active]
+
+    def _vector(self) -> NDArray[np.float64] | None:
+        """Forces (k, 3) [N] on all active taxels: along the inward normal, unless they feel its direction."""
+        if not self._shears:
+            return None
+        out, parts = self._out, []
+        for p, patch in enumerate(self.layout.patches):
+            own = slice(*out.begin[p : p + 2])
+            if p in self._shears:
+                parts.append(self._vectors[p])
+                continue
+            active, surface = out.active[own], patch.surface
+            force = out.pressure[own] * surface.areas[active]
+            parts.append(-force[:, None] * surface.normals[active])
+        return np.concatenate(parts)
+
+    def _revive(self, patches: list[int]) -> None:
+        """Trusts dead and stuck taxels that have changed again, from the next frame on."""
+        for p in patches:
+            estimator, own = self.estimators[p], self.layout.taxels[p]
+            if estimator.health.constant:
+                before = estimator.health.state.copy()
+                estimator.health.revive(self._memory.statistics[CHANGES, own] > 0.0)
+                if not np.array_equal(before, estimator.health.state):
+                    estimator.write_health(own, self.estimates)
+                    self._mask()
+                    self._note_anew(p)
+
+    def _count_repeats(self, p: int) -> None:
+        """Adds the frames to the statistics that were only counted."""
+        memory, first = self._memory, self.layout.arrays.begin[p, BLOCK]
+        blocks = memory.blocks[first : self.layout.arrays.begin[p + 1, BLOCK]]
+        whole, own = max(int(memory.patches[p, CONSTANT]), 0), self.layout.taxels[p]
+        times = np.repeat(blocks[:, REPEATS] + whole, BLOCK_SIZE)[: own.stop - own.start]
+        memory.statistics[TOTAL, own] += times.astype(np.float32) * memory.statistics[SIGNAL, own]
+        blocks[:, REPEATS] = 0
+        memory.patches[p, CONSTANT] = min(memory.patches[p, CONSTANT], 0.0)
+
+    def _note_anew(self, p: int) -> None:
+        """Looks at every taxel in the next frame, also where nothing changes."""
+        self._count_repeats(p)
+        begin = self.layout.arrays.begin
+        self._memory.blocks[begin[p, BLOCK] : begin[p + 1, BLOCK], REPEATED] = 0
+        self._memory.patches[p, CONSTANT] = -1.0
+
+    def _restart(self, p: int) -> None:
+        """Begins a new estimation window."""
+        self._note_anew(p)
+        own, status = self.layout.taxels[p], self._memory.patches[p]
+        self._memory.statistics[TOTAL:, own] = 0.0
+        status[IN_WINDOW] = status[DIFFERENCES] = status[ELAPSED] = 0.0
+        status[DUE] = self.settings.baseline.window * (1.0 + self._stagger[p])
+        self._stagger[p] = 0.0
+        self.estimators[p].write(own, self.estimates)
+        self._mask()
+
+    def _mask(self) -> None:
+        masked = [estimator.health.state != 0 for estimator in self.estimators]
+        every = np.concatenate(masked)
+        self._masked = frozen(every) if every.any() else None

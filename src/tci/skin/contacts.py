@@ -6,44 +6,43 @@ onto the bare skin between them, or inside the limb.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
+from tci.compiled import entry
 from tci.errors import TciError, UnknownNameError
 from tci.frames import Array
-from tci.messages import Contact, PatchState, SkinFrame, SkinState
+from tci.messages import Contact, Contacts, Site, SkinState
 from tci.robot.kernels.weighted_force import mean_force
-from tci.robot.kinematics import LinkPoses
-from tci.skin.contact_table import ContactTable
-from tci.skin.isolated import LoneSettings
-from tci.skin.kernels.contacts import F_T, NUMBERS, P_L, VECTORS, cluster
-from tci.skin.kernels.flat import Indices, adjacency
-from tci.skin.kernels.flat_skin import FlatSkin
-from tci.skin.kernels.whole import TAXEL, cluster_all, describe_all
-from tci.skin.live_skin import LiveSkin
+from tci.robot.limb import generic_limb_point
+from tci.skin.isolated import IsolatedSettings
+from tci.skin.kernels.arrays import ActiveTaxels, Clusters, ContactArrays, Estimates
+from tci.skin.kernels.contacts import SUMMARY, cluster, describe
+from tci.skin.kernels.isolated import WAITING, reject_isolated
+from tci.skin.layout import AXES, SkinLayout
 from tci.skin.tracking import Tracker
 
-_NOWHERE = np.zeros((4, 4))
+_NONE = Contacts.of(())
+_cluster, _describe, _reject_isolated = entry(cluster), entry(describe), entry(reject_isolated)
 Measure = Literal["weighted", "sum", "peak"]
 """One force for a contact: F-bar of eq. 7, the force of all its taxels, or that of the strongest."""
 
 
 @dataclass(frozen=True, slots=True)
 class ContactSettings:
-    """What counts as a touch."""
+    """Conditions under which active taxels are a touch."""
 
     touch: float = 0.1
-    """A contact has at least one taxel that feels this much [N]. Ours: 4 of an iCub's 240 counts."""
+    """Force [N] on at least one taxel of each contact. Assumed: 4 of an iCub's 240 counts."""
     floor: float = 0.01
-    """It grows over neighbours that feel this much [N], so that the weak edge of a touch is not lost.
-    Ours: below one of an iCub's counts; a sensor that flickers at rest needs more."""
-    lone: LoneSettings | None = field(default_factory=LoneSettings)
-    """When a taxel that is pressed all alone is a touch; None: always."""
+    """Force [N] on neighbours over which it grows, so that the weak edge of a touch is not lost.
+    Assumed: below one of an iCub's counts; a sensor that flickers at rest needs more."""
+    isolated: IsolatedSettings | None = field(default_factory=IsolatedSettings)
+    """Conditions under which a taxel that is pressed all alone is a touch; None: always."""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.floor <= self.touch < np.inf:
@@ -51,78 +50,137 @@ class ContactSettings:
             raise TciError(f"contact settings {values}; valid: 0 < floor <= touch, both finite")
 
 
-def find_contacts(
-    skin: LiveSkin,
-    state: SkinState,
-    posture: Mapping[str, Array],
-    *,
-    settings: ContactSettings = ContactSettings(),
-    tracker: Tracker | None = None,
-) -> Sequence[Contact]:
-    """All contacts of the skin, patch by patch in the robot's order, the strongest first.
+class ContactFinder:
+    """Finds the contacts in each state of one skin, and which of them is which."""
 
-    `posture` holds the generic angles (n,) [rad] of each part that carries skin. A `tracker` gives contacts
-    the identity that they had in the frame before; without one all are new, and no lone taxel waits. Raises
-    UnknownNameError when the posture lacks a part that is touched.
-    """
-    flat = skin.flat_skin()
-    if not flat.sites or (skin.is_now(flat, state) and skin.felt.untouched):
-        if tracker is not None:
-            tracker.lone.nobody_waits()
-            tracker.lone.remember()
-        return ()
-    force, active, actives, stamps, frames, states = _felt(skin, flat, state)
-    # NaN is neither above nor below anything, so it never seeds a contact and never joins one.
-    count, taxels, lone = cluster_all(
-        force, settings.floor, settings.touch, active, actives, flat.graph, flat.begins, flat.work,
-        flat.counts,
-    )  # fmt: skip
-    waits, tracker = tracker is not None, tracker or Tracker()
-    if lone and settings.lone is not None:
-        count, taxels = tracker.lone.leave_out(
-            flat,
-            force,
-            *skin.noticed(flat),
-            stamps,
-            lone,
-            waits,
-            floor=settings.floor,
-            settings=settings.lone,
+    def __init__(self, layout: SkinLayout, settings: ContactSettings = ContactSettings()) -> None:
+        self.layout, self.settings = layout, settings
+        self._tracker = Tracker()
+        taxels, patches = len(layout.arrays.taxel), len(layout.sites)
+        self._clusters = Clusters(
+            force=np.zeros(taxels),
+            label=np.zeros(taxels, np.int32),
+            queue=np.zeros(taxels, np.int32),
+            counts=np.zeros(patches, np.int64),
+            bound=np.zeros(taxels + 1, np.int32),
+            member=np.zeros(taxels, np.int32),
+            member_force=np.zeros(taxels),
         )
-    else:
-        tracker.lone.nobody_waits()
-    if not count:
-        tracker.lone.remember()
-        return ()
-    angles = _postures(flat, posture)
-    numbers, vectors = np.empty((count, NUMBERS)), np.empty((count, VECTORS, 3))
-    indices, places = np.empty(taxels, np.intp), np.empty((4, taxels))
-    rows = np.empty((3, count + 1), np.int64)
-    describe_all(
-        force, flat.work, flat.begins, flat.counts, flat.taxels, flat.faces, flat.box, flat.cells,
-        flat.limb, _poses(flat, state), angles, flat.on, numbers, vectors, indices, places,
-        rows,
+        self.contacts = _NONE
+        """Contacts in the latest state."""
+        self._waiting: Array = np.zeros((0, WAITING))
+
+    def find(
+        self, state: SkinState, estimates: Estimates, poses: Callable[[], Array], posture: Mapping[str, Array]
+    ) -> Contacts:
+        """All contacts of the skin, patch by patch in the robot's order, the strongest first.
+
+        `estimates` are those that the state was made with, `poses` those of `SkinLayout.links`; `posture`
+        holds the generic angles (n,) [rad] of each part that carries skin. Raises UnknownNameError when the
+        posture lacks a part that is touched.
+        """
+        layout, clusters, settings = self.layout, self._clusters, self.settings
+        active = ActiveTaxels(state.stamp, state.begin, state.active, state.pressure)
+        count = single = 0
+        if len(state.active):
+            count, taxels, single = _cluster(active, settings.floor, settings.touch, layout.arrays, clusters)
+        waiting: Array = self._waiting[:0]
+        if single and settings.isolated is not None:
+            count, taxels, waiting = self._reject(active, estimates, settings.isolated, single)
+        self._waiting = waiting
+        if not count:
+            self.contacts = _NONE
+            return self.contacts
+        angles, links = self._angles(posture), poses()
+        made = empty_contacts(count, taxels)
+        _describe(layout.arrays, clusters, links, angles, np.empty((count, SUMMARY)), made)
+        if state.vector is not None:
+            self._turn(made, state, state.vector, links)
+        self._tracker.follow(made, state.stamp)
+        self.contacts = Contacts(layout.sites, state.stamp, state.sequence, *made)
+        return self.contacts
+
+    def _reject(
+        self, active: ActiveTaxels, estimates: Estimates, settings: IsolatedSettings, single: int
+    ) -> tuple[int, int, Array]:
+        """Removes clusters of a single taxel that are no touch; the number of clusters left, of their
+        taxels, and the taxels that wait."""
+        arrays, before = self.layout.arrays, self.contacts
+        limits = np.array([settings.cover, settings.tip, settings.reach, settings.sure, self.settings.floor])
+        starts = arrays.begin[before.site, 0]
+        touched = before.taxel + np.repeat(starts, np.diff(before.begin))
+        fresh = np.empty((single, WAITING))
+        count, taxels, waits = _reject_isolated(
+            active, arrays, estimates, self._clusters, limits, settings.waits(arrays.rate), touched,
+            self._waiting, fresh,
+        )  # fmt: skip
+        return count, taxels, fresh[:waits]
+
+    def _angles(self, posture: Mapping[str, Array]) -> Array:
+        """Generic angles (parts, 4) [rad] of the limbs; zeros where they are not known."""
+        parts = self.layout.parts
+        for p in self._clusters.counts.nonzero()[0].tolist():
+            if (part := self.layout.sites[p].part) not in posture:
+                raise UnknownNameError("generic part in this posture", part, posture)
+        result = np.zeros((max(len(parts), 1), 4))
+        for row, part in enumerate(parts):
+            if part in posture:
+                result[row] = posture[part][:4]
+        return result
+
+    def _turn(self, made: ContactArrays, state: SkinState, vectors: Array, poses: Array) -> None:
+        """Writes the force of contacts whose taxels feel its direction."""
+        for row, p in enumerate(made.site.tolist()):
+            if self.layout.patches[p].words.sensor.axes == AXES:
+                own = slice(*state.begin[p : p + 2])
+                taxels = made.taxel[made.begin[row] : made.begin[row + 1]]
+                felt = vectors[own][np.searchsorted(state.active[own], taxels)]
+                made.f_T[row] = poses[self.layout.arrays.on[p, 0]][:3, :3] @ felt.sum(axis=0)
+
+
+def empty_contacts(count: int, taxels: int) -> ContactArrays:
+    """Room for so many contacts with so many taxels."""
+
+    def numbers() -> Array:
+        return np.empty(count)
+
+    def vectors() -> Array:
+        return np.empty((count, 3))
+
+    return ContactArrays(
+        np.empty(count, np.int64), np.empty(count, np.int64), numbers(), numbers(), numbers(), numbers(),
+        numbers(), vectors(), vectors(), vectors(), vectors(), vectors(), numbers(), numbers(), vectors(),
+        np.empty(count + 1, np.int64), np.empty(taxels, np.int64), np.empty(taxels), np.empty((taxels, 3)),
     )  # fmt: skip
-    if states:
-        _turn(states, flat, state, rows, vectors, indices)
-    patches = rows[1, :-1]
-    tracker.lone.remember(rows[0], patches, indices)
-    told = tracker.follow(patches, vectors[:, P_L], stamps)
-    return ContactTable(flat.sites, flat.segments, frames, rows, numbers, vectors, indices, places, told)
 
 
-def find_clusters(
-    forces: Array, neighbours: NDArray[np.intp], settings: ContactSettings
-) -> list[NDArray[np.intp]]:
-    """Taxels (k,) of every contact: single-link clusters over the surface's `neighbours` (pairs, 2).
+def single_contact(
+    site: Site, taxels: ArrayLike, forces: ArrayLike, *, u: float, theta: float, taxel_u: ArrayLike,
+    taxel_theta: ArrayLike, stamp: float = 0.0, sequence: int = 0, area: float = 0.0, **vectors: ArrayLike,
+) -> Contact:  # fmt: skip
+    """A contact by itself, of given `taxels` (k,) with `forces` (k,) [N].
 
-    `forces` (taxels,) [N]. A cluster holds taxels above the floor, at least one of them above the
-    touch threshold.
+    `vectors` are its p_L, n_L, p_T, n_T and f_T (3,), see `Contacts`.
     """
-    work = np.zeros(4 * forces.size + 1, np.int32)
-    count = cluster(forces, settings.floor, settings.touch, adjacency(forces.size, neighbours), work)
-    bounds = work[forces.size : forces.size + count + 1]
-    return [work[begin:end].astype(np.intp) for begin, end in pairwise(bounds)]
+    forces = np.array(forces, np.float64)
+    made = ContactArrays(
+        site=np.zeros(1, np.int64),
+        identity=np.zeros(1, np.int64),
+        onset=np.zeros(1),
+        displacement=np.zeros(1),
+        force=np.array([forces.sum()]),
+        peak=np.array([forces.max(initial=0.0)]),
+        area=np.array([area]),
+        u=np.array([u]),
+        theta=np.array([theta]),
+        limb_point=generic_limb_point([u], [theta]),
+        begin=np.array([0, len(forces)]),
+        taxel=np.array(taxels, np.int64),
+        taxel_force=forces,
+        taxel_point=generic_limb_point(taxel_u, taxel_theta),
+        **{name: np.array([vector], np.float64) for name, vector in vectors.items()},
+    )
+    return Contacts((site,), np.array([stamp]), np.array([sequence], np.int64), *made)[0]
 
 
 def centre_of_pressure(positions: Array, forces: Array) -> Array:
@@ -145,69 +203,10 @@ def weighted_force(contact: Contact, radius: float, *, measure: Measure = "weigh
     if measure == "sum":
         return contact.force
     if measure == "peak":
-        return contact.peak_force
+        return contact.peak
     if measure != "weighted":
         raise UnknownNameError("force measure", measure, ("weighted", "sum", "peak"))
     force: float = mean_force(
         contact.u, contact.theta, contact.taxel_u, contact.taxel_theta, contact.taxel_forces, radius
     )
     return force
-
-
-def _felt(
-    skin: LiveSkin, flat: FlatSkin, state: SkinState
-) -> tuple[
-    Array, Indices, NDArray[np.int64], Array, Mapping[str, SkinFrame | PatchState], Mapping[str, PatchState]
-]:
-    """Force (n,) [N] on the skin's taxels, the active (n,) ones of each patch and how many (p,) they are, see
-    `cluster_all`; when each was measured (p,) [s], and in which frame; the states that may have vectors."""
-    if skin.is_now(flat, state):
-        octets, felt = skin.octets, skin.felt
-        return octets.force, octets.active, octets.counts, octets.stamps, felt.frames, felt.others
-    flat.force[:] = 0.0
-    stamps = np.full(len(flat.sites), np.nan)
-    for p, site in enumerate(flat.sites):
-        if (one := state.patches.get(site.patch)) is not None:
-            flat.force[flat.begins[p, TAXEL] :][: len(one.force)] = one.force
-            stamps[p] = one.stamp
-    unknown = np.full(len(flat.sites), -1, np.int64)
-    return flat.force, flat.work[:0], unknown, stamps, state.patches, state.patches
-
-
-def _poses(flat: FlatSkin, state: SkinState) -> Array:
-    """`T_TL` (l, 4, 4) of the skin's links."""
-    poses = state.link_poses
-    if isinstance(poses, LinkPoses) and poses.names == flat.links:
-        return poses.all
-    return np.array([poses.get(link, _NOWHERE) for link in flat.links])
-
-
-def _postures(flat: FlatSkin, posture: Mapping[str, Array]) -> Array:
-    """Generic angles (l, 4) [rad] of the limbs, as `limb_pose` needs them; zeros where they are not known,
-    which must be so of no part that is touched."""
-    if not posture.keys() >= flat.all_parts:
-        for p in flat.counts.nonzero()[0].tolist():
-            if flat.sites[p].part not in posture:
-                raise UnknownNameError("generic part in this posture", flat.sites[p].part, posture)
-    result = np.zeros((max(len(flat.parts), 1), 4))
-    for row, part in enumerate(flat.parts):
-        if part in posture:
-            result[row] = posture[part][:4]
-    return result
-
-
-def _turn(
-    states: Mapping[str, PatchState],
-    flat: FlatSkin,
-    state: SkinState,
-    rows: NDArray[np.int64],
-    vectors: Array,
-    indices: NDArray[np.intp],
-) -> None:
-    """Write the force of the contacts of patches whose taxels feel a vector (n, 3) [N]."""
-    for row, p in enumerate(rows[1, :-1].tolist()):
-        one = states.get(flat.sites[p].patch)
-        if one is not None and one.vector is not None:
-            R_TL = state.link_poses[flat.patch_links[p]][:3, :3]
-            own = indices[rows[0, row] : rows[0, row + 1]]
-            vectors[row, F_T] = R_TL @ one.vector[own].sum(axis=0)

@@ -92,17 +92,19 @@ def region_state(skin: Skin, what: Region, state: SkinState) -> RegionState:
     """The figures of a region in a state of the skin."""
     force = peak = total = area = 0.0
     active = used = count = 0
+    places = {patch.name: p for p, patch in enumerate(skin.robot.patches)}
     for patch, taxels in what.taxels.items():
         count += len(taxels)
-        felt = state.patches.get(patch)
-        if felt is None:
+        p, areas = places[patch], skin.surfaces[patch].areas[taxels]
+        if np.isnan(state.stamp[p]):
             continue
-        pressure: Array = felt.pressure[taxels]
+        pressure: Array = state.on(p)[taxels]
         pressed = pressure > 0.0
-        used += len(taxels) if felt.masked is None else int(np.count_nonzero(~felt.masked[taxels]))
-        force += float(felt.force[taxels].sum())
+        masked = None if state.masked is None else state.masked[state.taxels[p] + taxels]
+        used += len(taxels) if masked is None else int(np.count_nonzero(~masked))
+        force += float((pressure * areas).sum())
         peak = max(peak, float(pressure.max()))
         total += float(pressure[pressed].sum())
         active += int(np.count_nonzero(pressed))
-        area += float(skin.surfaces[patch].areas[taxels[pressed]].sum())
+        area += float(areas[pressed].sum())
     return RegionState(force, peak, total / active if active else 0.0, area, active, used / count)

@@ -138,7 +138,9 @@ class SkinReader:
         if self._region is not None:
             forces = {self._region.name: self.figures(state).force}
         else:
-            forces = {name: float(patch.force.sum()) for name, patch in state.patches.items()}
+            surfaces = self._service.skin.surfaces
+            felt = state.by_patch(patch.name for patch in self._service.skin.robot.patches)
+            forces = {name: float(felt[name] @ surfaces[name].areas) for name in felt}
         before = self._forces
         same = before is not None and before.keys() == forces.keys()
         if before is not None and same and all(abs(forces[n] - before[n]) <= self._step for n in forces):

@@ -7,25 +7,15 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from tci.frames import Array, doubles, read_only
+from tci.frames import Array, doubles
 from tci.robot.description import Patch
+from tci.skin.layout import AXES
 from tci.skin.surfaces import Surface, tangents
 
-AXES = 3
 SETTLE = 10.0
 """Time constant [s] with which the rest values of an untouched taxel are followed. Ours."""
 GAP = 1.0
 """Longest time [s] between two frames that anything is learnt for at once. Ours."""
-
-
-def normal_channels(patch: Patch, surface: Surface) -> NDArray[np.intp]:
-    """Place (n,) in the raw frame of what each taxel feels along its normal.
-
-    A three-axis taxel sends x, y and z in turn: along the skin, along it, and outward.
-    """
-    if patch.sensor.axes == 1:
-        return surface.channels
-    return read_only(AXES * surface.channels + 2, np.intp)
 
 
 class Shear:
@@ -62,4 +52,5 @@ class Shear:
         self._rest += np.where(touched, 0.0, share * (raw - self._rest))
         stress = np.where(touched, (raw - self._rest) * sensor.shear_pascal_per_count, 0.0)
         along = np.einsum("na,nai->ni", stress, self._axes)
-        return read_only((along - pressure[:, None] * self._normals) * self._areas[:, None])
+        force: Array = (along - pressure[:, None] * self._normals) * self._areas[:, None]
+        return force

@@ -1,26 +1,28 @@
-"""Which contact is which: an identity that lasts from the frame in which a contact began to its end."""
+"""Identities of contacts: each lasts from the frame in which a contact began to its end."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tci.compiled import entry
 from tci.errors import TciError
 from tci.frames import Array
-from tci.skin.isolated import LoneTaxels
-from tci.skin.kernels.whole import TRACK, follow_all
+from tci.skin.kernels.arrays import ContactArrays
+from tci.skin.kernels.track import TRACK, track
+
+_track = entry(track)
 
 
 @dataclass(frozen=True, slots=True)
 class TrackSettings:
-    """When two contacts in successive frames of a patch are the same. Ours."""
+    """Conditions under which two contacts in successive frames of a patch are the same. Assumed."""
 
     reach: float = 0.03
-    """How far [m] the centre of a contact may go from one frame to the next."""
+    """Distance [m] that the centre of a contact may go from one frame to the next."""
     linger: float = 0.1
-    """How long [s] a contact may be away and still be the same when it returns."""
+    """Time [s] for which a contact may be away and still be the same when it returns."""
 
     def __post_init__(self) -> None:
         for name in ("reach", "linger"):
@@ -31,24 +33,27 @@ class TrackSettings:
 class Tracker:
     """Gives contacts their identity. One lives as long as the skin that it follows."""
 
-    def __init__(self, settings: TrackSettings | None = None) -> None:
-        self.settings = settings or TrackSettings()
+    def __init__(self, settings: TrackSettings = TrackSettings()) -> None:
+        self.settings = settings
         self._tracks = np.zeros((0, TRACK))
         self._next = 1
-        self.lone = LoneTaxels()
-        """Taxels that are pressed alone."""
 
-    def follow(self, patches: NDArray[np.int64], centres: Array, stamps: Array) -> Array:
-        """Identity, begin [s] and distance [m] from its beginning (c, 3), of each contact of a frame.
+    def follow(self, contacts: ContactArrays, stamps: Array) -> None:
+        """Writes identity, onset and displacement of the contacts of a frame.
 
-        `patches` (c,) are the places of their patches among all, rising; `centres` (c, 3) [m] where they
-        press, in the patch's link; `stamps` (p,) [s] when each patch was measured. The nearest pairs of
-        before and now are the same contact, as far as `reach`; what is left over is new.
+        `stamps` (p,) [s] are the times of the patches' frames. The nearest pairs of before and now are the
+        same contact, as far as `reach`; what is left over is new.
         """
-        tracks, told = np.empty((len(self._tracks) + len(centres), TRACK)), np.empty((len(centres), 3))
-        self._next, used = follow_all(
-            self._tracks, centres, patches, stamps, self.settings.reach, self.settings.linger, self._next,
-            tracks, told,
-        )  # fmt: skip
+        tracks = np.empty((len(self._tracks) + len(contacts.site), TRACK))
+        best = np.empty((len(contacts.site), 3))
+        self._next, used = _track(
+            self._tracks,
+            stamps,
+            self.settings.reach,
+            self.settings.linger,
+            self._next,
+            tracks,
+            best,
+            contacts,
+        )
         self._tracks = tracks[:used]
-        return told

@@ -139,7 +139,7 @@ class Player:
         raise CommandError("this is a recording; nothing can touch it")
 
     def _keep(self, recording: Recording, progress: Callable[[float], None]) -> None:
-        periods = []
+        periods, patches = [], [patch.name for patch in self.robot.patches]
         state: tuple[str, str] = ("", "")
         felt: set[str] = set()
         last = -np.inf
@@ -156,7 +156,7 @@ class Player:
             now_felt = {contact.part for contact in period.perception.contacts}
             news = now_state != state or now_felt != felt or not self._views
             if news or period.now - last >= FINEST - 1e-9:
-                self._views.append(_view(period))
+                self._views.append(_view(period, patches))
                 last = period.now
             state, felt = now_state, now_felt
             periods.append(period)
@@ -179,14 +179,14 @@ class Player:
         self._happened.sort()
 
 
-def _view(period: Perceived) -> View:
+def _view(period: Perceived, patches: list[str]) -> View:
     decision = period.decision
     states = {state.value: state for state in GateState}
     return View(
         time=period.now,
         joints=period.reading.joints,
         posture=period.perception.posture,
-        pressure={name: patch.pressure for name, patch in period.skin.patches.items()},
+        pressure=period.skin.by_patch(patches),
         contacts=period.perception.contacts,
         state=states.get(decision["state"]) if decision else None,
         reason=decision["reason"] if decision else "",

@@ -59,6 +59,7 @@ class Session:
     def __init__(self, driver: Driver, capability: Capability[Any], *, about: dict[str, str]) -> None:
         """Takes `about` for the recordings. `start` begins the loop; `close` ends it."""
         self.robot = driver.robot
+        self._patches = [patch.name for patch in driver.robot.patches]
         self.driver = FaultInjector(driver, [])
         self.world = driver.world if isinstance(driver, SimulatedDriver) else None
         self.armed = driver.armed
@@ -223,7 +224,7 @@ class Session:
                 if self.recorder is not None:
                     self.recorder.tick(now, reading)
             assert perception.skin is not None  # as a Perceiver made it
-            felt = {name: patch.pressure for name, patch in perception.skin.patches.items()}
+            felt = perception.skin.by_patch(self._patches)
             fault = fault_of_reading(self.robot, reading.joints, now, self.driver.gate.stale_after)
             old = text_of(fault)
             self._publish(
@@ -253,7 +254,7 @@ class Session:
                 time=tick.now,
                 joints=tick.reading.joints,
                 posture=tick.perception.posture,
-                pressure={name: patch.pressure for name, patch in tick.skin.patches.items()},
+                pressure=tick.skin.by_patch(self._patches),
                 contacts=tick.perception.contacts,
                 state=sent.state,
                 reason=text_of(sent.reason),

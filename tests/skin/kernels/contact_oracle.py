@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 
+from felt_skin import FeltSkin, PatchFelt
 from tci.frames import apply, invert
-from tci.messages import Contact, SkinState
+from tci.messages import JointReading
 from tci.robot.generic_arm import limb_coordinates
 from tci.skin.contacts import ContactSettings, centre_of_pressure
 from tci.skin.kernels.isolated import ONE_SIDED
-from tci.skin.live_skin import LiveSkin
 from tci.skin.skin import segment_pose
 from tci.skin.surfaces import Surface
 
@@ -40,14 +43,12 @@ def clusters(forces: np.ndarray, neighbours: np.ndarray, settings: ContactSettin
     return [np.flatnonzero(active & (labels == seed)) for seed in seeds]
 
 
-def is_touch(skin: LiveSkin, patch: str, forces: np.ndarray, taxel: int, settings: ContactSettings) -> bool:
+def is_touch(skin: FeltSkin, patch: str, forces: np.ndarray, taxel: int, settings: ContactSettings) -> bool:
     """Whether a taxel that is pressed all alone is a touch, in a frame of which nothing came before."""
-    lone, surface = settings.lone, skin.surfaces[patch]
+    lone, surface = settings.isolated, skin.surfaces[patch]
     if lone is None:
         return True
-    flat = skin.flat_skin()
-    own = [site.patch for site in flat.sites].index(patch)
-    least = skin.noticed(flat)[0][flat.begins[own, 0] : flat.begins[own + 1, 0]]
+    least = skin.conditioner.estimates.least[skin.layout.taxels[skin.layout.places[patch]]]
     pairs = np.concatenate([surface.neighbours, surface.neighbours[:, ::-1]])
     others = pairs[pairs[:, 0] == taxel, 1]
     ways = surface.positions[others] - surface.positions[taxel]
@@ -75,32 +76,74 @@ def project(surface: Surface, point: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def contacts(
-    skin: LiveSkin, state: SkinState, posture: dict[str, np.ndarray], settings: ContactSettings
-) -> list[Contact]:
+    skin: FeltSkin,
+    felt: Mapping[str, PatchFelt],
+    joints: JointReading,
+    posture: Mapping[str, np.ndarray],
+    settings: ContactSettings,
+) -> list[SimpleNamespace]:
+    """Contacts in a state of which nothing came before, on limbs."""
     found = []
+    poses = skin.kinematics.poses(joints.position, skin.kinematics.links)
     for patch in skin.robot.patches:
-        if patch.name not in state.patches:
+        if patch.name not in felt:
             continue
-        felt, surface = state.patches[patch.name], skin.surfaces[patch.name]
+        one, surface = felt[patch.name], skin.surfaces[patch.name]
         part = skin.robot.part(patch.part)
         segment = part.segment(patch.segment)
-        T_TL = state.link_poses[patch.link]
-        T_TS = segment_pose(part, segment, state.link_poses[segment.link], posture[patch.part])
+        T_TL = poses[patch.link]
+        T_TS = segment_pose(part, segment, poses[segment.link], posture[patch.part])
         own = []
-        for taxels in clusters(felt.force, surface.neighbours, settings):
-            if len(taxels) == 1 and not is_touch(skin, patch.name, felt.force, taxels[0], settings):
+        for taxels in clusters(one.force, surface.neighbours, settings):
+            if len(taxels) == 1 and not is_touch(skin, patch.name, one.force, taxels[0], settings):
                 continue
-            positions, forces = surface.positions[taxels], felt.force[taxels]
+            positions, forces = surface.positions[taxels], one.force[taxels]
             p_L, n_L = project(surface, centre_of_pressure(positions, forces))
             points_S = apply(invert(T_TS) @ T_TL, np.concatenate([p_L[None], positions]))
             u, theta = limb_coordinates(points_S, segment.length, part.side)
             n_T = T_TL[:3, :3] @ n_L
             own.append(
-                Contact(
-                    patch.name, patch.part, patch.segment, felt.stamp, felt.sequence, taxels, forces,
-                    forces.sum(), forces.max(), surface.areas[taxels].sum(), p_L, n_L, apply(T_TL, p_L), n_T,
-                    -forces.sum() * n_T, u[0], theta[0], u[1:], theta[1:],
+                SimpleNamespace(
+                    patch=patch.name, part=patch.part, segment=patch.segment, stamp=one.stamp,
+                    sequence=one.sequence, taxels=taxels, taxel_forces=forces, force=forces.sum(),
+                    peak=forces.max(), area=surface.areas[taxels].sum(), p_L=p_L, n_L=n_L,
+                    p_T=apply(T_TL, p_L), n_T=n_T, f_T=-forces.sum() * n_T, u=u[0], theta=theta[0],
+                    taxel_u=u[1:], taxel_theta=theta[1:],
                 )
             )  # fmt: skip
         found += sorted(own, key=lambda contact: (-contact.force, contact.u, contact.theta))
     return found
+
+
+class Tracks:
+    """Identities by plain Python: the nearest pairs of a track and a contact first."""
+
+    def __init__(self, reach: float, linger: float) -> None:
+        self.reach, self.linger, self.next = reach, linger, 1
+        self.known: list[dict[str, Any]] = []
+
+    def follow(self, site: np.ndarray, p_L: np.ndarray, first: np.ndarray, stamps: np.ndarray) -> list[tuple]:
+        """Identity, onset and displacement of each contact; `first` is the first taxel of each."""
+        self.known = [
+            t for t in self.known
+            if t["site"] not in site or stamps[t["site"]] - t["seen"] <= self.linger
+        ]  # fmt: skip
+        pairs = sorted(
+            (float(np.linalg.norm(p_L[c] - t["place"])), c, k)
+            for c in range(len(site))
+            for k, t in enumerate(self.known)
+            if t["site"] == site[c]
+        )
+        own: dict[int, int] = {}
+        for far, c, k in pairs:
+            if far <= self.reach and c not in own and k not in own.values():
+                own[c] = k
+        for c in sorted(set(range(len(site))) - own.keys(), key=lambda c: (site[c], first[c])):
+            own[c] = len(self.known)
+            at = {"site": site[c], "identity": self.next, "onset": stamps[site[c]], "origin": p_L[c].copy()}
+            self.known.append(at)
+            self.next += 1
+        for c, k in own.items():
+            self.known[k] |= {"seen": stamps[site[c]], "place": p_L[c].copy()}
+        tracks = [self.known[own[c]] for c in range(len(site))]
+        return [(t["identity"], t["onset"], float(np.linalg.norm(t["place"] - t["origin"]))) for t in tracks]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tci.compiled import compiled, inlined, reads, returns, views, writes
 from tci.frames import Array
-from tci.skin.kernels.flat import Indices
+from tci.skin.kernels.arrays import Indices
 
 SOLIDS = returns(reads(2), reads(2), reads(2), reads(2), reads(2, int32), reads(2))
 """Type of joints, shapes, points, poses, pairs, levers: see `Solids`."""

@@ -14,7 +14,7 @@ from tci.engine import mujoco
 from tci.errors import TciError
 from tci.frames import Array, read_only
 from tci.robot.clearance import Clearance
-from tci.skin.kernels.flat import Indices
+from tci.skin.kernels.arrays import Indices
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,130 +1,271 @@
-"""One frame of one patch: raw values to deviations and pressure, and what the next lesson needs of it."""
+"""Raw values of all patches to active taxels and their pressure, and the statistics of estimation windows."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
-from numba import boolean, float32, float64, int64, uint8
+from numba import float32, float64, int64, uint8
 from numpy.typing import NDArray
 
-from tci.compiled import compiled, inlined, reads, returns, writes
+from tci.compiled import compiled, inlined, reads, writes
 from tci.frames import Array
+from tci.skin.kernels.arrays import (
+    BLOCK,
+    BLOCK_SIZE,
+    CHANNEL,
+    END,
+    ESTIMATES,
+    FIRST,
+    FULL,
+    HIGHEST,
+    LAYOUT,
+    LOWEST,
+    MEMORY,
+    NODE,
+    REST,
+    ROOM,
+    SIGN,
+    STRAIGHT,
+    TAXEL,
+    ActiveTaxels,
+    Estimates,
+    LayoutArrays,
+    Places,
+    Single,
+    SkinMemory,
+)
 
-Single = NDArray[np.float32]
+SIGNAL, BEFORE, TOTAL, PEAK, SECOND_DIFFERENCE, CHANGES = range(6)
+"""Rows of `SkinMemory.statistics`: this signal [counts], the one before; and since the window began the sum
+of signals, the largest deviation, the sum of absolute second differences, the number of changes."""
+REPEATS, REPEATED, LIVE, SATURATED = range(4)
+"""Columns of `SkinMemory.blocks`: frames that were only counted, whether the next equal one may be, whether
+any taxel is active, taxels at the end of their range."""
+STAMP, ELAPSED, FRAMES, IN_WINDOW, DIFFERENCES, DROPPED, CONSTANT, DUE, LEAST = range(9)
+"""Columns of `SkinMemory.patches`: time [s] of the latest frame, time [s] since the window began, frames
+seen (2 for many), frames and second differences in the window, values dropped until now, whole frames that
+were only counted (-1 if the next may not be), length [s] of the window and its least number of frames."""
+ROWS, BLOCK_COLUMNS, PATCH_COLUMNS = 6, 4, 9
+GAP = 1.0
+"""Upper bound [s] on the frame interval that counts towards an estimation window. Assumed."""
+_STEP = 256
 
-SIGNAL, BEFORE, TOTAL, PEAK, BEND, CHANGED, RAW = range(7)
-"""Rows of `memory`: this signal, the one before, and since the last lesson the sum of signals, the largest
-deviation, the sum of the sizes of second differences, the number of changes; and the latest frame."""
-ROWS = 7
-LOWEST, HIGHEST, REST, SIGN, FULL = range(5)
-"""Numbers of a `sensor`: its range, rest value and polarity, and the largest deviation."""
-_BLOCK = 64
+
+@inlined
+def _same(raw: NDArray[Any], last: NDArray[Any], begin: int, end: int) -> bool:
+    """Compares two frames; a slice at a time, so that the processor takes many values at once."""
+    for first in range(begin, end, _STEP):
+        a, b = raw[first : min(first + _STEP, end)], last[first : min(first + _STEP, end)]
+        differs = False
+        for i in range(len(a)):
+            differs |= a[i] != b[i]
+        if differs:
+            return False
+    return True
+
+
+@inlined
+def _gather(raw: NDArray[Any], layout: LayoutArrays, block: int, begin: int, values: Single) -> None:
+    """Copies the raw values of a block whose taxels begin at `begin`."""
+    if layout.span[block, STRAIGHT]:
+        own = raw[layout.span[block, FIRST] : layout.span[block, END]]
+        for i in range(len(values)):
+            values[i] = np.float32(own[i])
+    else:
+        channels = layout.channel[begin : begin + len(values)]
+        for i in range(len(values)):
+            values[i] = np.float32(raw[channels[i]])
 
 
 @inlined
 def _note(
-    sensor: Single,
-    offset: Single,
-    threshold: Single,
-    silent: NDArray[np.bool_],
-    frames: int,
-    memory: Single,
-    active: NDArray[np.uint8],
-) -> tuple[int, int]:
-    """Everything that each frame costs for each taxel; without branches, so that the processor takes eight
-    taxels at once."""
-    signals, befores, totals, peaks = memory[SIGNAL], memory[BEFORE], memory[TOTAL], memory[PEAK]
-    bends, changes, raws = memory[BEND], memory[CHANGED], memory[RAW]
+    values: Single, sensor: Single, estimates: Estimates, statistics: Single, begin: int, frames: int
+) -> tuple[int, int, int]:
+    """Updates the statistics of one block; returns the values dropped, taxels saturated, and if any is
+    active.
+
+    Without branches, so that the processor takes eight taxels at once.
+    """
+    end = begin + len(values)
+    signals, befores, totals = (
+        statistics[SIGNAL, begin:end], statistics[BEFORE, begin:end], statistics[TOTAL, begin:end],
+    )  # fmt: skip
+    peaks, differences, changes = (
+        statistics[PEAK, begin:end],
+        statistics[SECOND_DIFFERENCE, begin:end],
+        statistics[CHANGES, begin:end],
+    )
+    offsets, thresholds = estimates.offset[begin:end], estimates.threshold[begin:end]
+    muted = estimates.muted[begin:end]
     lowest, highest, rest = sensor[LOWEST], sensor[HIGHEST], sensor[REST]
     sign, full = sensor[SIGN], sensor[FULL]
-    bending = np.float32(1.0 if frames > 1 else 0.0)
+    differing = np.float32(1.0 if frames > 1 else 0.0)
     changing = np.float32(1.0 if frames > 0 else 0.0)
     nothing = np.float32(0.0)
-    dropped, saturated = np.int32(0), np.int32(0)
-    for i in range(len(signals)):
-        raw, zero, last = raws[i], offset[i], signals[i]
-        good = (raw >= lowest) & (raw <= highest)  # NaN is not
-        signal = sign * (raw - rest)
+    dropped, saturated, active = np.int32(0), np.int32(0), np.int32(0)
+    for i in range(len(values)):
+        value, offset, last = values[i], offsets[i], signals[i]
+        good = (value >= lowest) & (value <= highest)  # NaN is not
+        signal = sign * (value - rest)
         saturated += np.int32(good & (signal >= full))
         dropped += np.int32(not good)
-        signal = signal if good else zero
-        deviation = signal - zero
-        active[i] = (deviation > nothing) & (deviation >= threshold[i]) & (not silent[i])
-        bends[i] += bending * abs(signal - np.float32(2.0) * last + befores[i])
+        signal = signal if good else offset
+        deviation = signal - offset
+        active |= np.int32((deviation > nothing) & (deviation >= thresholds[i]) & (not muted[i]))
+        differences[i] += differing * abs(signal - np.float32(2.0) * last + befores[i])
         changes[i] += changing if signal != last else nothing
         size, peak = abs(deviation), peaks[i]
         peaks[i] = size if size > peak else peak
         totals[i] += signal
         befores[i] = last
         signals[i] = signal
-    return int(dropped), int(saturated)
+    return int(dropped), int(saturated), int(active)
 
 
 @inlined
-def response(counts: float, nodes: Array) -> float:
-    last = nodes.shape[1] - 1
-    k = 1
-    while k < last and counts > nodes[0, k]:
+def _response(counts: float, nodes: Array, first: int, end: int) -> float:
+    """Pressure [Pa] on straight lines between the nodes from `first` to `end`, and beyond the last."""
+    k = first + 1
+    while k < end - 1 and counts > nodes[0, k]:
         k += 1
     slope = (nodes[1, k] - nodes[1, k - 1]) / (nodes[0, k] - nodes[0, k - 1])
-    return nodes[1, k - 1] + slope * (counts - nodes[0, k - 1])
+    pressure: float = nodes[1, k - 1] + slope * (counts - nodes[0, k - 1])
+    return pressure
+
+
+@inlined
+def _pressure(i: int, p: int, layout: LayoutArrays, estimates: Estimates, statistics: Single) -> float:
+    """Pressure [Pa] on taxel `i` of patch `p`; 0 while it is not active."""
+    deviation = statistics[SIGNAL, i] - estimates.offset[i]
+    if not deviation > np.float32(0.0) or deviation < estimates.threshold[i] or estimates.muted[i]:
+        return 0.0
+    counts, first, end = np.float64(deviation), layout.begin[p, NODE], layout.begin[p + 1, NODE]
+    if first < end:
+        counts = _response(counts, layout.nodes, first, end)
+    pressure: float = layout.gain[i] * counts
+    return pressure
+
+
+@inlined
+def _list_active(
+    p: int, share: float, layout: LayoutArrays, estimates: Estimates, memory: SkinMemory
+) -> None:
+    """Lists the active taxels of a patch; with `share` < 1 of the new pressure and the rest of the old
+    one."""
+    begin, stop = layout.begin[p, TAXEL], layout.begin[p + 1, TAXEL]
+    smoothing, place = len(memory.smoothed) > 0, begin
+    for block in range(layout.begin[p, BLOCK], layout.begin[p + 1, BLOCK]):
+        if memory.blocks[block, LIVE] or smoothing:
+            first = begin + (block - layout.begin[p, BLOCK]) * BLOCK_SIZE
+            for i in range(first, min(first + BLOCK_SIZE, stop)):
+                pressure = _pressure(i, p, layout, estimates, memory.statistics)
+                if smoothing:
+                    before = memory.smoothed[i]
+                    pressure = before + share * (pressure - before) if share < 1.0 else pressure
+                    memory.smoothed[i] = pressure
+                if pressure > 0.0:
+                    memory.active[place], memory.pressure[place] = i - begin, pressure
+                    place += 1
+    memory.counts[p] = place - begin
+
+
+@inlined
+def _take(
+    raw: NDArray[Any],
+    last: NDArray[Any],
+    p: int,
+    layout: LayoutArrays,
+    estimates: Estimates,
+    memory: SkinMemory,
+) -> None:
+    """Takes one new frame of a patch into the statistics."""
+    status, statistics, blocks = memory.patches[p], memory.statistics, memory.blocks
+    first, end = layout.begin[p, CHANNEL], layout.begin[p + 1, CHANNEL]
+    begin, stop = layout.begin[p, TAXEL], layout.begin[p + 1, TAXEL]
+    frames, whole = int(status[FRAMES]), np.int32(max(status[CONSTANT], 0.0))
+    same = _same(raw, last, first, end)
+    repeated = same
+    for block in range(layout.begin[p, BLOCK], layout.begin[p + 1, BLOCK]):
+        state = blocks[block]
+        state[REPEATS] += whole
+        equal = same or _same(raw, last, layout.span[block, FIRST], layout.span[block, END])
+        if equal and state[REPEATED]:
+            state[REPEATS] += 1
+            continue
+        i = begin + (block - layout.begin[p, BLOCK]) * BLOCK_SIZE
+        values = memory.room[: min(BLOCK_SIZE, stop - i)]
+        if state[REPEATS]:
+            times = np.float32(state[REPEATS])
+            for k in range(i, i + len(values)):
+                statistics[TOTAL, k] += times * statistics[SIGNAL, k]
+            state[REPEATS] = 0
+        _gather(raw, layout, block, i, values)
+        dropped, saturated, active = _note(values, layout.sensor[p], estimates, statistics, i, frames)
+        status[DROPPED] += dropped
+        state[SATURATED], state[LIVE] = saturated, active
+        # Then all second differences of the next equal frame are 0. Dropped values are counted anew.
+        state[REPEATED] = equal and frames > 0 and dropped == 0
+        repeated &= state[REPEATED] != 0
+    status[CONSTANT] = 0.0 if repeated and frames > 0 else -1.0
+    if not same:
+        a, b = last[first:end], raw[first:end]
+        for i in range(len(a)):
+            a[i] = b[i]
 
 
 def _signature(raw: Any) -> Any:
-    return returns(int64, int64)(
-        reads(1, raw), reads(1, int64), reads(1, float32), reads(1, float32), reads(1, float32),
-        reads(1, boolean), reads(1), reads(2), writes(2, float32), writes(1, uint8), int64, float64, reads(1),
-        writes(1),
-    )  # fmt: skip
+    return int64(
+        reads(1, raw), writes(1, raw), reads(1, int64), reads(1), float64, LAYOUT, ESTIMATES, MEMORY, ROOM
+    )
 
 
-@compiled(_signature(uint8), _signature(float64))
+@compiled(_signature(uint8), _signature(float32))
 def condition(
-    values: NDArray[np.generic],
-    channels: NDArray[np.intp],
-    sensor: Single,
-    offset: Single,
-    threshold: Single,
-    silent: NDArray[np.bool_],
-    gain: Array,
-    nodes: Array,
-    memory: Single,
-    active: NDArray[np.uint8],
-    frames: int,
-    share: float,
-    before: Array,
-    pressure: Array,
-) -> tuple[int, int]:
-    """Write `pressure` (taxels,) [Pa], which is zero; count values dropped and taxels saturated.
+    raw: NDArray[Any],
+    last: NDArray[Any],
+    which: Places,
+    stamps: Array,
+    latency: float,
+    layout: LayoutArrays,
+    estimates: Estimates,
+    memory: SkinMemory,
+    out: ActiveTaxels,
+) -> int:
+    """Turns new raw frames of the patches `which` (k,) into active taxels and their pressure [Pa].
 
-    `values` (channels,) raw, uint8 or float64; `sensor` see above; `offset`, `threshold`, `silent`, `gain`
-    (taxels,); `nodes` (2, m) counts and pascal of the response, empty where it is linear with `gain` [Pa per
-    count]; `memory` (ROWS, taxels); `active` (taxels,) room to work in; `frames` seen before this one, 2 for
-    many; `share` of the new pressure where it is smoothed with the one `before`, 1 for all.
+    A block of 64 taxels whose raw values equal the previous frame is only counted; its sums are caught up
+    when it changes or the estimation window ends, with the result that counts of whole numbers have anyway.
+    `raw` (c,) holds all channels, `last` (c,) those of the frames before, `stamps` (k,) [s]. `latency` [s]
+    is the time constant of smoothing. Returns how many of the patches have come to the end of their windows.
     """
-    raws, signals = memory[RAW], memory[SIGNAL]
-    for i in range(len(channels)):
-        raws[i] = values[channels[i]]
-    counted = _note(sensor, offset, threshold, silent, frames, memory, active)
-    n = len(pressure)
-    for block in range(0, n, _BLOCK):
-        end = min(block + _BLOCK, n)
-        part = active[block:end]
-        some = np.uint8(0)
-        for i in range(len(part)):
-            some |= part[i]
-        if some:
-            for i in range(block, end):
-                if active[i]:
-                    counts = float(signals[i] - offset[i])
-                    pressure[i] = gain[i] * (counts if nodes.shape[1] == 0 else response(counts, nodes))
-    if share < 1.0:
-        for i in range(n):
-            pressure[i] = before[i] + share * (pressure[i] - before[i])
-    return counted
-
-
-def empty_memory(taxels: int) -> Single:
-    """Memory before the first frame."""
-    return np.zeros((ROWS, taxels), np.float32)
+    ended = 0
+    for k in range(len(which)):
+        p = which[k]
+        status, share = memory.patches[p], 1.0
+        elapsed = 0.0 if np.isnan(status[STAMP]) else min(max(stamps[k] - status[STAMP], 0.0), GAP)
+        status[STAMP] = stamps[k]
+        same = status[CONSTANT] >= 0.0 and _same(
+            raw, last, layout.begin[p, CHANNEL], layout.begin[p + 1, CHANNEL]
+        )
+        if same:
+            status[CONSTANT] += 1.0
+        else:
+            _take(raw, last, p, layout, estimates, memory)
+        if latency > 0.0 and elapsed > 0.0:
+            share = 1.0 - np.exp(-elapsed / latency)
+        if not same or latency > 0.0:
+            _list_active(p, share, layout, estimates, memory)
+        status[DIFFERENCES] += status[FRAMES] == 2.0
+        status[FRAMES] = min(status[FRAMES] + 1.0, 2.0)
+        status[IN_WINDOW] += 1.0
+        status[ELAPSED] += elapsed
+        ended += status[ELAPSED] >= status[DUE] and status[IN_WINDOW] >= status[LEAST]
+    place = 0
+    for p in range(len(memory.counts)):
+        out.stamp[p], out.begin[p] = memory.patches[p, STAMP], place
+        for i in range(layout.begin[p, TAXEL], layout.begin[p, TAXEL] + memory.counts[p]):
+            out.active[place], out.pressure[place] = memory.active[i], memory.pressure[i]
+            place += 1
+    out.begin[len(memory.counts)] = place
+    return ended

@@ -1,43 +1,119 @@
-"""One frame of one patch: which taxels belong together, and where and how hard each contact presses."""
+"""Active taxels to clusters, and clusters to contacts: position, normal and force (eqs 3-4, 6-7)."""
 
 from __future__ import annotations
 
 import numpy as np
-from numba import float64, int32, int64
+from numba import float64, int64, void
 
-from tci.compiled import compiled, inlined, reads, writes
+from tci.compiled import compiled, inlined, reads, returns, writes
 from tci.frames import Array
 from tci.robot.kernels.limb import Row, limb_pose
 from tci.robot.limb import RHO
-from tci.skin.kernels.flat import Indices
+from tci.skin.kernels.arrays import (
+    ACTIVE,
+    AREA,
+    CLUSTERS,
+    CONTACTS,
+    LAYOUT,
+    LIMB_LINK,
+    LINK,
+    POSTURE,
+    TAXEL,
+    ActiveTaxels,
+    Clusters,
+    ContactArrays,
+    LayoutArrays,
+)
 from tci.skin.kernels.nearest import nearest
 
-FORCE, PEAK, AREA, U, THETA, Y, Z = range(7)
-"""Columns of `numbers`: force [N], that of the strongest taxel, area [m2], place on the limb, and
-on the generic limb."""
-NUMBERS = 7
-P_L, N_L, P_T, N_T, F_T = range(5)
-"""Rows of `vectors`: centre and normal in the link, both seen from the torso, force [N] there."""
-VECTORS = 5
-_BLOCK = 64
+FORCE, PEAK, AREA_SUM, U, THETA, Y, Z, POINT, NORMAL, SUMMARY = 0, 1, 2, 3, 4, 5, 6, 7, 10, 13
+"""Columns of a summary, and their number."""
 _NONE, _ONE = np.uint64(0), np.uint64(1)
-"""Places that are counted without a sign need no look at whether they count from the end."""
+"""Unsigned indices: numba then omits the check for negative (wrap-around) indices."""
 
 
 @inlined
-def _deal(active: Indices, label: Indices, bounds: Indices, members: Indices, count: int) -> None:
-    for place in range(np.uint64(len(active))):
-        taxel = np.uint64(active[place])
-        mine = label[taxel]
+def _deal(found: int, clusters: Clusters, count: int) -> None:
+    """Sorts the `found` taxels of the queue into their clusters; labels are zero then."""
+    label, bound, member = clusters.label, clusters.bound, clusters.member
+    for place in range(np.uint64(found)):
+        taxel = np.uint64(clusters.queue[place])
+        own = label[taxel]
         label[taxel] = 0
-        if mine > 0:
-            cluster = np.uint64(mine - 1)
-            members[np.uint64(bounds[cluster])] = active[place]
-            bounds[cluster] += 1
+        if own > 0:
+            cluster = np.uint64(own - 1)
+            to = np.uint64(bound[cluster])
+            member[to], clusters.member_force[to] = clusters.queue[place], clusters.force[taxel]
+            bound[cluster] += 1
     # Each bound has moved to the next one's place.
     for i in range(count, 0, -1):
-        bounds[i] = bounds[i - 1]
-    bounds[0] = 0
+        bound[i] = bound[i - 1]
+    bound[0] = 0
+
+
+@inlined
+def _grow(
+    seed: int, floor: float, number: int, layout: LayoutArrays, clusters: Clusters
+) -> tuple[int, float]:
+    """Labels all taxels that are connected with a seed; how many, and the force [N] on the strongest."""
+    force, label, queue, graph = clusters.force, clusters.label, clusters.queue, layout.graph
+    done, size = _NONE, _ONE
+    label[np.uint64(seed)], queue[_NONE], peak = number, seed, force[np.uint64(seed)]
+    while done < size:
+        taxel = np.uint64(queue[done])
+        done += _ONE
+        peak = max(peak, force[taxel])
+        for edge in range(np.uint64(graph[taxel]), np.uint64(graph[taxel + _ONE])):
+            other = np.uint64(graph[edge])
+            if label[other] == 0 and force[other] >= floor:
+                label[other], queue[size] = number, graph[edge]
+                size += _ONE
+    return int(size), peak
+
+
+@compiled(returns(int64, int64, int64)(ACTIVE, float64, float64, LAYOUT, CLUSTERS))
+def cluster(
+    state: ActiveTaxels, floor: float, touch: float, layout: LayoutArrays, clusters: Clusters
+) -> tuple[int, int, int]:
+    """Finds clusters of neighbouring taxels whose force is at least `floor` [N], one of them at least `touch`
+    [N] (single linkage). Returns the number of clusters, of their taxels, and of clusters of a single taxel.
+    """
+    count, force, queue = 0, clusters.force, clusters.queue
+    clusters.bound[0] = 0
+    for p in range(len(clusters.counts)):
+        begin = layout.begin[p, TAXEL]
+        for k in range(state.begin[p], state.begin[p + 1]):
+            i = begin + state.active[k]
+            force[i] = state.pressure[k] * layout.taxel[i, AREA]
+    for p in range(len(clusters.counts)):
+        begin, before = layout.begin[p, TAXEL], count
+        for k in range(state.begin[p], state.begin[p + 1]):
+            seed = begin + state.active[k]
+            if force[seed] < floor or clusters.label[seed] != 0:
+                continue
+            size, peak = _grow(seed, floor, count + 1, layout, clusters)
+            if peak >= touch:
+                count += 1
+                clusters.bound[count] = clusters.bound[count - 1] + size
+            else:
+                for place in range(size):
+                    clusters.label[np.uint64(queue[place])] = -1
+        clusters.counts[p] = count - before
+    found = 0
+    for p in range(len(clusters.counts)):
+        for k in range(state.begin[p], state.begin[p + 1]):
+            i = layout.begin[p, TAXEL] + state.active[k]
+            if force[i] >= floor:
+                queue[found] = i
+                found += 1
+    _deal(found, clusters, count)
+    for p in range(len(clusters.counts)):
+        for k in range(state.begin[p], state.begin[p + 1]):
+            force[layout.begin[p, TAXEL] + state.active[k]] = 0.0
+    single = 0
+    for c in range(count):
+        single += clusters.bound[c + 1] - clusters.bound[c] == 1
+    return count, clusters.bound[count], single
 
 
 @inlined
@@ -59,153 +135,109 @@ def _on_limb(
 
 
 @inlined
-def _scan(force: Array, floor: float, members: Indices) -> int:
-    """Write the `members` that feel at least the floor; how many."""
-    n, active = len(force), 0
-    for block in range(0, n, _BLOCK):
-        end = min(block + _BLOCK, n)
-        # A slice, since its indices are known to count up from 0: the processor compares four at once.
-        part = force[block:end]
-        some = 0
-        for i in range(len(part)):
-            some += part[i] >= floor
-        if some:
-            for i in range(len(part)):
-                if part[i] >= floor:
-                    members[active] = block + i
-                    active += 1
-    return active
-
-
-@inlined
-def _group(force: Array, floor: float, touch: float, graph: Indices, work: Indices, active: int) -> int:
-    n = len(force)
-    members, bounds = work[:n], work[n : 2 * n + 1]
-    label, queue = work[2 * n + 1 : 3 * n + 1], work[3 * n + 1 :]
-    if active == 0:
-        return 0
-    count = 0
-    bounds[0] = 0
-    for place in range(np.uint64(active)):
-        seed = np.uint64(members[place])
-        if label[seed] != 0:
-            continue
-        label[seed] = count + 1
-        queue[_NONE] = members[place]
-        done, size = _NONE, _ONE
-        peak = force[seed]
-        while done < size:
-            taxel = np.uint64(queue[done])
-            done += _ONE
-            peak = max(peak, force[taxel])
-            for edge in range(np.uint64(graph[taxel]), np.uint64(graph[taxel + _ONE])):
-                other = np.uint64(graph[edge])
-                if label[other] == 0 and force[other] >= floor:
-                    label[other] = count + 1
-                    queue[size] = graph[edge]
-                    size += _ONE
-        if peak >= touch:
-            count += 1
-            bounds[count] = bounds[count - 1] + np.int64(size)
-        else:
-            for i in range(size):
-                label[np.uint64(queue[i])] = -1
-    # All active taxels in their order, dealt to their clusters.
-    for place in range(np.uint64(active)):
-        queue[place] = members[place]
-    _deal(queue[:active], label, bounds, members, count)
-    return count
-
-
-@compiled(int64(reads(1), float64, float64, reads(1, int32), writes(1, int32)))
-def cluster(force: Array, floor: float, touch: float, graph: Indices, work: Indices) -> int:
-    """Single-link clusters of taxels with `force` (n,) >= floor, those with one >= touch; their number.
-
-    `work` (4 n + 1,) is memory that is zero before the first call. It holds then all members (n,), each
-    cluster's in their order, the cluster of the first taxel first, and their bounds (n + 1,).
-    """
-    return _group(force, floor, touch, graph, work, _scan(force, floor, work[: len(force)]))
-
-
-@compiled(int64(reads(1), float64, float64, reads(1, int32), reads(1, int32), writes(1, int32)))
-def cluster_of(
-    force: Array, floor: float, touch: float, active: Indices, graph: Indices, work: Indices
-) -> int:
-    """`cluster` where no other taxels than the `active` (k,) ones, in their order, feel anything."""
-    found = _NONE
-    for place in range(np.uint64(len(active))):
-        if force[np.uint64(active[place])] >= floor:
-            work[found] = active[place]
-            found += _ONE
-    return _group(force, floor, touch, graph, work, np.int64(found))
-
-
-@inlined
-def describe(
-    force: Array,
-    work: Indices,
-    taxels: Array,
-    faces: Indices,
-    box: Array,
-    cells: Indices,
-    T_TL: Array,
-    T_TG: Array,
-    limb: Array,
-    posture: Array,
-    count: int,
-    first: int,
-    begin: int,
-    numbers: Array,
-    vectors: Array,
-    indices: Indices,
-    places: Array,
+def _summarise(
+    c: int, p: int, T_SL: tuple[Row, Row, Row], layout: LayoutArrays, clusters: Clusters, row: Array
 ) -> None:
-    """Fill in the `count` contacts that `cluster` found: from row `first` on `numbers` (c, NUMBERS) and
-    `vectors` (c, VECTORS, 3), and from column `begin` on, of all their taxels (k,), the `indices` and the
-    `places` (4, k): force [N], and u, y, z on the generic limb (eqs 3-4, 6).
+    """Writes the summary (SUMMARY,) of one cluster of patch `p`."""
+    taxels = layout.taxel
+    total, peak, area = 0.0, 0.0, 0.0
+    mean_x, mean_y, mean_z = 0.0, 0.0, 0.0
+    for place in range(clusters.bound[c], clusters.bound[c + 1]):
+        i, f = clusters.member[place], clusters.member_force[place]
+        total += f
+        peak = max(peak, f)
+        area += taxels[i, AREA]
+        mean_x += f * taxels[i, 0]
+        mean_y += f * taxels[i, 1]
+        mean_z += f * taxels[i, 2]
+    row[FORCE], row[PEAK], row[AREA_SUM] = total, peak, area
+    mean = mean_x / total, mean_y / total, mean_z / total
+    nearest(mean, p, layout, row[POINT:NORMAL], row[NORMAL:])
+    x, y, z = row[POINT], row[POINT + 1], row[POINT + 2]
+    u, y_L, z_L = _on_limb(T_SL, x, y, z, layout.limb[p, 12], layout.limb[p, 13])
+    row[U], row[THETA], row[Y], row[Z] = u, np.arctan2(y_L, z_L), y_L, z_L
 
-    The link is at `T_TL` (4, 4), its limb's link at `T_TG`, `limb` (15,) at `posture` (4,) [rad], see
-    `limb_pose`.
+
+@inlined
+def _precedes(one: Array, other: Array) -> bool:
+    """Whether a contact is stronger than another; if equally strong, nearer to the limb's beginning."""
+    for column, sign in ((FORCE, -1.0), (U, 1.0), (THETA, 1.0)):
+        a, b = sign * one[column], sign * other[column]
+        if a != b:
+            return a < b
+    return False
+
+
+@inlined
+def _write(
+    c: int,
+    p: int,
+    row: Array,
+    T_SL: tuple[Row, Row, Row],
+    T_TL: Array,
+    layout: LayoutArrays,
+    out: ContactArrays,
+) -> None:
+    """Writes the contact `c` of patch `p`, but for its taxels."""
+    out.site[c], out.force[c], out.peak[c], out.area[c] = p, row[FORCE], row[PEAK], row[AREA_SUM]
+    out.u[c], out.theta[c] = row[U], row[THETA]
+    out.limb_point[c, 0], out.limb_point[c, 1], out.limb_point[c, 2] = row[U], row[Y], row[Z]
+    x, y, z = row[POINT], row[POINT + 1], row[POINT + 2]
+    nx, ny, nz = row[NORMAL], row[NORMAL + 1], row[NORMAL + 2]
+    for axis in range(3):
+        out.p_L[c, axis], out.n_L[c, axis] = row[POINT + axis], row[NORMAL + axis]
+        n_T = T_TL[axis, 0] * nx + T_TL[axis, 1] * ny + T_TL[axis, 2] * nz
+        at = T_TL[axis, 0] * x + T_TL[axis, 1] * y + T_TL[axis, 2] * z
+        out.p_T[c, axis] = at + T_TL[axis, 3]
+        out.n_T[c, axis] = n_T
+        out.f_T[c, axis] = -row[FORCE] * n_T
+
+
+@inlined
+def _write_taxels(
+    c: int, p: int, found: int, T_SL: tuple[Row, Row, Row], layout: LayoutArrays, clusters: Clusters,
+    out: ContactArrays,
+) -> None:  # fmt: skip
+    """Writes the taxels of contact `c`, which was `found` as that cluster."""
+    to, begin, taxels = out.begin[c], layout.begin[p, TAXEL], layout.taxel
+    length, side = layout.limb[p, 12], layout.limb[p, 13]
+    for place in range(clusters.bound[found], clusters.bound[found + 1]):
+        i = clusters.member[place]
+        out.taxel[to], out.taxel_force[to] = i - begin, clusters.member_force[place]
+        u, y, z = _on_limb(T_SL, taxels[i, 0], taxels[i, 1], taxels[i, 2], length, side)
+        out.taxel_point[to, 0], out.taxel_point[to, 1], out.taxel_point[to, 2] = u, y, z
+        to += 1
+    out.begin[c + 1] = to
+
+
+@compiled(void(LAYOUT, CLUSTERS, reads(3), reads(2), writes(2), CONTACTS))
+def describe(
+    layout: LayoutArrays, clusters: Clusters, poses: Array, posture: Array, summary: Array, out: ContactArrays
+) -> None:
+    """Writes the contact of each cluster: force, centre of pressure on the surface, its normal, and its
+    place on the generic limb (eqs 3-4, 6-7), the strongest of each patch first.
+
+    Links are at `poses` (l, 4, 4), seen from the torso; limbs at the generic angles `posture` (parts, 4)
+    [rad].
+    `summary` (c, SUMMARY) is room to work in.
     """
-    n = len(force)
-    members, bounds = work[:n], work[n : 2 * n + 1]
-    length, side = limb[12], limb[13]
-    T_SL = limb_pose(T_TL, T_TG, limb, posture)
-    for row in range(count):
-        c = first + row
-        total, peak, area = 0.0, 0.0, 0.0
-        mean_x, mean_y, mean_z = 0.0, 0.0, 0.0
-        for place in range(bounds[row], bounds[row + 1]):
-            i = members[place]
-            f = force[i]
-            total += f
-            peak = max(peak, f)
-            area += taxels[i, 6]
-            x, y, z = taxels[i, 0], taxels[i, 1], taxels[i, 2]
-            mean_x += f * x
-            mean_y += f * y
-            mean_z += f * z
-            indices[begin + place] = i
-            u, y_L, z_L = _on_limb(T_SL, x, y, z, length, side)
-            places[0, begin + place] = f
-            places[1, begin + place] = u
-            places[2, begin + place] = y_L
-            places[3, begin + place] = z_L
-        mean = mean_x / total, mean_y / total, mean_z / total
-        nearest(mean, taxels, faces, box, cells, vectors[c, P_L], vectors[c, N_L])
-        x, y, z = vectors[c, P_L, 0], vectors[c, P_L, 1], vectors[c, P_L, 2]
-        nx, ny, nz = vectors[c, N_L, 0], vectors[c, N_L, 1], vectors[c, N_L, 2]
-        for axis in range(3):
-            n_T = T_TL[axis, 0] * nx + T_TL[axis, 1] * ny + T_TL[axis, 2] * nz
-            at = T_TL[axis, 0] * x + T_TL[axis, 1] * y + T_TL[axis, 2] * z
-            vectors[c, P_T, axis] = at + T_TL[axis, 3]
-            vectors[c, N_T, axis] = n_T
-            vectors[c, F_T, axis] = -total * n_T
-        u, y_L, z_L = _on_limb(T_SL, x, y, z, length, side)
-        numbers[c, FORCE] = total
-        numbers[c, PEAK] = peak
-        numbers[c, AREA] = area
-        numbers[c, U] = u
-        numbers[c, THETA] = np.arctan2(y_L, z_L)
-        numbers[c, Y] = y_L
-        numbers[c, Z] = z_L
+    c, order = 0, out.identity
+    out.begin[0] = 0
+    for p in range(len(clusters.counts)):
+        first = c
+        c += clusters.counts[p]
+        if c == first:
+            continue
+        T_TL = poses[layout.on[p, LINK]]
+        T_SL = limb_pose(T_TL, poses[layout.on[p, LIMB_LINK]], layout.limb[p], posture[layout.on[p, POSTURE]])
+        for found in range(first, c):
+            _summarise(found, p, T_SL, layout, clusters, summary[found])
+            k = found
+            while k > first and _precedes(summary[found], summary[order[k - 1]]):
+                order[k] = order[k - 1]
+                k -= 1
+            order[k] = found
+        for k in range(first, c):
+            found = order[k]
+            _write(k, p, summary[found], T_SL, T_TL, layout, out)
+            _write_taxels(k, p, found, T_SL, layout, clusters, out)

@@ -7,23 +7,23 @@ import numpy as np
 from tci.compiled import inlined
 from tci.frames import Array
 from tci.robot.kernels.limb import Vector
-from tci.skin.kernels.flat import Indices
+from tci.skin.kernels.arrays import CELL, TAXEL, LayoutArrays
 
 
 @inlined
-def nearest(
-    point: Vector, taxels: Array, faces: Indices, box: Array, cells: Indices, p_L: Array, n_L: Array
-) -> None:
-    """Write the point `p_L` (3,) [m] of the surface next to a `point` [m], and its normal `n_L` (3,).
+def nearest(point: Vector, p: int, layout: LayoutArrays, p_L: Array, n_L: Array) -> None:
+    """Writes the point `p_L` (3,) [m] of the surface of patch `p` next to a `point` [m], and its normal `n_L`
+    (3,).
 
-    The same as `Surface.project`; of a surface without faces it is the nearest taxel. Cells around the
+    It equals `Surface.project`; of a surface without faces it is the nearest taxel. Cells around the
     point are searched shell by shell, until the best face is nearer than the next shell.
     """
     best = np.inf
+    box, taxels, faces, cells = layout.box[p], layout.taxel, layout.faces, layout.cells
     nx, ny, nz = int(box[4]), int(box[5]), int(box[6])
-    scale = box[3]
+    scale, first_cell = box[3], layout.begin[p, CELL]
     if nx * ny * nz == 0:
-        for i in range(len(taxels)):
+        for i in range(layout.begin[p, TAXEL], layout.begin[p + 1, TAXEL]):
             apart = _square(taxels[i, 0] - point[0], taxels[i, 1] - point[1], taxels[i, 2] - point[2])
             if apart < best:
                 best = apart
@@ -50,7 +50,7 @@ def nearest(
                 for k in range(begin, min(cz + shell, nz - 1) + 1, step):
                     if k < 0:
                         continue
-                    cell = (i * ny + j) * nz + k
+                    cell = first_cell + (i * ny + j) * nz + k
                     for entry in range(cells[cell], cells[cell + 1]):
                         f = cells[entry]
                         best = _closer(point, taxels, faces[f, 0], faces[f, 1], faces[f, 2], best, p_L, n_L)

@@ -1,0 +1,229 @@
+"""Contacts of a skin as arrays, and a row of these as an object."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.frames import Array, frozen
+
+
+class Frozen:
+    """Plain data whose arrays nobody can change, also after pickling, which forgets that."""
+
+    __slots__ = ()
+
+    def __post_init__(self) -> None:
+        for name in self._names():
+            if isinstance(value := getattr(self, name), np.ndarray):
+                value.setflags(write=False)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self), tuple([getattr(self, name) for name in self._names()])
+
+    @classmethod
+    def _names(cls) -> tuple[str, ...]:
+        names: tuple[str, ...] = cls.__slots__
+        return names
+
+
+class Site(NamedTuple):
+    """Names that all contacts of a patch share."""
+
+    patch: str
+    """Name of the patch."""
+    part: str
+    """Generic part that the patch belongs to."""
+    segment: str
+    """Segment of that part: `upper_arm`, `forearm`; empty where the skin is on none of them."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Contacts(Frozen, Sequence["Contact"]):
+    """Contacts of one frame as arrays; indexing returns row views. Patch by patch, strongest first."""
+
+    sites: tuple[Site, ...]
+    """Names (p,) shared by rows."""
+    stamp: Array
+    """Time (p,) [s] of the frame of each patch."""
+    sequence: NDArray[np.int64]
+    """Its sequence (p,)."""
+    site: NDArray[np.int64]
+    """Patch (c,) of each contact, among `sites`."""
+    identity: NDArray[np.int64]
+    """Number (c,) that is constant from onset to end; no other contact has it."""
+    onset: Array
+    """Time (c,) [s] at which each began, on the driver's clock: the stamp of its first frame."""
+    displacement: Array
+    """Distance (c,) [m] of its centre from where it began, in the patch's link."""
+    force: Array
+    """Sum (c,) over its taxels [N]."""
+    peak: Array
+    """Force (c,) [N] on the strongest of them."""
+    area: Array
+    """Area (c,) [m2] of its taxels."""
+    p_L: Array
+    """Centre of pressure (c, 3) [m] on the surface, in the patch's link."""
+    n_L: Array
+    """Outward unit normal (c, 3) there, in the patch's link."""
+    p_T: Array
+    """Centre of pressure (c, 3) [m] seen from the torso."""
+    n_T: Array
+    """Outward unit normal (c, 3) seen from the torso."""
+    f_T: Array
+    """Force (c, 3) [N] on the skin, seen from the torso: along the inward normal, unless the taxels feel
+    its direction."""
+    u: Array
+    """Place (c,) along the segment: 0 at its proximal, 1 at its distal joint; NaN on no limb."""
+    theta: Array
+    """Angle (c,) around the segment [rad]: 0 flexor, +pi/2 lateral, pi extensor, -pi/2 medial; NaN
+    likewise."""
+    limb_point: Array
+    """The place (c, 3) on the generic limb [limb lengths] (eq. 6); NaN likewise."""
+    begin: NDArray[np.int64]
+    """Where the taxels of each contact start (c + 1,)."""
+    taxel: NDArray[np.int64]
+    """Index (k,) of each taxel in its patch."""
+    taxel_force: Array
+    """Force (k,) [N] on it."""
+    taxel_point: Array
+    """Its place (k, 3) on the generic limb [limb lengths]; NaN on no limb."""
+
+    def __len__(self) -> int:
+        return len(self.site)
+
+    @overload
+    def __getitem__(self, index: int) -> Contact: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Contact, ...]: ...
+    def __getitem__(self, index: int | slice) -> Contact | tuple[Contact, ...]:
+        rows = range(len(self.site))[index]
+        return Contact(self, rows) if isinstance(rows, int) else tuple([Contact(self, row) for row in rows])
+
+    def __iter__(self) -> Iterator[Contact]:
+        return map(partial(Contact, self), range(len(self.site)))
+
+    @staticmethod
+    def of(rows: Iterable[Contact]) -> Contacts:
+        """Rows of other contacts, in a table of their own. Each has a site of its own."""
+        if isinstance(rows, Contacts):
+            return rows
+        rows = tuple(rows)
+        tables = [(one.table, one.row, slice(*one.table.begin[one.row : one.row + 2])) for one in rows]
+
+        def joined(name: str, shape: tuple[int, ...] = (0,)) -> NDArray[Any]:
+            of_taxels = name.startswith("taxel")
+            parts = [getattr(t, name)[own if of_taxels else slice(row, row + 1)] for t, row, own in tables]
+            return np.concatenate(parts) if parts else np.zeros(shape, np.float64)
+
+        return Contacts(
+            sites=tuple(one.table.sites[one.table.site[one.row]] for one in rows),
+            stamp=np.array([one.stamp for one in rows]),
+            sequence=np.array([one.sequence for one in rows], np.int64),
+            site=np.arange(len(rows)),
+            identity=joined("identity").astype(np.int64),
+            begin=np.cumsum([0, *(len(one.taxels) for one in rows)]),
+            taxel=joined("taxel").astype(np.int64),
+            **{name: joined(name, (0, 3)) for name in _VECTORS},
+            **{name: joined(name) for name in _NUMBERS},
+        )
+
+
+_VECTORS = ("p_L", "n_L", "p_T", "n_T", "f_T", "limb_point", "taxel_point")
+_NUMBERS = ("onset", "displacement", "force", "peak", "area", "u", "theta", "taxel_force")
+
+
+class _Number:
+    """A number of a contact: its element of that array of the table."""
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self.name = name
+
+    def __get__(self, contact: Contact, owner: type) -> float:
+        return float(getattr(contact.table, self.name)[contact.row])
+
+
+class _Vector(_Number):
+    """A vector (3,) of a contact: its row of that array of the table."""
+
+    def __get__(self, contact: Contact, owner: type) -> Array:  # type: ignore[override]
+        vector: Array = getattr(contact.table, self.name)[contact.row]
+        return vector
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """Taxels that are pressed together (eq. 7): a row of `Contacts`, which tells what its numbers are."""
+
+    table: Contacts
+    row: int
+
+    onset, displacement = _Number(), _Number()
+    force, peak, area, u, theta = _Number(), _Number(), _Number(), _Number(), _Number()
+    p_L, n_L, p_T, n_T, f_T = _Vector(), _Vector(), _Vector(), _Vector(), _Vector()
+    limb_point = _Vector()
+
+    @property
+    def patch(self) -> str:
+        """Patch it lies on."""
+        return self._site.patch
+
+    @property
+    def part(self) -> str:
+        """Generic part that the patch belongs to."""
+        return self._site.part
+
+    @property
+    def segment(self) -> str:
+        """Segment of that part: `upper_arm`, `forearm`; empty where the skin is on none of them."""
+        return self._site.segment
+
+    @property
+    def stamp(self) -> float:
+        """Time [s] of the frame it was found in."""
+        return float(self.table.stamp[self.table.site[self.row]])
+
+    @property
+    def sequence(self) -> int:
+        """Sequence of that frame."""
+        return int(self.table.sequence[self.table.site[self.row]])
+
+    @property
+    def identity(self) -> int:
+        """Number that is constant from onset to end; no other contact has it."""
+        return int(self.table.identity[self.row])
+
+    @property
+    def taxels(self) -> NDArray[np.int64]:
+        """Indices (k,) of its taxels in the patch."""
+        return self.table.taxel[self._own]
+
+    @property
+    def taxel_forces(self) -> Array:
+        """Force (k,) [N] on each of them."""
+        return self.table.taxel_force[self._own]
+
+    @property
+    def taxel_u(self) -> Array:
+        """Place (k,) of each taxel along the segment; NaN on no limb."""
+        return self.table.taxel_point[self._own, 0]
+
+    @property
+    def taxel_theta(self) -> Array:
+        """Angle (k,) [rad] of each taxel around the segment; NaN likewise."""
+        points = self.table.taxel_point[self._own]
+        return frozen(np.arctan2(points[:, 1], points[:, 2]))
+
+    @property
+    def _site(self) -> Site:
+        site: Site = self.table.sites[int(self.table.site[self.row])]
+        return site
+
+    @property
+    def _own(self) -> slice:
+        return slice(*self.table.begin[self.row : self.row + 2].tolist())

@@ -1,0 +1,124 @@
+"""Estimates of one patch: rest values, noise and health of its taxels, window by window."""
+
+from __future__ import annotations
+
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.frames import Array
+from tci.robot.description import SOLE
+from tci.skin.baseline import Baseline, BaselineSettings, Window
+from tci.skin.health import Health, HealthSettings, TaxelHealth
+from tci.skin.kernels.arrays import Estimates, Single
+from tci.skin.kernels.condition import (
+    CHANGES,
+    DIFFERENCES,
+    ELAPSED,
+    IN_WINDOW,
+    PEAK,
+    SECOND_DIFFERENCE,
+    SIGNAL,
+    TOTAL,
+)
+from tci.skin.layout import SkinPatch
+
+SATURATED = 0.9
+"""Share of the range from which a taxel is at its end, not stepped. Assumed."""
+
+
+class PatchEstimator:
+    """Estimates the rest, noise and health of the taxels of one patch from estimation windows."""
+
+    def __init__(self, patch: SkinPatch, baseline: BaselineSettings, health: HealthSettings) -> None:
+        sensor, pairs = patch.words.sensor, patch.surface.neighbours
+        count, sign = len(patch.surface.areas), float(np.sign(sensor.pascal_per_count))
+        self.sole = patch.words.segment == SOLE
+        self.full = (sensor.highest - sensor.rest) if sign > 0 else (sensor.rest - sensor.lowest)
+        """Largest deviation [counts] that the sensor can show."""
+        self.gain, self.nodes = abs(sensor.pascal_per_count), patch.nodes
+        self.baseline = Baseline(
+            count,
+            span=sensor.highest - sensor.lowest,
+            floor=min(sign * (end - sensor.rest) for end in (sensor.lowest, sensor.highest)),
+            noise=sensor.noise,
+            neighbours=pairs,
+            settings=baseline,
+        )
+        if patch.calibration is not None:
+            rest = sign * (np.array(patch.calibration.rest) - sensor.rest)
+            self.baseline.start(rest, patch.calibration.noise)
+        self.health = TaxelHealth(count, full=self.full, neighbours=pairs, settings=health)
+        self._raised = 0.0
+        self._half: tuple[Window, Array, NDArray[np.bool_]] | None = None
+
+    def update(self, statistics: Single, status: Array) -> bool:
+        """Takes half of a window that has ended: rest values and noise, then health; true when it has both.
+
+        Both at once are the longest that a loop at 1 kHz does in one period. `statistics` (ROWS, n) and
+        `status` (PATCH_COLUMNS,) are the patch's, see `kernels.condition`.
+        """
+        if self._half is None:
+            self._half = self._estimate(statistics, status)
+            return False
+        (window, before, raised), self._half = self._half, None
+        self.health.judge(window, before, self.baseline.noise, self.baseline.threshold)
+        if self._is_step(raised & (window.mean < SATURATED * self.full), window.elapsed):
+            self.rezero(statistics)
+        return True
+
+    def rezero(self, statistics: Single) -> None:
+        """Takes what the taxels read now as rest: after a step of the baseline, or on an operator's word."""
+        self.baseline.rezero(statistics[SIGNAL].astype(np.float64))
+
+    def write(self, taxels: slice, estimates: Estimates) -> None:
+        """Writes what the kernel compares with, in single precision: exact for counts below 2^24."""
+        baseline, health = self.baseline, self.health
+        estimates.offset[taxels] = baseline.offset
+        estimates.threshold[taxels] = baseline.threshold
+        estimates.fluctuating[taxels] = baseline.noise >= health.settings.fluctuating
+        self.write_health(taxels, estimates)
+
+    def write_health(self, taxels: slice, estimates: Estimates) -> None:
+        """Writes which taxels are muted, and the pressure from which the others are active, at least one
+        count."""
+        counts = np.maximum(self.baseline.threshold, 1.0)
+        least = np.interp(counts, *self.nodes) if self.nodes.size else self.gain * counts
+        estimates.least[taxels] = np.where(self.health.healthy, least, np.inf)
+        estimates.muted[taxels] = self.health.muted
+
+    def masked(self) -> MappingProxyType[int, str]:
+        """Reason for each taxel that is not trusted, by index: `dead`, `stuck`, `noisy`."""
+        state = self.health.state
+        return MappingProxyType({int(i): Health(state[i]).name.lower() for i in np.flatnonzero(state)})
+
+    def _estimate(self, statistics: Single, status: Array) -> tuple[Window, Array, NDArray[np.bool_]]:
+        """A window from which rest values and noise were estimated; the rest values (n,) before it, and the
+        taxels (n,) that were active by these."""
+        total, peak, difference, changes = statistics[[TOTAL, PEAK, SECOND_DIFFERENCE, CHANGES]].astype(float)
+        window = Window(
+            elapsed=float(status[ELAPSED]),
+            mean=total / status[IN_WINDOW],
+            peak=peak,
+            second_difference=difference / max(status[DIFFERENCES], 1.0),
+            changes=changes / status[IN_WINDOW],
+        )
+        before = self.baseline.offset.copy()
+        raised = window.mean - before > self.baseline.threshold
+        self.baseline.update(window, self.health.healthy)
+        return window, before, raised
+
+    def _is_step(self, raised: NDArray[np.bool_], elapsed: float) -> bool:
+        """Whether nearly all taxels have been `raised` (n,) for so long that it is no touch but rest.
+
+        Never of a sole, which weight presses all over for as long as the robot stands.
+        """
+        settings, healthy = self.baseline.settings, self.health.healthy
+        least = settings.step_share * max(int(np.count_nonzero(healthy)), 1)
+        nearly_all = int(np.count_nonzero(raised & healthy)) >= least
+        self._raised = self._raised + elapsed if nearly_all and not self.sole else 0.0
+        if self._raised < settings.step:
+            return False
+        self._raised = 0.0
+        return True

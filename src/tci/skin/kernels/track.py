@@ -1,0 +1,131 @@
+"""Tracks of contacts: an identity that lasts from the frame in which a contact began to its end."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import float64, int64
+
+from tci.compiled import compiled, inlined, reads, returns, writes
+from tci.frames import Array
+from tci.skin.kernels.arrays import CONTACTS, ContactArrays
+
+PATCH, IDENTITY, BEGAN, SEEN, ORIGIN, PLACE, TRACK = 0, 1, 2, 3, 4, 7, 10
+"""Columns of a track, and their number: the patch, the contact's identity, when it began and was seen last
+[s], where it began and is (3,) [m]."""
+_FREE = -1
+
+
+@inlined
+def _distance(one: Array, other: Array) -> float:
+    x, y, z = one[0] - other[0], one[1] - other[1], one[2] - other[2]
+    distance: float = np.sqrt(x * x + y * y + z * z)
+    return distance
+
+
+@inlined
+def _is_taken(track: int, best: Array, begin: int, end: int) -> bool:
+    taken = False
+    for c in range(begin, end):
+        taken |= best[c, 0] == 1.0 and int(best[c, 1]) == track
+    return taken
+
+
+@inlined
+def _find_nearest(
+    c: int, tracks: Array, known: int, reach: float, out: ContactArrays, best: Array, begin: int, end: int
+) -> None:
+    """Writes `best` of contact `c`: the nearest free track of its patch within `reach` [m], and how far."""
+    best[c, 1], best[c, 2] = _FREE, np.inf
+    for i in range(known):
+        if int(tracks[i, PATCH]) == out.site[c]:
+            far = _distance(out.p_L[c], tracks[i, PLACE : PLACE + 3])
+            if far <= reach and far < best[c, 2] and not _is_taken(i, best, begin, end):
+                best[c, 1], best[c, 2] = i, far
+
+
+@inlined
+def _assign(
+    tracks: Array, known: int, reach: float, out: ContactArrays, best: Array, begin: int, end: int
+) -> None:
+    """Gives the contacts of one patch, from `begin` to `end`, to its tracks: the nearest pairs first."""
+    for c in range(begin, end):
+        best[c, 0] = 0.0
+    for c in range(begin, end):
+        _find_nearest(c, tracks, known, reach, out, best, begin, end)
+    while True:
+        now, least = -1, np.inf
+        for c in range(begin, end):
+            if best[c, 0] == 0.0 and best[c, 2] < least:
+                now, least = c, best[c, 2]
+        if now < 0:
+            break
+        if _is_taken(int(best[now, 1]), best, begin, end):  # a nearer contact has it
+            _find_nearest(now, tracks, known, reach, out, best, begin, end)
+        else:
+            best[now, 0] = 1.0
+
+
+@inlined
+def _first_new(out: ContactArrays, best: Array, begin: int, end: int) -> int:
+    """The contact without a track whose first taxel is the first; -1 for none."""
+    first = -1
+    for c in range(begin, end):
+        if best[c, 0] == 0.0 and (first < 0 or out.taxel[out.begin[c]] < out.taxel[out.begin[first]]):
+            first = c
+    return first
+
+
+@compiled(returns(int64, int64)(reads(2), reads(1), float64, float64, int64, writes(2), writes(2), CONTACTS))
+def track(
+    old: Array,
+    stamps: Array,
+    reach: float,
+    linger: float,
+    fresh: int,
+    tracks: Array,
+    best: Array,
+    out: ContactArrays,
+) -> tuple[int, int]:
+    """Gives each contact its identity, onset and displacement; returns the next free identity and how many of
+    the `tracks` are in use.
+
+    Contacts of a patch and its tracks seen within `linger` [s] are the same where they are the nearest pairs,
+    within `reach` [m]; the rest are new, numbered from `fresh` on. `old` (t, TRACK) are the tracks of before,
+    `stamps` (p,) [s] the times of the patches' frames. `tracks` (t + c, TRACK) are written; `best` (c, 3) is
+    room to work in.
+    """
+    used, contacts, begin = 0, len(out.site), 0
+    for i in range(len(old)):  # of patches without contacts, tracks wait for their next one
+        p = int(old[i, PATCH])
+        touched = False
+        for c in range(contacts):
+            touched |= out.site[c] == p
+        if not touched or stamps[p] - old[i, SEEN] <= linger:
+            for column in range(TRACK):
+                tracks[used, column] = old[i, column]
+            used += 1
+    known = used
+    while begin < contacts:
+        p, end = out.site[begin], begin
+        while end < contacts and out.site[end] == p:
+            end += 1
+        _assign(tracks, known, reach, out, best, begin, end)
+        while True:
+            new = _first_new(out, best, begin, end)
+            if new < 0:
+                break
+            best[new, 0], best[new, 1] = 1.0, used
+            tracks[used, PATCH], tracks[used, IDENTITY], tracks[used, BEGAN] = p, fresh, stamps[p]
+            for axis in range(3):
+                tracks[used, ORIGIN + axis] = out.p_L[new, axis]
+            used += 1
+            fresh += 1
+        for c in range(begin, end):
+            own = tracks[int(best[c, 1])]
+            own[SEEN] = stamps[p]
+            for axis in range(3):
+                own[PLACE + axis] = out.p_L[c, axis]
+            out.identity[c], out.onset[c] = int(own[IDENTITY]), own[BEGAN]
+            out.displacement[c] = _distance(out.p_L[c], own[ORIGIN:PLACE])
+        begin = end
+    return fresh, used

@@ -1,0 +1,279 @@
+"""All taxels of one robot in the arrays that the stages of perception read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tci.errors import TciError
+from tci.frames import Array, frozen, read_only
+from tci.messages import Site
+from tci.robot.description import GenericPart, Patch, Segment, Sensor
+from tci.robot.generic_arm import SEGMENTS
+from tci.robot.kernels.limb import limb_numbers
+from tci.robot.skin_files.calibration import (
+    PatchCalibration,
+    SkinCalibration,
+    calibration_path,
+    read_calibration,
+)
+from tci.skin.kernels.arrays import BLOCK_SIZE, CHANNEL, TAXEL, Indices, LayoutArrays, Places
+from tci.skin.skin import Skin
+from tci.skin.surfaces import Surface
+
+AXES = 3
+"""Values of a three-axis taxel: x and y along the skin, z outward."""
+CELLS_PER_FACE = 8
+"""Upper bound on the cells of a grid, per face. Assumed: more cells than that cost memory and save no
+time."""
+
+
+def normal_channels(patch: Patch, surface: Surface) -> NDArray[np.intp]:
+    """Place (n,) in the raw frame of the value along each taxel's normal.
+
+    A three-axis taxel sends x, y and z in turn: along the skin, along it, and outward.
+    """
+    if patch.sensor.axes == 1:
+        return surface.channels
+    return read_only(AXES * surface.channels + 2, np.intp)
+
+
+@dataclass(frozen=True, slots=True)
+class SkinPatch:
+    """All that is known of one patch before a frame of it was seen."""
+
+    words: Patch
+    """Its description."""
+    surface: Surface
+    part: GenericPart
+    segment: Segment | None
+    """The segment of a limb that it lies on; None for none."""
+    calibration: PatchCalibration | None = None
+    """Measured rest values, noise and response; None: those of the description."""
+
+    @property
+    def channels(self) -> NDArray[np.intp]:
+        """Place (n,) in the raw frame of the value along each taxel's normal."""
+        return normal_channels(self.words, self.surface)
+
+    @property
+    def nodes(self) -> Array:
+        """Deviation [counts] and pressure [Pa] (2, m) of its response; (2, 0) if it is linear."""
+        measured = () if self.calibration is None else self.calibration.response
+        response = measured or self.words.sensor.response
+        return np.array(response).T.copy() if response else np.zeros((2, 0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SkinLayout:
+    """Static description of all taxels of one robot, built once from its description and calibration."""
+
+    patches: tuple[SkinPatch, ...]
+    """The patches (p,), in the robot's order."""
+    sites: tuple[Site, ...]
+    """Their names (p,)."""
+    places: Mapping[str, int]
+    """Place of each patch by its name."""
+    links: tuple[str, ...]
+    """Links (l,) that carry patches or the segments they lie on."""
+    parts: tuple[str, ...]
+    """Generic parts whose limbs carry skin."""
+    segments: Places
+    """Place (p,) of each patch's segment in SEGMENTS; -1 for none of these."""
+    taxels: tuple[slice, ...]
+    """Taxels of each patch (p,) among those of the whole skin."""
+    channels: tuple[slice, ...]
+    """Values of each patch (p,) in the buffer of raw values."""
+    starts: Places
+    """Where each patch's taxels start among those of the whole skin (p + 1,)."""
+    dtype: np.dtype[Any]
+    """uint8 if all values that the sensors can send fit in; else float32."""
+    arrays: LayoutArrays
+
+    @staticmethod
+    def of_skin(skin: Skin, calibration: SkinCalibration | None = None) -> SkinLayout:
+        """The layout of a robot's skin, by a `calibration`; None: what `tci skin calibrate` wrote beside the
+        description, if it did. Raises TciError for a calibration that does not fit the robot."""
+        robot = skin.robot
+        beside = calibration_path(Path(robot.source))
+        if calibration is None and beside.is_file():
+            calibration = read_calibration(beside)
+        measured = {} if calibration is None else calibration.patches
+        if calibration is not None and calibration.robot != robot.name:
+            raise TciError(f"calibration of {calibration.robot!r}; valid: {robot.name!r}")
+        for name in measured:
+            robot.patch(name)
+        return SkinLayout.of(
+            SkinPatch(
+                patch,
+                skin.surfaces[patch.name],
+                robot.part(patch.part),
+                robot.limb_segment(patch),
+                measured.get(patch.name),
+            )
+            for patch in robot.patches
+        )
+
+    @staticmethod
+    def of(patches: Iterable[SkinPatch]) -> SkinLayout:
+        """Raises TciError for a calibration of another number of taxels."""
+        patches = tuple(patches)
+        for one in patches:
+            if one.calibration is not None:
+                one.calibration.check(len(one.channels))
+        links = tuple(dict.fromkeys(link for one in patches for link in (one.words.link, _limb_link(one))))
+        parts = tuple(dict.fromkeys(one.words.part for one in patches if one.segment is not None))
+        on = [
+            (
+                links.index(one.words.link),
+                links.index(_limb_link(one)),
+                0 if one.segment is None else parts.index(one.words.part),
+            )
+            for one in patches
+        ]
+        arrays = _arrays(patches, np.array(on, np.int64).reshape(-1, 3))
+        words = [one.words for one in patches]
+        return SkinLayout(
+            patches=patches,
+            sites=tuple(Site(one.name, one.part, one.segment) for one in words),
+            places=MappingProxyType({one.name: p for p, one in enumerate(words)}),
+            links=links,
+            parts=parts,
+            segments=frozen(np.array([_segment(one.segment) for one in words], np.int64)),
+            taxels=_slices(arrays.begin[:, TAXEL]),
+            channels=_slices(arrays.begin[:, CHANNEL]),
+            starts=read_only(arrays.begin[:, TAXEL], np.int64),
+            dtype=_dtype([one.sensor for one in words]),
+            arrays=arrays,
+        )
+
+    def __deepcopy__(self, memo: object) -> SkinLayout:
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return SkinLayout.of, (self.patches,)  # numba tells read-only arrays from others: pickles do not
+
+
+def adjacency(count: int, pairs: NDArray[np.intp]) -> Indices:
+    """`LayoutArrays.graph` of `count` taxels and their neighbours `pairs` (m, 2), each pair once."""
+    one, other = np.concatenate([pairs, pairs[:, ::-1]]).T
+    starts = np.concatenate([[0], np.cumsum(np.bincount(one, minlength=count))]) + count + 1
+    return np.concatenate([starts, other[np.lexsort((other, one))]]).astype(np.int32)
+
+
+def _arrays(patches: Sequence[SkinPatch], on: Places) -> LayoutArrays:
+    surfaces = [one.surface for one in patches]
+    grids = [_grid(surface) for surface in surfaces]
+    counts = [
+        (
+            len(surface.areas),
+            one.words.channels,
+            -(-len(surface.areas) // BLOCK_SIZE),
+            len(grid[1]) - 1,
+            one.nodes.shape[1],
+        )
+        for one, surface, grid in zip(patches, surfaces, grids, strict=True)
+    ]
+    begin = np.concatenate([np.zeros((1, 5), np.int64), np.cumsum(np.reshape(counts, (-1, 5)), axis=0)])
+    starts = begin[:-1, TAXEL]
+    neighbours = [surface.neighbours + start for surface, start in zip(surfaces, starts, strict=True)]
+    faces = [surface.faces.reshape(-1, 3) + start for surface, start in zip(surfaces, starts, strict=True)]
+    firsts = np.cumsum([0, *(len(one) for one in faces)])
+    entries = [one[2] + first for one, first in zip(grids, firsts[:-1], strict=True)]
+    cells = np.cumsum([0, *_joined([np.diff(one[1]) for one in grids], 0)])
+    channels = [one.channels + start for one, start in zip(patches, begin[:-1, CHANNEL], strict=True)]
+    gains = [
+        np.full(len(one.channels), 1.0 if one.nodes.size else abs(one.words.sensor.pascal_per_count))
+        for one in patches
+    ]
+    made = LayoutArrays(
+        begin=begin.astype(np.int64),
+        sensor=np.array([_sensor(one.words.sensor) for one in patches], np.float32).reshape(-1, 5),
+        rate=np.array([one.words.rate for one in patches], np.float64),
+        channel=_joined(channels, 0).astype(np.int64),
+        span=np.array([span for own in channels for span in _spans(own)], np.int64).reshape(-1, 3),
+        gain=_joined(gains, 0),
+        nodes=np.concatenate([np.zeros((2, 0)), *(one.nodes for one in patches)], axis=1),
+        taxel=_joined([np.column_stack([s.positions, s.normals, s.areas]) for s in surfaces], (0, 7)),
+        graph=adjacency(int(begin[-1, TAXEL]), _joined(neighbours, (0, 2)).astype(np.intp)),
+        faces=_joined(faces, (0, 3)).astype(np.int32),
+        box=np.array([one[0] for one in grids], np.float64).reshape(-1, 7),
+        cells=np.concatenate([cells + len(cells), _joined(entries, 0)]).astype(np.int32),
+        limb=np.array(
+            [np.zeros(15) if p.segment is None else limb_numbers(p.part, p.segment) for p in patches]
+        ).reshape(-1, 15),
+        on=on,
+    )
+    return LayoutArrays(*(frozen(np.ascontiguousarray(array)) for array in made))
+
+
+def _joined(arrays: Sequence[NDArray[Any]], shape: int | tuple[int, ...]) -> NDArray[Any]:
+    """One array after the other; of this shape for none."""
+    return np.concatenate(arrays) if len(arrays) else np.zeros(shape)
+
+
+def _slices(bounds: Places) -> tuple[slice, ...]:
+    return tuple(slice(begin, end) for begin, end in pairwise(bounds.tolist()))
+
+
+def _limb_link(one: SkinPatch) -> str:
+    return one.words.link if one.segment is None else one.segment.link
+
+
+def _segment(name: str) -> int:
+    return SEGMENTS.index(name) if name in SEGMENTS else -1
+
+
+def _dtype(sensors: Sequence[Sensor]) -> np.dtype[Any]:
+    octets = all(one.lowest >= 0.0 and one.highest <= 255.0 for one in sensors)
+    return np.dtype(np.uint8 if octets else np.float32)
+
+
+def _sensor(one: Sensor) -> tuple[float, float, float, float, float]:
+    """A row of `LayoutArrays.sensor`."""
+    sign = float(np.sign(one.pascal_per_count))
+    full = one.highest - one.rest if sign > 0.0 else one.rest - one.lowest
+    return one.lowest, one.highest, one.rest, sign, full
+
+
+def _spans(channels: NDArray[np.intp]) -> list[tuple[int, int, bool]]:
+    """Rows of `LayoutArrays.span` of one patch."""
+    blocks = [channels[first : first + BLOCK_SIZE] for first in range(0, len(channels), BLOCK_SIZE)]
+    return [
+        (int(own.min()), int(own.max()) + 1, np.array_equal(own, own[0] + np.arange(len(own))))
+        for own in blocks
+    ]
+
+
+def _grid(surface: Surface) -> tuple[Array, Places, Places]:
+    """The box (7,) of a surface's cells, where the faces of each cell begin (cells + 1,), and the faces."""
+    if not len(surface.faces):
+        return np.zeros(7), np.zeros(1, np.int64), np.zeros(0, np.int64)
+    corners = surface.positions[surface.faces]
+    low, high = surface.positions.min(axis=0), surface.positions.max(axis=0)
+    # A cell is about as wide as a face's longest edge.
+    size = float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1).mean())
+    while (shape := np.floor((high - low) / size) + 1.0).prod() > CELLS_PER_FACE * len(corners) + 64:
+        size *= 1.25
+    scale, cells = 1.0 / size, shape.astype(np.int64)
+    first, last = (
+        np.minimum(((ends - low) * scale).astype(np.int64), cells - 1)
+        for ends in (corners.min(axis=1), corners.max(axis=1))
+    )
+    # Each face lies in all cells that its bounding box reaches into.
+    extent = last - first + 1
+    counts = extent.prod(axis=1)
+    face = np.repeat(np.arange(len(corners)), counts)
+    step = np.arange(len(face)) - np.repeat(np.cumsum(counts) - counts, counts)
+    _, wide, deep = extent[face].T
+    x, y, z = first[face].T + np.array([step // (wide * deep), step // deep % wide, step % deep])
+    cell = (x * cells[1] + y) * cells[2] + z
+    starts = np.concatenate([[0], np.cumsum(np.bincount(cell, minlength=int(cells.prod())))])
+    return np.concatenate([low, [scale], shape]), starts, face[np.argsort(cell, kind="stable")]

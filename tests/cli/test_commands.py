@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
 import json
 import re
@@ -14,14 +15,13 @@ from typer.testing import CliRunner
 
 from cli.test_cli import tci
 from recording.recorded import LIKE_LISTING_2
-from tci.body.generic_body import GenericBody
+from tci import GenericBody, cli, load_robot
 from tci.cli.check import check
-from tci.cli.demo import load_robots
 from tci.cli.main import app
-from tci.cli.run import load_capability
+from tci.cli.robots import load_robots
 from tci.errors import MissingExtraError
-from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
+from tci.runtime.arguments import load_capability
 
 SILENT = {"view", "zenoh router"}
 """They run until they are interrupted, and report nothing."""
@@ -164,7 +164,7 @@ def test_a_robot_that_is_not_installed_is_no_part_of_the_json(
     def load(name: str) -> Robot:
         raise MissingExtraError(f"the robot {name!r}", name, "install it")
 
-    monkeypatch.setattr("tci.cli.demo.load_robot", load)
+    monkeypatch.setattr("tci.robot.catalogue.load_robot", load)
     assert load_robots([]) == []
     told = capsys.readouterr()
     assert not told.out
@@ -186,3 +186,14 @@ def test_a_capability_runs_from_a_file_beside_the_user(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", list(sys.path))
     assert load_capability("shrugging:Shrug").init(GenericBody(load_robot("nao"))) == 7
+
+
+def test_no_option_is_declared_twice() -> None:
+    """What several commands take is declared once, in `options`."""
+    declared: dict[str, list[str]] = {}
+    for path in sorted(Path(cli.__file__).parent.glob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Call) and ast.unparse(node.func) in ("typer.Option", "typer.Argument"):
+                declared.setdefault(ast.unparse(node), []).append(f"{path.name}:{node.lineno}")
+    assert len(declared) > 60
+    assert not {words: places for words, places in declared.items() if len(places) > 1}

@@ -138,8 +138,9 @@ def test_a_demo_looks_first_for_what_serves_it(
     via: str, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("ROS_MASTER_URI", "http://127.0.0.1:1")
-    monkeypatch.setattr("tci.cli.demo.run_experiment", lambda *words, **options: pytest.fail("trials begin"))
-    words = {"mode": "position", "seed": 0, "headless": True, "skin_rate": None, "as_json": False}
+    monkeypatch.setattr(
+        "tci.experiments.experiment.run_experiment", lambda *words, **options: pytest.fail("trials begin")
+    )
     with pytest.raises(TciError, match=told):
-        demo(["nao"], out=tmp_path / "out", via=via, **words)
+        demo(["nao"], out=tmp_path / "out", via=via, headless=True)
     assert not (tmp_path / "out").exists()

@@ -9,7 +9,8 @@ import pytest
 
 import tci
 from runtime.test_serve import Desk, turn_head
-from tci.cli import serve as command
+from tci.cli.serve import serve
+from tci.drivers import registry
 from tci.drivers.faults.fault_injector import FaultInjector, parse_fault
 from tci.drivers.simulated import SimulatedDriver
 from tci.reasons import MOST
@@ -24,9 +25,9 @@ def served(monkeypatch: pytest.MonkeyPatch, orders: Iterable[tci.GenericCommand]
         SimulatedDriver(tci.load_robot("nao")), [parse_fault(f"dropped-frames@0.1:{AWAY * 0.002}")]
     )
     plan = dict(enumerate([one] for one in orders))
-    monkeypatch.setattr(command, "connect", lambda *_, **__: driver)
-    monkeypatch.setattr(command, "open_server", lambda driver, via: Desk(driver, plan))
-    command.serve("nao", via="desk", source="sim", arm=True, duration=0.2 + AWAY * 0.002, as_json=as_json)
+    monkeypatch.setattr(registry, "connect", lambda *_, **__: driver)
+    monkeypatch.setattr(registry, "open_server", lambda driver, via: Desk(driver, plan))
+    serve("nao", via="desk", source="sim", arm=True, duration=0.2 + AWAY * 0.002, as_json=as_json)
 
 
 def test_a_robot_that_is_away_is_told_of_once_and_refusals_are_counted_by_their_kind(
@@ -50,7 +51,7 @@ def test_a_server_that_is_ended_by_sigterm_reports_too(
     def serve_robot(*_: object, **__: object) -> None:
         raise SystemExit(143)
 
-    monkeypatch.setattr(command, "serve_robot", serve_robot)
+    monkeypatch.setattr("tci.runtime.serve.serve", serve_robot)
     with pytest.raises(SystemExit) as end:
         served(monkeypatch, [], as_json=True)
     assert end.value.code == 143

@@ -2,28 +2,75 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from tci.cli import completion
 from tci.cli.console import console, print_json
-from tci.experiments.proof import POSTURES, Proof, prove
-from tci.robot.catalogue import load_robot
-from tci.robot.description import Robot
+from tci.cli.options import AsJson, RobotName
+from tci.errors import CommandError
+
+if TYPE_CHECKING:
+    from tci.experiments.proof import Proof
+    from tci.robot.description import Robot
 
 
-def check(name: str, *, simulate: bool, as_json: bool) -> None:
-    """Read a robot's description, and try it in simulation if asked to: then exit status 1 when it fails.
+def check(
+    robot: RobotName,
+    simulate: Annotated[
+        bool, typer.Option("--simulate", help="Prove it in simulation: axes, limits, reflexes.")
+    ] = False,
+    hardware: Annotated[
+        bool, typer.Option("--hardware", help="Prove it on the robot itself, joint by joint, taxel by taxel.")
+    ] = False,
+    via: Annotated[
+        str,
+        typer.Option(
+            help="With --hardware: driver that reaches it, NAME or NAME:ADDRESS.",
+            autocompletion=completion.drivers,
+        ),
+    ] = "sim",
+    only: Annotated[
+        list[str] | None,
+        typer.Option(help="With --hardware: a part, a joint or a patch; repeat for several."),
+    ] = None,
+    taxels: Annotated[int, typer.Option(min=-1, help="With --hardware: taxels of each patch; -1: all.")] = 12,
+    as_json: AsJson = False,
+) -> None:
+    """Check a robot description: every fault at once, each with its line and what would be valid.
 
-    Raises DescriptionError with every fault; prints what to know otherwise.
+    With --simulate the axes of its arms are compared with the generic arm's, both arms are sent far outside
+    their limits, every field of the withdrawal reflexes is poked, and every patch in its middle: what is
+    touched must move away from the finger.
+
+    With --hardware the robot itself is looked at; then each joint moves by 2 degrees, slowly, after you were
+    asked, and you are asked what you saw; then you press its skin. Wrong signs, zeros, limits and units show.
+
+    Exit status 0 when the file is valid and proved, 1 when it is not.
+
+    Example:  tci check my-robot.xml --simulate
+
+    Example:  tci check nao --hardware --via naoqi://10.0.0.5 --only left_arm
     """
-    robot = load_robot(name)
-    notes = list(remarks(robot))
-    proof = _prove(robot, quiet=as_json) if simulate else None
+    if hardware:
+        from tci.cli.hardware import check_hardware
+
+        check_hardware(robot, via=via, parts=only or [], taxels=taxels, as_json=as_json)
+        return
+    if via != "sim" or only or taxels != 12:
+        raise CommandError("--via, --only and --taxels look at a robot itself; valid: with --hardware")
+    from tci.robot.catalogue import load_robot
+
+    found = load_robot(robot)
+    notes = list(remarks(found))
+    proof = _prove(found, quiet=as_json) if simulate else None
     if as_json:
         told = {} if proof is None else {"simulated": proof.to_json()}
-        print_json({"robot": robot.name, "valid": True, "remarks": notes, **told})
+        print_json({"robot": found.name, "valid": True, "remarks": notes, **told})
     else:
-        _say(name, robot, notes)
+        _say(robot, found, notes)
         if proof is not None:
             _say_proof(proof)
     if proof is not None and proof.faults:
@@ -31,6 +78,10 @@ def check(name: str, *, simulate: bool, as_json: bool) -> None:
 
 
 def _prove(robot: Robot, *, quiet: bool) -> Proof:
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from tci.experiments.proof import prove
+
     columns = (TextColumn("{task.description:<32}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=console, disable=quiet, transient=True) as progress:
         task = progress.add_task("reading the model", total=14 + len(robot.patches))
@@ -44,6 +95,8 @@ def _prove(robot: Robot, *, quiet: bool) -> Proof:
 
 
 def _say_proof(proof: Proof) -> None:
+    from tci.experiments.proof import POSTURES
+
     for axes in proof.axes:
         console.print(
             f"{axes.part}: axes within {axes.worst_deg:.2g} degrees of the generic arm's, in "

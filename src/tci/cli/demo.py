@@ -7,53 +7,118 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich import box
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
 
-from tci.authoring.dense_skin import with_skin_rate
-from tci.capabilities.withdrawal import MODES, WithdrawalReflex
+from tci.cli import completion
 from tci.cli.console import console, print_json
-from tci.errors import MissingExtraError, UnknownNameError
-from tci.experiments.experiment import SIDES, Report, run_experiment
-from tci.experiments.measure import Trial
-from tci.experiments.pictures import draw_demo
-from tci.experiments.remote_trial import try_server
-from tci.messages import Mode
-from tci.robot.catalogue import load_robot
-from tci.robot.description import Robot
+from tci.cli.options import AsJson, Faults, SomeRobots
+from tci.cli.robots import load_robots
+from tci.errors import CommandError, UnknownNameError
 
-PAPER = ("icub", "nao")
-"""The paper's two robots."""
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from tci.experiments.experiment import Report
+    from tci.experiments.measure import Trial
+    from tci.messages import Mode
+    from tci.robot.description import Robot
 
 
 def demo(
+    robot: SomeRobots = None,
+    mode: Annotated[
+        str, typer.Option(help="Form of the reflex: position, velocity, or impedance (soft arms).")
+    ] = "position",
+    out: Annotated[Path, typer.Option(help="Folder for report.json and demo.png.")] = Path("out"),
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the pokes' timing.")] = 0,
+    headless: Annotated[
+        bool, typer.Option("--headless", help="Never open the picture; nothing here needs a screen.")
+    ] = False,
+    skin_rate: Annotated[
+        float | None, typer.Option(help="Skin frames per second instead of the robot's own \\[Hz].")
+    ] = None,
+    via: Annotated[
+        str | None,
+        typer.Option(
+            help="Let the reflex run in another process, behind this middleware: NAME or NAME:ADDRESS.",
+            autocompletion=completion.servers,
+        ),
+    ] = None,
+    fault: Faults = None,
+    view: Annotated[
+        bool, typer.Option("--view", help="Then show the robots in the browser, to poke them yourself.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Poke simulated robots and watch the same withdrawal reflex answer on each of them.
+
+    A compliant finger pokes five sites of both arms, with the reflex and without it. The table tells
+    what was measured; OUT/demo.png shows it and OUT/report.json has every figure.
+
+    With --fault, one poke of one robot is rehearsed with that fault, and told as it happens.
+
+    With --via, the robot is served as by tci serve, in real time, and the reflex reaches it from outside.
+
+    Example:  tci demo nao --out /path/to/folder
+
+    Example:  tci demo --fault stall@0.32
+    """
+    if fault:
+        from tci.cli.run import run_capability
+
+        if view or via or skin_rate or mode != "position" or len(robot or ()) > 1:
+            raise CommandError("--fault rehearses one poke of one robot; valid beside it: ROBOT, --json")
+        name = (robot or ["nao"])[0]
+        run_capability("withdrawal", name, rehearsal=True, poke=True, faults=fault, as_json=as_json)
+        return
+    if view:
+        from tci.cli.view import needs_viewer
+
+        needs_viewer()
+    _run_trials(robot or [], mode, out, seed=seed, headless=headless, skin_rate=skin_rate, via=via,
+                as_json=as_json)  # fmt: skip
+    if view:
+        from tci.cli.view import view as show
+
+        show(robot, port=0, out=out / "recordings", headless=headless)
+
+
+def _run_trials(
     names: Sequence[str],
-    *,
     mode: str,
     out: Path,
+    *,
     seed: int,
     headless: bool,
     skin_rate: float | None,
-    via: str | None = None,
+    via: str | None,
     as_json: bool,
 ) -> None:
-    """Run every trial on every robot, then print, draw and write what was measured.
+    """Runs every trial on every robot, then prints, draws and writes what was measured.
 
     Raises UnknownNameError for a mode that the reflex does not have, and for a middleware that does not
     reach a robot; what `try_server` raises.
     """
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    from tci.authoring.dense_skin import with_skin_rate
+    from tci.capabilities.withdrawal import WithdrawalReflex
+    from tci.experiments.experiment import SIDES, run_experiment
+    from tci.experiments.pictures import draw_demo
+    from tci.experiments.remote_trial import try_server
+
     robots = load_robots(names)
     if via is not None:
         middleware = via.partition(":")[0]
-        for robot in robots:
-            robot.binding(middleware)
+        for one in robots:
+            one.binding(middleware)
         try_server(robots[0], via)
     if skin_rate is not None:
-        robots = [with_skin_rate(robot, skin_rate) for robot in robots]
+        robots = [with_skin_rate(one, skin_rate) for one in robots]
     reflex = WithdrawalReflex(mode=_mode(mode))
     out.mkdir(parents=True, exist_ok=True)
     columns = (TextColumn("{task.description:<44}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
@@ -85,26 +150,17 @@ def demo(
 
 def _mode(name: str) -> Mode:
     """The form of the reflex by name."""
+    from tci.capabilities.withdrawal import MODES
+
     for mode in MODES:
         if mode.value == name:
             return mode
     raise UnknownNameError("mode of the withdrawal reflex", name, [mode.value for mode in MODES])
 
 
-def load_robots(names: Sequence[str]) -> list[Robot]:
-    """The robots asked for, or those of the paper that are installed."""
-    if names:
-        return [load_robot(name) for name in names]
-    robots = []
-    for name in PAPER:
-        try:
-            robots.append(load_robot(name))
-        except MissingExtraError as error:
-            typer.secho(f"without {name}: {error}", fg="yellow", err=True)
-    return robots
-
-
 def _table(report: Report, mode: str) -> Table:
+    from rich.table import Table
+
     table = Table(
         title=f"One reflex on every robot, in {mode} mode: a finger pokes, the arm withdraws",
         caption="Times count from first contact; lost: the finger no longer touches. CoP: error of the "

@@ -2,44 +2,71 @@
 
 from __future__ import annotations
 
-import numpy as np
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 from rich import box
 from rich.markup import escape
-from rich.table import Table
-from scipy.spatial.transform import Rotation
 
 from tci.cli.console import console, print_json
+from tci.cli.options import AsJson, RobotName
 from tci.errors import UnknownNameError
-from tci.exports.facts import DHTable, PatchFacts, dh_tables, query
-from tci.exports.tree import Matrix
-from tci.exports.urdf import to_urdf
-from tci.robot.catalogue import load_robot
-from tci.robot.description import GenericPart, Robot
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from tci.exports.facts import DHTable, PatchFacts
+    from tci.exports.tree import Matrix
+    from tci.robot.description import GenericPart, Robot
+
 
 FORMATS = ("table", "json", "dh", "urdf", "kdl")
 """What `tci describe` can print."""
 
 
-def describe(name: str, *, form: str, as_json: bool) -> None:
-    """Show a robot by name or file. Raises UnknownNameError for a format that is not known."""
+def describe(
+    robot: RobotName,
+    form: Annotated[
+        str,
+        typer.Option(
+            "--format",
+            "-f",
+            help="table; json: every fact, SI units; dh: Denavit-Hartenberg tables; "
+            "urdf: a model for Pinocchio and others; kdl: chains for OROCOS KDL.",
+        ),
+    ] = "table",
+    as_json: AsJson = False,
+) -> None:
+    """Show a robot: its generic parts with their maps and limits, and its skin.
+
+    Example:  tci describe nao --format dh
+    """
+    from tci.exports.facts import dh_tables, query
+    from tci.exports.urdf import to_urdf
+    from tci.robot.catalogue import load_robot
+
     if form not in FORMATS:
         raise UnknownNameError("format", form, FORMATS)
-    robot = load_robot(name)
+    found = load_robot(robot)
     if as_json or form == "json":
-        print_json(query(robot).model_dump(mode="json"))
+        print_json(query(found).model_dump(mode="json"))
     elif form == "urdf":
-        print(to_urdf(robot), end="")
+        print(to_urdf(found), end="")
     elif form == "kdl":
-        chains = query(robot).chains
+        chains = query(found).chains
         print_json({part: [s.model_dump(mode="json") for s in chain] for part, chain in chains.items()})
     elif form == "dh":
-        for table in dh_tables(robot):
-            console.print(_dh_table(robot, table))
+        for table in dh_tables(found):
+            console.print(_dh_table(found, table))
     else:
-        _print_tables(robot)
+        _print_tables(found)
 
 
 def _print_tables(robot: Robot) -> None:
+    import numpy as np
+
+    from tci.exports.facts import query
+
     patches = query(robot).patches
     console.print(f"[bold]{robot.name}[/]  {escape(robot.title)}")
     words = f"description {robot.source}\nsha256 {robot.digest}"
@@ -63,6 +90,8 @@ def _print_tables(robot: Robot) -> None:
 
 
 def _table(title: str, caption: str, *columns: str) -> Table:
+    from rich.table import Table
+
     table = Table(
         title=title, title_justify="left", caption=caption, caption_justify="left",
         box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True,
@@ -73,6 +102,8 @@ def _table(title: str, caption: str, *columns: str) -> Table:
 
 
 def _part_table(robot: Robot, part: GenericPart) -> Table:
+    import numpy as np
+
     side = f", {part.side}" if part.side else ""
     mount = ", ".join(f"{angle:g}" for angle in np.rad2deg(part.mount))
     others = dict.fromkeys(joint.transform for joint in part.servos if joint.transform != "linear")
@@ -99,6 +130,8 @@ def _part_table(robot: Robot, part: GenericPart) -> Table:
 
 
 def _dh_table(robot: Robot, facts: DHTable) -> Table:
+    import numpy as np
+
     table = _table(
         f"{facts.part}: torso to {facts.link}, {facts.convention} convention",
         f"base {_pose(facts.base)}; tool {_pose(facts.tool)}. mm and degrees; a joint turns by theta + q",
@@ -114,6 +147,9 @@ def _dh_table(robot: Robot, facts: DHTable) -> Table:
 
 def _pose(matrix: Matrix) -> str:
     """Origin [mm] and rotation vector [degrees] of a frame."""
+    import numpy as np
+    from scipy.spatial.transform import Rotation
+
     pose = np.array(matrix)
     origin = " ".join(f"{1e3 * value:.1f}" for value in pose[:3, 3])
     turn = np.rad2deg(Rotation.from_matrix(pose[:3, :3]).as_rotvec())
@@ -121,6 +157,8 @@ def _pose(matrix: Matrix) -> str:
 
 
 def _degrees(angle: float | None) -> str:
+    import numpy as np
+
     return "unknown" if angle is None else f"{np.rad2deg(angle):.1f}"
 
 

@@ -4,33 +4,46 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+import typer
 from rich import box
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn
-from rich.table import Table
 
 from tci.cli.console import console, print_json
-from tci.commissioning.doctor import judge
-from tci.commissioning.machine import examine_machine
-from tci.commissioning.streams import Stream, observe
+from tci.cli.options import AsJson, OptionalRobot, OptionalVia
 from tci.drivers.diagnosis import Finding, Level
-from tci.drivers.registry import JOIN, connect, load_driver
 from tci.errors import DriverError, MissingExtraError, TciError, UnknownNameError
-from tci.robot.catalogue import load_robot
-from tci.robot.description import Robot
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from tci.commissioning.streams import Stream
+    from tci.robot.description import Robot
+
 
 MARKS = {Level.OK: "[green]ok[/]", Level.NOTE: "[cyan]note[/]", Level.WARNING: "[yellow]warning[/]",
          Level.FAULT: "[bold red]fault[/]"}  # fmt: skip
 
 
-def doctor(robot: str | None, via: str | None, *, duration: float, as_json: bool) -> None:
-    """Examine this machine, or a robot through a driver; exit status 1 when there is a fault.
+def doctor(
+    robot: OptionalRobot = None,
+    via: OptionalVia = None,
+    duration: Annotated[float, typer.Option(help="How long to read the robot \\[s].", min=0.1)] = 2.0,
+    as_json: AsJson = False,
+) -> None:
+    """Find out what works, what does not, and what to do about it. Nothing moves.
 
-    Raises UnknownNameError for a robot or driver that does not exist, DriverError for a driver without a
-    robot.
+    Without a robot: this machine. With one: what can be reached, rates, lost frames, ages, and where
+    robot and description disagree. Exit status 1 when there is a fault.
+
+    Example:  tci doctor
+
+    Example:  tci doctor nao --via sim
     """
+    from tci.commissioning.machine import examine_machine
+    from tci.robot.catalogue import load_robot
+
     if via is None and robot is None:
         _tell("this machine", examine_machine(), (), as_json=as_json)
         return
@@ -45,6 +58,12 @@ def _examine(
     robot: Robot, via: str, duration: float, *, quiet: bool
 ) -> tuple[tuple[Finding, ...], tuple[Stream, ...]]:
     """What was found on the way to the robot, and then through the driver."""
+    from rich.progress import BarColumn, Progress, TextColumn
+
+    from tci.commissioning.doctor import judge
+    from tci.commissioning.streams import observe
+    from tci.drivers.registry import JOIN, connect, load_driver
+
     name, _, address = via.split(JOIN)[0].partition(":")
     try:
         found = load_driver(name).probe(robot, address)
@@ -99,6 +118,8 @@ def _tell(title: str, findings: Sequence[Finding], streams: Sequence[Stream], *,
 
 
 def _table(title: str, findings: Sequence[Finding]) -> Table:
+    from rich.table import Table
+
     table = Table(
         "", "", "found", title=escape(title), box=box.SIMPLE_HEAD, show_header=False, pad_edge=False
     )

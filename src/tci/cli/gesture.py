@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tci.cli.options import Arm, AsJson, Duration, RobotName, Via
+from tci.cli.options import Arm, AsJson, Duration, NewGesture, RobotName, Via
 from tci.errors import CommandError
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ app = typer.Typer(help="Record a gesture on one robot, play it on any other.", n
 
 @app.command()
 def record(
-    file: Annotated[Path, typer.Argument(help="The gesture to write (.csv).")],
+    file: NewGesture,
     robot: RobotName,
     via: Via = "sim",
     duration: Duration = None,
@@ -84,7 +84,7 @@ def record(
 @app.command()
 def convert(
     source: Annotated[Path, typer.Argument(help="Motion capture (.bvh) or a gesture (.csv).")],
-    target: Annotated[Path, typer.Argument(help="The gesture to write (.csv).")],
+    target: NewGesture,
     as_json: AsJson = False,
 ) -> None:
     """Turn motion capture into a gesture.
@@ -123,8 +123,7 @@ def play(
     from tci.capabilities.play_gesture import Phase, PlayGesture
     from tci.capabilities.withdrawal import WithdrawalReflex
     from tci.cli.console import console, print_json
-    from tci.cli.run import HARMLESS
-    from tci.drivers.registry import connect
+    from tci.drivers.registry import HARMLESS, connect
     from tci.experiments.follow import follow
     from tci.gestures.gesture import fit
     from tci.robot.catalogue import load_robot

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
+from typing import TYPE_CHECKING
 
-import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
 from tci.cli.console import console, print_json
-from tci.cli.doctor import MARKS
-from tci.commissioning.expected_motion import ExpectedMotion
-from tci.commissioning.first_minutes import first_minutes, wanted
-from tci.drivers.diagnosis import Finding, Level
-from tci.drivers.registry import connect
-from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError, TciError
-from tci.robot.catalogue import load_robot
+
+if TYPE_CHECKING:
+    from tci.commissioning.expected_motion import ExpectedMotion
+    from tci.drivers.diagnosis import Finding
+    from tci.drivers.simulated import SimulatedDriver
 
 
 class Terminal:
@@ -80,6 +78,14 @@ def check_hardware(name: str, *, via: str, parts: list[str], taxels: int, as_jso
     Raises DriverError when the robot can't be reached or armed, UnknownNameError, CommandError without
     answers.
     """
+    import numpy as np
+
+    from tci.commissioning.first_minutes import first_minutes, wanted
+    from tci.drivers.diagnosis import Level
+    from tci.drivers.registry import connect
+    from tci.drivers.simulated import SimulatedDriver
+    from tci.robot.catalogue import load_robot
+
     robot = load_robot(name)
     servos, patches = wanted(robot, parts)
     with connect(robot, via, arm=True) as driver:
@@ -122,6 +128,9 @@ def check_hardware(name: str, *, via: str, parts: list[str], taxels: int, as_jso
 
 
 def _tell(finding: Finding) -> None:
+    from tci.cli.doctor import MARKS
+    from tci.drivers.diagnosis import Level
+
     console.print(
         f"{MARKS[finding.level]} {escape(finding.subject)}: {escape(finding.what)}", highlight=False
     )

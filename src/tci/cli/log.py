@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from tci.cli import completion
-from tci.cli.options import AsJson, Begin, End, RecordedRobot, RecordingFile
+from tci.cli.options import AsJson, Begin, End, NewRecording, RecordedRobot, RecordingFile
 
 app = typer.Typer(help="Recordings: what is in them, cut, export, import.", no_args_is_help=True)
 
@@ -60,7 +60,7 @@ def info(file: RecordingFile, as_json: AsJson = False) -> None:
 @app.command()
 def cut(
     file: RecordingFile,
-    out: Annotated[Path, typer.Argument(help="The recording to write.")],
+    out: NewRecording,
     begin: Begin = float("-inf"),
     end: End = float("inf"),
     as_json: AsJson = False,
@@ -138,7 +138,7 @@ def import_(
     log: Annotated[
         Path, typer.Argument(help="Log of yarpdatadumper (data.log, or its folder), or a ROS bag.")
     ],
-    out: Annotated[Path, typer.Argument(help="The recording to write.")],
+    out: NewRecording,
     robot: Annotated[
         str | None,
         typer.Argument(

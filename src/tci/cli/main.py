@@ -12,12 +12,21 @@ from typing import Annotated, Any
 import typer
 
 import tci
+from tci.cli.check import check
+from tci.cli.demo import demo
+from tci.cli.describe import describe
+from tci.cli.doctor import doctor
 from tci.cli.fault import app as fault_app
 from tci.cli.gesture import app as gesture_app
 from tci.cli.log import app as log_app
-from tci.cli.robot_commands import app as robot_app
-from tci.cli.run_commands import app as run_app
+from tci.cli.new_robot import new_robot
+from tci.cli.plot import plot
+from tci.cli.record import record
+from tci.cli.robots import robots
+from tci.cli.run import run
+from tci.cli.serve import serve
 from tci.cli.skin import app as skin_app
+from tci.cli.view import view
 from tci.cli.zenoh import app as zenoh_app
 from tci.errors import DescriptionError, TciError
 
@@ -29,8 +38,8 @@ app = typer.Typer(
     rich_markup_mode="rich",
 )
 
-app.add_typer(run_app)
-app.add_typer(robot_app)
+for command in (demo, view, run, record, serve, plot, robots, describe, new_robot, check, doctor):
+    app.command(command.__name__.replace("_", "-"))(command)
 app.add_typer(skin_app, name="skin")
 app.add_typer(fault_app, name="fault")
 app.add_typer(gesture_app, name="gesture")

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
+import typer
 from rich.markup import escape
 
-from tci.authoring.proposal import propose
-from tci.cli.check import remarks
 from tci.cli.console import console, print_json
+from tci.cli.options import AsJson
 from tci.errors import CommandError
-from tci.robot.description import Robot
-from tci.robot.xml import read_robot
-from tci.robot.xml.writer import write_robot
+
+if TYPE_CHECKING:
+    from tci.robot.description import Robot
+
 
 COMMENT = """Proposed by tci new-robot from {file}: look it over.
 From that file: joints, limits of position, speed and torque where nothing says ours.
@@ -23,27 +24,42 @@ response, the initial posture, the zero of pronation, which is the robot's own."
 
 
 def new_robot(
-    urdf: Path,
-    *,
-    name: str | None,
-    package: str | None,
-    out: Path | None,
-    mount: bool,
-    force: bool,
-    as_json: bool,
+    urdf: Annotated[Path, typer.Argument(help="The robot's URDF.")],
+    name: Annotated[str | None, typer.Option(help="Name of the robot \\[default: the file's].")] = None,
+    package: Annotated[
+        str | None, typer.Option(help="Installed Python package that brought the URDF, if one did.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Description to write \\[default: robot.xml beside the URDF].")
+    ] = None,
+    mount: Annotated[
+        bool,
+        typer.Option(
+            "--mount", help="Eq. 1 on a mount for shoulders that are the generic one but for a small turn."
+        ),
+    ] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace a description that exists.")] = False,
+    as_json: AsJson = False,
 ) -> None:
-    """Write the proposal and say what it found.
+    """Propose the description of a humanoid from its URDF.
 
-    Raises DescriptionError for a model without two arms of the generic kind, CommandError for a place
-    that the model can't be found from again, or a file that exists.
+    Finds arms, hands, head, torso and legs by their geometry, takes limits from the file and puts sleeves of
+    skin around the arms. Look the result over; what no file says is marked as ours in it.
+
+    Example:  tci new-robot my_robot.urdf
     """
+    from tci.authoring.proposal import propose
+    from tci.cli.check import remarks
+    from tci.robot.xml import read_robot
+    from tci.robot.xml.writer import write_robot
+
     name = name or _plain(urdf.stem)
     target = out or urdf.parent / "robot.xml"
     file = _in_package(urdf, package) if package else _beside(urdf, target)
-    robot = propose(urdf, name=name, package=package, mount=mount)
+    proposed = propose(urdf, name=name, package=package, mount=mount)
     if target.exists() and not force:
         raise CommandError(f"{target} exists; valid: --out with another file, or --force to replace it")
-    text = write_robot(robot, file=file, comment=COMMENT.format(file=urdf.name))
+    text = write_robot(proposed, file=file, comment=COMMENT.format(file=urdf.name))
     target.parent.mkdir(parents=True, exist_ok=True)
     target.write_text(text, encoding="utf-8")
     robot = read_robot(target)
@@ -93,6 +109,8 @@ def _in_package(urdf: Path, package: str) -> str:
 
 def _found(robot: Robot) -> list[str]:
     """What a person should compare with the robot, line by line."""
+    import numpy as np
+
     assert robot.model is not None
     lines = [f"torso: {robot.model.torso_link}"]
     for part in robot.parts:

@@ -19,9 +19,9 @@ def _above_zero(seconds: float | None) -> float | None:
 
 
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON for programs instead of words.")]
-RobotName = Annotated[
-    str, typer.Argument(help="Robot by name, or a description file.", autocompletion=completion.robots)
-]
+_robot = typer.Argument(help="Robot by name, or a description file.", autocompletion=completion.robots)
+RobotName = Annotated[str, _robot]
+OptionalRobot = Annotated[str | None, _robot]
 SomeRobots = Annotated[
     list[str] | None,
     typer.Argument(
@@ -38,9 +38,9 @@ RecordedRobot = Annotated[
         autocompletion=completion.robots,
     ),
 ]
-Via = Annotated[
-    str, typer.Option(help="Driver that reaches it, NAME or NAME:ADDRESS.", autocompletion=completion.drivers)
-]
+_via = typer.Option(help="Driver that reaches it, NAME or NAME:ADDRESS.", autocompletion=completion.drivers)
+Via = Annotated[str, _via]
+OptionalVia = Annotated[str | None, _via]
 Arm = Annotated[bool, typer.Option("--arm", help="Let it move; a simulated robot always may.")]
 Duration = Annotated[
     float | None, typer.Option(help="How long \\[s]; else until interrupted.", callback=_above_zero)
@@ -50,5 +50,7 @@ Faults = Annotated[
     typer.Option(help="NAME@TIME or NAME@TIME:DURATION \\[s]; names: tci fault list; repeat for several."),
 ]
 RecordingFile = Annotated[Path, typer.Argument(help="Recording (.mcap).")]
+NewRecording = Annotated[Path, typer.Argument(help="The recording to write.")]
+NewGesture = Annotated[Path, typer.Argument(help="The gesture to write (.csv).")]
 Begin = Annotated[float, typer.Option("--from", help="Begin \\[s] on its clock.")]
 End = Annotated[float, typer.Option("--to", help="End \\[s].")]

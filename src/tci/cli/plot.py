@@ -3,31 +3,37 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
-from rich.progress import Progress
+import typer
 
-from tci.capabilities.fields import default_fields
 from tci.cli.console import console, print_json
+from tci.cli.options import AsJson, Begin, End, RecordedRobot, RecordingFile
 from tci.errors import RecordingError
-from tci.pictures.plot import collect, draw
-from tci.recording.perceived import perceive, recorded_robot
-from tci.recording.recording import Recording
 
 
 def plot(
-    file: Path,
-    out: Path | None,
-    *,
-    robot: str | None,
-    part: str | None,
-    begin: float,
-    end: float,
-    as_json: bool,
+    file: RecordingFile,
+    out: Annotated[
+        Path | None, typer.Option(help="File to write: png, pdf or svg. \\[default: beside the recording]")
+    ] = None,
+    robot: RecordedRobot = None,
+    part: Annotated[str | None, typer.Option(help="Part to draw. \\[default: the one touched first]")] = None,
+    begin: Begin = float("-inf"),
+    end: End = float("inf"),
+    as_json: AsJson = False,
 ) -> None:
-    """Draw a recording and say how long its answers took.
+    """Draw a recording for a paper: forces, response, joint angles, the skin unrolled, latencies.
 
-    Raises RecordingError for a recording without a robot, and what `collect` and `draw` raise.
+    Example:  tci plot touch.mcap --out touch.pdf
     """
+    from rich.progress import Progress
+
+    from tci.capabilities.fields import default_fields
+    from tci.pictures.plot import collect, draw
+    from tci.recording.perceived import perceive, recorded_robot
+    from tci.recording.recording import Recording
+
     recording = Recording(file)
     found = recorded_robot(recording, robot)
     if found is None:

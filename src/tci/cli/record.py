@@ -5,17 +5,24 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-from tci.capabilities.capability import Capability
+import typer
+
 from tci.cli.console import console, print_json
-from tci.drivers.driver import Driver
-from tci.drivers.registry import JOIN, connect
-from tci.recording.recorder import Recorder
-from tci.robot.catalogue import load_robot
+from tci.cli.options import AsJson, Duration, RobotName, Via
+
+if TYPE_CHECKING:
+    from tci.capabilities.capability import Capability
+    from tci.drivers.driver import Driver
+    from tci.recording.recorder import Recorder
 
 
 def recorder_for(path: Path, driver: Driver, via: str, about: Mapping[str, str]) -> Recorder:
     """A recording of a driver. Raises RecordingError."""
+    from tci.drivers.registry import JOIN
+    from tci.recording.recorder import Recorder
+
     middleware = via.split(JOIN)[0].partition(":")[0]
     return Recorder(
         path,
@@ -32,14 +39,28 @@ def about_capability(name: str, capability: Capability[object]) -> dict[str, str
     return {"capability": name, "settings": repr(capability)}
 
 
-def record(path: Path, robot: str, *, via: str, duration: float | None, as_json: bool) -> None:
-    """Read, write, and say what was written; exit with status 1 when the disk failed."""
+def record(
+    file: Annotated[Path, typer.Argument(help="The recording to write (.mcap), a new file.")],
+    robot: RobotName,
+    via: Via = "sim",
+    duration: Duration = None,
+    as_json: AsJson = False,
+) -> None:
+    """Record what a robot senses, raw. Nothing is commanded, and no robot has to be armed.
+
+    `tci run --record` records a behaviour too. Look with tci log; replay with --via replay:FILE.
+
+    Example:  tci record touch.mcap nao --duration 10
+    """
+    from tci.drivers.registry import connect
+    from tci.robot.catalogue import load_robot
+
     with (
         connect(load_robot(robot), via, arm=False) as driver,
-        recorder_for(path, driver, via, {}) as recorder,
+        recorder_for(file, driver, via, {}) as recorder,
     ):
         if not as_json:
-            words = f"recording {driver.robot.name} to {path}; end with Ctrl-C"
+            words = f"recording {driver.robot.name} to {file}; end with Ctrl-C"
             console.print(words, highlight=False, markup=False)
         with suppress(KeyboardInterrupt):
             for now in driver.ticks(duration=duration):

@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
+import typer
 from rich import box
-from rich.table import Table
 from rich.text import Text
 
 from tci.cli.console import console, print_json
+from tci.cli.options import AsJson
 from tci.errors import MissingExtraError
-from tci.robot.catalogue import load_robot, robot_names
+
+if TYPE_CHECKING:
+    from tci.robot.description import Robot
+
+PAPER = ("icub", "nao")
+"""The paper's two robots."""
 
 
-def robots(*, as_json: bool) -> None:
-    """List every known robot, also those whose model is not installed."""
+def robots(as_json: AsJson = False) -> None:
+    """List the robots that TCI knows."""
+    from rich.table import Table
+
+    from tci.robot.catalogue import robot_names
+
     rows = [_row(name) for name in robot_names()]
     if as_json:
         print_json({"robots": rows})
@@ -39,6 +50,8 @@ def robots(*, as_json: bool) -> None:
 
 
 def _row(name: str) -> dict[str, Any]:
+    from tci.robot.catalogue import load_robot
+
     try:
         robot = load_robot(name)
     except MissingExtraError as error:
@@ -51,3 +64,18 @@ def _row(name: str) -> dict[str, Any]:
         "skin": {patch.name: patch.channels for patch in robot.patches},
         "drivers": [binding.middleware for binding in robot.bindings],
     }
+
+
+def load_robots(names: Sequence[str]) -> list[Robot]:
+    """The robots asked for, or those of the paper that are installed."""
+    from tci.robot.catalogue import load_robot
+
+    if names:
+        return [load_robot(name) for name in names]
+    robots = []
+    for name in PAPER:
+        try:
+            robots.append(load_robot(name))
+        except MissingExtraError as error:
+            typer.secho(f"without {name}: {error}", fg="yellow", err=True)
+    return robots

@@ -7,44 +7,27 @@ import sys
 import threading
 import traceback
 from collections.abc import Iterator, Sequence
-from importlib import import_module
-from importlib.metadata import entry_points
-from inspect import isabstract
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-from rich.live import Live
+import typer
 from rich.markup import escape
 
-from tci.body.places import find_place
-from tci.capabilities.capability import Capability
-from tci.capabilities.fields import default_fields
+from tci.cli import completion
 from tci.cli.console import console, print_json, told_here
-from tci.cli.record import about_capability, recorder_for, summary
-from tci.cli.run_log import COLOURS, RunLog
-from tci.drivers.driver import Driver
-from tci.drivers.faults.fault_injector import FaultInjector, parse_fault
-from tci.drivers.faults.injectors import INJECTORS, THREAD
-from tci.drivers.registry import connect
-from tci.drivers.replay import ReplayDriver
-from tci.drivers.simulated import SimulatedDriver
-from tci.errors import CommandError, UnknownNameError
-from tci.gate.gate import GateState
-from tci.reasons import OTHERS, Reason, ReasonCounter
-from tci.recording.recorder import Recorder
-from tci.robot.catalogue import load_robot
-from tci.runtime.arguments import as_capability
-from tci.runtime.loop import Tick, run
-from tci.runtime.loop_report import LoopReport
-from tci.runtime.result import RunResult
-from tci.skin.skin import Skin
+from tci.cli.options import Arm, AsJson, Duration, Faults, RobotName, Via
+from tci.errors import CommandError
 
 if TYPE_CHECKING:
-    from tci.pictures.film import Film
+    from rich.live import Live
 
-GROUP = "tci.capabilities"
-HARMLESS = ("sim", "replay")
-"""Links behind which nothing moves; they are armed without being asked."""
+    from tci.capabilities.capability import Capability
+    from tci.drivers.driver import Driver
+    from tci.pictures.film import Film
+    from tci.recording.recorder import Recorder
+    from tci.runtime.loop import Tick
+    from tci.runtime.result import RunResult
+
 REHEARSAL = 1.5
 """Least length [s] of a rehearsal: one poke and its answer."""
 FLICKER = 0.4
@@ -53,43 +36,48 @@ POKE_DELAY = 0.3
 """Time [s] from the start to the finger's touch."""
 
 
-def load_capability(name: str) -> Capability[Any]:
-    """A capability with its default settings: by its entry point, or MODULE:CLASS, from here too.
+def run(
+    capability: Annotated[
+        str,
+        typer.Argument(
+            help="Capability: a name such as withdrawal, or MODULE:CLASS.",
+            autocompletion=completion.capabilities,
+        ),
+    ],
+    robot: RobotName,
+    via: Via = "sim",
+    duration: Duration = None,
+    arm: Arm = False,
+    poke: Annotated[bool, typer.Option("--poke", help="A simulated finger pokes the left forearm.")] = False,
+    fault: Faults = None,
+    record: Annotated[Path | None, typer.Option(help="Record all of it to this new file (.mcap).")] = None,
+    film: Annotated[
+        Path | None,
+        typer.Option(help="Film a simulated robot, 3x slower: .gif, .webp, .png; .mp4 (extra: video)."),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Run a capability on a robot, and tell what gate and loop do.
 
-    Raises UnknownNameError for a name that nobody has, CommandError for a class that is none, TciError for
-    one that can't be made as it is.
+    Exit status 1 when the robot had to stop, or when every command was refused. A real robot is read-only
+    without --arm.
+
+    Example:  tci run withdrawal nao --duration 1 --poke --fault stall@0.32
+
+    Example:  tci run withdrawal nao --via replay:touch.mcap
     """
-    points = {point.name: point for point in entry_points(group=GROUP)}
-    if name in points:
-        found = points[name].load()
-    elif ":" in name:
-        found = _from_module(*name.split(":", 1))
-    else:
-        raise UnknownNameError("capability", name, [*sorted(points), "or MODULE:CLASS"])
-    if not (isinstance(found, type) and issubclass(found, Capability)):
-        raise CommandError(f"{name} is no capability; valid: a subclass of tci.Capability")
-    return as_capability(found)
-
-
-def _from_module(module: str, name: str) -> object:
-    """What a module has by that name; the module may be in this folder."""
-    sys.path.insert(0, "")
-    try:
-        if module.startswith("."):  # to Python the name of a neighbour, and nobody asks from inside a package
-            raise ImportError("a path is no module")
-        found = import_module(module)
-    except (ImportError, ValueError) as error:
-        raise CommandError(f"{module}:{name}: {error}; valid: MODULE:CLASS, as in my_file:Shrug") from error
-    if not hasattr(found, name):
-        words = dict.fromkeys([*vars(found), *dir(found)])  # a package may load its names on first use
-        own = [word for word in words if _can_run(getattr(found, word, None))]
-        raise UnknownNameError(f"capability in {module}", name, own)
-    return getattr(found, name)
-
-
-def _can_run(one: object) -> bool:
-    """Tells if it is the class of a capability."""
-    return isinstance(one, type) and issubclass(one, Capability) and not isabstract(one)
+    run_capability(
+        capability,
+        robot,
+        via=via,
+        duration=duration,
+        arm=arm,
+        poke=poke,
+        faults=fault or [],
+        record=record,
+        film=film,
+        as_json=as_json,
+    )
 
 
 def run_capability(
@@ -113,6 +101,21 @@ def run_capability(
     Raises UnknownNameError, DriverError, CommandError for a fault's times or a poke that can't be, and what
     the capability raises.
     """
+    from rich.live import Live
+
+    from tci.cli.record import about_capability, recorder_for, summary
+    from tci.cli.run_log import COLOURS, RunLog
+    from tci.drivers.faults.fault_injector import FaultInjector, parse_fault
+    from tci.drivers.faults.injectors import INJECTORS
+    from tci.drivers.registry import HARMLESS, connect
+    from tci.drivers.replay import ReplayDriver
+    from tci.gate.gate import GateState
+    from tci.reasons import OTHERS, Reason, ReasonCounter
+    from tci.robot.catalogue import load_robot
+    from tci.runtime.arguments import load_capability
+    from tci.runtime.loop import run as run_loop
+    from tci.runtime.loop_report import LoopReport
+
     capability = load_capability(name)
     plans = [parse_fault(fault) for fault in faults]
     if rehearsal:
@@ -157,7 +160,9 @@ def run_capability(
                 return False
 
             try:
-                result = run(driver, capability, duration=duration, observe=see, until=listen, report=report)
+                result = run_loop(
+                    driver, capability, duration=duration, observe=see, until=listen, report=report
+                )
             except (Exception, KeyboardInterrupt, SystemExit) as failure:
                 if not report.ended:  # it never began
                     raise
@@ -230,6 +235,8 @@ def _place(error: BaseException, capability: Capability[Any]) -> str:
 @contextlib.contextmanager
 def quiet_rehearsals() -> Iterator[None]:
     """A thread that fails on purpose leaves no traceback: what came of it is told."""
+    from tci.drivers.faults.injectors import THREAD
+
     usual = threading.excepthook
 
     def hook(told: threading.ExceptHookArgs) -> None:
@@ -245,6 +252,8 @@ def quiet_rehearsals() -> Iterator[None]:
 
 def _said(recorder: Recorder | None, driver: Driver) -> list[str]:
     """What is to be said of a recording made, and of one replayed."""
+    from tci.drivers.replay import ReplayDriver
+
     lines = []
     if recorder is not None:
         end = f"[red]{escape(recorder.failed)}[/]" if recorder.failed else "closed"
@@ -261,6 +270,8 @@ def _said(recorder: Recorder | None, driver: Driver) -> list[str]:
 
 def _film(driver: Driver, path: Path) -> Film:
     """A film of a simulated arm. Raises CommandError for a real robot."""
+    from tci.capabilities.fields import default_fields
+    from tci.drivers.simulated import SimulatedDriver
     from tci.pictures.film import Film
 
     if not isinstance(driver, SimulatedDriver):
@@ -270,6 +281,11 @@ def _film(driver: Driver, path: Path) -> Film:
 
 def poke_forearm(driver: Driver) -> None:
     """Let the simulated finger poke the left forearm. Raises CommandError for a real robot."""
+    from tci.body.places import find_place
+    from tci.capabilities.fields import default_fields
+    from tci.drivers.simulated import SimulatedDriver
+    from tci.skin.skin import Skin
+
     if not isinstance(driver, SimulatedDriver):
         raise CommandError("--poke needs a simulated robot; valid: --via sim")
     site = default_fields()[0]

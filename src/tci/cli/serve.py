@@ -2,20 +2,50 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from tci.cli import completion
 from tci.cli.console import console, print_json, told_here
-from tci.cli.run import HARMLESS
-from tci.drivers.registry import connect, open_server
-from tci.gate.gate import GateState
-from tci.reasons import OTHERS, Reason, ReasonCounter
-from tci.robot.catalogue import load_robot
-from tci.runtime.loop import Tick
-from tci.runtime.loop_report import LoopReport
-from tci.runtime.serve import Served
-from tci.runtime.serve import serve as serve_robot
+from tci.cli.options import Arm, AsJson, Duration, RobotName
+
+if TYPE_CHECKING:
+    from tci.runtime.loop import Tick
 
 
-def serve(robot: str, *, via: str, source: str, arm: bool, duration: float | None, as_json: bool) -> None:
-    """Serve until interrupted, and tell what came; exit with status 1 when the gate has stopped."""
+def serve(
+    robot: RobotName,
+    via: Annotated[
+        str,
+        typer.Option(help="How others reach it: NAME or NAME:ADDRESS.", autocompletion=completion.servers),
+    ],
+    source: Annotated[
+        str,
+        typer.Option(
+            "--from",
+            help="Driver to the robot itself, NAME or NAME:ADDRESS.",
+            autocompletion=completion.drivers,
+        ),
+    ] = "sim",
+    arm: Arm = False,
+    duration: Duration = None,
+    as_json: AsJson = False,
+) -> None:
+    """Show a robot, real or simulated, to other programs. Gate and lease are those of this process.
+
+    Exit status 1 when the robot had to stop.
+
+    Example:  tci serve nao --via zenoh
+    """
+    from tci.drivers.registry import HARMLESS, connect, open_server
+    from tci.gate.gate import GateState
+    from tci.reasons import OTHERS, Reason, ReasonCounter
+    from tci.robot.catalogue import load_robot
+    from tci.runtime.loop_report import LoopReport
+    from tci.runtime.serve import Served
+    from tci.runtime.serve import serve as serve_robot
+
     options = {"paced": True} if source == "sim" else {}
     arm = arm or source.partition(":")[0] in HARMLESS
     report, served, told = LoopReport(), Served(), ReasonCounter()

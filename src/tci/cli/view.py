@@ -9,20 +9,15 @@ import webbrowser
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from rich.progress import Progress
+import typer
 
+from tci.cli import completion
 from tci.cli.console import console, told_here
-from tci.cli.demo import load_robots
-from tci.cli.record import about_capability
-from tci.cli.run import HARMLESS, load_capability
-from tci.drivers.registry import connect
+from tci.cli.options import Arm, Duration, SomeRobots
 from tci.errors import CommandError, RecordingError
 from tci.installed import needs
-from tci.recording.perceived import recorded_robot
-from tci.recording.recording import Recording
-from tci.runtime.watchdogs import interruptions
 
 if TYPE_CHECKING:
     from tci.viewer.app import Source
@@ -41,34 +36,57 @@ def needs_viewer() -> None:
 
 
 def view(
-    names: Sequence[str],
-    vias: Sequence[str],
-    *,
-    capability: str = "withdrawal",
-    arm: bool = False,
-    host: str = "127.0.0.1",
-    port: int = 8080,
-    folder: Path = Path("recordings"),
-    duration: float | None = None,
-    browser: bool = True,
+    robot: SomeRobots = None,
+    via: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Driver, NAME or NAME:ADDRESS: one for all robots, or one for each. \\[default: sim]",
+            autocompletion=completion.drivers,
+        ),
+    ] = None,
+    capability: Annotated[
+        str,
+        typer.Option(
+            "--run",
+            help="Capability that runs on every robot, by name or MODULE:CLASS.",
+            autocompletion=completion.capabilities,
+        ),
+    ] = "withdrawal",
+    arm: Arm = False,
+    host: Annotated[
+        str, typer.Option(help="Address to listen on; off this machine a token is asked for.")
+    ] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 takes a free one.")] = 8080,
+    out: Annotated[Path, typer.Option(help="Folder for recordings.")] = Path("recordings"),
+    duration: Duration = None,
+    headless: Annotated[bool, typer.Option("--headless", help="Do not open the browser.")] = False,
 ) -> None:
-    """Open the page, and show the robots until interrupted, also by SIGTERM: that brings them to rest too.
+    """Show robots in the browser, side by side: poke their skin, move their arms, make faults happen, record.
 
-    Raises MissingExtraError without the extra, CommandError for vias that do not fit the robots, and what
-    drivers raise.
+    Needs the extra `viewer`. A real robot is read-only without --arm.
+
+    Example:  tci view nao icub
+
+    Example:  tci view --via replay:touch.mcap
     """
+    from tci.runtime.watchdogs import interruptions
+
     needs_viewer()
     from tci.viewer.app import Viewer
 
-    sources = _sources(names, vias, capability, arm=arm)
-    viewer = Viewer(sources, host=host, port=port, folder=folder)
+    sources = _sources(robot or [], via or [], capability, arm=arm)
+    viewer = Viewer(sources, host=host, port=port, folder=out)
     with suppress(KeyboardInterrupt), told_here(), interruptions() as interruption:
         try:
             for source in sources:
                 source.start()
             words = f"open {viewer.address}   (end with Ctrl-C)"
             console.print(words, highlight=False, markup=False, soft_wrap=True)
-            if browser and sys.stdout.isatty() and (os.environ.get("DISPLAY") or sys.platform != "linux"):
+            if (
+                not headless
+                and sys.stdout.isatty()
+                and (os.environ.get("DISPLAY") or sys.platform != "linux")
+            ):
                 webbrowser.open(viewer.address)
             viewer.run(duration=duration, until=lambda: interruption.signal is not None)
         finally:
@@ -80,6 +98,11 @@ def view(
 
 def _sources(names: Sequence[str], vias: Sequence[str], capability: str, *, arm: bool) -> list[Source]:
     """A session for each robot, a player for each recording."""
+    from tci.cli.record import about_capability
+    from tci.cli.robots import load_robots
+    from tci.drivers.registry import HARMLESS, connect
+    from tci.runtime.arguments import load_capability
+
     vias = list(vias) or ["sim"]
     if not names and all(via.startswith(REPLAY) for via in vias):
         return [_player(via.removeprefix(REPLAY), None) for via in vias]
@@ -102,6 +125,10 @@ def _sources(names: Sequence[str], vias: Sequence[str], capability: str, *, arm:
 
 def _player(file: str, robot: str | None) -> Player:
     """A recording, felt again. Raises RecordingError, also for one without a robot."""
+    from rich.progress import Progress
+
+    from tci.recording.perceived import recorded_robot
+    from tci.recording.recording import Recording
     from tci.viewer.player import Player
 
     recording = Recording(file)

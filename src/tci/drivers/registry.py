@@ -21,6 +21,8 @@ DRIVERS = "tci.drivers"
 JOIN = " + "
 """Separator between drivers that are combined into one."""
 SERVERS = "tci.servers"
+HARMLESS = ("sim", "replay")
+"""Drivers behind which nothing moves; they are armed without being asked."""
 
 
 def driver_names() -> tuple[str, ...]:

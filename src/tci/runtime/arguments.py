@@ -4,13 +4,19 @@ valid."""
 from __future__ import annotations
 
 import math
+import sys
+from importlib import import_module
+from importlib.metadata import entry_points
 from inspect import isabstract
 from typing import Any
 
 from tci.capabilities.capability import Capability
 from tci.capabilities.orders import named
 from tci.drivers.driver import Driver
-from tci.errors import TciError
+from tci.errors import CommandError, TciError, UnknownNameError
+
+GROUP = "tci.capabilities"
+"""Entry points of capabilities."""
 
 
 def as_driver(given: object) -> Driver:
@@ -42,6 +48,45 @@ def as_capability(given: Any) -> Capability[Any]:
         f"run: {named(given)} in place of a capability; valid: tci.WithdrawalReflex(), "
         "or an instance of your own subclass of tci.Capability"
     )
+
+
+def load_capability(name: str) -> Capability[Any]:
+    """Returns a capability with its default settings: by its entry point, or MODULE:CLASS, from here too.
+
+    Raises UnknownNameError for a name that nobody has, CommandError for a class that is none, TciError for
+    one that can't be made as it is.
+    """
+    points = {point.name: point for point in entry_points(group=GROUP)}
+    if name in points:
+        found = points[name].load()
+    elif ":" in name:
+        found = _from_module(*name.split(":", 1))
+    else:
+        raise UnknownNameError("capability", name, [*sorted(points), "or MODULE:CLASS"])
+    if not (isinstance(found, type) and issubclass(found, Capability)):
+        raise CommandError(f"{name} is no capability; valid: a subclass of tci.Capability")
+    return as_capability(found)
+
+
+def _from_module(module: str, name: str) -> object:
+    """Returns what a module has by that name; the module may be in the working directory."""
+    sys.path.insert(0, "")
+    try:
+        if module.startswith("."):  # to Python the name of a neighbour, and nobody asks from inside a package
+            raise ImportError("a path is no module")
+        found = import_module(module)
+    except (ImportError, ValueError) as error:
+        raise CommandError(f"{module}:{name}: {error}; valid: MODULE:CLASS, as in my_file:Shrug") from error
+    if not hasattr(found, name):
+        words = dict.fromkeys([*vars(found), *dir(found)])  # a package may load its names on first use
+        own = [word for word in words if _can_run(getattr(found, word, None))]
+        raise UnknownNameError(f"capability in {module}", name, own)
+    return getattr(found, name)
+
+
+def _can_run(one: object) -> bool:
+    """Tells if it is the class of a capability."""
+    return isinstance(one, type) and issubclass(one, Capability) and not isabstract(one)
 
 
 def check_duration(duration: float | None) -> None:

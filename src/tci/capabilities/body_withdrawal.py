@@ -72,14 +72,14 @@ class BodyWithdrawal(Capability[BodyMemory]):
         self, memory: BodyMemory, perception: Perception, body: GenericBody
     ) -> tuple[tuple[Order, ...], BodyMemory]:
         """One command for each part whose target changed."""
-        heavy = self._heavy(perception.contacts)
+        whole, heavy = perception, self._heavy(perception.contacts)
         if heavy:  # what a sole feels while the robot stands is the ground
             contacts = Contacts.of(touch for touch in perception.contacts if touch.segment != SOLE)
             perception = replace(perception, contacts=contacts)
 
         def forbids(part: str, target: Array) -> str:
             legs = body.parts("leg")
-            return self._carries(part, target, heavy, perception, body) if part in legs else ""
+            return self._carries(part, target, heavy, whole, body) if part in legs else ""
 
         after = withdraw_all(
             memory, self._wishes(perception, body), perception, body,

@@ -89,11 +89,11 @@ def test_a_film_shows_the_run(tmp_path: Path) -> None:
         target = np.zeros(5)
 
         class Raise(package.Capability[int]):
-            def init(self) -> int:
+            def init(self, body: package.GenericBody) -> int:
                 return 0
 
             def step(
-                self, memory: int, perception: package.Perception
+                self, memory: int, perception: package.Perception, body: package.GenericBody
             ) -> tuple[tuple[package.GenericCommand, ...], int]:
                 return (package.GenericCommand("left_arm", package.Mode.POSITION, target),), 0
 

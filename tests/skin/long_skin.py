@@ -8,6 +8,7 @@ import numpy as np
 
 from skin.flat_skin import OnePatch, skin_patch
 from tci.robot.description import Sensor
+from tci.robot.skin_files.calibration import PatchCalibration
 
 ROWS, COLUMNS = 12, 20
 TAXELS = ROWS * COLUMNS
@@ -34,9 +35,12 @@ def sensor(bits: int = 8) -> Sensor:
     )
 
 
-def conditioner(of: Sensor | None = None) -> OnePatch:
+def conditioner(of: Sensor | None = None, *, calibration: PatchCalibration | None = None) -> OnePatch:
     """A patch of 240 taxels."""
-    return OnePatch(skin_patch(of or sensor(), np.arange(TAXELS), neighbours=grid(), rate=RATE))
+    patch = skin_patch(
+        of or sensor(), np.arange(TAXELS), neighbours=grid(), rate=RATE, calibration=calibration
+    )
+    return OnePatch(patch)
 
 
 def bump(row: float, column: float, peak: float, *, width: float = 1.3) -> np.ndarray:

@@ -5,12 +5,15 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from tci import compiled
 from tci.capabilities import answer, discounts
+from tci.compile_ahead import modules_with_loops
 from tci.skin.kernels import condition, contacts, nearest
 
 
@@ -56,6 +59,7 @@ PROGRAM = """
 import time
 from numba import float64
 from tci import compiled
+from tci.compile_ahead import modules_with_loops
 @compiled.compiled(float64(float64))
 def twice(x):
     return 2.0 * x
@@ -117,3 +121,15 @@ def test_the_first_process_compiles_side_by_side_and_says_so(tmp_path: Path) -> 
         [sys.executable, "-c", USE], env=environment, capture_output=True, text=True, check=True
     )
     assert "compiling" in third.stderr
+
+
+@pytest.mark.parametrize("name", modules_with_loops())
+def test_no_loop_takes_more_than_ten_arguments(name: str) -> None:
+    loops = [one for one in vars(import_module(name)).values() if hasattr(one, "py_func")]
+    long = [one.__name__ for one in loops if one.py_func.__code__.co_argcount > 10 and not is_inlined(one)]
+    assert long == []
+
+
+def is_inlined(loop: Any) -> bool:
+    """True for a loop that only compiled loops call."""
+    return bool(loop.targetoptions.get("forceinline"))

@@ -54,8 +54,8 @@ class Physics:
         """Steps until step `until`; `others` are the arrays of servos, finger and taxels, see
         `stepping.march`."""
         self.steps = stepping.march(
-            self.model._address, self.data._address, self.steps, until, self.step, self._moved, self._warm,
-            self._here, self.whole, *others,
+            (self.model._address, self.data._address), self.steps, until, self.step, self._moved,
+            (self._warm, self._here, self.whole), *others,
         )  # fmt: skip
 
     def refresh(self) -> None:

@@ -35,6 +35,15 @@ whose first half is done."""
 MOVED = returns(reads(1), reads(1), writes(1), reads(1), reads(1))
 """Types of the arrays that the next step depends on: MuJoCo's `qpos`, `qvel`, `ctrl`, `qfrc_applied` and
 `xfrc_applied`, row after row."""
+ENGINE = returns(int64, int64)
+"""Types of the addresses of MuJoCo's model and data."""
+KEPT = returns(writes(1), writes(1), writes(1, int64))
+"""Types of the arrays that a step keeps for the next: MuJoCo's warm start, what the step taken in advance
+depended on, and the integers."""
+SERVOS = returns(writes(2), reads(2, int64), reads(2))
+"""Types of the servos' arrays: states and indices of those that move, commands of all."""
+FINGER = returns(writes(1), writes(2))
+"""Types of the finger's state and of its trace."""
 JOINT, VELOCITY, MOTOR = range(3)
 """Rows of the measurements of all servos (3, n)."""
 
@@ -171,45 +180,37 @@ def _take_step(model: int, data: int, number: int, moved: Arrays, here: Array, w
         _integrate(model, data)
 
 
-@compiled(
-    int64(
-        int64, int64, int64, int64, float64, MOVED, writes(1), writes(1), writes(1, int64), writes(2),
-        reads(2, int64), reads(2), writes(1), writes(2), SKIN,
-    ),
-)  # fmt: skip
+@compiled(int64(ENGINE, int64, int64, float64, MOVED, KEPT, SERVOS, FINGER, SKIN))
 def march(
-    model: int,
-    data: int,
+    engine: tuple[int, int],
     begin: int,
     end: int,
     step: float,
     moved: Arrays,
-    warm: Array,
-    here: Array,
-    whole: Array,
-    servos: Array,
-    places: Array,
-    asked: Array,
-    finger: Array,
-    trace: Array,
+    kept: Arrays,
+    servos: Arrays,
+    finger: Arrays,
     skin: Arrays,
 ) -> int:
     """Takes steps number `begin` to `end`, each of `step` [s], and the skin frames that become due.
 
-    Returns the number of the last step: it ends early if a patch has more contacts than slots. `model` and
-    `data` are the addresses of MuJoCo's objects.
+    Returns the number of the last step: it ends early if a patch has more contacts than slots.
     """
+    model, data = engine
+    warm, here, whole = kept
+    states, places, asked = servos
+    tool, trace = finger
     qpos, _, ctrl, _, _ = moved
     sensors, patches = skin[0], skin[3]
     due = begin
     for number in range(begin, end):
         time = number * step
-        _drive(qpos, ctrl, servos, places, asked)
-        if finger[ACTIVE]:
-            _push(time, ctrl, finger, whole)
+        _drive(qpos, ctrl, states, places, asked)
+        if tool[ACTIVE]:
+            _push(time, ctrl, tool, whole)
         _take_step(model, data, number, moved, here, whole)
-        if finger[ACTIVE]:
-            _note(time, sensors, finger, whole, trace)
+        if tool[ACTIVE]:
+            _note(time, sensors, tool, whole, trace)
         if number + 1 < due:
             continue
         due, full = end + 1, False

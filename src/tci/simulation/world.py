@@ -145,11 +145,8 @@ class World:
             servos, finger = self._servos, self.finger
             self._physics.advance(
                 end,
-                servos.state,
-                servos.places,
-                servos.asked,
-                finger.state,
-                finger.traced,
+                (servos.state, servos.places, servos.asked),
+                (finger.state, finger.traced),
                 self._taxels.arrays,
             )
             if self._taxels.noisy or self._physics.steps < end:

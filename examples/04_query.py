@@ -9,7 +9,7 @@ facts = tci.query(robot)
 for limits in facts.generic_limits["left_arm"]:
     print(f"{limits.joint:>15}: {np.rad2deg(limits.lower):7.1f} .. {np.rad2deg(limits.upper):6.1f} degrees")
 
-kinematics = tci.Kinematics(robot)
+kinematics = tci.KinematicChain(robot)
 hand = kinematics.poses(tci.initial_position(robot), ["LHand"])["LHand"]  # T_TL (4, 4), seen from the torso
 print("left hand at", np.round(hand[:3, 3], 3), "m")
 

@@ -25,7 +25,7 @@ from tci.messages import Mode
 from tci.robot.description import GenericPart, Patch, Robot
 from tci.robot.description.patch import Table
 from tci.robot.joint_map import initial_position, joint_map
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 from tci.simulation.world import World
 
 RESTS = 0.2
@@ -127,7 +127,7 @@ def with_pad(
 
 def any_pad(robot: Robot, chance: np.random.Generator, folder: Path) -> Robot:
     """The same robot with a pad on any of its parts but the arms, on a link that the part moves."""
-    kinematics = Kinematics(robot)
+    kinematics = KinematicChain(robot)
     places: list[tuple[GenericPart, str, str]] = []
     for part in robot.parts:
         own = set(joint_map(robot, part.name).servos.tolist())

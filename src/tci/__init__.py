@@ -84,7 +84,7 @@ if TYPE_CHECKING:
     from tci.robot.catalogue import robot_names as robot_names
     from tci.robot.description import Robot as Robot
     from tci.robot.joint_map import initial_position as initial_position
-    from tci.robot.kinematics import Kinematics as Kinematics
+    from tci.robot.kinematics import KinematicChain as KinematicChain
     from tci.runtime.loop import Tick as Tick
     from tci.runtime.loop import run as run
     from tci.runtime.real_time import real_time as real_time
@@ -191,7 +191,7 @@ _NAMES = {
     ),
     "tci.robot.description": ("Robot",),
     "tci.robot.joint_map": ("initial_position",),
-    "tci.robot.kinematics": ("Kinematics",),
+    "tci.robot.kinematics": ("KinematicChain",),
     "tci.runtime.loop": (
         "Tick",
         "run",

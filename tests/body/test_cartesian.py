@@ -19,7 +19,7 @@ from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
 from tci.robot.generic_arm import forearm_rotation, upper_arm_rotation
 from tci.robot.joint_map import initial_position, joint_map
-from tci.robot.kinematics import Kinematics, bare_model
+from tci.robot.kinematics import KinematicChain, bare_model
 from tci.simulation.world import World
 
 ARMS = [(name, side) for name in ("nao", "icub") for side in ("left", "right")]
@@ -28,7 +28,7 @@ BODIES = {name: GenericBody(robot) for name, robot in ROBOTS.items()}
 COMMON_RANGE = np.deg2rad([[0, 90], [10, 70], [-20, 60], [20, 85], [-50, 50]])
 
 
-KINEMATICS = {name: Kinematics(robot) for name, robot in ROBOTS.items()}
+KINEMATICS = {name: KinematicChain(robot) for name, robot in ROBOTS.items()}
 
 
 def centre(robot: Robot, part: str) -> Array:

@@ -17,13 +17,13 @@ from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
 from tci.robot.generic_arm import forearm_rotation, upper_arm_rotation
 from tci.robot.joint_map import initial_position, joint_map
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 from tci.robot.shoulder import Shoulder, shoulder_of
 
 NAMES, SIDES = ("nao", "icub"), ("left", "right")
 ARMS = [(name, side) for name in NAMES for side in SIDES]
 ROBOTS = {name: load_robot(name) for name in NAMES}
-KINEMATICS = {name: Kinematics(robot) for name, robot in ROBOTS.items()}
+KINEMATICS = {name: KinematicChain(robot) for name, robot in ROBOTS.items()}
 NAO_RANGE = np.deg2rad([[-10, 95.5], [0, 70], [-29.5, 65], [15, 88.5], [-60, 60]])
 """Generic angles [rad] that NAO reaches, and iCub in its own mount frame."""
 

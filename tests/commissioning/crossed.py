@@ -16,7 +16,7 @@ from tci.gate.gate import SafeCommand
 from tci.messages import Reading
 from tci.robot.description import Robot
 from tci.robot.joint_map import generic_posture
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 from tci.simulation.world import World
 
 
@@ -73,7 +73,7 @@ class Witness:
 
     def __init__(self, driver: Crossed, claimed: Any) -> None:
         self._driver, self._claimed = driver, claimed
-        self._kinematics = Kinematics(driver.robot)
+        self._kinematics = KinematicChain(driver.robot)
         self.asked: list[str] = []
 
     def may(self, what: str) -> bool:

@@ -18,7 +18,7 @@ from tci.messages import Perception
 from tci.reasons import Code, Reason
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 from tci.runtime.loop import Tick
 from tci.simulation.world import World
 from tci.skin.skin import Skin
@@ -40,7 +40,7 @@ def wave() -> Gesture:
     return Gesture(t, {"left_arm": angles, "right_arm": angles[::-1]})
 
 
-def limbs(robot: Robot, kinematics: Kinematics, position: Array) -> list[Array]:
+def limbs(robot: Robot, kinematics: KinematicChain, position: Array) -> list[Array]:
     """Axes (3,) of both upper arms and forearms in the torso frame, from the kinematic model."""
     found = []
     for name in ARMS:
@@ -75,7 +75,7 @@ def test_recorded_on_nao_played_on_icub() -> None:
     assert following.phase is Phase.DONE
     assert max(following.largest.values()) <= np.deg2rad(1.0)
     # The gesture ends when its clock does, so counting back from the end tells where it was.
-    of = {"nao": Kinematics(nao), "icub": Kinematics(icub)}
+    of = {"nao": KinematicChain(nao), "icub": KinematicChain(icub)}
     end = replayed[-1].now
     worst = 0.0
     for tick in replayed[:: len(replayed) // 100]:

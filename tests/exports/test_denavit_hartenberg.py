@@ -12,7 +12,7 @@ from robot.moving import ENDS, random_postures, robot_and_kinematics
 from tci.errors import CommandError, UnknownNameError
 from tci.exports.denavit_hartenberg import Convention, denavit_hartenberg
 from tci.robot.description import Model, Robot, Servo
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 
 
 @pytest.mark.parametrize("convention", ["classic", "modified"])
@@ -64,7 +64,7 @@ def test_random_parallel_and_coincident_axes(tmp_path: Path, convention: Convent
         servos=tuple(Servo(index=i, robot_part="arm", id=i, name=f"j{i}", joint=f"j{i}") for i in range(7)),
         parts=(),
     )
-    kinematics = Kinematics(robot)
+    kinematics = KinematicChain(robot)
     for link in [f"b{i}" for i in range(7)]:
         table = denavit_hartenberg(kinematics, link, convention=convention)
         for posture in random_postures(robot, 20):
@@ -74,7 +74,7 @@ def test_random_parallel_and_coincident_axes(tmp_path: Path, convention: Convent
 
 
 def test_what_has_no_table_says_so(tmp_path: Path) -> None:
-    kinematics = Kinematics(small_robot.build(tmp_path))
+    kinematics = KinematicChain(small_robot.build(tmp_path))
     with pytest.raises(CommandError, match="no servo moves 'torso'"):
         denavit_hartenberg(kinematics, "torso")
     with pytest.raises(CommandError, match="valid: classic, modified"):

@@ -11,7 +11,7 @@ from tci.errors import DescriptionError
 from tci.exports.facts import RobotFacts, generic_limits, query, read_facts
 from tci.robot.catalogue import load_robot
 from tci.robot.joint_map import initial_position, joint_map
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 
 ROBOTS = ("nao", "icub")
 
@@ -27,7 +27,7 @@ def test_it_returns_from_json_as_it_was(name: str) -> None:
 @pytest.mark.parametrize("name", ROBOTS)
 def test_its_tables_give_the_poses_of_the_kinematics(name: str) -> None:
     robot = load_robot(name)
-    facts, kinematics = query(robot), Kinematics(robot)
+    facts, kinematics = query(robot), KinematicChain(robot)
     assert {(t.part, t.convention) for t in facts.denavit_hartenberg} >= {
         (part, convention)
         for part in ("left_arm", "right_arm", "head")

@@ -15,7 +15,7 @@ from tci.exports.tree import links_of
 from tci.exports.urdf import TORSO, to_urdf
 from tci.frames import invert, transform
 from tci.robot.description import GenericPart, GenericServo, Limits, Model, Robot, Servo
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 from tci.robot.shoulder import turn
 
 pinocchio = needs_pinocchio()
@@ -78,7 +78,7 @@ def followed(segments: tuple[ChainSegment, ...], position: np.ndarray) -> np.nda
 
 def test_references_slides_and_several_joints_on_a_link(tmp_path: Path) -> None:
     robot = described(tmp_path, MJCF.format(one=""))
-    kinematics = Kinematics(robot)
+    kinematics = KinematicChain(robot)
     model = pinocchio.buildModelFromXML(to_urdf(robot))
     data = model.createData()
     assert sorted(model.names[1:]) == sorted(JOINTS)
@@ -102,7 +102,7 @@ def test_bodies_without_a_name_carry_others_too(tmp_path: Path) -> None:
     text = MJCF.format(one="").replace('<body name="arm"', "<body")
     robot = described(tmp_path, text)
     position = postures(robot)[0]
-    expected = Kinematics(robot).poses(position, ["hand"])["hand"]
+    expected = KinematicChain(robot).poses(position, ["hand"])["hand"]
     np.testing.assert_allclose(followed(chain_to(robot, "hand"), position), expected, rtol=0, atol=1e-12)
     assert "" not in [link.name for link in links_of(robot)]
     assert pinocchio.buildModelFromXML(to_urdf(robot)).njoints == 1 + len(JOINTS)
@@ -110,7 +110,7 @@ def test_bodies_without_a_name_carry_others_too(tmp_path: Path) -> None:
 
 def test_a_chain_turns_about_axes_beside_their_links(tmp_path: Path) -> None:
     robot = described(tmp_path, MJCF.format(one='pos="0.01 0.02 0.03"'))
-    kinematics, chain = Kinematics(robot), chain_to(robot, "hand")
+    kinematics, chain = KinematicChain(robot), chain_to(robot, "hand")
     for position in postures(robot):
         expected = kinematics.poses(position, ["hand"])["hand"]
         np.testing.assert_allclose(followed(chain, position), expected, rtol=0, atol=1e-12)
@@ -152,4 +152,4 @@ def test_a_ball_joint_is_no_servos(tmp_path: Path) -> None:
     with pytest.raises(
         DescriptionError, match="servo wrist: the joint 'wrist' has several axes; valid: a hinge"
     ):
-        Kinematics(described(tmp_path, text))
+        KinematicChain(described(tmp_path, text))

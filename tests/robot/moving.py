@@ -8,7 +8,7 @@ import numpy as np
 
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 
 ENDS = [
     ("nao", "LHand"),
@@ -24,9 +24,9 @@ HANDS = [end for end in ENDS if "and" in end[1]]
 
 
 @cache
-def robot_and_kinematics(name: str) -> tuple[Robot, Kinematics]:
+def robot_and_kinematics(name: str) -> tuple[Robot, KinematicChain]:
     robot = load_robot(name)
-    return robot, Kinematics(robot)
+    return robot, KinematicChain(robot)
 
 
 def random_postures(robot: Robot, count: int, *, seed: int = 0) -> np.ndarray:

@@ -14,7 +14,7 @@ from tci.frames import apply
 from tci.robot.catalogue import load_robot, robot_names
 from tci.robot.description import Model, Robot
 from tci.robot.gravity import Gravity
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 
 ODD = """
 <mujoco><compiler angle="radian"/><worldbody>
@@ -34,7 +34,7 @@ ODD = """
 
 
 def assert_the_same(robot: Robot, postures: list[np.ndarray]) -> None:
-    kinematics, oracle, random = Kinematics(robot), Oracle(robot), np.random.default_rng(4)
+    kinematics, oracle, random = KinematicChain(robot), Oracle(robot), np.random.default_rng(4)
     for posture in postures:
         found, expected = kinematics.poses(posture, kinematics.links), oracle.poses(posture, kinematics.links)
         assert tuple(found) == tuple(expected)
@@ -73,7 +73,7 @@ def test_sliding_joints_references_and_two_joints_on_a_link(tmp_path: Path) -> N
 
 def test_threads_share_it() -> None:
     robot = load_robot("icub")
-    kinematics = Kinematics(robot)
+    kinematics = KinematicChain(robot)
     postures = list(random_postures(robot, 400))
 
     def work(posture: np.ndarray) -> tuple[bytes, bytes]:

@@ -12,7 +12,7 @@ from tci.errors import DescriptionError
 from tci.robot.clearance import Clearance
 from tci.robot.description import Model, Robot, Servo
 from tci.robot.gravity import Gravity
-from tci.robot.kinematics import Kinematics, bare_model
+from tci.robot.kinematics import KinematicChain, bare_model
 
 MJCF = """
 <mujoco><compiler angle="radian"/>{before}<worldbody>
@@ -59,7 +59,7 @@ def mjcf(tmp_path: Path, *, before: str = "", geom: str = "", after: str = "") -
 def test_a_floating_base_and_its_keyframe_are_left_out(tmp_path: Path) -> None:
     """As MuJoCo's own collection of robots has them."""
     robot = mjcf(tmp_path, after=HOME)
-    kinematics = Kinematics(robot)
+    kinematics = KinematicChain(robot)
     assert robot.model is not None
     assert bare_model(robot.model).nq == 1
     pose = kinematics.poses(np.array([0.5]), ["arm"])["arm"]
@@ -85,7 +85,7 @@ def test_a_model_is_compiled_once_and_anew_when_its_file_changes(tmp_path: Path)
 def test_a_mesh_that_is_missing_is_named(tmp_path: Path, mesh: str) -> None:
     robot = robot_of(tmp_path, URDF.format(mesh=mesh, axis="0 1 0"), "urdf")
     with pytest.raises(DescriptionError, match=f"mesh {mesh}: .* is not a file"):
-        Kinematics(robot)
+        KinematicChain(robot)
 
 
 def test_kinematics_need_no_mesh_of_mjcf_and_what_does_names_it(tmp_path: Path) -> None:
@@ -94,7 +94,7 @@ def test_kinematics_need_no_mesh_of_mjcf_and_what_does_names_it(tmp_path: Path) 
         before='<asset><mesh name="m" file="none.stl"/></asset>',
         geom='<geom type="mesh" mesh="m"/>',
     )
-    Kinematics(robot)
+    KinematicChain(robot)
     with pytest.raises(DescriptionError, match=r"not a usable model: .*none.stl"):
         Clearance(robot)
 
@@ -102,7 +102,7 @@ def test_kinematics_need_no_mesh_of_mjcf_and_what_does_names_it(tmp_path: Path) 
 def test_what_mujoco_finds_late_is_a_fault_of_the_file(tmp_path: Path) -> None:
     robot = robot_of(tmp_path, URDF.format(mesh="", axis="0 0 0"), "urdf")
     with pytest.raises(DescriptionError, match=r"model.urdf.xml: 1 fault\n.*axis too small"):
-        Kinematics(robot)
+        KinematicChain(robot)
 
 
 def test_places_that_are_no_numbers_are_refused(tmp_path: Path) -> None:
@@ -110,7 +110,7 @@ def test_places_that_are_no_numbers_are_refused(tmp_path: Path) -> None:
     for place in ("nan 0.2 0", "inf 0.2 0"):
         robot = robot_of(tmp_path, text.replace('pos="0 0.2 0"', f'pos="{place}"'), "mjcf")
         with pytest.raises(DescriptionError, match="not finite"):
-            Kinematics(robot)
+            KinematicChain(robot)
 
 
 def test_a_joint_that_the_model_lacks_is_named_where_links_collide_too(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from tci.robot.catalogue import load_robot, robot_names
 from tci.robot.description import Robot
 from tci.robot.generic_arm import JOINTS, Side, forearm_rotation, side_sign, upper_arm_rotation
 from tci.robot.joint_map import initial_position, joint_map
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 from tci.robot.model_file import load_spec
 from tci.robot.xml import schema_path
 from tci.skin.surfaces import build_surface
@@ -193,7 +193,7 @@ def test_left_and_right_mirror_each_other(robot: Robot) -> None:
 
 
 def test_skin_lies_on_its_segment(robot: Robot) -> None:
-    kinematics = Kinematics(robot)
+    kinematics = KinematicChain(robot)
     patches = [patch for patch in robot.patches if robot.limb_segment(patch)]
     assert {(patch.part, patch.segment) for patch in patches} == set(
         product(("left_arm", "right_arm"), ("upper_arm", "forearm"))
@@ -235,7 +235,7 @@ def test_legs_and_hands_turn_as_their_convention_says(robot: Robot) -> None:
         "leg": [(0, -1, 0), (1, 0, 0), (0, 0, -1), (0, 1, 0), (0, -1, 0), (-1, 0, 0)],
         "hand": [(-1, 0, 0), (0, -1, 0)],
     }
-    kinematics = Kinematics(robot)
+    kinematics = KinematicChain(robot)
     position = np.zeros(len(robot.servos))
     for part in robot.parts:
         if part.kind == "arm":

@@ -14,7 +14,7 @@ from skin_data import SkinData, cone_file
 from tci.errors import DescriptionError
 from tci.exports.cone import cone_of
 from tci.robot.description import Robot
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 from tci.robot.xml import read_robot
 from tci.robot.xml.document import read_bytes
 from tci.skin.skin import Skin
@@ -37,7 +37,7 @@ def nao_with(folder: Path, file: Path, *, channels: int, form: str = "icub") -> 
 
 
 def surface_of(robot: Robot) -> Surface:
-    return build_surface(robot, robot.patch("left_forearm"), Kinematics(robot))
+    return build_surface(robot, robot.patch("left_forearm"), KinematicChain(robot))
 
 
 def test_an_owners_file_in_place_of_the_cone(tmp_path: Path) -> None:
@@ -66,7 +66,7 @@ def test_each_origins_files_become_surfaces(
     surface = surface_of(robot)
     assert len(surface.positions) == taxels
     assert 50e-4 < surface.areas.sum() < 300e-4
-    assert cone_of(robot, surface, Kinematics(robot)).length > 0.05
+    assert cone_of(robot, surface, KinematicChain(robot)).length > 0.05
 
 
 def test_faults_of_the_file_and_of_the_format(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from tci.messages import Mode
 from tci.robot.catalogue import load_robot
 from tci.robot.collisions import LEFT, RIGHT
 from tci.robot.joint_map import initial_position
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 from tci.simulation.stepping import find_library
 from tci.simulation.world import World, start_angles
 
@@ -215,7 +215,7 @@ def test_joints_that_no_servo_drives_are_held(world: World) -> None:
 
 def test_links_are_where_kinematics_say(world: World) -> None:
     world.advance(0.01)
-    kinematics = Kinematics(world.robot)
+    kinematics = KinematicChain(world.robot)
     for patch in world.robot.patches:
         pose = kinematics.poses(world.joints().position, [patch.link])[patch.link]
         surface = world.surfaces[patch.name]

@@ -22,7 +22,7 @@ from tci.frames import frozen
 from tci.messages import GenericCommand, JointReading, Mode
 from tci.robot.inverse import InverseKinematics
 from tci.robot.joint_map import initial_position
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 from tci.robot.model_file import load_spec
 from tci.skin.contacts import ContactFinder, ContactSettings
 from tci.skin.kernels.arrays import ActiveTaxels
@@ -96,7 +96,7 @@ def clusters_and_scipy(robot: tci.Robot) -> tuple[Work, Work]:
 def kinematics_and_mujoco(robot: tci.Robot, *, in_loop: bool) -> tuple[Work, Work]:
     """Poses of four links: ours from joint angles to torso frame, as asked for or as the loop does it, and
     MuJoCo's mj_kinematics alone."""
-    kinematics, position = Kinematics(robot), initial_position(robot)
+    kinematics, position = KinematicChain(robot), initial_position(robot)
     links = tuple(patch.link for patch in robot.patches)
     assert robot.model is not None
     model = load_spec(robot.model).compile()
@@ -107,7 +107,7 @@ def kinematics_and_mujoco(robot: tci.Robot, *, in_loop: bool) -> tuple[Work, Wor
 
 def kinematics_and_pinocchio(robot: tci.Robot) -> tuple[Work, Work]:
     """Pose and Jacobian of a hand: ours relative to the torso, Pinocchio's in the world."""
-    kinematics, position = Kinematics(robot), initial_position(robot)
+    kinematics, position = KinematicChain(robot), initial_position(robot)
     model = pinocchio.buildModelFromXML(to_urdf(robot))
     data, q, frame = model.createData(), pinocchio.neutral(model), model.getFrameId("LHand")
     world = pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
@@ -123,7 +123,7 @@ def inverse_and_kdl(robot: tci.Robot) -> tuple[Work, Work] | None:
     None where python3-pykdl is not installed.
     """
     segments = [segment.model_dump(mode="json") for segment in chain_to(robot, "LHand")]
-    kinematics = Kinematics(robot)
+    kinematics = KinematicChain(robot)
     servos = [segment["servo"] for segment in segments if segment["servo"] is not None]
     limits = [robot.servos[servo].limits for servo in servos]
     random, targets = np.random.default_rng(0), []

@@ -28,7 +28,7 @@ from tci.drivers.ros.node import Hear, Publish, RosNode
 from tci.drivers.ros.tree import Trees
 from tci.errors import DriverError, FrameError
 from tci.recording.schemas import CLOUD, JOINTS, SKIN, joints_values, skin_values
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 from tci.rosmsg.cdr import MessageType, decode, encode
 from tci.runtime.heartbeat import decode as to_beat
 from tci.runtime.heartbeat import encode as beat
@@ -204,7 +204,7 @@ def wires(full: bool) -> Row:
 
 def _ros_messages() -> list[tuple[MessageType, Sequence[Any]]]:
     joints, frame = READ["S"](NAO, WHOLE["S"]).joints, READ["F"](NAO, WHOLE["F"]).frame
-    names, surface = Names(NAO, "ros2", ""), build_surface(NAO, NAO.patch(frame.patch), Kinematics(NAO))
+    names, surface = Names(NAO, "ros2", ""), build_surface(NAO, NAO.patch(frame.patch), KinematicChain(NAO))
     return [
         (JOINTS, joints_values([names.joint(servo) for servo in NAO.servos], joints, 3.5)),
         (SKIN, skin_values(frame, 0, 3.5)),

@@ -8,7 +8,7 @@ from tci.errors import CommandError, TciError
 from tci.exports.cone import ConeFit, cone_of
 from tci.frames import Array
 from tci.robot.description import Patch, Robot, TruncatedCone
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 from tci.skin.surfaces import build_surface
 
 PITCH = 0.004
@@ -29,7 +29,7 @@ def with_dense_skin(robot: Robot, taxels: int, *, patches: int | None = None, pi
             f"{taxels} taxels in {count} patches on {robot.name}, which has {len(own)} on limbs; "
             "valid: a robot with skin, and 9 taxels or more in each patch"
         )
-    kinematics = Kinematics(robot)
+    kinematics = KinematicChain(robot)
     fits = [cone_of(robot, build_surface(robot, patch, kinematics), kinematics) for patch in own]
     shares = [len(range(place, count, len(own))) for place in range(len(own))]
     made = [

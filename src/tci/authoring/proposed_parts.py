@@ -17,7 +17,7 @@ from tci.frames import Array, rpy_of
 from tci.robot.description import GenericPart, GenericServo, Robot, Segment
 from tci.robot.generic_arm import Side
 from tci.robot.joint_map import joint_map
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 from tci.robot.shoulder import Shoulder, angle_about
 from tci.robot.xml.grammar import MAX_MOUNT
 
@@ -145,7 +145,7 @@ def hand(
     joints = joint_map(robot, arm.name)
     position = np.zeros(len(draft.servos))
     position[joints.servos] = joints.to_robot(np.zeros(5), position)
-    kinematics = Kinematics(robot)
+    kinematics = KinematicChain(robot)
     mirror = np.array([1.0, 1.0, 1.0] if arm.side == "left" else [-1.0, 1.0, -1.0])
     servos, free = [], _chain_below(body, limb.turn if limb.turn is not None else limb.bend)[:2]
     for id, (name, axis) in enumerate(HAND.items()):

@@ -18,7 +18,7 @@ from tci.robot.description import Robot
 from tci.robot.generic_arm import SEGMENTS
 from tci.robot.inverse import InverseKinematics, InverseSettings
 from tci.robot.joint_map import initial_position, joint_map
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 from tci.robot.shoulder import shoulder_of
 from tci.skin.skin import segment_pose
 
@@ -35,14 +35,14 @@ class Reach:
 
     def __init__(self, robot: Robot, part: str, point: str) -> None:
         """Raises CommandError for a point that is not known or a part that is no arm with a shoulder and an
-        elbow, UnknownNameError for an unknown part, and what Kinematics raises."""
+        elbow, UnknownNameError for an unknown part, and what KinematicChain raises."""
         words = robot.part(part)
         if words.kind != "arm" or {segment.name for segment in words.segments} != set(SEGMENTS):
             raise CommandError(f"the {point} of {part}; valid: an arm with {' and '.join(SEGMENTS)}")
         if point not in POINTS:
             raise CommandError(f"point {point!r} of {part}; valid: {', '.join(POINTS)}")
         self.robot, self.part = robot, words
-        self._kinematics = Kinematics(robot)
+        self._kinematics = KinematicChain(robot)
         upper_arm, forearm = words.segment("upper_arm"), words.segment("forearm")
         self.length = upper_arm.length + forearm.length
         """Arm length [m]: upper arm and forearm."""

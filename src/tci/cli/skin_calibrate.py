@@ -24,7 +24,7 @@ from tci.drivers.simulated import SimulatedDriver
 from tci.errors import CommandError, DriverError, TciError
 from tci.frames import Array
 from tci.robot.catalogue import load_robot
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 from tci.robot.skin_files.calibration import (
     PatchCalibration,
     SkinCalibration,
@@ -67,7 +67,7 @@ def calibrate_patch(
     stream = read_force_log(force_log) if force_log is not None else None
     if stream is not None and not via.startswith("replay:"):
         raise CommandError("--force-log is of a robot that was recorded meanwhile; valid: --via replay:FILE")
-    surface = build_surface(robot, words, Kinematics(robot))
+    surface = build_surface(robot, words, KinematicChain(robot))
     target = out or calibration_path(Path(robot.source))
     if not os.access(target if target.exists() else target.absolute().parent, os.W_OK):
         raise CommandError(f"{target} can't be written; valid: --out FILE in a folder where you may")

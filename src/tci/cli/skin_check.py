@@ -16,7 +16,7 @@ from tci.cli.console import console, print_json
 from tci.errors import CommandError, DescriptionError
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 from tci.robot.skin_files.reader import read_layout
 from tci.skin.surfaces import build_surface
 
@@ -52,7 +52,7 @@ def _taxels(file: Path) -> np.ndarray:
 
 
 def _patches(robot: Robot) -> list[tuple[str, str, np.ndarray]]:
-    kinematics = Kinematics(robot)
+    kinematics = KinematicChain(robot)
     return [
         (patch.name, patch.link, build_surface(robot, patch, kinematics).positions) for patch in robot.patches
     ]

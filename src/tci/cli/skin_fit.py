@@ -17,7 +17,7 @@ from tci.errors import CommandError, TciError
 from tci.exports.cone import Freedom, limb_axis
 from tci.frames import Array
 from tci.robot.catalogue import load_robot
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 from tci.robot.skin_files.reader import read_layout
 from tci.skin.surfaces import build_surface
 
@@ -50,7 +50,7 @@ def _skins(skin: str, axis: ArrayLike | None, origin: ArrayLike | None) -> Itera
     robot = load_robot(skin)
     if axis is not None or origin is not None:
         raise CommandError("a robot's axes are known; valid: --axis and --origin with a skin file")
-    kinematics = Kinematics(robot)
+    kinematics = KinematicChain(robot)
     limbs = [patch for patch in robot.patches if robot.limb_segment(patch)]
     if not limbs:
         raise TciError(f"{robot.name} has no skin on a limb")

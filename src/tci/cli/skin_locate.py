@@ -14,7 +14,7 @@ from tci.experiments.self_calibration import calibrate_in_simulation
 from tci.frames import Array
 from tci.robot.catalogue import load_robot
 from tci.robot.description import Robot
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 from tci.skin.layout import normal_channels
 from tci.skin.surfaces import Surface, build_surface
 
@@ -27,7 +27,7 @@ def locate(
 ) -> None:
     """From a file of touches, or in simulation, where the true places are known and the error is told."""
     words = load_robot(robot)
-    surface = build_surface(words, words.patch(patch), Kinematics(words))
+    surface = build_surface(words, words.patch(patch), KinematicChain(words))
     if touches is not None:
         located = locate_taxels(_read(touches, words, surface), surface.positions)
         moved = np.linalg.norm(located.positions - surface.positions, axis=1)

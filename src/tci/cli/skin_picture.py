@@ -14,7 +14,7 @@ from tci.errors import TciError
 from tci.exports.cone import ConeFit, cone_of
 from tci.frames import Array
 from tci.robot.catalogue import load_robot
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 from tci.robot.skin_files.reader import read_layout
 from tci.skin.surfaces import build_surface
 
@@ -45,7 +45,7 @@ def maps(skin: str) -> list[Map]:
     robot = load_robot(skin)
     if not robot.patches:
         raise TciError(f"{robot.name} has no skin to show")
-    kinematics = Kinematics(robot)
+    kinematics = KinematicChain(robot)
     result = []
     for patch in robot.patches:
         surface = build_surface(robot, patch, kinematics)

@@ -9,7 +9,7 @@ import numpy as np
 from tci.frames import Array, read_only
 from tci.robot.description import Robot, Servo
 from tci.robot.joint_map import joint_map
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 
 VISIBLE = 5e-4
 """Displacement [m] below which the rotation is described instead. Assumed: smaller ones are hardly
@@ -38,7 +38,7 @@ class ExpectedMotion:
 
 
 def expected_motion(
-    robot: Robot, kinematics: Kinematics, position: Array, servo: Servo, change: float
+    robot: Robot, kinematics: KinematicChain, position: Array, servo: Servo, change: float
 ) -> ExpectedMotion | None:
     """Predicts the motion when `servo` turns by `change` [rad], with all servos at `position` (n,) [rad].
 

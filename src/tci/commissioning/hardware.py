@@ -19,7 +19,7 @@ from tci.gate.gate import GateState
 from tci.messages import Mode, PlatformCommand
 from tci.reasons import Code, Reason
 from tci.robot.description import Robot, Servo
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 
 MOST = float(np.deg2rad(2.0))
 """Largest motion [rad] of any servo."""
@@ -53,7 +53,7 @@ class ServoCheck:
 
     def __init__(self, driver: Driver, operator: Operator) -> None:
         self.driver, self.operator = driver, operator
-        self._kinematics = Kinematics(driver.robot) if driver.robot.model is not None else None
+        self._kinematics = KinematicChain(driver.robot) if driver.robot.model is not None else None
         self._small: set[str] = set()
         self.largest = 0.0
         """Largest motion [rad] of any servo measured so far."""

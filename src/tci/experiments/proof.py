@@ -25,7 +25,7 @@ from tci.messages import GenericCommand, Mode
 from tci.robot.description import GenericPart, Robot
 from tci.robot.generic_arm import JOINTS, forearm_rotation, side_sign, upper_arm_rotation
 from tci.robot.joint_map import initial_position
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 from tci.simulation.world import World
 
 RANGE = np.deg2rad([[-10, 95], [0, 75], [-30, 65], [15, 90], [-60, 60]])
@@ -129,7 +129,7 @@ def compare_axes(robot: Robot, part: GenericPart) -> Axes:
     """The axes of shoulder rotation, elbow and pronation in random postures, against the generic arm's."""
     assert part.side is not None
     sign = side_sign(part.side)
-    kinematics = Kinematics(robot)
+    kinematics = KinematicChain(robot)
     mapped = {generic.servo for generic in part.servos if generic.servo is not None}
     hand = next(link for link in kinematics.links if mapped <= set(kinematics.chain(link)))
     worst, within = 0.0, 0
@@ -155,7 +155,7 @@ def compare_axes(robot: Robot, part: GenericPart) -> Axes:
 
 
 def arm_axes(
-    robot: Robot, part: GenericPart, kinematics: Kinematics, hand: str, position: Array
+    robot: Robot, part: GenericPart, kinematics: KinematicChain, hand: str, position: Array
 ) -> tuple[Array, Array, Array | None]:
     """Axes (3,) of internal rotation, towards the elbow, of flexion and of pronation, seen from the mount;
     `hand` is a link behind all of them."""

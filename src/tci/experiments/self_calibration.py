@@ -12,7 +12,7 @@ from tci.authoring.locate_taxels import LocatedTaxels, ProbeTouch, locate_taxels
 from tci.errors import TciError
 from tci.frames import Array, apply, invert
 from tci.robot.description import Robot
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 from tci.simulation.finger import STIFFNESS
 from tci.simulation.world import World
 from tci.skin.layout import normal_channels
@@ -66,7 +66,7 @@ def calibrate_in_simulation(
     shift = generator.normal(size=surface.positions.shape)
     shift *= wrong / np.linalg.norm(shift, axis=1, keepdims=True)
     initial = surface.positions + shift
-    link = Kinematics(robot)
+    link = KinematicChain(robot)
     tried: list[Array] = []
     found: list[ProbeTouch] = []
     tries = 0
@@ -100,7 +100,7 @@ def _far_from(surface: Surface, tried: list[Array], generator: np.random.Generat
 
 
 def _touch(
-    world: World, patch: str, place: Array, generator: np.random.Generator, kinematics: Kinematics
+    world: World, patch: str, place: Array, generator: np.random.Generator, kinematics: KinematicChain
 ) -> ProbeTouch | None:
     """One touch of the skin next to a place (3,) [m] in the link; None where another link is in the way."""
     surface, words = world.surfaces[patch], world.robot.patch(patch)

@@ -17,7 +17,7 @@ from tci.frames import Array, apply, invert, read_only
 from tci.robot.description import Robot
 from tci.robot.generic_arm import segment_rotation
 from tci.robot.joint_map import initial_position
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 from tci.skin.surfaces import Surface
 
 Freedom = Literal["none", "centre", "axis"]
@@ -96,7 +96,7 @@ def fit_cone(positions: Array, *, origin: Array, axis: Array, free: Freedom = "n
     )
 
 
-def cone_of(robot: Robot, surface: Surface, kinematics: Kinematics) -> ConeFit:
+def cone_of(robot: Robot, surface: Surface, kinematics: KinematicChain) -> ConeFit:
     """Fits the paper's approximation (eq. 4) to one patch, in its link. The axis is parallel to the segment
     and may move sideways, since few skins are centred on their joints.
 
@@ -106,7 +106,7 @@ def cone_of(robot: Robot, surface: Surface, kinematics: Kinematics) -> ConeFit:
     return fit_cone(surface.positions, origin=origin, axis=axis, free="centre")
 
 
-def limb_axis(robot: Robot, surface: Surface, kinematics: Kinematics) -> tuple[Array, Array]:
+def limb_axis(robot: Robot, surface: Surface, kinematics: KinematicChain) -> tuple[Array, Array]:
     """Returns a point (3,) [m] on the axis of a patch's segment and its distal direction (3,), in the link.
 
     Raises TciError for a patch that is on no limb.

@@ -15,7 +15,7 @@ import numpy as np
 
 from tci.errors import CommandError
 from tci.frames import Array, invert, read_only, rotation_x, rotation_z, transform
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 
 _PARALLEL = 1e-9
 """Sine of the angle between two axes below which they count as parallel. Assumed: far above rounding error
@@ -60,7 +60,7 @@ class DenavitHartenberg:
 
 
 def denavit_hartenberg(
-    kinematics: Kinematics, link: str, *, convention: Convention = "classic"
+    kinematics: KinematicChain, link: str, *, convention: Convention = "classic"
 ) -> DenavitHartenberg:
     """Computes DH parameters of the servos between torso and `link`.
 
@@ -102,7 +102,7 @@ def denavit_hartenberg(
     )
 
 
-def _axes(kinematics: Kinematics, link: str, servos: tuple[int, ...]) -> tuple[Array, Array, Array]:
+def _axes(kinematics: KinematicChain, link: str, servos: tuple[int, ...]) -> tuple[Array, Array, Array]:
     """Returns `T_TL`, points on the servos' axes (n, 3) and their directions (n, 3) in T, with servos at
     zero."""
     position = np.zeros(kinematics.n_servos)

@@ -19,7 +19,7 @@ from tci.exports.denavit_hartenberg import Convention, denavit_hartenberg
 from tci.exports.tree import KinematicLink, Matrix, links_of, rows, vector
 from tci.robot.description import Coupling, Description, GenericPart, Robot, Servo, Vector
 from tci.robot.joint_map import joint_map
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 from tci.skin.surfaces import Surface, build_surface
 
 CONVENTIONS: tuple[Convention, ...] = ("classic", "modified")
@@ -198,7 +198,7 @@ def dh_tables(robot: Robot) -> tuple[DHTable, ...]:
 
     Raises DescriptionError.
     """
-    kinematics = Kinematics(robot)
+    kinematics = KinematicChain(robot)
     tables = []
     for part, link in ends_of(robot).items():
         if not kinematics.chain(link):
@@ -225,7 +225,7 @@ def dh_tables(robot: Robot) -> tuple[DHTable, ...]:
 
 
 def _patches(robot: Robot) -> tuple[PatchFacts, ...]:
-    kinematics = Kinematics(robot)
+    kinematics = KinematicChain(robot)
     facts = []
     for patch in robot.patches:
         surface = build_surface(robot, patch, kinematics)
@@ -244,7 +244,7 @@ def _patches(robot: Robot) -> tuple[PatchFacts, ...]:
     return tuple(facts)
 
 
-def _cone(robot: Robot, surface: Surface, kinematics: Kinematics) -> ConeFacts | None:
+def _cone(robot: Robot, surface: Surface, kinematics: KinematicChain) -> ConeFacts | None:
     try:
         fit = cone_of(robot, surface, kinematics)
     except TciError:

@@ -8,7 +8,7 @@ from tci.engine import mujoco
 from tci.errors import CommandError, DescriptionError, Fault, UnknownNameError
 from tci.frames import Array, read_only
 from tci.robot.description import Robot
-from tci.robot.kinematics import Kinematics, bare_model, joints_of
+from tci.robot.kinematics import KinematicChain, bare_model, joints_of
 from tci.robot.model_file import load_spec
 
 STANDARD_GRAVITY = 9.80665
@@ -57,7 +57,7 @@ class Gravity:
         self._T_LT = robot.model.T_LT
         self._n_servos = len(robot.servos)
         self._servos, self._addresses, self._columns = joints_of(robot, self._model)
-        self._kinematics = Kinematics(robot)
+        self._kinematics = KinematicChain(robot)
         self.masses: Array = read_only(self._model.body_mass)
         """Mass (n_bodies,) [kg] of each body of the model."""
         self._heavy = np.flatnonzero(self.masses)

@@ -16,7 +16,7 @@ from tci.engine import mujoco
 from tci.errors import CommandError
 from tci.frames import Array, read_only
 from tci.robot.description import Robot
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,7 @@ class InverseKinematics:
     def __init__(
         self,
         robot: Robot,
-        kinematics: Kinematics,
+        kinematics: KinematicChain,
         link: str,
         *,
         point: Iterable[float] = (0.0, 0.0, 0.0),

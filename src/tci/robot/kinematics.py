@@ -29,7 +29,7 @@ _SLIDE = int(mujoco.mjtJoint.mjJNT_SLIDE)
 Indices = NDArray[np.int64]
 
 
-class Kinematics:
+class KinematicChain:
     """Kinematics of one robot. Immutable, so threads may share it; what its methods return is the caller's.
 
     Joints of the model that no servo drives stay where they are at zero.

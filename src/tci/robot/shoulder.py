@@ -18,7 +18,7 @@ from tci.errors import DescriptionError, Fault
 from tci.frames import Array
 from tci.robot.description import GenericPart, Robot
 from tci.robot.generic_arm import shoulder_angles, side_sign, upper_arm_rotation
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 
 SLANT = 0.05
 """Largest cosine between the axes of elbow and upper arm that the generic arm can represent. Assumed: 3
@@ -41,7 +41,7 @@ class Shoulder:
 
     def __init__(self, robot: Robot, part: GenericPart) -> None:
         """Raises DescriptionError when the arm is not built as its part says, or the robot has no model."""
-        kinematics = Kinematics(robot)
+        kinematics = KinematicChain(robot)
         assert part.side is not None
         self.side = part.side
         servos = [generic.servo for generic in part.servos[:4] if generic.servo is not None]

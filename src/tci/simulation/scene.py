@@ -11,7 +11,7 @@ from tci.errors import CommandError
 from tci.frames import Array, apply, invert, transform
 from tci.robot.collisions import GROUND, exclude_overlaps, solid_spec
 from tci.robot.description import SOLE, Robot
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 from tci.simulation.finger import add_finger
 from tci.simulation.touch import FINGER_PRIORITY, FLOOR, add_skin
 from tci.skin.surfaces import Surface
@@ -63,7 +63,7 @@ def _add_floor(spec: mujoco.MjSpec, robot: Robot, surfaces: Mapping[str, Surface
             f"{robot.name} can't stand: no skin on a segment {SOLE!r}, so nothing feels its weight"
         )
     base = spec.worldbody.first_body()
-    poses = Kinematics(robot).poses(posture, [base.name, *(sole.link for sole in soles)])
+    poses = KinematicChain(robot).poses(posture, [base.name, *(sole.link for sole in soles)])
     R_WB = np.empty(9)
     mujoco.mju_quat2Mat(R_WB, base.quat)
     T_WT = transform(R_WB.reshape(3, 3), base.pos) @ invert(poses[base.name])

@@ -15,7 +15,7 @@ from tci.messages import JointReading, Mode, SkinFrame
 from tci.robot.collisions import NO_MODEL
 from tci.robot.description import Robot
 from tci.robot.joint_map import joint_map
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 from tci.simulation.finger import Finger
 from tci.simulation.physics import Physics
 from tci.simulation.posed_skin import PosedSkin
@@ -71,7 +71,7 @@ class World:
         if period is not None and not 0.0 < period < np.inf:
             raise CommandError(f"period {period}; valid: above 0 s, and finite")
         self.robot = robot
-        kinematics = Kinematics(robot)
+        kinematics = KinematicChain(robot)
         names = [patch.name for patch in robot.patches] if skin is True else skin or ()
         worn = [robot.patch(name) for name in names]
         self.surfaces: Mapping[str, Surface] = {

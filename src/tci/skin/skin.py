@@ -13,7 +13,7 @@ from tci.messages import JointReading
 from tci.robot.description import GenericPart, Robot, Segment
 from tci.robot.generic_arm import limb_coordinates, segment_rotation
 from tci.robot.joint_map import generic_posture
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 from tci.skin.surfaces import Surface, build_surface
 
 FrameName = Literal["link", "limb", "torso"]
@@ -24,10 +24,10 @@ class Skin:
     """The whole skin of one robot, as it is built: nothing here changes but the posture that is asked for."""
 
     def __init__(self, robot: Robot, *, surfaces: Mapping[str, Surface] | None = None) -> None:
-        """Builds the surface of every patch, unless they are given. Raises what Kinematics and build_surface
-        raise."""
+        """Builds the surface of every patch, unless they are given. Raises what KinematicChain and
+        build_surface raise."""
         self.robot = robot
-        self.kinematics = Kinematics(robot)
+        self.kinematics = KinematicChain(robot)
         if surfaces is None:
             surfaces = {patch.name: build_surface(robot, patch, self.kinematics) for patch in robot.patches}
         self.surfaces: Mapping[str, Surface] = surfaces

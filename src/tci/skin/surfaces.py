@@ -16,7 +16,7 @@ from scipy.spatial import ConvexHull, Delaunay, QhullError, cKDTree
 from tci.errors import DescriptionError, Fault
 from tci.frames import Array, apply, invert, read_only, rotation_rpy, rotation_z, transform
 from tci.robot.description import Patch, Robot, TriangularModules, TruncatedCone
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 from tci.robot.skin_files.file import MODULE_PITCH
 from tci.robot.skin_files.table import read_table
 from tci.skin.nearest import nearest_on_faces
@@ -80,7 +80,7 @@ class Surface:
         return nearest, normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
-def build_surface(robot: Robot, patch: Patch, kinematics: Kinematics) -> Surface:
+def build_surface(robot: Robot, patch: Patch, kinematics: KinematicChain) -> Surface:
     """The surface of one patch.
 
     Raises DescriptionError when a table can't be read, a module's frame is not fixed to the patch's
@@ -174,7 +174,7 @@ def _ring_strips(rings: int, per_ring: int) -> NDArray[np.intp]:
 
 
 def _modules(
-    robot: Robot, patch: Patch, modules: TriangularModules, kinematics: Kinematics
+    robot: Robot, patch: Patch, modules: TriangularModules, kinematics: KinematicChain
 ) -> tuple[Array, Array, Array, NDArray[np.intp]]:
     """Positions, normals, areas and channels of flat modules whose frames' z axes point outward."""
     poses = _frames(robot, patch, modules, kinematics)
@@ -192,7 +192,9 @@ def _modules(
     return positions, normals, areas, channels.ravel()
 
 
-def _frames(robot: Robot, patch: Patch, modules: TriangularModules, kinematics: Kinematics) -> list[Array]:
+def _frames(
+    robot: Robot, patch: Patch, modules: TriangularModules, kinematics: KinematicChain
+) -> list[Array]:
     """`T_LF` (4, 4) of each module's frame F in the patch's link."""
     found = []
     for bend in (0.0, 0.3):

@@ -33,7 +33,7 @@ from tci.reasons import Reason
 from tci.recording.schemas import CLOUD, JOINTS, SKIN, joints_values, skin_values
 from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
-from tci.robot.kinematics import Kinematics
+from tci.robot.kinematics import KinematicChain
 from tci.skin.surfaces import build_surface
 
 MOST_ORDERS = 64
@@ -63,7 +63,7 @@ class RosServer(RemoteServer):
             self._refusals = node.advertise(names.topic("tci/refusals"), TEXT)
             self._arrived: deque[bytes] = deque(maxlen=MOST_ORDERS)
             node.subscribe(names.orders, BYTES, self._hear, keep=MOST_ORDERS)
-            kinematics = Kinematics(robot)
+            kinematics = KinematicChain(robot)
             self._skin = {
                 patch.name: PatchTopics(robot, number, node, names, kinematics, period)
                 for number, patch in enumerate(robot.patches)
@@ -139,7 +139,13 @@ class PatchTopics:
     """The topics of one patch."""
 
     def __init__(
-        self, robot: Robot, number: int, node: RosNode, names: Names, kinematics: Kinematics, period: float
+        self,
+        robot: Robot,
+        number: int,
+        node: RosNode,
+        names: Names,
+        kinematics: KinematicChain,
+        period: float,
     ) -> None:
         patch = robot.patches[number]
         self._robot, self._number = robot, number

@@ -145,5 +145,5 @@ def test_55_an_unarmed_robot_is_shown_and_refuses_every_order() -> None:
         done = serve(desk, duration=0.5, clock=desk.driver.clock)
         np.testing.assert_allclose(unarmed.read().joints.position, before, atol=1e-3)
     assert len(desk.shown) == round(0.5 / unarmed.period)
-    assert "read-only" in desk.refused[0][1]
+    assert "read-only" in desk.refused[0][1].text
     assert (done.orders, sum(done.refusals.counts.values())) == (1, 1)

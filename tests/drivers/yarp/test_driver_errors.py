@@ -50,6 +50,8 @@ class Case:
         self.call = call
         self.armed = self.reached = False
         self.said: list[TciError] = []
+        self.opened: list[Any] = []
+        """Ports, writers and callers, since those whose `close` fails stay open."""
 
     def look(self, call: str) -> None:
         if self.armed and call == self.call:
@@ -79,7 +81,10 @@ class Failing:
             self._case.look(f"{self._interface.__name__}.{name}")
             result = found(*args, **kwargs)
             interface = RETURNS.get(name) if self._interface is Network else None
-            return Failing(result, interface, self._case) if interface is not None else result
+            if interface is None:
+                return result
+            self._case.opened.append(result)
+            return Failing(result, interface, self._case)
 
         return made
 
@@ -94,13 +99,16 @@ def show(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Show]:
 
 
 @pytest.fixture(params=CALLS)
-def case(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Case:
+def case(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[Case]:
     """A case whose networks fail, however they are opened."""
     found, network = Case(request.param), YarpAddress.network
     monkeypatch.setattr(
         YarpAddress, "network", raises_driver_errors(lambda self: Failing(network(self), Network, found))
     )
-    return found
+    yield found
+    for one in found.opened:
+        with contextlib.suppress(YarpError):
+            one.close()
 
 
 def where(show: Show) -> str:

@@ -86,7 +86,7 @@ class Contacts(Frozen, Sequence["Contact"]):
     limb_point: Array
     """The place (c, 3) on the generic limb [limb lengths] (eq. 6); NaN likewise."""
     begin: NDArray[np.int64]
-    """Where the taxels of each contact start (c + 1,)."""
+    """Start of each contact's taxels (c + 1,)."""
     taxel: NDArray[np.int64]
     """Index (k,) of each taxel in its patch."""
     taxel_force: Array

@@ -108,13 +108,13 @@ class SkinState(Frozen):
     """Pressure on the whole skin at one instant, sparse: only taxels above their threshold are listed."""
 
     taxels: NDArray[np.int64]
-    """Where each patch's taxels start among those of the whole skin (p + 1,), in the robot's order."""
+    """Start of each patch's taxels among those of the whole skin (p + 1,), in the robot's order."""
     stamp: Array
     """Time (p,) [s] of each patch's latest frame; NaN before the first."""
     sequence: NDArray[np.int64]
     """Sequence (p,) of that frame; -1 before the first."""
     begin: NDArray[np.int64]
-    """Where each patch's active taxels start (p + 1,)."""
+    """Start of each patch's active taxels (p + 1,)."""
     active: NDArray[np.int32]
     """Index (k,) of each active taxel within its patch, rising."""
     pressure: Array

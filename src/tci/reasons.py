@@ -29,7 +29,7 @@ class Code(IntEnum):
     JOINTS_MISFIT = 101
     """The joint data has another number of joints than the robot, or angles that are not finite."""
     JOINTS_REPEATED = 102
-    """The same joint data comes again under fresh stamps."""
+    """Identical joint data comes again under fresh stamps."""
     TIME_WENT_BACK = 103
     """The clock of the commands went back."""
 
@@ -136,7 +136,7 @@ NO_REASON = 0xFFFF
 
 @dataclass(frozen=True, slots=True)
 class Reason:
-    """Why something was refused, held or stopped. Programs compare `code`; `text` is for people only."""
+    """The cause of a refusal, hold or stop. Programs compare `code`; `text` is for people only."""
 
     code: Code
     text: str
@@ -197,7 +197,7 @@ class Notice:
 
 
 class ReasonCounter:
-    """How often each kind of reason came, by the words that came first. It never holds more than MOST + 1."""
+    """Counts each kind of reason, by the words that came first. It never holds more than MOST + 1."""
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()

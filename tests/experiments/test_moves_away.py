@@ -13,7 +13,7 @@ from tci.capabilities.body_withdrawal import BodyWithdrawal
 from tci.simulation.world import World
 
 PALM = {"centre": np.array([0.07, -0.02, 0.0]), "normal": np.array([0.0, -1.0, 0.0])}
-"""Of G1's left palm, in the driver of its wrist."""
+"""A pad on G1's left palm, in the link of its wrist."""
 
 
 def test_a_pad_on_the_palm_alone_is_never_pushed_into_the_touch(tmp_path: Path) -> None:

@@ -47,12 +47,12 @@ from tci.skin.skin import Skin
 
 @dataclass(frozen=True, slots=True)
 class BodySettings:
-    """How a robot is perceived."""
+    """Settings of the perception of a robot."""
 
     contacts: ContactSettings = field(default_factory=ContactSettings)
     """When active taxels are a contact."""
     conditioning: ConditioningSettings = field(default_factory=ConditioningSettings)
-    """How raw frames become pressures."""
+    """Conversion of raw frames to pressures."""
     calibration: SkinCalibration | None = None
     """Measured figures of the taxels; None: those that `tci skin calibrate` wrote beside the description."""
 

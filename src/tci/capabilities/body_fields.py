@@ -40,7 +40,7 @@ class BodyField(Description):
     segment: str = ""
     """Segment of the part; empty for all that is on none."""
     towards: Annotated[Vector, Field(strict=False)]
-    """Where its centre is: see `tci.messages.Landmark`."""
+    """Place of its centre, see `tci.messages.Landmark`."""
     radius_m: Annotated[float, Field(gt=0.0, le=1.0)]
     """Geodesic radius r_i [m]."""
     motion_deg: dict[str, float]

@@ -43,7 +43,7 @@ F = TypeVar("F", bound=Field)
 
 
 class Wish(NamedTuple, Generic[F]):
-    """What one contact asks for."""
+    """The answer that one contact asks for."""
 
     field: F
     """The closest of the fields that it lies in."""
@@ -68,7 +68,7 @@ class Withdrawal(Generic[F]):
     touched: float
     """When a touch of this part last answered [s]."""
     quiet: bool = False
-    """Whether a step without an answer has come since."""
+    """True if a step without an answer has come since."""
     met: frozenset[int] = frozenset()
     """Identities of the contacts that it is known not to press: those of the latest look."""
     ended: Array | None = None
@@ -76,7 +76,7 @@ class Withdrawal(Generic[F]):
 
     @property
     def target(self) -> Array:
-        """Where the part goes (n,) [rad]: one gain for all joints keeps the direction of Theta_i."""
+        """Target of the part (n,) [rad]: one gain for all joints keeps the direction of Theta_i."""
         if self.ended is not None:
             return self.ended
         return frozen(self.origin + self.gain * np.array(self.field.motion))
@@ -104,11 +104,11 @@ class Refusal(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Withdrawals(Mapping[str, Withdrawal[F]]):
-    """What goes on, by part; and why others stay."""
+    """Withdrawals under way, by part, and the reasons why other parts stay."""
 
     motions: Mapping[str, Withdrawal[F]]
     refused: Mapping[str, Refusal]
-    """Why a touched part stays, by name: the latest touch."""
+    """Reasons why touched parts stay, by name, for the latest touch."""
 
     def __getitem__(self, part: str) -> Withdrawal[F]:
         return self.motions[part]
@@ -121,7 +121,7 @@ class Withdrawals(Mapping[str, Withdrawal[F]]):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a person should know of parts that stay."""
+        """Messages to a person about parts that stay."""
         return tuple(f"{part} was touched and stays: {one.reason}" for part, one in self.refused.items())
 
 

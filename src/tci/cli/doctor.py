@@ -57,7 +57,7 @@ def doctor(
 def _examine(
     robot: Robot, via: str, duration: float, *, quiet: bool
 ) -> tuple[tuple[Finding, ...], tuple[Stream, ...]]:
-    """What was found on the way to the robot, and then through the driver."""
+    """Returns the findings on the way to the robot, and then through the driver."""
     from rich.progress import BarColumn, Progress, TextColumn
 
     from tci.commissioning.doctor import judge

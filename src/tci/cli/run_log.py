@@ -1,4 +1,4 @@
-"""What a run tells a person: what changes, why the robot holds, and what came of each fault."""
+"""Prints the events of a run: state changes, reasons for holds, the outcome of each injected fault."""
 
 from __future__ import annotations
 

@@ -181,7 +181,7 @@ def decision_bytes(sent: SafeCommand) -> bytes:
 
 
 def same_decision(sent: SafeCommand, recorded: Mapping[str, Any]) -> bool:
-    """Whether a decision has the numbers, modes, state and codes of a recorded one, bit for bit.
+    """True if a decision has the numbers, modes, state and codes of a recorded one, bit for bit.
 
     Texts are not compared, nor the codes of a recording that has none.
     """

@@ -52,7 +52,7 @@ class KinematicChain:
         self.torso = steps.add(steps.after[self.body(robot.model.torso_link)], _fixed(robot.model.T_LT))
         """Step after which the frame of the torso is."""
         self.steps: Indices = read_only(steps.steps, np.int64)
-        """Of each step (s, 3): the step before, -1 for the world; its servo, -1 for none; 1 if it slides."""
+        """Steps (s, 3): the step before, -1 for the world; its servo, -1 for none; 1 if it slides."""
         self.sums: Array = read_only(steps.sums)
         """K0, K1 and K2 (s, 3, 3, 4) of each: rotation and place [m] side by side."""
         self._axes: Array = read_only(steps.axes)
@@ -225,7 +225,7 @@ def bare_model(model: Model) -> mujoco.MjModel:
 
 
 def _shared_model(model: Model) -> mujoco.MjModel:
-    """The same, to which nobody writes."""
+    """Returns the shared model, to which nobody writes."""
     file = Path(model.path)
     return _bare_model(model, file.stat().st_mtime_ns if file.is_file() else 0)
 
@@ -253,7 +253,7 @@ def at_zero(model: mujoco.MjModel, joint: int) -> Array:
 
 
 def _pose(model: mujoco.MjModel, body: int) -> Array:
-    """Of a body in the one that carries it, all joints at zero."""
+    """Returns the pose of a body in the one that carries it, all joints at zero."""
     rotation = np.zeros(9)
     mujoco.mju_quat2Mat(rotation, model.body_quat[body])
     return transform(rotation.reshape(3, 3), model.body_pos[body])

@@ -96,7 +96,7 @@ class Conditioner:
         self.estimators = tuple(
             PatchEstimator(patch, settings.baseline, settings.health) for patch in layout.patches
         )
-        """Of each patch (p,)."""
+        """One estimator for each patch (p,)."""
         arrays, patches = layout.arrays, len(layout.patches)
         taxels, blocks = len(arrays.taxel), int(arrays.begin[-1, BLOCK])
         self._raw = np.zeros(layout.channels[-1].stop if patches else 0, layout.dtype)

@@ -92,7 +92,7 @@ class SkinLayout:
     channels: tuple[slice, ...]
     """Values of each patch (p,) in the buffer of raw values."""
     starts: Places
-    """Where each patch's taxels start among those of the whole skin (p + 1,)."""
+    """Start of each patch's taxels among those of the whole skin (p + 1,)."""
     dtype: np.dtype[Any]
     """uint8 if all values that the sensors can send fit in; else float32."""
     arrays: LayoutArrays

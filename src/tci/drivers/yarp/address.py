@@ -38,7 +38,7 @@ class YarpAddress:
 
     @raises_driver_errors
     def network(self) -> Network:
-        """What carries the messages. Raises DriverError, MissingExtraError."""
+        """Returns the network that carries the messages. Raises DriverError, MissingExtraError."""
         network = Bindings(self.server) if self.bindings else Wire(self.server)
         if network.dialect not in (None, self.dialect or network.dialect):
             raise DriverError(f"{network.title}, speak no other; without `bindings` TCI speaks both")

@@ -241,7 +241,7 @@ class BoardDriver:
         return True
 
     def _settle(self, patience: float = 0.0) -> bool:
-        """Whether all changes of modes are answered. Raises DriverError when the board refused one."""
+        """True if all changes of modes are answered. Raises DriverError when the board refused one."""
         try:
             answered = self.board.settle(patience)
             if answered:

@@ -14,7 +14,7 @@ Result = TypeVar("Result")
 
 
 def raises_driver_errors(call: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
-    """The same function, except that a YarpError becomes a DriverError with its text."""
+    """Wraps a function so that a YarpError becomes a DriverError with its text."""
 
     @wraps(call)
     def translated(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:

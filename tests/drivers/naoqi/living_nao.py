@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import socket
+import stat
 import subprocess
 import sys
 from pathlib import Path
@@ -71,9 +72,11 @@ def cut(port: int) -> None:
     """End each connection of this process with `port`; whoever listens there goes on."""
     for number in os.listdir("/proc/self/fd"):
         try:
+            if not stat.S_ISSOCK(os.fstat(int(number)).st_mode):
+                continue  # a handle that makes no socket would stay open
             found = socket.socket(fileno=os.dup(int(number)))
         except OSError:
-            continue  # it is none, or has just been closed
+            continue  # closed in the meantime
         with found:
             try:
                 if found.getpeername()[1] == port:

@@ -33,8 +33,8 @@ class MonotonicClock:
     """The machine's monotonic clock, which does not follow changes of the date.
 
     It sleeps with the finest timer slack and busy-waits for the last `tail` [s]. The median wake-up is then
-    below 1 us late instead of about 120, at the price of that share of a core. Other threads of the program
-    can run until 150 us before.
+    less than 1 us late instead of about 120, at the cost of the processor time of the busy wait. Other
+    threads can run until the busy wait begins.
     """
 
     def __init__(self, *, tail: float = TAIL) -> None:
@@ -109,7 +109,7 @@ class Every:
         self._period, self._next = period, -math.inf
 
     def due(self, now: float) -> bool:
-        """True if the action is due at the time `now` [s]; then it counts as done."""
+        """Returns True if the action is due at the time `now` [s]; it then counts as done."""
         if now < self._next:
             return False
         self._next = max(self._next + self._period, now + 0.5 * self._period)

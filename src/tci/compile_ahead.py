@@ -1,8 +1,8 @@
-"""Compiles all loops side by side before the first one is used: once for each installation and processor.
+"""Compiles all loops in parallel before the first one is used: once per installation and processor.
 
-Numba compiles one loop after the other, each for a second or more, and says nothing meanwhile. Here one
-worker process per processor compiles what no other has claimed yet, into Numba's cache on disk, and a line on
-stderr shows the progress. The process that waited then loads machine code like any later one.
+Numba compiles one loop after the other, each for a second or more, without any output. Here one worker
+process per processor compiles the loops that no other has claimed yet into Numba's cache on disk, and a line
+on stderr shows the progress. The process that waited then loads machine code like any later one.
 """
 
 from __future__ import annotations
@@ -21,27 +21,28 @@ from typing import Any
 
 HERE = Path(__file__).parent
 CLAIMS = "TCI_COMPILE_CLAIMS"
-"""Environment variable of a worker: the folder in which each loop is claimed by a file of its name."""
+"""Environment variable of a worker: the folder in which a file named after each loop claims it."""
 MOST = 8
-"""Most workers. Each needs 250 MB, and the longest loop takes a tenth of the whole. Assumed."""
+"""Largest number of workers. Assumed: each needs 250 MB, and the longest loop takes a tenth of the whole
+time, so more would hardly be faster."""
 
 Loop = tuple[Any, tuple[Any, ...]]
-"""A function of Numba that is not compiled yet, and its signatures."""
+"""A numba function that is not compiled yet, and its signatures."""
 waiting: list[Loop] = []
 """Loops of a worker, in the order of their import."""
 _tried = False
 
 
 def is_worker() -> bool:
-    """Tells whether this process only compiles."""
+    """Returns True if this process only compiles."""
     return CLAIMS in os.environ
 
 
 def compile_ahead(cache: Path, is_missing: Callable[[], bool]) -> None:
-    """Compile all loops into the cache, unless this process tried before or `is_missing` says they are there.
+    """Compiles all loops into the cache, unless this process has tried before or `is_missing()` is False.
 
-    Other processes that start meanwhile wait at `cache`, a folder, rather than compile the same. What a
-    worker could not do is left to its caller, which compiles what it does not find.
+    Other processes that start meanwhile wait at the folder `cache` instead of compiling the same loops. Loops
+    that the workers could not compile are left to the caller.
     """
     global _tried
     if _tried or not is_missing():
@@ -78,7 +79,7 @@ def _processors() -> int:
 
 
 def _show_progress(claims: Path, workers: list[subprocess.Popen[bytes]]) -> None:
-    """Say on stderr how far the workers are, until they end."""
+    """Shows the workers' progress on stderr until they end."""
     begin, alive = time.monotonic(), sys.stderr.isatty()
     back = "\r" if alive else ""
     words = "tci: compiling its loops for this processor, once after installing it"
@@ -99,18 +100,18 @@ def _show_progress(claims: Path, workers: list[subprocess.Popen[bytes]]) -> None
 
 
 def modules_with_loops() -> list[str]:
-    """Names of all modules that declare a compiled loop."""
+    """Returns the names of all modules that declare a compiled loop."""
     files = (file for file in sorted(HERE.rglob("*.py")) if file != Path(__file__))
     found = (file for file in files if re.search(r"^@compiled\(", file.read_text(), re.MULTILINE))
     return [".".join(("tci", *file.relative_to(HERE).with_suffix("").parts)) for file in found]
 
 
 def work() -> None:
-    """Compile every loop that no other worker has claimed. Called in a worker."""
+    """Compiles every loop that no other worker has claimed. Called in a worker."""
     claims = Path(os.environ[CLAIMS])
     for name in modules_with_loops():
         import_module(name)
-    # What is longest to read is mostly longest to compile: it must not be the last one.
+    # Long bytecode mostly takes long to compile, and the longest loop must not be the last one.
     loops = sorted(waiting, key=lambda loop: -len(loop[0].py_func.__code__.co_code))
     names = [f"{loop.py_func.__module__}.{loop.py_func.__name__}" for loop, _ in loops]
     (claims / "all").write_text("".join(f"{name}\n" for name in names))

@@ -115,17 +115,20 @@ def writes(dimensions: int, dtype: Any = float64) -> Any:
 
 
 def record(kind: type, *fields: Any) -> Any:
-    """A NamedTuple whose fields have these types. It must be defined in a module: a machine code that is kept
-    on disk names it."""
+    """Returns the type of a NamedTuple whose fields have these types.
+
+    The NamedTuple must be defined at the top of a module, because cached machine code refers to it by name.
+    """
     if len({*fields}) == 1:
         return types.NamedUniTuple(fields[0], len(fields), kind)  # type: ignore[no-untyped-call]
     return types.NamedTuple(fields, kind)  # type: ignore[no-untyped-call]
 
 
 def entry(loop: Any, signature: int = 0) -> Callable[..., Any]:
-    """Machine code of a compiled loop for one of its signatures, for arguments that the caller made itself.
+    """Returns the machine code of a compiled loop for one of its signatures, for arguments of exactly these
+    types.
 
-    A call of it skips numba's look at the type of each array within the arguments, which takes 6 us for 30
+    A call of it skips numba's check of the type of each array within the arguments, which takes 6 us for 30
     arrays, longer than most loops.
     """
     made = [*loop.overloads.values()]

@@ -1,4 +1,4 @@
-"""Contacts of a skin as arrays, and a row of these as an object."""
+"""Contacts of a skin as arrays, and single contacts as row views of these."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tci.frames import Array, frozen
 
 
 class Frozen:
-    """Plain data whose arrays nobody can change, also after pickling, which forgets that."""
+    """Plain data with read-only arrays. Unpickled arrays are made read-only again."""
 
     __slots__ = ()
 
@@ -40,7 +40,7 @@ class Site(NamedTuple):
     part: str
     """Generic part that the patch belongs to."""
     segment: str
-    """Segment of that part: `upper_arm`, `forearm`; empty where the skin is on none of them."""
+    """Segment of that part: `upper_arm`, `forearm`; empty for skin on none of them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,47 +52,47 @@ class Contacts(Frozen, Sequence["Contact"]):
     stamp: Array
     """Time (p,) [s] of the frame of each patch."""
     sequence: NDArray[np.int64]
-    """Its sequence (p,)."""
+    """Sequence (p,) of that frame."""
     site: NDArray[np.int64]
-    """Patch (c,) of each contact, among `sites`."""
+    """Index (c,) into `sites`."""
     identity: NDArray[np.int64]
-    """Number (c,) that is constant from onset to end; no other contact has it."""
+    """Unique number (c,), constant from onset to end."""
     onset: Array
-    """Time (c,) [s] at which each began, on the driver's clock: the stamp of its first frame."""
+    """Time (c,) [s] of the first frame with the contact, on the driver's clock."""
     displacement: Array
-    """Distance (c,) [m] of its centre from where it began, in the patch's link."""
+    """Distance (c,) [m] of its centre from the place of onset, in the patch's link."""
     force: Array
-    """Sum (c,) over its taxels [N]."""
+    """Sum (c,) [N] of the forces on its taxels."""
     peak: Array
-    """Force (c,) [N] on the strongest of them."""
+    """Force (c,) [N] on its strongest taxel."""
     area: Array
-    """Area (c,) [m2] of its taxels."""
+    """Total area (c,) [m2] of its taxels."""
     p_L: Array
     """Centre of pressure (c, 3) [m] on the surface, in the patch's link."""
     n_L: Array
     """Outward unit normal (c, 3) there, in the patch's link."""
     p_T: Array
-    """Centre of pressure (c, 3) [m] seen from the torso."""
+    """Centre of pressure (c, 3) [m] in the torso frame."""
     n_T: Array
-    """Outward unit normal (c, 3) seen from the torso."""
+    """Outward unit normal (c, 3) in the torso frame."""
     f_T: Array
-    """Force (c, 3) [N] on the skin, seen from the torso: along the inward normal, unless the taxels feel
+    """Force (c, 3) [N] on the skin in the torso frame: along the inward normal, unless the sensor measures
     its direction."""
     u: Array
-    """Place (c,) along the segment: 0 at its proximal, 1 at its distal joint; NaN on no limb."""
+    """Position (c,) along the segment: 0 at its proximal, 1 at its distal joint; NaN without a limb."""
     theta: Array
-    """Angle (c,) around the segment [rad]: 0 flexor, +pi/2 lateral, pi extensor, -pi/2 medial; NaN
-    likewise."""
+    """Angle (c,) [rad] around the segment: 0 flexor, +pi/2 lateral, pi extensor, -pi/2 medial; NaN without a
+    limb."""
     limb_point: Array
-    """The place (c, 3) on the generic limb [limb lengths] (eq. 6); NaN likewise."""
+    """Position (c, 3) [limb lengths] on the generic limb (eq. 6); NaN without a limb."""
     begin: NDArray[np.int64]
     """Start of each contact's taxels (c + 1,)."""
     taxel: NDArray[np.int64]
-    """Index (k,) of each taxel in its patch."""
+    """Index (k,) of each taxel within its patch."""
     taxel_force: Array
-    """Force (k,) [N] on it."""
+    """Force (k,) [N] on each taxel."""
     taxel_point: Array
-    """Its place (k, 3) on the generic limb [limb lengths]; NaN on no limb."""
+    """Position (k, 3) [limb lengths] of each taxel on the generic limb; NaN without a limb."""
 
     def __len__(self) -> int:
         return len(self.site)
@@ -110,7 +110,7 @@ class Contacts(Frozen, Sequence["Contact"]):
 
     @staticmethod
     def of(rows: Iterable[Contact]) -> Contacts:
-        """Rows of other contacts, in a table of their own. Each has a site of its own."""
+        """Returns a table of rows from other tables. Each row has a site of its own."""
         if isinstance(rows, Contacts):
             return rows
         rows = tuple(rows)
@@ -139,7 +139,7 @@ _NUMBERS = ("onset", "displacement", "force", "peak", "area", "u", "theta", "tax
 
 
 class _Number:
-    """A number of a contact: its element of that array of the table."""
+    """A number of a contact: its element of the table's array of that name."""
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
@@ -149,7 +149,7 @@ class _Number:
 
 
 class _Vector(_Number):
-    """A vector (3,) of a contact: its row of that array of the table."""
+    """A vector (3,) of a contact: its row of the table's array of that name."""
 
     def __get__(self, contact: Contact, owner: type) -> Array:  # type: ignore[override]
         vector: Array = getattr(contact.table, self.name)[contact.row]
@@ -158,7 +158,7 @@ class _Vector(_Number):
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """Taxels that are pressed together (eq. 7): a row of `Contacts`, which tells what its numbers are."""
+    """A cluster of active taxels (eq. 7): a row view of `Contacts`, which documents its numbers."""
 
     table: Contacts
     row: int
@@ -170,7 +170,7 @@ class Contact:
 
     @property
     def patch(self) -> str:
-        """Patch it lies on."""
+        """Name of the patch."""
         return self._site.patch
 
     @property
@@ -180,12 +180,12 @@ class Contact:
 
     @property
     def segment(self) -> str:
-        """Segment of that part: `upper_arm`, `forearm`; empty where the skin is on none of them."""
+        """Segment of that part: `upper_arm`, `forearm`; empty for skin on none of them."""
         return self._site.segment
 
     @property
     def stamp(self) -> float:
-        """Time [s] of the frame it was found in."""
+        """Time [s] of its frame."""
         return float(self.table.stamp[self.table.site[self.row]])
 
     @property
@@ -195,27 +195,27 @@ class Contact:
 
     @property
     def identity(self) -> int:
-        """Number that is constant from onset to end; no other contact has it."""
+        """Unique number, constant from onset to end."""
         return int(self.table.identity[self.row])
 
     @property
     def taxels(self) -> NDArray[np.int64]:
-        """Indices (k,) of its taxels in the patch."""
+        """Indices (k,) of its taxels within the patch."""
         return self.table.taxel[self._own]
 
     @property
     def taxel_forces(self) -> Array:
-        """Force (k,) [N] on each of them."""
+        """Force (k,) [N] on each taxel."""
         return self.table.taxel_force[self._own]
 
     @property
     def taxel_u(self) -> Array:
-        """Place (k,) of each taxel along the segment; NaN on no limb."""
+        """Position (k,) of each taxel along the segment; NaN without a limb."""
         return self.table.taxel_point[self._own, 0]
 
     @property
     def taxel_theta(self) -> Array:
-        """Angle (k,) [rad] of each taxel around the segment; NaN likewise."""
+        """Angle (k,) [rad] of each taxel around the segment; NaN without a limb."""
         points = self.table.taxel_point[self._own]
         return frozen(np.arctan2(points[:, 1], points[:, 2]))
 

@@ -1,4 +1,5 @@
-"""MuJoCo, the engine of physics and kinematics, or one sentence that says how to get a whole one."""
+"""Imports MuJoCo, the engine of physics and kinematics; a broken installation raises ClashError with
+advice."""
 
 from __future__ import annotations
 

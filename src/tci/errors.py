@@ -18,14 +18,14 @@ class TciError(Exception):
     """Cause of the error, for programs."""
 
     def __init__(self, *words: object, code: Code | None = None) -> None:
-        """`code` tells more than that of the class."""
+        """Takes `code` if it is more specific than the class's."""
         super().__init__(*words)
         if code is not None:
             self.code = code
 
     @property
     def reason(self) -> Reason:
-        """The error as a reason to refuse or to stop."""
+        """Returns the error as a reason to refuse or to stop."""
         return Reason(self.code, str(self))
 
 

@@ -1,6 +1,6 @@
-"""What crosses a layer: frozen, with read-only arrays, in SI units and radians.
+"""All data that crosses a layer: frozen, with read-only arrays, in SI units and radians.
 
-One way for the data (docs/architecture.md):
+Data flows one way (docs/architecture.md):
 
     Reading(JointReading, SkinFrame...)   robot -> interface       raw, in the robot's own order
     SkinState                             skin                     pressure [Pa] of the active taxels
@@ -8,7 +8,7 @@ One way for the data (docs/architecture.md):
     Perception                            interface -> capability  generic posture and contacts
     GenericCommand, SwitchMode            capability -> interface  generic joints, tagged with its mode
     PlatformCommand, PlatformSwitch       body/posture             inverse of eqs 1-2, mapped servos only
-    SafeCommand                           gate                     the only thing that a link writes
+    SafeCommand                           gate                     all that a driver writes
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from tci.frames import Array, read_only
 
 
 class Mode(Enum):
-    """What the numbers of a command are."""
+    """Physical quantity of a command's values."""
 
     POSITION = "position"
     """Joint angles [rad]."""
@@ -40,13 +40,13 @@ class Mode(Enum):
     IMPEDANCE = "impedance"
     """Equilibrium angles [rad] of a compliant joint."""
     STIFFNESS = "stiffness"
-    """Share 0..1 of the servo's full stiffness."""
+    """Fraction (0..1) of the servo's full stiffness."""
     DAMPING = "damping"
-    """Share 0..1 of the servo's full damping."""
+    """Fraction (0..1) of the servo's full damping."""
 
     @classmethod
     def of(cls, mode: Mode | str) -> Mode:
-        """Returns a mode, or the mode of that name. Raises UnknownNameError."""
+        """Returns a mode, or the mode of that name. Raises UnknownNameError for an unknown name."""
         if isinstance(mode, Mode):
             return mode
         names = {one.value: one for one in cls}
@@ -64,19 +64,19 @@ class JointReading:
     """The robot's joints at one instant, in the order of `Robot.servos`."""
 
     stamp: float
-    """When it was measured [s], on the driver's clock."""
+    """Time [s] of the measurement, on the driver's clock."""
     sequence: int
-    """Counts up by one with each new reading of the robot."""
+    """Number that increases by one with each new reading of the robot."""
     position: Array
     """Angles (n,) [rad]."""
     velocity: Array
     """Velocities (n,) [rad/s]."""
     torque: Array | None = None
-    """Torques (n,) [N m] of the joints; None where the robot does not say."""
+    """Torques (n,) [N m] of the joints; None if the robot does not report them."""
     modes: tuple[Mode | None, ...] | None = None
-    """Control mode (n,) that each servo reports; None where the robot does not say."""
+    """Control mode (n,) that each servo reports; None if the robot does not report them."""
     powered: NDArray[np.bool_] | None = None
-    """Whether each servo (n,) is on; None where the robot does not say."""
+    """True (n,) for each servo that is on; None if the robot does not report it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,16 +86,16 @@ class SkinFrame:
     patch: str
     """Name of the patch in the robot's description."""
     stamp: float
-    """When it was measured [s], on the driver's clock."""
+    """Time [s] of the measurement, on the driver's clock."""
     sequence: int
-    """Counts up by one with each new frame of the patch."""
+    """Number that increases by one with each new frame of the patch."""
     values: NDArray[np.generic]
-    """Raw values (channels,), in the sensor's own numbers and order."""
+    """Raw values (channels,), in the sensor's own units and order."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reading:
-    """All that a link knows now: the latest joints and the latest frame of every patch."""
+    """The latest data of one robot: its joints and one frame of every patch."""
 
     joints: JointReading
     """Latest joint reading."""
@@ -108,40 +108,44 @@ class SkinState(Frozen):
     """Pressure on the whole skin at one instant, sparse: only taxels above their threshold are listed."""
 
     taxels: NDArray[np.int64]
-    """Start of each patch's taxels among those of the whole skin (p + 1,), in the robot's order."""
+    """First taxel of each patch within the whole skin (p + 1,), in the robot's order."""
     stamp: Array
     """Time (p,) [s] of each patch's latest frame; NaN before the first."""
     sequence: NDArray[np.int64]
-    """Sequence (p,) of that frame; -1 before the first."""
+    """Sequence (p,) of each patch's latest frame; -1 before the first."""
     begin: NDArray[np.int64]
     """Start of each patch's active taxels (p + 1,)."""
     active: NDArray[np.int32]
     """Index (k,) of each active taxel within its patch, rising."""
     pressure: Array
-    """Pressure (k,) [Pa] on it, positive."""
+    """Pressure (k,) [Pa] on each active taxel, positive."""
     vector: Array | None = None
-    """Force (k, 3) [N] on it, in the patch's link; None without three-axis sensors."""
+    """Force (k, 3) [N] on each active taxel, in the patch's link; None without three-axis sensors."""
     masked: NDArray[np.bool_] | None = None
     """Taxels (n,) of the whole skin that are not trusted; None if there are none."""
 
     def on(self, patch: int) -> Array:
-        """Pressure (taxels,) [Pa] on all taxels of one patch, the inactive ones too."""
+        """Returns the pressure (taxels,) [Pa] on all taxels of one patch, inactive ones included."""
         own = slice(*self.begin[patch : patch + 2].tolist())
         pressure = np.zeros(self.taxels[patch + 1] - self.taxels[patch])
         pressure[self.active[own]] = self.pressure[own]
         return read_only(pressure)
 
     def by_patch(self, names: Iterable[str]) -> dict[str, Array]:
-        """Pressure (taxels,) [Pa] on each patch that has sent a frame, by its name; `names` (p,) are all."""
+        """Returns the pressure (taxels,) [Pa] on each patch that has sent a frame, by its name.
+
+        `names` (p,) are those of all patches, in the robot's order.
+        """
         return {name: self.on(p) for p, name in enumerate(names) if not np.isnan(self.stamp[p])}
 
 
 @dataclass(frozen=True, slots=True)
 class Landmark:
-    """A point of a part's skin on any robot: where one comes from the skin's middle in a direction."""
+    """A point of a part's skin on any robot: the one that a ray from the skin's middle reaches in a
+    direction."""
 
     segment: str
-    """Segment of the part whose skin is meant; empty for all that is on no segment."""
+    """Segment of the part that carries the skin; empty for skin on no segment."""
     towards: tuple[float, float, float]
     """Direction (3,) with the part's generic joints at zero: x forward, y left (on a right side right), z
     up."""
@@ -154,20 +158,21 @@ class LimbPlace:
     segment: str
     """Segment of the part: `upper_arm`, `forearm`."""
     u: float
-    """Place along the segment: 0 at its proximal, 1 at its distal joint."""
+    """Position along the segment: 0 at its proximal, 1 at its distal joint."""
     theta: float
     """Angle around the segment [rad]: 0 flexor, +pi/2 lateral, pi extensor, -pi/2 medial."""
 
 
 @dataclass(frozen=True, slots=True)
 class Support:
-    """What would carry a standing robot if one of its legs moved."""
+    """Static stability of a standing robot, if one of its legs moved."""
 
     forces: Mapping[str, float]
-    """What the soles of each leg feel now [N], by part."""
+    """Present force [N] on the soles of each leg, by part."""
     margin: float
-    """How far [m] inside the soles of the other legs that feel weight its centre of mass would be, seen along
-    them: negative outside, -inf where there are none, or the model has no masses."""
+    """Distance [m] of the centre of mass from the edge of the polygon of the other legs' loaded soles, seen
+    along their normal: positive inside, negative outside, -inf without loaded soles or without masses in the
+    model."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -186,26 +191,26 @@ class Perception:
     ended: tuple[int, ...] = ()
     """Identities of contacts that were in the previous perception and are gone."""
     skin: SkinState | None = None
-    """Pressure on the whole skin; None where a perception was made without a robot."""
+    """Pressure on the whole skin; None if the perception was made without a robot."""
     joints: JointReading | None = None
     """The robot's own joints, for the methods of `GenericBody`; a capability that reads them here is not
-    generic. None where a perception was made without a robot."""
+    generic. None if the perception was made without a robot."""
 
 
 def _take_mode(command: GenericCommand | SwitchMode | PlatformSwitch | PlatformCommand) -> None:
-    """Lets a command have its mode by name, as in "position". Raises UnknownNameError."""
+    """Converts the mode of a command from its name, such as "position". Raises UnknownNameError."""
     if not isinstance(command.mode, Mode):
         object.__setattr__(command, "mode", Mode.of(command.mode))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GenericCommand:
-    """What a capability wants a generic part to do."""
+    """A capability's command to a generic part."""
 
     part: str
     """Name of the generic part."""
     mode: Mode
-    """What `values` are."""
+    """Quantity and unit of `values`."""
     values: Array
     """One value per generic joint (n,)."""
 
@@ -220,21 +225,22 @@ class GenericCommand:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CartesianCommand:
-    """Where a point of an arm should be, in position mode (§3.1: a transformation in Cartesian space)."""
+    """Target position of a point of an arm, in position mode (§3.1: a transformation in Cartesian space)."""
 
     part: str
     """Name of the generic part, an arm."""
     target: Array
-    """Place (3,) relative to the shoulder, in the arm's mount frame, in arm lengths."""
+    """Position (3,) [arm lengths] relative to the shoulder, in the arm's mount frame."""
     point: str = "hand"
     """`hand`, the forearm's distal end, or `elbow`."""
     nearest: bool = False
-    """Whether a target out of reach means the nearest place; otherwise it is refused."""
+    """True to go to the nearest reachable place if the target is out of reach; otherwise it is refused."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SwitchMode:
-    """A capability's request to control a generic part in another mode. Nothing else changes a mode."""
+    """A capability's request to switch a generic part to another control mode. Nothing else switches
+    modes."""
 
     part: str
     """Name of the generic part."""
@@ -247,7 +253,7 @@ class SwitchMode:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlatformSwitch:
-    """The same for the robot's own joints."""
+    """A request to switch the robot's own servos to another control mode."""
 
     servos: NDArray[np.intp]
     """Indices (k,) into `Robot.servos`."""
@@ -260,24 +266,24 @@ class PlatformSwitch:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlatformCommand:
-    """The same in the robot's own joints; no joint is named that the part does not map."""
+    """A command in the robot's own joint space. It names only servos that the generic part maps to."""
 
     mode: Mode
-    """What `values` are."""
+    """Quantity and unit of `values`."""
     servos: NDArray[np.intp]
     """Indices (k,) into `Robot.servos`."""
     values: Array
     """One value per servo (k,), in the unit of the mode."""
     speed: Array
-    """Speed limit (k,) [rad/s] asked for by the description; the gate's limit holds beside it."""
+    """Speed limit (k,) [rad/s] from the description; the gate's own limit applies too."""
 
     def __post_init__(self) -> None:
         _take_mode(self)
 
 
 Command = GenericCommand | CartesianCommand | SwitchMode
-"""What a capability may want."""
+"""All that a capability may return."""
 PlatformOrder = PlatformCommand | PlatformSwitch
-"""What the gate takes."""
+"""All that the gate accepts."""
 Order = Command | PlatformOrder
-"""What may come from a capability or, through a server, from other programs."""
+"""All that a capability or, through a server, another program may send."""

@@ -1,4 +1,4 @@
-"""Reasons for which something is refused, held or stopped: a code for programs, a text for people."""
+"""Reasons to refuse, hold or stop: a code for programs, a text for people."""
 
 from __future__ import annotations
 
@@ -9,27 +9,27 @@ from enum import IntEnum, unique
 from typing import Any
 
 MOST = 100
-"""Kinds of reasons that are kept. Assumed: more is no longer read."""
+"""Largest number of kinds that are kept apart. Assumed; nobody reads a longer list."""
 OTHERS = "other reasons"
-"""Words that all further kinds are counted under."""
+"""Text under which all further kinds are counted."""
 
 
 @unique
 class Code(IntEnum):
     """Cause of a refusal, a hold, a stop or a fault.
 
-    Wires and recordings carry the numbers: a new cause gets a new number, and none is ever used again.
+    Wires and recordings carry the numbers: a new cause gets a new number, and no number is used again.
     """
 
     OTHER = 0
-    """A cause that only its text tells, such as one that an operator or a user's program gives."""
+    """A cause without a code of its own, such as one that an operator or a user's program gives."""
 
     JOINTS_STALE = 100
-    """The joint data is too old, or says so."""
+    """The joint data is too old, or the robot marks it as invalid."""
     JOINTS_MISFIT = 101
     """The joint data has another number of joints than the robot, or angles that are not finite."""
     JOINTS_REPEATED = 102
-    """Identical joint data comes again under fresh stamps."""
+    """Identical joint data arrives under new stamps."""
     TIME_WENT_BACK = 103
     """The clock of the commands went back."""
 
@@ -40,59 +40,59 @@ class Code(IntEnum):
     ENCODER_JUMPED = 202
     """An angle changed faster than the servo can move."""
     ENCODER_FROZEN = 203
-    """An angle stands still while the servo must move."""
+    """An angle stays constant while the servo must move."""
     ENCODER_DISAGREES = 204
-    """An angle is elsewhere than its measured velocity leads."""
+    """An angle contradicts the measured velocity."""
     SERVO_OFF = 205
     """A servo under command is switched off."""
     SERVO_MODE = 206
-    """A servo reports another control mode than it is commanded in."""
+    """A servo reports another control mode than the one it was switched to."""
 
     PERIODS_MISSED = 300
     """The loop missed periods."""
     PROCESS_FROZEN = 301
-    """This process stood still for a while."""
+    """This process did not run for a while."""
     HEARTBEAT_MISSING = 302
-    """A process that is needed is silent."""
+    """A required process sends no heartbeat."""
     RUN_ENDED = 303
-    """The run is over."""
+    """The run has ended."""
     PROGRAM_FAILED = 304
     """The program raised an exception or was interrupted."""
 
     SKIN_SILENT = 400
-    """A patch of skin sends nothing any more."""
+    """A patch of skin stopped sending."""
     SKIN_MISFIT = 401
     """Frames of the skin do not fit the robot."""
     SKIN_BLIND = 402
-    """Too few taxels can be trusted where the capability needs them."""
+    """Too few taxels are trusted where the capability needs them."""
 
     COMMAND_INVALID = 500
     """A command has a type, shape or value that no robot accepts."""
     UNKNOWN_NAME = 501
     """A command names something that the robot does not have."""
     GATE_CLOSED = 502
-    """The gate holds or has stopped, for a reason of its own."""
+    """The gate holds or has stopped for another reason."""
     WRONG_MODE = 503
-    """A servo is in another control mode than the command, or does not have the mode that is asked for."""
+    """A servo is in another control mode than the command, or does not support the requested mode."""
     LIKELY_DEGREES = 504
-    """Angles are so far off that they may be degrees."""
+    """Angles are so large that they may be degrees."""
     LIMITS_UNKNOWN = 505
-    """The description lacks limits without which a servo is not moved."""
+    """The description lacks limits that are required to move a servo."""
     LIMITS_EXCEEDED = 506
     """A servo is measured too far outside its limits, or from its equilibrium, to be commanded."""
     IN_MOTION = 507
     """A servo would have to be at rest for this."""
     SELF_COLLISION = 508
-    """Two links of the robot would come too near to each other."""
+    """Two links of the robot would come too close to each other."""
     OUT_OF_REACH = 509
     """No posture reaches the target."""
     NOT_ARMED = 510
-    """The robot is shown read-only, or has not been read yet."""
+    """The driver is read-only, or the robot has not been read yet."""
 
     OTHER_COMMANDER = 600
     """Another process commands these joints."""
     COMMANDER_SILENT = 601
-    """A process that commands the robot is silent."""
+    """A process that commands the robot stopped sending."""
     COMMANDER_HOLDS = 602
     """The gate of a process that commands the robot holds."""
     COMMANDER_LEFT = 603
@@ -108,22 +108,22 @@ class Code(IntEnum):
     HALTED = 608
     """The process that commands the robot called its own stop."""
     MOVED_BY_ITSELF = 609
-    """The robot moves by itself, or something on it may move it."""
+    """The robot moves by itself, or a program on it may move it."""
     ROBOT_REFUSES = 610
     """The robot's own controllers refuse, or can't be reached."""
 
     MOVED_WRONG_WAY = 700
-    """A servo moved against the way it was sent."""
+    """A servo moved opposite to its command."""
     MOVED_TOO_FAR = 701
-    """A servo moved much further than it was sent."""
+    """A servo moved much farther than commanded."""
     MOVED_ANOTHER = 702
-    """Another servo moved than the one that was sent."""
+    """Another servo moved than the one commanded."""
     NOT_ARRIVED = 703
     """A servo did not arrive in time."""
 
     @classmethod
     def of(cls, number: int) -> Code:
-        """Returns the code of a number that another version may have sent; OTHER for one that is unknown."""
+        """Returns the code of a number, which may come from another version; OTHER for an unknown one."""
         try:
             return cls(number)
         except ValueError:
@@ -131,7 +131,7 @@ class Code(IntEnum):
 
 
 NO_REASON = 0xFFFF
-"""Number that stands on wires and in recordings where there is no reason."""
+"""Number on wires and in recordings that stands for no reason."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +146,7 @@ class Reason:
 
     @classmethod
     def of(cls, given: Reason | str) -> Reason:
-        """Returns a reason as it is; a text alone, as operators give it, has the code OTHER."""
+        """Returns a reason unchanged; a bare text, as operators give it, gets the code OTHER."""
         return given if isinstance(given, Reason) else cls(Code.OTHER, str(given))
 
 
@@ -161,21 +161,22 @@ def text_of(reason: Reason | None) -> str:
 
 
 def reason_of(number: int, text: str) -> Reason | None:
-    """Returns the reason of a number and a text that were sent or recorded."""
+    """Returns the reason with a number and a text that were sent or recorded; None for NO_REASON."""
     return None if number == NO_REASON else Reason(Code.of(number), text)
 
 
 def kind_of(reason: str) -> str:
-    """A reason without its figures: the same one with another figure is no news. Names keep their digits."""
+    """Returns a reason without its figures, so that the same reason with other figures is no new one. Names
+    keep their digits."""
     return re.sub(r"\b\d[\d.]*", "", reason)
 
 
 @dataclass(frozen=True, slots=True)
 class Notice:
-    """One kind of reason: words and time of the first, and the count of all."""
+    """One kind of reason: text and time of the first, and the number of all."""
 
     words: str
-    """Words of the first."""
+    """Text of the first."""
     time: float
     """Time [s] of the first."""
     count: int
@@ -187,7 +188,7 @@ class Notice:
         return f"{self.count} x, first at {self.time:.3f} s: {self.words}"
 
     def to_json(self) -> dict[str, Any]:
-        """Plain values."""
+        """Returns plain values for JSON."""
         return {
             "words": self.words,
             "time_s": round(self.time, 4),
@@ -197,7 +198,7 @@ class Notice:
 
 
 class ReasonCounter:
-    """Counts each kind of reason, by the words that came first. It never holds more than MOST + 1."""
+    """Counts reasons by kind, at most MOST kinds and one for all others."""
 
     def __init__(self) -> None:
         self.counts: Counter[str] = Counter()
@@ -205,7 +206,7 @@ class ReasonCounter:
         self._begun: dict[str, tuple[float, Code]] = {}
 
     def add(self, reason: Reason, now: float) -> bool:
-        """Count a reason, which came at `now` [s]. Returns whether it is the first of a kind that is kept."""
+        """Counts a reason that came at `now` [s]. Returns True if it is the first of a kind that is kept."""
         kind = kind_of(reason.text)
         is_new = kind not in self._first
         if is_new and len(self._first) >= MOST:
@@ -217,7 +218,7 @@ class ReasonCounter:
         return is_new
 
     def notices(self) -> tuple[Notice, ...]:
-        """One notice for each kind, in the order in which they first came."""
+        """Returns one notice per kind, in the order of first occurrence."""
         return tuple(
             Notice(words, self._begun[words][0], count, self._begun[words][1])
             for words, count in self.counts.items()

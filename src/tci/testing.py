@@ -1,4 +1,4 @@
-"""Perceptions for tests of capabilities: a robot stays where it is, and feels what it is told to feel."""
+"""Perceptions for tests of capabilities: a robot that stays where it is, touched as the test asks."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tci.skin.layout import normal_channels
 from tci.skin.surfaces import Surface
 
 PERIOD = 0.02
-"""Time [s] from one perception to the next. Assumed: a skin of 50 Hz, the slowest of our robots."""
+"""Time [s] between perceptions. Assumed: skin at 50 Hz, the lowest rate among the described robots."""
 
 
 def perception(
@@ -32,7 +32,7 @@ def perception(
     force: float = 2.0,
     posture: Mapping[str, ArrayLike] | None = None,
 ) -> Perception:
-    """Returns what a capability perceives of a robot that is touched on the patch `touch`, or nowhere.
+    """Returns the perception of a robot that is touched on the patch `touch`, or nowhere.
 
     See `TouchedRobot` for the other arguments, and for more than one perception of the same touch.
     """
@@ -40,17 +40,20 @@ def perception(
 
 
 class TouchedRobot:
-    """A robot that stays where it is and feels what it is told to feel, without a simulation.
+    """A robot that stays where it is and is touched as the test asks, without a simulation.
 
-    Raw frames go through the same conditioning and search for contacts as those of a robot, so that a
-    contact keeps its identity from one perception to the next, and all that a perception answers is there.
+    Raw frames go through the conditioning and clustering of a real robot, so a contact keeps its identity
+    from one perception to the next.
     """
 
     def __init__(
         self, robot: Robot | str | os.PathLike[str], *, posture: Mapping[str, ArrayLike] | None = None
     ) -> None:
-        """`posture` gives the generic angles (n,) [rad] of some parts by name; the other parts are in their
-        initial posture. Raises UnknownNameError, CommandError for a posture, and what `load_robot` raises.
+        """Sets the generic angles (n,) [rad] of the parts in `posture`, by name; others are in their initial
+        posture.
+
+        Raises UnknownNameError for an unknown part, CommandError for a posture of another shape, and the
+        errors of `load_robot`.
         """
         self.robot = robot if isinstance(robot, Robot) else load_robot(robot)
         self.body = GenericBody(self.robot)
@@ -62,17 +65,17 @@ class TouchedRobot:
             own = to_platform(self.robot, command, position=self._position)
             self._position[own.servos] = own.values
         self._count = -1
-        self.perceive()  # a first frame tells the skin how its taxels read at rest
+        self.perceive()  # the first frame gives the taxels their rest values
 
     def perceive(
         self, touch: str | None = None, *, taxel: int | None = None, force: float = 2.0
     ) -> Perception:
-        """Returns what a capability perceives one `PERIOD` later, touched on the patch `touch` or nowhere.
+        """Returns the perception one `PERIOD` later, touched on the patch `touch` or nowhere.
 
-        The touch is centred on `taxel`, or on the taxel nearest to the middle of the patch; it presses that
-        taxel and its neighbours with `force` [N], as nearly as the sensor can tell: a switch is only on or
-        off, and a force below a taxel's threshold makes no contact. Raises UnknownNameError for an unknown
-        patch or taxel, CommandError for a force that is none.
+        The touch is centred on `taxel`, or on the taxel nearest to the middle of the patch. It presses that
+        taxel and its neighbours with `force` [N], as closely as the sensor can resolve: a switch is only on
+        or off, and a force below a taxel's threshold makes no contact. Raises UnknownNameError for an unknown
+        patch or taxel, CommandError for a force that is negative or not finite.
         """
         self._count += 1
         now = self._count * PERIOD

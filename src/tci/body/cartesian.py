@@ -1,7 +1,7 @@
-"""Cartesian actuators (§3.1): a generic arm that is told where its hand or its elbow should be.
+"""Cartesian actuators (§3.1): commands for the position of a generic arm's hand or elbow.
 
-Places are given relative to the shoulder's centre, in the arm's mount frame, in arm lengths (upper arm and
-forearm), so that the same numbers mean the same reach on every robot.
+Positions are relative to the shoulder's centre, in the arm's mount frame, in arm lengths (upper arm plus
+forearm), so that equal numbers mean equal reach on every robot.
 """
 
 from __future__ import annotations
@@ -23,19 +23,23 @@ from tci.robot.shoulder import shoulder_of
 from tci.skin.skin import segment_pose
 
 POINTS = ("hand", "elbow")
-"""The hand is the forearm's distal end, the elbow its proximal one."""
+"""Points that can be commanded: the forearm's distal end (hand) and its proximal end (elbow)."""
 TOLERANCE = 1e-3
-"""Distance [m] within which a target counts as reached."""
+"""Distance [m] within which a target counts as reached. Assumed; servos are hardly more accurate."""
 SETTINGS = InverseSettings(starts=6)
-"""A target out of reach costs fewer attempts than in the planning of motions."""
+"""Settings of the inverse kinematics: fewer starts than in motion planning, so that an unreachable target is
+found out sooner."""
 
 
 class Reach:
-    """One point of one arm. It works in its own memory: one per thread."""
+    """Kinematics of one point of one arm. Uses work space of its own: one per thread."""
 
     def __init__(self, robot: Robot, part: str, point: str) -> None:
-        """Raises CommandError for a point that is not known or a part that is no arm with a shoulder and an
-        elbow, UnknownNameError for an unknown part, and what KinematicChain raises."""
+        """Builds the kinematics of a point of an arm.
+
+        Raises CommandError for an unknown point or a part that is no arm with a shoulder and an elbow,
+        UnknownNameError for an unknown part, and the errors of KinematicChain.
+        """
         words = robot.part(part)
         if words.kind != "arm" or {segment.name for segment in words.segments} != set(SEGMENTS):
             raise CommandError(f"the {point} of {part}; valid: an arm with {' and '.join(SEGMENTS)}")
@@ -45,7 +49,7 @@ class Reach:
         self._kinematics = KinematicChain(robot)
         upper_arm, forearm = words.segment("upper_arm"), words.segment("forearm")
         self.length = upper_arm.length + forearm.length
-        """Arm length [m]: upper arm and forearm."""
+        """Arm length [m]: upper arm plus forearm."""
         self._forearm = forearm
         try:
             self._shoulder = shoulder_of(robot, part).centre
@@ -61,16 +65,17 @@ class Reach:
         )
 
     def place(self, position: Array) -> Array:
-        """Where the point is (3,) [arm lengths], with all servos at `position` (n_servos,) [rad]."""
+        """Returns the point's position (3,) [arm lengths] with all servos at `position` (n_servos,) [rad]."""
         T_TL = self._kinematics.poses(position, [self._forearm.link])[self._forearm.link]
         p_T = apply(T_TL, self._tip) - self._shoulder
         return read_only(self.part.R_TM.T @ p_T / self.length)
 
     def solve(self, target: Array, position: Array) -> tuple[Array, float]:
-        """Servo angles (n_servos,) [rad] near to `position` that bring the point to `target` (3,) [arm
-        lengths] within limits and couplings, and how far [m] it still is from there.
+        """Returns servo angles (n_servos,) [rad] that bring the point closest to `target` (3,) [arm lengths],
+        and the remaining distance [m].
 
-        Raises CommandError for a target of another shape or one that is not finite.
+        The angles are within limits and couplings and near `position` (n_servos,) [rad]. Raises CommandError
+        for a target of another shape or one that is not finite.
         """
         if np.shape(target) != (3,) or not np.isfinite(target).all():
             raise CommandError(f"place {target} of {self.part.name}; valid: 3 finite numbers [arm lengths]")
@@ -79,7 +84,8 @@ class Reach:
         return answer.position, answer.error
 
     def _hand(self) -> Array:
-        """The forearm's distal end (3,) [m] in its link: a point of its axis, so it turns with neither."""
+        """Returns the forearm's distal end (3,) [m] in its link. It lies on the axis, so no axial rotation
+        moves it."""
         home = initial_position(self.robot)
         T_TL = self._kinematics.poses(home, [self._forearm.link])[self._forearm.link]
         posture = joint_map(self.robot, self.part.name).to_generic(home)
@@ -88,10 +94,10 @@ class Reach:
 
 
 def cartesian_to_platform(robot: Robot, command: CartesianCommand, position: Array) -> PlatformCommand:
-    """The command in the robot's own joints, which are at `position` (n_servos,) [rad].
+    """Returns the command in the robot's own joints, which are at `position` (n_servos,) [rad].
 
-    Raises CommandError, and names the nearest place, for a target that is out of reach unless the
-    command takes the nearest; and what Reach raises.
+    Raises CommandError, which names the nearest place, for a target out of reach unless the command takes the
+    nearest; and the errors of Reach.
     """
     reach = reach_of(robot, command.part, command.point)
     target = np.asarray(command.target, dtype=np.float64)
@@ -113,5 +119,6 @@ def cartesian_to_platform(robot: Robot, command: CartesianCommand, position: Arr
 
 @lru_cache(maxsize=64)
 def reach_of(robot: Robot, part: str, point: str) -> Reach:
-    """The reach of an arm; reading the model takes a while. Raises what Reach raises."""
+    """Returns the Reach of a point of an arm. The first call takes a while, to read the model. Raises the
+    errors of Reach."""
     return Reach(robot, part, point)

@@ -31,7 +31,7 @@ class _Limb:
     positions: Array
     begins: Indices
     taxels: Indices
-    """Index (n,) of each among those of the whole skin."""
+    """Index (n,) of each taxel within the whole skin."""
 
 
 class Coverage:
@@ -54,8 +54,11 @@ class Coverage:
         places: Sequence[LimbPlace | Landmark],
         radius: Array,
     ) -> Array:
-        """Fraction (m,) of the taxels within `radius` (m,) of each place of a part that are not `masked`
-        (n,); 1 where there are none. The joints say where taxels are on a limb."""
+        """Returns the fraction (m,) of the taxels within `radius` (m,) of each place that are not `masked`
+        (n,).
+
+        It is 1 where there are no taxels. `joints` determine the place of taxels on a limb.
+        """
         counts = np.zeros((2, len(places)))
         limbs = np.array([isinstance(place, LimbPlace) for place in places], np.bool_)
         radius = np.asarray(radius, np.float64)
@@ -76,7 +79,7 @@ class Coverage:
         places: Sequence[LimbPlace],
         radius: Array,
     ) -> Array:
-        """Taxels and masked ones (2, m) around places of a limb."""
+        """Returns the number of taxels and of masked ones (2, m) around places of a limb."""
         limb, counts = self._limbs[part], np.zeros((2, len(places)))
         if limb is not None:
             u, theta = np.array([(place.u, place.theta) for place in places]).T
@@ -92,7 +95,7 @@ class Coverage:
     def _around(
         self, masked: NDArray[np.bool_], part: str, landmarks: tuple[Landmark, ...], radius: Array
     ) -> Array:
-        """Taxels and masked ones (2, m) around landmarks."""
+        """Returns the number of taxels and of masked ones (2, m) around landmarks."""
         key = part, landmarks, radius.tobytes()
         found = self._near.get(key)
         if found is None:

@@ -1,4 +1,4 @@
-"""The generic body: both halves of the interface (Fig. 2, L3) for one robot."""
+"""The generic interface to one robot, both directions (Fig. 2, L3)."""
 
 from __future__ import annotations
 
@@ -50,11 +50,12 @@ class BodySettings:
     """Settings of the perception of a robot."""
 
     contacts: ContactSettings = field(default_factory=ContactSettings)
-    """When active taxels are a contact."""
+    """Conditions under which active taxels form a contact."""
     conditioning: ConditioningSettings = field(default_factory=ConditioningSettings)
     """Conversion of raw frames to pressures."""
     calibration: SkinCalibration | None = None
-    """Measured figures of the taxels; None: those that `tci skin calibrate` wrote beside the description."""
+    """Measured rest values, noise and response of the taxels. None stands for the file that `tci skin
+    calibrate` wrote beside the description, if there is one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +69,7 @@ class GenericBody:
     robot: Robot
     settings: BodySettings = field(default_factory=BodySettings)
     skin: Skin = field(init=False, repr=False)
-    """Taxels as places on the robot."""
+    """Taxels as points on the robot."""
     layout: SkinLayout = field(init=False, repr=False)
     """All taxels in the arrays that perception reads."""
     joint_maps: Mapping[str, JointMap] = field(init=False, repr=False)
@@ -81,8 +82,11 @@ class GenericBody:
     _coverage: Coverage = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        """Raises DescriptionError for a model or a skin that can't be used, TciError for a calibration that
-        does not fit the robot."""
+        """Builds all tables that depend on the robot only.
+
+        Raises DescriptionError for a model or a skin that can't be used, TciError for a calibration that does
+        not fit the robot.
+        """
         skin, robot = Skin(self.robot), self.robot
         landmarks = Landmarks(skin)
         kinds = {one.kind: tuple(p.name for p in robot.parts if p.kind == one.kind) for one in robot.parts}
@@ -112,48 +116,58 @@ class GenericBody:
         return self
 
     def parts(self, kind: Kind) -> tuple[str, ...]:
-        """Names of the generic parts of a kind, such as "arm" or "leg"."""
+        """Returns the names of the generic parts of a kind, such as "arm" or "leg"."""
         return self._parts.get(kind, ())
 
     def has_joint(self, part: str) -> NDArray[np.bool_]:
-        """Which generic joints (n,) of a part this robot has. Raises UnknownNameError."""
+        """Returns a mask (n,) of the generic joints of a part that this robot has. Raises
+        UnknownNameError."""
         return self._has_joint[self.robot.part(part).name]
 
     def posture(self, joints: JointReading) -> dict[str, Array]:
-        """Generic angles (n,) [rad] of every part, by name (eqs. 1-2).
+        """Returns the generic angles (n,) [rad] of every part, by name (eqs. 1-2).
 
         Raises FrameError when the reading has another number of joints than the robot.
         """
         return generic_posture(self.robot, joints)
 
     def home(self, part: str) -> tuple[GenericCommand, ...]:
-        """Commands that set a part up: stiffness, damping, initial posture. Raises UnknownNameError."""
+        """Returns the commands that set a part up: stiffness, damping, initial posture. Raises
+        UnknownNameError."""
         return home(self.robot.part(part))
 
     def place(self, part: str, place: LimbPlace, joints: JointReading) -> Place:
-        """Point of the skin at a place of a part's generic limb. Raises TciError when no skin is there,
-        UnknownNameError for an unknown part or segment."""
+        """Returns the point of the skin at a place of a part's generic limb.
+
+        Raises TciError when no skin is there, UnknownNameError for an unknown part or segment.
+        """
         return find_place(self.skin, part, place.segment, place.u, place.theta, joints)
 
     def landmark(self, part: str, landmark: Landmark) -> Place:
-        """Point of a part's skin at a landmark. Raises TciError where it has none, UnknownNameError."""
+        """Returns the point of a part's skin at a landmark.
+
+        Raises TciError if the part has no skin there, UnknownNameError for an unknown part.
+        """
         return self._landmarks.place(part, landmark)
 
     def prepare(self, part: str, landmarks: Iterable[Landmark]) -> None:
-        """Computes the geodesic distance maps of landmarks, which takes longer than a period of the loop."""
+        """Computes the geodesic distance maps of landmarks in advance: it takes longer than a period of the
+        loop."""
         for landmark in landmarks:
             self._landmarks.around(part, landmark, 0.0)
 
     def reach(self, part: str, point: str = "hand") -> Reach:
-        """The `hand` or the `elbow` of an arm, for Cartesian commands. Raises CommandError for another point
-        or part, UnknownNameError."""
+        """Returns the kinematics of the `hand` or the `elbow` of an arm, for Cartesian commands.
+
+        Raises CommandError for another point or part, UnknownNameError for an unknown part.
+        """
         return reach_of(self.robot, part, point)
 
     def jacobian(self, perception: Perception, contact: Contact) -> Array:
-        """Jacobian (3, n) [m/rad] of the contact point by the generic joints of its part, in the torso frame.
+        """Returns the Jacobian (3, n) [m/rad] of the contact point by the generic joints of its part.
 
-        A generic joint that the robot lacks moves nothing. The transpose takes a force at the contact to
-        generic torques.
+        It is expressed in the torso frame, with zero columns for joints that the robot lacks. Its transpose
+        maps a force at the contact to generic torques.
         """
         position = _joints(perception).position
         link = self.robot.patch(contact.patch).link
@@ -161,23 +175,29 @@ class GenericBody:
         return read_only(generic_columns(self.robot, contact.part, moved, position))
 
     def retreat(self, perception: Perception, part: str, target: Array, mode: Mode = Mode.POSITION) -> Array:
-        """Way (2, k, c) [m] of the point of each contact while `part` goes to generic angles `target` (n,)
-        in a mode, as the robot's limits let it: see `Retreat.along`."""
+        """Returns the displacement (2, k, c) [m] of each contact point while `part` goes to `target` (n,)
+        [rad].
+
+        The motion is the one that the robot's limits allow in `mode`, see `Retreat.along`.
+        """
         position = _joints(perception).position
         return self._retreat.along(position, perception.contacts, part, target, mode)
 
     def distance(self, contact: Contact, landmark: Landmark) -> float:
-        """Geodesic distance [m] along the skin from a landmark of the contact's part; infinite if the
-        landmark is on other skin."""
+        """Returns the geodesic distance [m] along the skin from a landmark of the contact's part.
+
+        It is infinite if the landmark is on other skin.
+        """
         return self._landmarks.distance(contact, landmark)
 
     def coverage(
         self, perception: Perception, part: str, places: Sequence[LimbPlace | Landmark], radius: Array
     ) -> Array:
-        """Fraction (m,) of the taxels within `radius` (m,) of each place of a part that are trusted.
+        """Returns the fraction (m,) of the taxels within `radius` (m,) of each place of a part that are
+        trusted.
 
-        It is 1 where there are none. Radii are in limb lengths around a `LimbPlace`, geodesic [m] around a
-        `Landmark`.
+        It is 1 where there are no taxels. Radii are in limb lengths around a `LimbPlace`, geodesic [m] around
+        a `Landmark`.
         """
         masked = None if perception.skin is None else perception.skin.masked
         if masked is None:
@@ -185,14 +205,18 @@ class GenericBody:
         return self._coverage.shares(masked, _joints(perception), part, places, radius)
 
     def support(self, perception: Perception, leg: str, target: Array) -> Support:
-        """Stability margin [m] if `leg` moved to the generic angles `target` (n,) [rad]."""
+        """Returns forces on the soles and the stability margin if `leg` moved to generic angles `target` (n,)
+        [rad]."""
         return self._stability.support(perception.contacts, _joints(perception).position, leg, target)
 
     def to_platform(
         self, orders: Iterable[Order] | Order, joints: JointReading
     ) -> tuple[list[PlatformOrder], list[Reason]]:
-        """The orders in the robot's own joints, which are as `joints` says (inverse of eqs. 1-2), and the
-        reasons why others have no form there. Raises UnknownNameError for an unknown part."""
+        """Converts orders to the robot's own joints, which are at `joints` (inverse of eqs. 1-2).
+
+        Also returns the reasons why other orders can't be converted. Raises UnknownNameError for an unknown
+        part.
+        """
         platform: list[PlatformOrder] = []
         refused: list[Reason] = []
         for order in (orders,) if isinstance(orders, Order) else orders:
@@ -204,9 +228,9 @@ class GenericBody:
 
 
 def order_to_platform(robot: Robot, order: Order, position: Array) -> PlatformOrder:
-    """One order in the robot's own joints, whose servos are at `position` (n_servos,) [rad].
+    """Returns one order in the robot's own joints, whose servos are at `position` (n_servos,) [rad].
 
-    One that is in them already comes back as it is. Raises CommandError.
+    Orders that are in them already are returned unchanged. Raises CommandError.
     """
     match order:
         case PlatformCommand() | PlatformSwitch():
@@ -220,7 +244,7 @@ def order_to_platform(robot: Robot, order: Order, position: Array) -> PlatformOr
 
 
 def _joints(perception: Perception) -> JointReading:
-    """The robot's own joints. Raises TciError for a perception that was made without a robot."""
+    """Returns the robot's own joints. Raises TciError for a perception that was made without a robot."""
     if perception.joints is None:
         raise TciError("a perception without joints; valid: one that a tci.Perceiver made")
     return perception.joints

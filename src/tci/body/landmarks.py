@@ -1,7 +1,8 @@
-"""Distances along skin that is on no limb: torso, head, palm, sole. Receptive fields there are discs.
+"""Landmarks and distances on skin that lies on no limb: torso, head, palm, sole. Receptive fields there are
+discs.
 
-A field's centre is a spot of the surface, and its radius a geodesic one: the length of the shortest way
-over the skin's faces, from taxel to taxel (Dijkstra 1959), which is at most some percent too long.
+A field's centre is a landmark, its radius a geodesic distance: the length of the shortest path over the
+skin's faces, from taxel to taxel (Dijkstra 1959), which is at most some percent too long.
 """
 
 from __future__ import annotations
@@ -24,33 +25,38 @@ from tci.skin.skin import Skin
 from tci.skin.surfaces import Surface
 
 NEAR = 0.04
-"""Distance [m] up to which two points of a skin are taken to have nothing but skin between them. Ours."""
+"""Distance [m] up to which points of a skin count as directly connected. Assumed; larger lets paths cross
+gaps where the robot has no skin, smaller splits patches whose modules lie apart."""
 TURNED = 0.5
-"""Least cosine between their normals: of a thin limb, the other side is near and yet not there. Ours."""
+"""Least cosine between the normals of directly connected points. Assumed: 60 degrees, so that no path passes
+through a thin limb to its other side."""
 STEPS = 3
-"""Edges that one step of a way may cross. Ours: with 1 a way is up to 15 % too long, with 3 some percent."""
+"""Number of face edges that one step of a path may span. Assumed: with 1 a path is up to 15 % too long, with
+3 some percent."""
 FACING = 0.2
-"""Least cosine between the normal at a spot and its direction. Assumed: a palm has no back of the hand."""
+"""Least cosine between the normal at a landmark and its direction. Assumed: a palm has no back of the
+hand."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Reach:
-    """A spot on one patch."""
+    """A landmark on one patch, with its geodesic distance map."""
 
     place: Place
     distances: Array
-    """Of every taxel (n,) [m]."""
+    """Distance (n,) [m] of every taxel."""
 
 
 class Landmarks:
-    """Finds spots on one robot's skin, and remembers them."""
+    """Finds landmarks on one robot's skin. Caches their distance maps."""
 
     def __init__(self, skin: Skin) -> None:
         self._skin = skin
         self._found: dict[tuple[str, Landmark], _Reach | None] = {}
 
     def place(self, part: str, spot: Landmark) -> Place:
-        """The spot of a part's skin. Raises TciError where it has none, UnknownNameError for the part."""
+        """Returns a landmark of a part's skin. Raises TciError if it has none, UnknownNameError for an
+        unknown part."""
         reach = self._reach(part, spot)
         if reach is None:
             where = spot.segment or "no segment"
@@ -58,13 +64,14 @@ class Landmarks:
         return reach.place
 
     def around(self, part: str, spot: Landmark, radius: float) -> tuple[str, NDArray[np.bool_]] | None:
-        """The patch of a spot, and which of its taxels (n,) are nearer than `radius` [m]; None without
-        skin."""
+        """Returns the patch of a landmark, and a mask (n,) of its taxels nearer than `radius` [m]; None
+        without skin."""
         reach = self._reach(part, spot)
         return None if reach is None else (reach.place.patch, reach.distances < radius)
 
     def distance(self, contact: Contact, spot: Landmark) -> float:
-        """Geodesic distance [m] of a contact from a spot of its part; infinite on other skin."""
+        """Returns the geodesic distance [m] of a contact from a landmark of its part; infinite on other
+        skin."""
         reach = self._reach(contact.part, spot)
         if reach is None or reach.place.patch != contact.patch:
             return np.inf
@@ -91,7 +98,7 @@ class Landmarks:
             surface = self._skin.surfaces[patch.name]
             direction = self._direction(part, patch, spot)
             middle = (surface.positions.min(axis=0) + surface.positions.max(axis=0)) / 2.0
-            # A sheet has no inside: its spot is its middle, for one who comes from its outer side.
+            # A sheet has no inside: its landmark is its middle, if the direction comes from its outer side.
             reach = leave_surface(surface, middle, direction)
             points, normals = surface.project((middle + (reach or 0.0) * direction)[None])
             if normals[0] @ direction <= FACING:
@@ -107,7 +114,7 @@ class Landmarks:
         return _Reach(place, _geodesics(surface, point, normal))
 
     def _direction(self, part: GenericPart, patch: Patch, spot: Landmark) -> Array:
-        """Unit vector (3,) in the patch's link."""
+        """Returns the landmark's direction, a unit vector (3,), in the patch's link."""
         skin = self._skin
         joints = joint_map(skin.robot, part.name)
         position = np.array(initial_position(skin.robot))
@@ -120,7 +127,8 @@ class Landmarks:
 
 
 def _geodesics(surface: Surface, point: Array, normal: Array) -> Array:
-    """Distance (n,) [m] of every taxel from a point (3,) [m] of the surface, with its normal (3,)."""
+    """Returns the distance (n,) [m] of every taxel from a point (3,) [m] of the surface, with its normal
+    (3,)."""
     count = len(surface.positions)
     one, other = _ways(count, surface.faces).T
     lengths = _lengths(
@@ -129,7 +137,7 @@ def _geodesics(surface: Surface, point: Array, normal: Array) -> Array:
     around, starts = _around(surface, point, normal)
     rows = np.concatenate([one, np.full(len(around), count)])
     columns = np.concatenate([other, around])
-    # A way of length 0 would be no way for a sparse matrix.
+    # An edge of length 0 would be no entry of a sparse matrix.
     weights = np.maximum(np.concatenate([lengths, starts]), 1e-9)
     graph = coo_array((weights, (rows, columns)), shape=(count + 1, count + 1)).tocsr()
     found: Array = dijkstra(graph, directed=False, indices=count)[:count]
@@ -137,7 +145,7 @@ def _geodesics(surface: Surface, point: Array, normal: Array) -> Array:
 
 
 def _ways(count: int, faces: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Pairs (m, 2) of taxels that are at most STEPS edges of faces apart: ways that do not zigzag."""
+    """Returns pairs (m, 2) of taxels at most STEPS face edges apart, so that paths do not zigzag."""
     edges = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
     near = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(count, count)).tocsr()
     near = near + near.T
@@ -150,8 +158,8 @@ def _ways(count: int, faces: NDArray[np.intp]) -> NDArray[np.intp]:
 
 
 def _lengths(one: Array, normal: Array, other: Array, its_normal: Array) -> Array:
-    """Ways (n,) [m] between points (n, 3) [m] with unit normals (n, 3), on a skin that is evenly round
-    between.
+    """Returns path lengths (n,) [m] between points (n, 3) [m] with unit normals (n, 3), on skin of constant
+    curvature.
 
     The chord of an arc that turns by 2 a is sin(a) / a of it; np.sinc(x) is sin(pi x) / (pi x).
     """
@@ -161,15 +169,17 @@ def _lengths(one: Array, normal: Array, other: Array, its_normal: Array) -> Arra
 
 
 def _is_near(points: Array, normals: Array, point: Array, normal: Array) -> NDArray[np.bool_]:
-    """Whether points (n, 3) [m] with unit normals (n, 3) are so near to one (3,) that only skin lies
-    between."""
+    """Returns a mask (n,) of points (n, 3) [m] that are directly connected to one (3,), see NEAR and TURNED.
+
+    Unit normals are (n, 3) and (3,).
+    """
     near: NDArray[np.bool_] = np.linalg.norm(points - point, axis=-1) <= NEAR
     return near & (normals @ normal > TURNED)
 
 
 def _around(surface: Surface, point: Array, normal: Array) -> tuple[NDArray[np.intp], Array]:
-    """Taxels (k,) near a point with its normal (3,), and the corners of its face; and the ways (k,) [m]
-    there."""
+    """Returns the taxels (k,) near a point with its normal (3,) and the corners of its face, and path lengths
+    (k,) [m] to them."""
     near = np.flatnonzero(_is_near(surface.positions, surface.normals, point, normal))
     corners = nearest_on_faces(surface.positions, surface.faces, point[None])[0][0]
     found: NDArray[np.intp] = np.union1d(near, corners)

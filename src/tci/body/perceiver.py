@@ -1,4 +1,4 @@
-"""Perceives readings of one robot: the half of the interface that leads up (Fig. 2, L3)."""
+"""Perception of one robot: the upward direction of the interface (Fig. 2, L3)."""
 
 from __future__ import annotations
 
@@ -21,8 +21,11 @@ class Perceiver:
     """
 
     def __init__(self, body: GenericBody, *, keep_alive: float | None = None) -> None:
-        """With a `keep_alive` [s] the senders of skin frames send changes only, each patch at least once in
-        that time; None: every frame. The perceptions are the same. Raises TciError for another `keep_alive`.
+        """Starts without estimates.
+
+        `keep_alive` [s] is set if senders omit unchanged skin frames: each patch sends at least one in that
+        time. None means that they send every frame. Perceptions are the same. Raises TciError unless it is
+        above 0 and finite.
         """
         self.body = body
         self._held = None if keep_alive is None else HoldLast(body.robot, keep_alive)
@@ -47,25 +50,25 @@ class Perceiver:
         return Perception(now, posture, self._contacts, ended, self._conditioner.state, reading.joints)
 
     def copy(self) -> Perceiver:
-        """Another one that goes on from here on its own."""
+        """Returns an independent copy, in the present state."""
         return deepcopy(self)
 
     @property
     def counts(self) -> dict[str, int]:
-        """Values and frames not used until now: `values_dropped` and `frames_late`."""
+        """Returns the number of values and frames rejected so far: `values_dropped` and `frames_late`."""
         return {"values_dropped": self._conditioner.dropped, "frames_late": self._conditioner.late}
 
     @property
     def health(self) -> dict[str, PatchHealth]:
-        """Trusted share of each patch, by its name."""
+        """Returns the health of each patch, by its name."""
         return self._conditioner.health
 
     def rezero(self, patch: str) -> None:
-        """Takes the present values of a patch for its rest. Raises UnknownNameError for an unknown patch."""
+        """Takes the present readings of a patch as rest. Raises UnknownNameError for an unknown patch."""
         self._conditioner.rezero(patch)
 
     def _find(self, posture: Mapping[str, Array], position: Array) -> tuple[int, ...]:
-        """Finds contacts, once per skin frame; the identities of those that are gone."""
+        """Finds contacts, once per skin frame. Returns the identities of contacts that have ended."""
         before = self._contacts.identity.tolist()
         conditioner = self._conditioner
         links, poses = self.body.layout.links, self.body.skin.kinematics.pose_array

@@ -1,4 +1,4 @@
-"""From a place on the generic limb to the robot's own skin: where (u, theta) is on this robot."""
+"""Places of the generic limb on a robot's own skin: (u, theta) to a point in a link."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Place:
     """A point of the skin."""
 
     patch: str
-    """Patch that it lies on."""
+    """Name of the patch."""
     p_L: Array
     """Position (3,) [m] in the patch's link."""
     n_L: Array
@@ -28,11 +28,11 @@ class Place:
 
 
 def find_place(skin: Skin, part: str, segment: str, u: float, theta: float, joints: JointReading) -> Place:
-    """The skin's point that `limb_coordinates` gives (u, theta) at the present posture.
+    """Returns the point of the skin at (u, theta) of a limb segment, at the posture `joints`.
 
-    It lies where the ray from the segment's axis at `u`, in direction `theta` [rad], leaves the
-    skin. Raises TciError when no skin is there or the part is no arm, UnknownNameError for an unknown part or
-    segment.
+    It is where the ray from the segment's axis at `u`, in direction `theta` [rad], leaves the skin: the
+    inverse of `limb_coordinates`. Raises TciError when no skin is there or the part is no arm,
+    UnknownNameError for an unknown part or segment.
     """
     robot = skin.robot
     generic_part = robot.part(part)
@@ -57,9 +57,10 @@ def find_place(skin: Skin, part: str, segment: str, u: float, theta: float, join
 
 
 def leave_surface(surface: Surface, origin: Array, direction: Array) -> float | None:
-    """Distance [m] along a ray at which it last crosses the surface's faces; None if it never does.
+    """Returns the distance [m] along a ray at which it last crosses the surface's faces; None if it never
+    does.
 
-    Moeller and Trumbore 1997, for all faces at once.
+    Tests all faces at once (Moeller and Trumbore 1997).
     """
     a, b, c = (surface.positions[surface.faces[:, corner]] for corner in range(3))
     edge1, edge2, offset = b - a, c - a, origin - a
@@ -71,6 +72,6 @@ def leave_surface(surface: Surface, origin: Array, direction: Array) -> float | 
         w = q @ direction / determinant
         reach = np.einsum("ij,ij->i", edge2, q) / determinant
     v, w, reach = np.nan_to_num([v, w, reach], nan=-1.0, posinf=-1.0, neginf=-1.0)  # along a face
-    margin = 1e-9  # a ray through an edge must not slip between two faces
+    margin = 1e-9  # rounding must not let a ray through an edge pass between two faces
     hit = (v >= -margin) & (w >= -margin) & (v + w <= 1.0 + margin) & (reach > 0.0)
     return float(reach[hit].max()) if hit.any() else None

@@ -1,4 +1,4 @@
-"""Generic parts: from the robot's joints to generic ones and back (eqs 1-2)."""
+"""Generic postures: transforms between the robot's joints and generic joints (eqs 1-2)."""
 
 from __future__ import annotations
 
@@ -17,8 +17,10 @@ ANGLES = (Mode.POSITION, Mode.IMPEDANCE)
 
 
 def generic_columns(robot: Robot, part: str, jacobian: Array, position: Array) -> Array:
-    """A Jacobian (m, n) by a part's generic joints from one (m, n_servos) by the robot's servos, which are
-    at `position` (n_servos,) [rad]. Raises CommandError where a transform has no slope."""
+    """Converts a Jacobian (m, n_servos) by the robot's servos to one (m, n) by a part's generic joints.
+
+    Servos are at `position` (n_servos,) [rad]. Raises CommandError where a transform is singular.
+    """
     joints = joint_map(robot, part)
     columns = np.zeros((len(jacobian), len(robot.part(part).servos)))
     columns[:, joints.ids] = np.linalg.solve(joints.slope(position).T, jacobian[:, joints.servos].T).T
@@ -26,17 +28,17 @@ def generic_columns(robot: Robot, part: str, jacobian: Array, position: Array) -
 
 
 def to_platform(robot: Robot, command: GenericCommand, *, position: Array | None = None) -> PlatformCommand:
-    """The command in the robot's own joints (inverse of eqs 1-2).
+    """Returns the command in the robot's own joints (inverse of eqs 1-2).
 
-    Only mapped servos are named: joints in excess are never touched, and the value for a joint that
-    the robot lacks is dropped. With J = d generic / d servo, which is gamma for a linear transform,
-    velocities go through its inverse and torques through its transpose, so that power is the same on
-    both sides; stiffness and damping are shares and stay.
+    Only mapped servos are named: joints in excess are never commanded, and the value for a joint that the
+    robot lacks is dropped. With J = d generic / d servo, which is gamma for a linear transform, velocities
+    are mapped by its inverse and torques by its transpose, so that power is equal on both sides; stiffness
+    and damping are fractions and stay.
 
-    `position` (n_servos,) [rad] is where the servos are, by default their initial posture; linear
-    transforms don't look at it. Raises CommandError for a wrong number of values, one that is not
-    finite, an angle beyond a full turn, a velocity or torque where a transform has no slope, or a part of
-    which the robot has no joint at all; UnknownNameError for an unknown part.
+    `position` (n_servos,) [rad] are the servo angles, by default the initial posture; linear transforms do
+    not depend on them. Raises CommandError for a wrong number of values, one that is not finite, an angle
+    beyond a full turn, a velocity or torque where a transform is singular, or a part of which the robot has
+    no joint; UnknownNameError for an unknown part.
     """
     joints = joint_map(robot, command.part)
     values = np.asarray(command.values, dtype=np.float64)
@@ -77,19 +79,21 @@ def to_platform(robot: Robot, command: GenericCommand, *, position: Array | None
 
 
 def speed_limits(robot: Robot, part: str, position: Array) -> Array:
-    """How fast (k,) [rad/s] each servo of a part may move to a target, with all at `position` (n_servos,)
-    [rad], so that no generic joint is faster than its description says; servos of a retargeted shoulder
-    have that speed themselves."""
+    """Returns the speed limit (k,) [rad/s] of each servo of a part, with all at `position` (n_servos,) [rad].
+
+    No generic joint is then faster than its description allows; servos of a retargeted shoulder have that
+    limit themselves.
+    """
     return joint_map(robot, part).speeds(position)
 
 
 def switch(robot: Robot, request: SwitchMode) -> PlatformSwitch:
-    """The request for the part's mapped servos. Raises UnknownNameError for an unknown part."""
+    """Returns the request for the part's mapped servos. Raises UnknownNameError for an unknown part."""
     return PlatformSwitch(joint_map(robot, request.part).servos, request.mode)
 
 
 def home(part: GenericPart) -> tuple[GenericCommand, ...]:
-    """The commands that set a part up: stiffness, damping, initial posture. Commands like any other."""
+    """Returns the commands that set a part up: stiffness, damping, initial posture."""
     stiffness = read_only([servo.stiffness for servo in part.servos])
     damping = read_only([servo.damping for servo in part.servos])
     return (

@@ -1,7 +1,7 @@
 """Exact retargeting: a posture of the generic arm in the torso frame, on any robot's shoulder.
 
-A generic posture means the same in every arm's own mount frame. Where limbs must point the same way in
-space, from the torso's point of view, the shoulder's own axes decide: iCub's are yawed by 15 degrees.
+A generic posture refers to each arm's own mount frame. If limbs must point the same way in the torso frame,
+the orientation of the shoulder's axes matters: iCub's are yawed by 15 degrees.
 """
 
 from __future__ import annotations
@@ -19,33 +19,33 @@ from tci.robot.joint_map import joint_map
 from tci.robot.shoulder import Shoulder, shoulder_of
 
 EXACT = 1e-9
-"""Rotation error [rad] below which a posture counts as reached."""
+"""Rotation error [rad] below which a posture counts as reached: rounding."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Retargeted:
-    """Where an arm goes."""
+    """Result of retargeting an arm."""
 
     position: Array
-    """Angles (n_servos,) [rad] of all servos; those of other parts are where they were."""
+    """Angles (n_servos,) [rad] of all servos; those of other parts are unchanged."""
     upper_arm_error: float
-    """Angle [rad] between the upper arm and the one asked for; 0 where limits allow."""
+    """Angle [rad] between the upper arm and the requested direction; 0 if limits allow it."""
     joint_errors: Array
-    """Generic elbow angles (2,) [rad], flexion and pronation, that limits take off."""
+    """Part (2,) [rad] of the generic elbow angles, flexion and pronation, that limits do not allow."""
 
     @property
     def reached(self) -> bool:
-        """Whether the posture is met exactly."""
+        """Returns True if the posture is met exactly."""
         return self.upper_arm_error <= EXACT and not self.joint_errors.any()
 
 
 def retarget(robot: Robot, part: str, generic: Array, position: Array) -> Retargeted:
-    """The nearest posture that an arm can take to generic angles (5,) [rad] in the torso frame.
+    """Returns the posture of an arm closest to generic angles (5,) [rad] in the torso frame.
 
-    `position` (n_servos,) [rad] is where all servos are; of two equal ways the nearer is taken. Within
-    limits and couplings; servos of other parts stay. Raises CommandError for another shape or a part
-    that is no arm, UnknownNameError for an unknown one, DescriptionError for an arm whose shoulder
-    and elbow the kinematic model does not have.
+    `position` (n_servos,) [rad] are the angles of all servos; of two solutions the closer one is taken. It is
+    within limits and couplings; servos of other parts stay. Raises CommandError for another shape or a part
+    that is no arm, UnknownNameError for an unknown one, DescriptionError if the kinematic model lacks the
+    arm's shoulder or elbow.
     """
     words = robot.part(part)
     if words.kind != "arm" or np.shape(generic) != (5,) or not np.isfinite(generic).all():
@@ -69,7 +69,8 @@ def retarget(robot: Robot, part: str, generic: Array, position: Array) -> Retarg
 
 
 def _within(robot: Robot, shoulder: Shoulder, wanted: Array, position: Array) -> tuple[Array, float]:
-    """Shoulder angles (3,) [rad] within limits and couplings, and the angle [rad] to the wanted rotation."""
+    """Returns shoulder angles (3,) [rad] within limits and couplings, and the angle [rad] to the wanted
+    rotation."""
     servos = shoulder.servos
     rows, low, high = robot.coupling_rows
     named = rows[:, servos].any(axis=1)
@@ -88,7 +89,7 @@ def _within(robot: Robot, shoulder: Shoulder, wanted: Array, position: Array) ->
             return way, 0.0
 
     def distance(angles: Array) -> tuple[float, Array]:
-        # 3 - trace is 2 (1 - cos): smooth where the angle itself is not. Second: how it changes.
+        # 3 - trace is 2 (1 - cos): smooth where the angle itself is not. The second result is its gradient.
         apart = shoulder.rotation(angles) @ wanted.T
         twist = [apart[2, 1] - apart[1, 2], apart[0, 2] - apart[2, 0], apart[1, 0] - apart[0, 1]]
         return 3.0 - float(np.trace(apart)), np.array(twist) @ shoulder.spin(angles)
@@ -109,15 +110,16 @@ def _within(robot: Robot, shoulder: Shoulder, wanted: Array, position: Array) ->
 
 
 def angle_between(one: Array, other: Array) -> float:
-    """Angle [rad] between two rotations (3, 3); exact near zero, where the trace's arccos is not."""
+    """Returns the angle [rad] between two rotations (3, 3); exact near zero, where the trace's arccos is
+    not."""
     half = np.linalg.norm(one - other) / (2.0 * np.sqrt(2.0))
     return float(2.0 * np.arcsin(min(half, 1.0)))
 
 
 def with_retargeting(robot: Robot, part: str) -> Robot:
-    """The robot with an arm whose generic angles are those in the torso frame, exactly.
+    """Returns the robot with an arm whose generic angles are exact in the torso frame.
 
-    Its shoulder gets the transform `retarget`, and no mount. Raises UnknownNameError.
+    Its shoulder has the transform `retarget`, and no mount. Raises UnknownNameError for an unknown part.
     """
     arm = robot.part(part)
     servos = tuple(

@@ -1,7 +1,8 @@
-"""How far what is touched would move away from the touch, on the way that the gate would take.
+"""Displacement of contacts relative to the touch, on the path that the gate would take.
 
-A motion is judged as it would be given: in the robot's own joints, within their limits and couplings, each
-with its own acceleration, from rest. It is seen from the robot's root, since a torso moves too.
+A motion is predicted as the gate would execute it: in the robot's own joints, within their limits and
+couplings, each with its own acceleration, from rest. It is measured from the robot's root, since a torso
+moves too.
 """
 
 from __future__ import annotations
@@ -24,31 +25,34 @@ from tci.robot.kernels.links import retreats
 from tci.skin.skin import Skin
 
 EARLY = (0.01, 0.02)
-"""When a way is looked at first [s], since joints start at rates of their own."""
+"""First times [s] of the prediction, the beginning of the motion. Assumed; joints accelerate differently, so
+a path may begin in another direction than it ends."""
 SHARES = (0.25, 0.5, 0.75, 1.0)
-"""And then, as shares of the time that it takes."""
+"""Later times, as fractions of the motion's duration."""
 LOOKS = len(EARLY) + len(SHARES)
 UNKNOWN = 100.0
-"""Taken for a limit [rad/s] and so on that the robot does not state; its gate refuses such a motion."""
+"""Stands for a limit [rad/s, rad/s2, rad/s3] that the robot does not state; its gate refuses such a
+motion."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Motion:
-    """What moves one generic part."""
+    """Joints, bounds and planner of one generic part."""
 
     joints: JointMap
     bounds: Bounds
     outside: Array
     """Coefficients (m, n_servos) of servos of other parts in its couplings."""
     free: NDArray[np.bool_]
-    """Which servos (n,) may leave a target that its couplings forbid: all."""
+    """Mask (n,) of the servos that may leave a target that its couplings forbid: all."""
     planner: Ruckig
     input: InputParameter
     trajectory: Trajectory
 
 
 class Retreat:
-    """Judges for one robot where motions lead. Threads may share it: each has a planner of its own."""
+    """Predicts for one robot how motions move its contacts. Threads may share it: each has planners of its
+    own."""
 
     def __init__(self, skin: Skin) -> None:
         robot = self._robot = skin.robot
@@ -59,15 +63,15 @@ class Retreat:
         after = dict(zip(links, ends.tolist(), strict=True))
         self._after = {patch.name: after[patch.link] for patch in robot.patches}
         self._own = local()
-        self._motions()  # now, or the first touch would wait for it
+        self._motions()  # built in advance: the first touch must not wait for it
 
     def along(self, position: Array, contacts: Contacts, part: str, target: Array, mode: Mode) -> Array:
-        """How far [m] the point of each contact (c,) would be from where it is, (0, k, c) along its inward
-        normal, below 0 where it is pressed, and (1, k, c) across it, at k moments while `part` goes to
-        generic angles `target` (n,).
+        """Returns the displacement (2, k, c) [m] of each contact point at k times while `part` goes to
+        `target` (n,).
 
+        (0, k, c) is along the inward normal, negative towards the touch; (1, k, c) is the length across it.
         The robot's servos are at `position` (n_servos,) [rad]. In position and impedance mode they arrive
-        together, in others each as fast as it can. Raises UnknownNameError for the part.
+        together, in others each as fast as it can. Raises UnknownNameError for an unknown part.
         """
         result = np.zeros((2, LOOKS, len(contacts)))
         motions = self._motions()
@@ -91,7 +95,7 @@ class Retreat:
         return result
 
     def _way(self, motion: _Motion, position: Array, target: Array, mode: Mode) -> Array:
-        """Angles (k + 1, n_servos) [rad] of all servos: now, and at each moment."""
+        """Returns the angles (k + 1, n_servos) [rad] of all servos: now, and at each time."""
         joints, servos, bounds = motion.joints, motion.joints.servos, motion.bounds
         here, goal = position[servos], joints.to_robot(target, position)
         goal = np.minimum(np.maximum(goal, bounds.lower), bounds.upper)
@@ -109,7 +113,7 @@ class Retreat:
         way[:] = position
         try:
             motion.planner.calculate(plan, motion.trajectory)
-        except RuckigError:  # a rare state without a synchronised way
+        except RuckigError:  # rare states have no synchronised trajectory
             way[1:, servos] += np.linspace(0.0, 1.0, LOOKS + 1)[1:, None] * (goal - here)
             return way
         at_time, duration = motion.trajectory.at_time, motion.trajectory.duration
@@ -118,7 +122,7 @@ class Retreat:
         return way
 
     def _motions(self) -> dict[str, _Motion]:
-        """Those of all parts, for this thread."""
+        """Returns the motions of all parts, for this thread."""
         own: dict[str, dict[str, _Motion]] = self._own.__dict__
         if "motions" not in own:
             own["motions"] = {part.name: _motion(self._robot, part.name) for part in self._robot.parts}

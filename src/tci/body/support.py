@@ -1,8 +1,7 @@
-"""What carries a robot that stands: its soles, by what they feel, under its centre of mass.
+"""Static stability of a standing robot: the centre of mass over the soles that bear weight.
 
-The ground is taken to be flat under a sole that feels weight, so that up is where the sole comes from. A
-posture is statically stable while the centre of mass lies over the polygon of the soles (Vukobratovic and
-Borovac 2004).
+The ground is assumed to be flat under a loaded sole, so the sole's normal is the vertical. A posture is
+statically stable while the centre of mass lies over the polygon of the soles (Vukobratovic and Borovac 2004).
 """
 
 from __future__ import annotations
@@ -21,11 +20,12 @@ from tci.robot.joint_map import joint_map
 from tci.skin.skin import Skin
 
 FELT = 1.0
-"""Force [N] from which a sole counts as one that stands on something. Ours."""
+"""Force [N] above which a sole counts as loaded. Assumed; a resting foot presses with far more, noise with
+less."""
 
 
 class StaticStability:
-    """Judges for one robot what would happen if a leg moved."""
+    """Predicts the static stability of one robot if a leg moved."""
 
     def __init__(self, skin: Skin) -> None:
         self._skin = skin
@@ -36,8 +36,10 @@ class StaticStability:
             self._gravity = None
 
     def support(self, contacts: Iterable[Contact], position: Array, part: str, target: Array) -> Support:
-        """What would carry the robot, whose servos are at `position` (n_servos,) [rad], if the leg `part`
-        went to generic angles `target` (n,) [rad]. Raises UnknownNameError for the part."""
+        """Returns the support of the robot if the leg `part` went to generic angles `target` (n,) [rad].
+
+        Servos are at `position` (n_servos,) [rad]. Raises UnknownNameError for an unknown part.
+        """
         forces = dict.fromkeys([patch.part for patch in self._soles], 0.0)
         for contact in contacts:
             if contact.segment == SOLE:
@@ -56,8 +58,11 @@ class StaticStability:
 
 
 def inside(point: Array, corners: Array, along: Array) -> float:
-    """How far [m] a `point` (3,) lies inside the hull of `corners` (n, 3), all seen along a direction (3,);
-    negative outside. -inf where the corners span no area."""
+    """Returns the distance [m] of a `point` (3,) from the edge of the hull of `corners` (n, 3), seen along a
+    direction (3,).
+
+    It is positive inside, negative outside, and -inf if the corners span no area.
+    """
     across = np.linalg.svd(along[None])[2][1:]
     try:
         hull = ConvexHull(corners @ across.T)

@@ -1,5 +1,5 @@
-"""The safety filter between a command and a robot: nothing passes that a limit forbids.
+"""The safety filter between commands and a robot: it passes nothing that violates a limit.
 
-It judges each order, turns it into a jerk-limited motion and checks that the robot can stop at any time. It
-holds or stops when data is late, lost or wrong. Only a gate makes the `SafeCommand` that a link sends.
+It checks each order, turns it into a jerk-limited motion and verifies that the robot can stop at any time. It
+holds or stops when data is late, lost or wrong. Only a gate creates the `SafeCommand` that a driver writes.
 """

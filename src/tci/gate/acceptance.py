@@ -1,7 +1,6 @@
-"""What the gate accepts: joint data, the form of a command, servos whose limits are known.
+"""Checks of joint data, of the form of a command, and of the limits of its servos.
 
-A number counts only where `isfinite(x) and lower <= x <= upper` says so: every other order of
-comparisons lets NaN pass.
+A number is accepted only by `isfinite(x) and lower <= x <= upper`: other orders of comparison let NaN pass.
 """
 
 from __future__ import annotations
@@ -21,23 +20,24 @@ from tci.reasons import Code, Reason
 from tci.robot.description import Robot, Servo
 
 NEEDED = ("lower", "upper", "velocity", "acceleration", "jerk")
-"""Limits without which no servo is moved."""
+"""Limits that are required to move a servo."""
 OUTSIDE = float(np.deg2rad(20.0))
-"""How far [rad] outside its limits a servo may be measured when it comes under command. Ours."""
+"""Largest angle [rad] outside its limits at which a servo may be measured when it comes under command.
+Assumed; a larger one is rather a fault of the encoder."""
 FAR_OFF = 1.0
 """Angles [rad] that are all this far outside their limits may be degrees. Assumed: a behaviour that
 overshoots asks for less, and not of all joints at once."""
 SLOWEST = 1e-3
-"""Smallest speed [rad/s] that may be asked for. Ours: a slower way across a joint's range takes longer than
-the two hours that ruckig plans."""
+"""Smallest speed [rad/s] that may be requested. Assumed: at a lower one, crossing a joint's range takes
+longer than the two hours that ruckig plans."""
 INDICES, DOUBLES = np.dtype(np.intp), np.dtype(np.float64)
 
 
 def fault_of_reading(robot: Robot, joints: JointReading, now: float, stale_after: float) -> Reason | None:
-    """Returns why joint data can't be used at time `now` [s]; None when it can.
+    """Returns the reason why joint data can't be used at time `now` [s]; None if it can.
 
-    Data may be as much too new as too old, since a reading is taken after its tick began. Velocities
-    may be NaN: not every robot sends them.
+    Its age may be negative, to the same bound, since a reading is taken after its tick began. Velocities may
+    be NaN: not every robot sends them.
     """
     expected = (len(robot.servos),)
     if joints.position.shape != expected:
@@ -57,9 +57,9 @@ def fault_of_reading(robot: Robot, joints: JointReading, now: float, stale_after
 
 
 def check_command(robot: Robot, command: PlatformCommand) -> tuple[NDArray[np.intp], Array, Array]:
-    """The servos, values and speeds (k,) of a command, as arrays of its own.
+    """Returns the servos, values and speeds (k,) of a command, as new arrays.
 
-    Raises CommandError for a shape or value that can't be accepted.
+    Raises CommandError for an invalid shape or value.
     """
     servos, values, speed = command.servos, command.values, command.speed
     usual = servos.dtype == INDICES and values.dtype == speed.dtype == DOUBLES
@@ -72,7 +72,7 @@ def check_command(robot: Robot, command: PlatformCommand) -> tuple[NDArray[np.in
 
 
 def _refuse_wrong(robot: Robot, command: PlatformCommand) -> None:
-    """Raises CommandError that tells what is wrong with a command, if anything is."""
+    """Raises CommandError that names the fault of a command, if there is any."""
     mode, servos, values = command.mode.value, command.servos, command.values
     if servos.ndim != 1 or not servos.size or values.shape != servos.shape:
         raise CommandError(
@@ -94,7 +94,7 @@ def _refuse_wrong(robot: Robot, command: PlatformCommand) -> None:
 
 
 def refuse_degrees(robot: Robot, command: PlatformCommand) -> NoReturn:
-    """Raises CommandError for angles that are so far off that they may be degrees."""
+    """Raises CommandError for angles that are so large that they may be degrees."""
     names = [robot.servos[servo].name for servo in command.servos]
     worst = int(np.argmax(np.abs(command.values)))
     limits = robot.servos[command.servos[worst]].limits
@@ -106,7 +106,7 @@ def refuse_degrees(robot: Robot, command: PlatformCommand) -> NoReturn:
 
 
 def check_switch(robot: Robot, switch: PlatformSwitch) -> None:
-    """Raises CommandError for a mode that is no control mode, or that one of the servos lacks."""
+    """Raises CommandError for a mode that is no control mode, or that one of the servos does not support."""
     if switch.mode not in CONTROL_MODES:
         valid = ", ".join(mode.value for mode in CONTROL_MODES)
         raise CommandError(f"switch to {switch.mode.value}; valid: {valid}")
@@ -126,7 +126,7 @@ def check_switch(robot: Robot, switch: PlatformSwitch) -> None:
 
 
 def _check_servos(robot: Robot, what: str, servos: NDArray[np.intp]) -> None:
-    """Raises CommandError for indices that are none, or come twice."""
+    """Raises CommandError for indices out of range, or that occur twice."""
     count, indices = len(robot.servos), servos.tolist()
     if servos.dtype.kind not in "iu" or min(indices) < 0 or max(indices) >= count:
         raise CommandError(f"{what}: servos {indices}; valid: 0 to {count - 1}")
@@ -148,8 +148,10 @@ def _refuse_each(
 
 
 def check_start(robot: Robot, servos: Collection[int], position: Array) -> None:
-    """Raises CommandError for a servo that is measured too far outside its limits, at `position` (n_servos,)
-    [rad], to be told to stay there: such an angle is rather a fault of the encoder."""
+    """Raises CommandError for a servo that is measured too far outside its limits to come under command.
+
+    `position` (n_servos,) [rad] is the measured one.
+    """
     for servo in (robot.servos[index] for index in servos):
         lower, upper = servo.limits.lower, servo.limits.upper
         assert lower is not None
@@ -165,7 +167,7 @@ def check_start(robot: Robot, servos: Collection[int], position: Array) -> None:
 
 
 def check_limits(servo: Servo) -> None:
-    """Raises CommandError for a servo without the limits that moving it needs."""
+    """Raises CommandError for a servo that lacks a limit required to move it."""
     limits = servo.limits
     missing = [name for name in NEEDED if getattr(limits, name) is None]
     if missing:

@@ -1,4 +1,4 @@
-"""Looks at the robot's body before servos that move together get nearer to it."""
+"""Checks planned stops for self-collision before groups of servos move on."""
 
 from __future__ import annotations
 
@@ -15,26 +15,28 @@ from tci.gate.stop_plan import StopTrajectory
 from tci.reasons import Reason
 
 LOOKS = 16
-"""Points of a stop, its ends among them, at which the robot's body is looked at. Ours: others lie between."""
+"""Number of points of a stop, including its ends, that are checked. Assumed; paths between them are bounded
+by `SelfCollision`."""
 SHARES = np.linspace(0.0, 1.0, LOOKS)
 
 
 class BodyGuard:
-    """What all chains do if each of them stops now: a state is handed out only if that hits nothing.
+    """Checks the stop of all joint groups together: a state is only handed out if stopping from it hits
+    nothing.
 
-    The robot's joints are not where they were told to be, they lag and sag. So a path counts twice: as it is
-    told, and moved by what the joints are away from it now.
+    Joints lag and sag behind their references. Each path is therefore checked twice: as planned, and shifted
+    by the present deviation of the joints.
     """
 
     def __init__(self, body: SelfCollision, *, period: float) -> None:
-        """One step of a chain takes `period` [s]."""
+        """Takes the `period` [s] of one step of a group."""
         self._body = body
         self._period = period
         self._before: dict[JointGroup, Array] = {}
         self._waiting: set[JointGroup] = set()
 
     def turns(self, chains: Collection[JointGroup], moving: Collection[JointGroup]) -> Iterator[JointGroup]:
-        """Those of the chains that are `moving`, each when it shall take its step of a period."""
+        """Yields the groups that are `moving`, each when it is to take its step of a period."""
         self._before = {chain: chain.limiter.whole_state[0] for chain in chains}
         self._waiting = {*moving}
         for chain in moving:
@@ -45,9 +47,10 @@ class BodyGuard:
     def fault(
         self, index: NDArray[np.intp], stop: StopTrajectory, others: Sequence[JointGroup], measured: Array
     ) -> Reason | None:
-        """Returns why servos `index` (n,) must not go where `stop` begins while `others` stop, or None.
+        """Returns the reason why servos `index` (n,) must not go where `stop` begins while `others` stop, or
+        None.
 
-        Servos of no chain are where they are `measured` (n_servos,) [rad].
+        Servos of no group are at the `measured` (n_servos,) [rad].
         """
         box = np.array([measured, measured])
         take_room(index, measured, stop.here, stop.span, box)
@@ -61,7 +64,7 @@ class BodyGuard:
     def _fault_of_path(
         self, index: NDArray[np.intp], stop: StopTrajectory, others: Sequence[JointGroup], measured: Array
     ) -> Reason | None:
-        """The same, from point to point of the stops."""
+        """Returns the result of `fault` by a check of the stops point by point."""
         told, away = np.array(measured), np.zeros(len(measured))
         told[index] = stop.here
         away[index] = measured[index] - stop.here
@@ -71,7 +74,7 @@ class BodyGuard:
         duration = stop.way.duration
         longest = max((other.limiter.remaining for other in others), default=0.0)
         times = duration * SHARES
-        if longest > duration:  # another one goes on when these rest
+        if longest > duration:  # another group still moves when this one rests
             times = np.concatenate([times, duration + (longest - duration) * SHARES[1:]])
         path = told[None].repeat(1 + len(times), axis=0)
         path[1:, index] = [stop.way.at_time(time)[0] for time in times.tolist()]

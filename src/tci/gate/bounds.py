@@ -1,4 +1,4 @@
-"""What servos that move together may do, and the nearest point to a target where they may be."""
+"""Limits and couplings of servos that move together, and the nearest point within them."""
 
 from __future__ import annotations
 
@@ -14,37 +14,38 @@ from tci.gate.kernels.couplings import find_nearest
 from tci.robot.description import Robot
 
 APPROACH = 0.5
-"""Share of acceleration and jerk with which driven servos slow down before a limit. Ours: the rest is for
-the time that a change of velocity takes."""
+"""Fraction of acceleration and jerk with which velocity-controlled servos slow down before a limit. Assumed:
+the rest is a reserve for the time that a change of acceleration takes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bounds:
-    """What n servos may do together."""
+    """Limits of n servos and the couplings between them."""
 
     lower: Array
     """Smallest angles (n,) [rad]."""
     upper: Array
     """Largest angles (n,) [rad]."""
     velocity: Array
-    """(n,) [rad/s]"""
+    """Speed limits (n,) [rad/s]."""
     acceleration: Array
-    """(n,) [rad/s2]"""
+    """Acceleration limits (n,) [rad/s2]."""
     jerk: Array
-    """(n,) [rad/s3]"""
+    """Jerk limits (n,) [rad/s3]."""
     coupling: Array
     """Coefficients (m, n) of linear inequalities coupling_lower <= coupling @ q <= coupling_upper."""
     coupling_lower: Array
-    """(m,) [rad]"""
+    """Lower bounds (m,) [rad] of the couplings."""
     coupling_upper: Array
-    """(m,) [rad]"""
+    """Upper bounds (m,) [rad] of the couplings."""
 
     def nearest(self, target: Array, free: NDArray[np.bool_]) -> Array:
-        """A point inside limits and couplings: `target` (n,) [rad] itself, or one close to it.
+        """Returns a point (n,) [rad] within limits and couplings: `target` (n,) [rad] itself, or one close to
+        it.
 
-        Only servos that are `free` (n,) may differ from it, since nobody asked the others to move.
-        Projects onto each violated half-space in turn (Bregman 1965), last onto the limits. Where the
-        other servos leave no such point, it comes as close as the limits allow.
+        Only servos that are `free` (n,) may differ from it, since the others were not commanded. Projects
+        onto each violated half-space in turn (Bregman 1965), last onto the limits. If the other servos allow
+        no such point, the result violates the couplings as little as the limits allow.
         """
         point = np.empty(len(target))
         find_nearest(
@@ -54,10 +55,11 @@ class Bounds:
         return point
 
     def allowed_velocity(self, position: Array, velocity: Array) -> Array:
-        """`velocity` (n,) [rad/s], slower where servos at `position` (n,) [rad] could not stop in time.
+        """Returns `velocity` (n,) [rad/s], reduced where servos at `position` (n,) [rad] could not stop in
+        time.
 
-        Only makes for a smooth approach: whether a stop stays inside is checked for every step anyway.
-        Servos that would leave a coupling all slow down by the same share.
+        It only smooths the approach to a limit: each step's stop is checked anyway. Servos that would leave a
+        coupling are all slowed down by one factor.
         """
         margin = np.minimum(MARGIN, (self.upper - self.lower) / 2)
         room = np.where(velocity > 0.0, self.upper - margin - position, position - self.lower - margin)
@@ -76,7 +78,7 @@ class Bounds:
 
 
 def _stopping_speed(room: Array, acceleration: Array, jerk: Array) -> Array:
-    """Speed (n,) from which a jerk-limited stop needs no more than `room` (n,), with some to spare.
+    """Returns the speed (n,) from which a jerk-limited stop needs no more than `room` (n,), with a reserve.
 
     A stop that ramps the acceleration up and down needs v2 / 2a + v a / 2j.
     """
@@ -87,9 +89,10 @@ def _stopping_speed(room: Array, acceleration: Array, jerk: Array) -> Array:
 
 
 def bounds_of(robot: Robot, servos: Sequence[int], *, speed_share: float) -> tuple[Bounds, Array]:
-    """Bounds of `servos` (n,), which have all their limits, and of the couplings that name one of them.
+    """Returns the bounds of `servos` (n,), which have all their limits, and of the couplings that name any of
+    them.
 
-    Second: coefficients (m, n_servos) of the servos outside, by which the couplings shift.
+    The second result is the coefficients (m, n_servos) of the other servos, by which the couplings shift.
     """
     limits = [robot.servos[servo].limits for servo in servos]
     rows, lowest, highest = robot.coupling_rows

@@ -1,4 +1,4 @@
-"""How far the latest joint data can still be trusted where a torque is made from it."""
+"""Trust in the latest joint data, from which torques are computed, by its age."""
 
 from __future__ import annotations
 
@@ -7,26 +7,27 @@ import math
 from tci.messages import JointReading
 
 LONGEST = 0.02
-"""Age [s] up to which the latest data may count in full. Assumed: a joint under a fixed torque that is braked
-needs some 50 ms until it goes the other way, and robots send their joints every 10 ms at least."""
+"""Largest age [s] at which data is trusted in full. Assumed: a joint under a fixed torque that is braked
+needs some 50 ms until it reverses, and robots send their joints every 10 ms at least."""
 FADE = 0.01
-"""Time [s] in which trust ends from there. Assumed: a light joint under its full torque gains a third of its
-speed limit in it."""
+"""Time [s] over which trust then falls to zero. Assumed: a light joint under its full torque gains a third of
+its speed limit in it."""
 USUAL = 1.5
-"""Data counts in full up to so many times the age that it usually reaches, and a period. Assumed: jitter."""
+"""Data is trusted in full up to this factor times its usual largest age, plus a period. Assumed: jitter."""
 SHARE = 0.1
-"""Share of each new age in the usual one. Assumed."""
+"""Weight of each new age in the usual one. Assumed; larger follows a slower network sooner, smaller ignores
+single delays better."""
 
 
 class Freshness:
-    """The age of the latest data that was new and believed, on the gate's own clock. It has memory.
+    """Age of the latest valid data on the gate's own clock.
 
-    Data is new where its number and its stamp are: what repeats or comes in the wrong order is not, also
-    where it was not believed when it came first.
+    Data is new if both its sequence number and its stamp are: repeated or reordered data is not, even if its
+    first copy was rejected.
     """
 
     def __init__(self, period: float) -> None:
-        """`period` [s] of the control loop."""
+        """Takes the `period` [s] of the control loop."""
         self._period = period
         self._usual = period
         self._stamp = self._newest = -math.inf
@@ -34,7 +35,7 @@ class Freshness:
         self._refused: int | None = None
 
     def see(self, joints: JointReading, now: float, *, believed: bool = True) -> bool:
-        """Whether usable data is new at time `now` [s], and may be acted on."""
+        """Returns True if usable data is new at time `now` [s] and `believed`."""
         if now < self._newest - self._period:  # time went back
             self._stamp = self._newest = -math.inf
         if joints.sequence in (self._sequence, self._refused) or not self._newest < joints.stamp:
@@ -46,16 +47,19 @@ class Freshness:
         return believed
 
     def refuse(self, joints: JointReading) -> None:
-        """A reading can't be used: its number is not new any more."""
+        """Records a reading that can't be used, so that a repetition of it does not count as new."""
         self._refused = joints.sequence
 
     def age(self, now: float) -> float:
-        """Age [s] of the data at time `now` [s]; infinite before there was any, where time went back by more
-        than a period, and for a time that is none."""
+        """Returns the age [s] of the data at time `now` [s].
+
+        It is infinite before any data, after time went back by more than a period, and for a time that is
+        NaN.
+        """
         age = now - self._stamp
         return max(age, 0.0) if -self._period <= age < math.inf else math.inf
 
     def trust(self, age: float) -> float:
-        """Share 0..1 by which data of an `age` [s] counts: none after LONGEST and FADE, and mostly before."""
+        """Returns the trust (0..1) in data of an `age` [s]: 0 beyond LONGEST + FADE, usually earlier."""
         counts = min(self._period + USUAL * self._usual, LONGEST)
         return min(max(1.0 - (age - counts) / FADE, 0.0), 1.0)

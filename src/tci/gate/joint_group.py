@@ -1,4 +1,4 @@
-"""Servos that move together: those of a robot part, and of parts that couplings tie to it."""
+"""Groups of servos that move together: those of a robot part, and of parts that couplings link to it."""
 
 from __future__ import annotations
 
@@ -18,36 +18,38 @@ from tci.robot.description import Robot
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointGroup:
-    """The servos of one group that are under command, and what moves them."""
+    """The commanded servos of one group, and the trajectory that moves them."""
 
     servos: list[int]
-    """Indices (n,) into `Robot.servos`, which rise."""
+    """Indices (n,) into `Robot.servos`, rising."""
     index: NDArray[np.intp]
-    """The same, to pick them from an array."""
+    """`servos` as an array, for indexing."""
     limiter: OnlineTrajectory
-    """Moves them."""
+    """Trajectory of these servos."""
     bounds: Bounds
-    """What they may do while every servo outside is at zero."""
+    """Bounds of these servos while all others are at zero."""
     outside: NDArray[np.float64]
-    """Coefficients (m, n_servos) of servos outside, in the couplings that name one of these."""
+    """Coefficients (m, n_servos) of other servos in the couplings that name one of these."""
     limits: Array
-    """Least and largest angles [rad] and speed limits [rad/s] (3, n) in one array."""
+    """Lower and upper limits [rad] and speed limits [rad/s] (3, n) in one array."""
     ends: Array
-    """Bounds (2, m) of the couplings now, which are those of the limiter: they shift with servos outside."""
+    """Present bounds (2, m) of the couplings, shared with the trajectory: they shift with the other
+    servos."""
 
     @property
     def driven(self) -> list[int]:
-        """Places of the servos that are driven at a velocity other than zero."""
+        """Returns the indices within the group of servos that are driven at a velocity other than zero."""
         drive = self.limiter.drive
         if not self.limiter.drives:
             return []
         return np.flatnonzero(np.abs(drive) > 0.0).tolist()  # false for NaN
 
     def aim(self, servos: NDArray[np.intp], values: Array, speeds: Array, sent: Array) -> float:
-        """Aim those of `servos` (k,) that are its own at `values` (k,) [rad] or next to them inside the
-        bounds, at most at `speeds` (k,) [rad/s].
+        """Aims those of `servos` (k,) that belong to the group at `values` (k,) [rad], or as near as bounds
+        allow.
 
-        Writes where they are `sent` (k,) [rad], and returns how far that is at most from the values [rad].
+        `speeds` (k,) [rad/s] are upper bounds. Writes the actual targets into `sent` (k,) [rad], and returns
+        their largest distance from the values [rad].
         """
         limiter, count = self.limiter, len(self.servos)
         aims = np.empty((3, count))
@@ -60,13 +62,13 @@ class JointGroup:
         return farthest
 
     def look_outside(self, measured: Array) -> None:
-        """A coupled servo that is not commanded with these counts where it is `measured` (n_servos,) now."""
+        """Shifts the couplings by the `measured` (n_servos,) [rad] positions of servos outside the group."""
         if len(self.outside):
             lower, upper = self.bounds.coupling_lower, self.bounds.coupling_upper
             shift(self.outside, measured, lower, upper, self.ends[0], self.ends[1])
 
     def places(self, servos: Sequence[int]) -> list[int]:
-        """Places of some of its servos in the arrays of its limiter."""
+        """Returns the indices of some of its servos within the group."""
         return [self.servos.index(servo) for servo in servos]
 
 
@@ -81,10 +83,10 @@ def make_chain(
     speed_share: float,
     guard: Guard,
 ) -> JointGroup:
-    """A chain of `servos`, at rest where they are `measured` (n_servos,) [rad].
+    """Returns a group of `servos`, at rest at their `measured` (n_servos,) [rad] positions.
 
-    Servos that `old` moves go on as they do there, but for the `fresh` ones. Raises CommandError when
-    some can't join the motion now; `old` is then as it was.
+    Servos that `old` moves continue their motion, except for the `fresh` ones. Raises CommandError if some
+    can't join the motion now; `old` is then unchanged.
     """
     union = sorted(servos)
     bounds, outside = bounds_of(robot, union, speed_share=speed_share)
@@ -102,7 +104,7 @@ def make_chain(
 
 
 def groups_of(robot: Robot) -> list[int]:
-    """The group (n_servos,) of each servo; parts that couplings tie together are one."""
+    """Returns the number of the group (n_servos,) of each servo; parts linked by couplings form one group."""
     parts = [servo.robot_part for servo in robot.servos]
     groups = {part: i for i, part in enumerate(dict.fromkeys(parts))}
     for coupling in robot.couplings:

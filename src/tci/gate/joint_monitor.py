@@ -1,7 +1,7 @@
-"""Checks that the robot does what it is told. Where it does not, it stops until an operator resets it.
+"""Checks that the robot follows its reference. If it does not, the robot stops until an operator resets it.
 
-It knows the faults that limits can't see: a stalled or limp servo, a motion against its command, an
-encoder that jumps or stands still, data that repeats under fresh stamps.
+It detects faults that limits do not show: a stalled or limp servo, a motion against its command, an encoder
+that jumps or freezes, data that repeats under new stamps.
 """
 
 from __future__ import annotations
@@ -32,37 +32,40 @@ from tci.reasons import Code, Reason
 from tci.robot.description import Robot
 
 JUDGED = (Mode.POSITION, Mode.VELOCITY)
-"""Modes in which the measured motion must be the commanded one. Elsewhere a joint yields legitimately, and
-its angle is judged by its velocity and its torque."""
+"""Modes in which the measured motion must follow the reference. In others a joint may yield, and its angle is
+checked against its velocity and its torque."""
 
 
 @dataclass(frozen=True, slots=True)
 class MonitorSettings:
-    """When a deviation is a fault. All figures are ours."""
+    """Thresholds above which a deviation is a fault. All figures are assumed: smaller ones stop healthy
+    robots that lag or vibrate, larger ones detect a fault later."""
 
     following_error: float = np.deg2rad(6.0)
-    """Distance [rad] from the reference at rest that a servo may have for long."""
+    """Largest lasting distance [rad] from a reference at rest."""
     lag: float = 0.1
-    """A servo may be this far [s] behind a moving reference."""
+    """Time [s] by which a servo may lag behind a moving reference."""
     patience: float = 0.15
-    """How long [s] the following error may be larger."""
+    """Time [s] for which the following error may be larger."""
     opposing: float = 0.1
-    """How long [s] a servo may move against its reference."""
+    """Time [s] for which a servo may move against its reference."""
     least_speed: float = np.deg2rad(3.0)
-    """Speeds [rad/s] below this one are no motion."""
+    """Speed [rad/s] below which a servo counts as not moving."""
     encoder_step: float = np.deg2rad(2.0)
-    """Change [rad] between two readings beyond what the speed limit allows."""
+    """Change [rad] between two readings that is allowed in addition to the speed limit's."""
     frozen: float = 0.1
-    """How long [s] one angle may repeat to the bit, or a reading come again under fresh stamps."""
+    """Time [s] for which one angle may repeat to the bit, or a reading repeat under new stamps."""
     frozen_travel: float = np.deg2rad(3.0)
-    """A reference that moves this far [rad] while the angle repeats shows that the encoder stands still."""
+    """Motion [rad] of the reference after which a repeated angle shows a frozen encoder."""
     drift: float = 2.0
-    """Time [s] in which it is forgotten how far a velocity led away from its angle: sensors have offsets."""
+    """Time constant [s] with which the deviation of an angle from its integrated velocity is forgotten, since
+    velocity sensors have offsets."""
     push: float = 0.3
-    """A torque that changes by this share of its limit moves every joint by a bit, also one that is pressed
-    against something: joints, links and what they touch give way. Under a constant one it may repeat."""
+    """Fraction of the torque limit by which a torque must change to show a frozen encoder: it moves every
+    joint by a bit, even a blocked one, as joints and links are elastic. Under a constant torque an angle may
+    repeat."""
     mode_change: float = 0.5
-    """How long [s] a robot may take to report the mode that it was switched to."""
+    """Time [s] within which a robot must report the mode that it was switched to."""
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -73,20 +76,20 @@ class MonitorSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
-    """What the servos under command were told last."""
+    """Latest references of the servos under command."""
 
     servos: NDArray[np.intp]
     """Indices (k,) into `Robot.servos`."""
     modes: tuple[Mode, ...]
-    """Control mode of each (k,)."""
+    """Control mode (k,) of each."""
     position: Array
-    """Where each should be (k,) [rad]."""
+    """Position reference (k,) [rad]."""
     velocity: Array
-    """How fast each should move (k,) [rad/s]."""
+    """Velocity reference (k,) [rad/s]."""
 
 
 class JointMonitor:
-    """Compares each new joint reading with the reference. It has memory; one serves one gate."""
+    """Compares each new joint reading with the reference. Holds the history of one gate."""
 
     def __init__(self, robot: Robot, settings: MonitorSettings | None = None) -> None:
         self.settings = settings or MonitorSettings()
@@ -106,16 +109,16 @@ class JointMonitor:
         )
         self._fastest = np.array([np.inf if speed is None else speed for speed in speeds])
         self.misled = False
-        """Whether a fault said that the joint data can't be believed. That stays until `reset`."""
+        """True after a fault that makes the joint data untrustworthy, until `reset`."""
         self.forget()
 
     def reset(self) -> None:
-        """For an operator: forget all that was seen, and believe what comes."""
+        """Forgets all history and trusts new data again; for an operator."""
         self.misled = False
         self.forget()
 
     def forget(self) -> None:
-        """Forget the motion that was seen, not that it can't be believed."""
+        """Forgets the history of motion, but not that the data is untrustworthy."""
         never = np.full(len(self._names), np.inf)
         self._before: JointReading | None = None
         self._modes: tuple[Mode, ...] = ()
@@ -128,9 +131,10 @@ class JointMonitor:
         self._well: tuple[object, ...] = ()
 
     def step(self, joints: JointReading, reference: Reference, torque: Array | None = None) -> Reason | None:
-        """Returns why the robot must stop, given a usable reading; None while it does what it is told.
+        """Returns the reason why the robot must stop, given a usable reading; None while it follows its
+        reference.
 
-        `reference` and `torque` (k,) [N m] are what was handed out for this reading's time. Call it once per
+        `reference` and `torque` (k,) [N m] are those handed out at the time of this reading. Call it once per
         control period.
         """
         before, self._before = self._before, joints
@@ -169,10 +173,10 @@ class JointMonitor:
         return None
 
     def _fault_of_state(self, joints: JointReading, reference: Reference) -> Reason | None:
-        """Servos that are off, or in another mode than they were switched to."""
+        """Checks for servos that are off, or in another mode than they were switched to."""
         servos, seen = reference.servos, (joints.powered, joints.modes, reference.servos, reference.modes)
         if len(self._well) == len(seen) and all(map(is_, seen, self._well)):
-            return None  # the very objects that were looked at before, and nothing was wrong
+            return None  # identical to the objects that passed the last check
         self._well = ()
         if joints.powered is not None and not joints.powered[servos].all():
             off = servos[int(np.argmin(joints.powered[servos]))]
@@ -217,7 +221,7 @@ class JointMonitor:
     def _fault_of_velocities(
         self, joints: JointReading, before: JointReading, reference: Reference, torque: Array | None
     ) -> Reason | None:
-        """Angles that are not the joints', told by velocities and torques where no reference does."""
+        """Checks angles against velocities and torques, for servos that are not judged by a reference."""
         servos, elapsed = reference.servos, joints.stamp - before.stamp
         self._sort(reference.modes)
         pushed = np.zeros(len(servos)) if torque is None else torque
@@ -238,7 +242,7 @@ class JointMonitor:
         return Reason(Code.ENCODER_FROZEN, words)
 
     def _sort(self, modes: tuple[Mode, ...]) -> None:
-        """Which servos (k,) are in modes that are judged by the reference, and which in torque mode."""
+        """Sorts servos (k,) into those judged by their reference and those in torque mode."""
         if modes != self._modes:
             self._modes = modes
             self._kinds = np.array(

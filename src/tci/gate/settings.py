@@ -1,4 +1,4 @@
-"""What a gate can be told, and what it counts."""
+"""Settings of a gate, and its counters."""
 
 from __future__ import annotations
 
@@ -16,16 +16,17 @@ from tci.gate.self_collision import MARGIN as BODY_MARGIN
 
 @dataclass(frozen=True, slots=True)
 class GateSettings:
-    """What the description does not say. All figures are ours."""
+    """Settings of a gate that the robot's description does not contain. All figures are assumed."""
 
     speed_share: float = 0.9
-    """Share of a servo's speed limit that is commanded, since a real servo overshoots."""
+    """Fraction of a servo's speed limit that is commanded, since a real servo overshoots."""
     command_timeout: float = 0.1
-    """Age [s] beyond which a velocity or a torque no longer counts: the servo stops, or lets go."""
+    """Age [s] above which a velocity or torque command expires: the servo stops, or its torque ends."""
     self_collision: float | None = BODY_MARGIN
-    """Distance [m] that the arms keep from the body and from each other; None: nobody looks."""
+    """Distance [m] that the arms keep from the body and from each other; None disables the check."""
     monitor: MonitorSettings | None = field(default_factory=MonitorSettings)
-    """When the robot does not do what it is told; None: nobody looks, since another gate does."""
+    """Thresholds for a robot that does not follow its reference; None disables the check if another gate does
+    it."""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.speed_share <= 1.0:
@@ -36,24 +37,24 @@ class GateSettings:
 
 @dataclass(frozen=True, slots=True)
 class GateCounts:
-    """What the gate did since it was made."""
+    """Counters of a gate since it was made."""
 
     steps: int
-    """Control periods."""
+    """Number of control periods."""
     holds: int
-    """Times that it began to hold."""
+    """Number of times that it began to hold."""
     stops: int
-    """Times that it stopped until a reset."""
+    """Number of times that it stopped until a reset."""
     refusals: int
-    """Commands that it refused whole."""
+    """Number of commands that it refused entirely."""
     near_misses: int
-    """Motions that it ended because the robot would have hit itself."""
+    """Number of motions that it ended to avoid a self-collision."""
     clamps: Mapping[str, int]
-    """Times that a servo's target was clamped, by servo name."""
+    """Number of times that a servo's target was clamped, by servo name."""
 
 
 class Tally:
-    """The same while it is counted."""
+    """Counters of a gate while they change."""
 
     def __init__(self) -> None:
         self.steps = self.holds = self.stops = self.refusals = self.near_misses = 0
@@ -61,6 +62,6 @@ class Tally:
 
     @property
     def counts(self) -> GateCounts:
-        """A copy that stays as it is."""
+        """Returns a copy that does not change."""
         clamps = MappingProxyType(dict(self.clamps))
         return GateCounts(self.steps, self.holds, self.stops, self.refusals, self.near_misses, clamps)

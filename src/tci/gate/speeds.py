@@ -1,4 +1,4 @@
-"""Speeds of joints, also of those whose robot does not measure them."""
+"""Joint speeds, measured or estimated from successive angles."""
 
 from __future__ import annotations
 
@@ -11,24 +11,25 @@ from tci.gate.kernels.motion import all_finite
 from tci.messages import JointReading
 
 SMOOTHING = 0.05
-"""Time [s] over which successive angles tell a speed. Ours."""
+"""Time constant [s] of the estimate from successive angles. Assumed; shorter passes the encoder's resolution
+as speed, longer reports a motion later."""
 
 SPAN = 0.02
-"""Longest time [s] between two readings whose angles tell a speed together. Assumed: more hides how a joint
-went in between, and an encoder's step in less is no speed."""
+"""Longest time [s] between two readings that give a mean speed. Assumed: over a longer time the motion
+between them is unknown, and over a much shorter one an encoder's resolution is no speed."""
 
 
 class Slope:
-    """Mean speeds that angles tell, over the latest readings. It has memory."""
+    """Mean speeds over the latest readings, from angles. Holds these readings."""
 
     def __init__(self, count: int) -> None:
         self._past: deque[JointReading] = deque()
         self._none = np.full(count, np.nan)
         self.span = 0.0
-        """Time [s] until the latest reading for which they are the mean."""
+        """Time [s] over which the speeds are the mean, up to the latest reading."""
 
     def step(self, joints: JointReading) -> None:
-        """The latest reading."""
+        """Adds the latest reading."""
         past = self._past
         past.append(joints)
         while not 0.0 <= joints.stamp - past[0].stamp <= SPAN:
@@ -37,7 +38,7 @@ class Slope:
 
     @property
     def speed(self) -> Array:
-        """Speeds (n,) [rad/s]; NaN where readings come too seldom to tell."""
+        """Returns speeds (n,) [rad/s]; NaN if readings are too far apart."""
         if not self.span > 0.0:
             return self._none
         speed: Array = (self._past[-1].position - self._past[0].position) / self.span
@@ -45,14 +46,14 @@ class Slope:
 
 
 class Speeds:
-    """Guesses from successive angles what a robot does not measure. It has memory."""
+    """Estimates speeds from successive angles where a robot does not measure them. Holds the estimates."""
 
     def __init__(self, count: int) -> None:
         self._guess = np.zeros(count)
         self._before: JointReading | None = None
 
     def step(self, joints: JointReading) -> Array:
-        """Speeds (n,) [rad/s] at a new reading: measured, or guessed where the reading says NaN."""
+        """Returns speeds (n,) [rad/s] at a new reading: measured, or estimated where the reading has NaN."""
         before, self._before = self._before, joints
         if all_finite(joints.velocity):
             self._guess = joints.velocity

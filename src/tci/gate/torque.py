@@ -1,9 +1,9 @@
-"""Torque mode: what may be sent to a servo whose position nobody controls.
+"""Torque mode: limits for servos whose position is not controlled.
 
-A torque has no reference that could be kept inside limits, so the servo is watched instead: the nearer
-it is to a limit, or the faster it is, the more a braking torque takes the place of the one asked for.
-Watching takes joint data: as that ages, every torque ends, the braking one too. A braking torque that stays
-when its joint has come to rest drives it the other way.
+A torque has no position reference that could be kept within limits, so the measured motion decides: the
+closer a servo is to a limit, or the faster it moves, the more a braking torque replaces the commanded one.
+This needs recent joint data: as it ages, every torque fades to zero, the braking one too, because a braking
+torque that continues after its joint has come to rest drives it backwards.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from tci.gate.trajectory import CREEP
 from tci.robot.description import Robot
 
 EARLY = 0.01
-"""Share of a period that does not make data a period older. Assumed: rounding."""
+"""Fraction of a period that does not make data a period older. Assumed: rounding."""
 REMEMBERED = 0.05
-"""Time [s] for which it is known what was given. Assumed: no torque is made from older readings."""
+"""Time [s] for which past torques are kept. Assumed: no torque is computed from older readings."""
 
 
 class TorqueLimiter:
@@ -45,7 +45,7 @@ class TorqueLimiter:
         self._trust = np.zeros(0)
 
     def set_servos(self, servos: Sequence[int]) -> None:
-        """Which servos are in torque mode, all with their limits; a new one starts at zero torque."""
+        """Sets the servos in torque mode, which have all their limits; new ones start at zero torque."""
         fresh = [servo for servo in servos if servo not in self.servos]
         self._memory[:, fresh] = 0.0
         self._memory[at.CALM, fresh] = 1.0
@@ -62,18 +62,19 @@ class TorqueLimiter:
         self._trust = np.zeros(len(self.servos))
 
     def ask(self, servos: NDArray[np.intp], torque: Array) -> Array:
-        """Want `torque` (k,) [N m] from now on; returns it within the servos' limits."""
+        """Sets the commanded `torque` (k,) [N m]; returns it within the servos' limits."""
         limit = np.array([self._robot.servos[servo].limits.torque for servo in servos], dtype=float)
         wanted: Array = np.clip(torque, -limit, limit)
         self._memory[at.WANTED, servos] = wanted
         return wanted
 
     def relax(self, servos: NDArray[np.intp] | None = None) -> None:
-        """Want no torque from some servos, or from all; braking goes on."""
+        """Sets the commanded torque of some servos, or of all, to zero; braking continues."""
         self._memory[at.WANTED, slice(None) if servos is None else servos] = 0.0
 
     def halt(self) -> None:
-        """Want no torque, and brake any motion in the next step: what should stand still does not coast."""
+        """Sets all commanded torques to zero, and brakes any motion in the next step so that nothing
+        coasts."""
         self.relax()
         self._halts = True
 
@@ -87,17 +88,18 @@ class TorqueLimiter:
         span: float = 0.0,
         trust: Array | float = 1.0,
     ) -> Array:
-        """Torques (k,) [N m] to send now, from `position` and `velocity` (n_servos,) measured `age` [s] ago,
-        and `slope` (n_servos,), the mean speed over the time `span` [s] before. Call it once per period.
+        """Returns the torques (k,) [N m] to send now. Call it once per period.
 
-        At rest far from limits it is what was asked for, which rises within RISE. A servo that is faster
-        than it could stop before its limit, by what it may accelerate, is braked at once with up to its
-        full torque, in proportion where it is nearly at rest; near a limit a torque towards it fades out,
-        and beyond there is none, but for a slow way back. Data that is late does not show yet how fast the
-        torques since made a servo: one that is light for its limits must not pass its limit of speed by then
-        either. A velocity that is not finite counts as no torque wanted; one that stays behind what angles
-        tell does not count. No torque is more than its share of `trust` (0..1), and what was lost rises
-        again within RISE.
+        `position` and `velocity` (n_servos,) were measured `age` [s] ago; `slope` (n_servos,) is the mean
+        speed over the time `span` [s] before.
+
+        At rest far from limits the result is the commanded torque, which rises within RISE. A servo that is
+        too fast to stop before its limit by its acceleration limit is braked at once with up to its full
+        torque, in proportion if it is nearly at rest. Near a limit a torque towards it fades out; beyond the
+        limit only a slow return is allowed. Late data does not show yet how fast recent torques have made a
+        servo: a servo that is light for its limits must not exceed its speed limit by then either. A velocity
+        that is not finite sets the commanded torque to zero; one that lags behind `slope` is ignored. Torques
+        are limited to the fraction `trust` (0..1), and rise again within RISE.
         """
         self._trust = np.broadcast_to(trust, self.servos.shape)
         measured = np.array([position, velocity, slope, self._since(age), self._since(age + 0.5 * span)])
@@ -110,7 +112,8 @@ class TorqueLimiter:
         return self._given()
 
     def again(self, *, trust: Array | float) -> Array:
-        """Torques (k,) [N m] of the last step, within a period from it; less where `trust` (0..1) is less."""
+        """Returns the torques (k,) [N m] of the last step, less if `trust` (0..1) is less, within a period of
+        it."""
         trust = np.minimum(trust, self._trust)
         share = np.divide(trust, self._trust, out=np.zeros(len(trust)), where=self._trust > 0.0)
         self._memory[at.RISEN : at.GIVEN + 1, self.servos] *= share
@@ -122,6 +125,6 @@ class TorqueLimiter:
         return given
 
     def _since(self, age: float) -> Array:
-        """Impulses (n_servos,) [N m s] of the torques that were given in the latest `age` [s]."""
+        """Returns the impulses (n_servos,) [N m s] of the torques given in the latest `age` [s]."""
         steps = min(math.ceil(age / self._period - EARLY), len(self._pushed) - 1)
         return self._pushed[-1] - self._pushed[-1 - steps]

@@ -53,10 +53,10 @@ def _frame(words: list[str], patch: str, where: str) -> SkinFrame:
 
 
 def import_yarp_log(log: Path, out: Path, *, patch: str) -> int:
-    """Converts such a log to a recording and returns the number of frames. Without joints it can't be
-    replayed on a robot.
+    """Converts such a log to a recording and returns the number of frames.
 
-    Raises RecordingError.
+    A recording without joints can't be replayed on a robot. Raises RecordingError for a log that can't be
+    read.
     """
     frames = read_yarp_log(log, patch=patch)
     first = next(frames, None)

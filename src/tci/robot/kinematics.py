@@ -1,9 +1,8 @@
 """Forward kinematics and Jacobians: the poses of a robot's links, and how its servos move them.
 
-The way to a link is a row of steps that a compiled loop takes. A link that hangs on a turning joint at the
-angle q has the pose K0 + K1 cos q + K2 sin q in the one before, by Rodrigues' formula
-R = a a^T + (1 - a a^T) cos q + [a] sin q about the axis a, through a point of it. On a sliding joint it is
-K0 + K1 q.
+The path to a link is a sequence of steps, which a compiled loop follows. A link on a revolute joint at the
+angle q has the pose K0 + K1 cos q + K2 sin q in its parent, by Rodrigues' formula R = a a^T + (1 - a a^T) cos
+q + [a] sin q about the axis a through a given point. On a prismatic joint it is K0 + K1 q.
 """
 
 from __future__ import annotations
@@ -30,13 +29,16 @@ Indices = NDArray[np.int64]
 
 
 class KinematicChain:
-    """Kinematics of one robot. Immutable, so threads may share it; what its methods return is the caller's.
+    """Kinematics of one robot. Immutable, so threads may share it; returned arrays belong to the caller.
 
-    Joints of the model that no servo drives stay where they are at zero.
+    Joints of the model that no servo drives stay at zero.
     """
 
     def __init__(self, robot: Robot) -> None:
-        """Raises DescriptionError when the robot has no model, or the model lacks a joint or the torso."""
+        """Reads the robot's model.
+
+        Raises DescriptionError when the robot has no model, or the model lacks a joint or the torso.
+        """
         if robot.model is None:
             raise DescriptionError(
                 robot.source, [Fault(0, "no <model>: kinematics need a URDF or MJCF file")]
@@ -50,28 +52,29 @@ class KinematicChain:
         """Number of servos of the robot: the length of every `position`."""
         steps = _Steps(robot, model)
         self.torso = steps.add(steps.after[self.body(robot.model.torso_link)], _fixed(robot.model.T_LT))
-        """Step after which the frame of the torso is."""
+        """Index of the step that ends at the torso frame."""
         self.steps: Indices = read_only(steps.steps, np.int64)
-        """Steps (s, 3): the step before, -1 for the world; its servo, -1 for none; 1 if it slides."""
+        """Steps (s, 3): the previous step, -1 for the world; its servo, -1 for none; 1 if the joint is
+        prismatic."""
         self.sums: Array = read_only(steps.sums)
-        """K0, K1 and K2 (s, 3, 3, 4) of each: rotation and place [m] side by side."""
+        """K0, K1 and K2 (s, 3, 3, 4) of each step: rotation and position [m] side by side."""
         self._axes: Array = read_only(steps.axes)
         self._after: Indices = read_only([steps.after[body] for body in range(model.nbody)], np.int64)
         self._asked: dict[tuple[str, ...], tuple[Indices, Indices]] = {}
         self._jacobians: dict[str, tuple[Indices, Indices]] = {}
 
     def poses(self, position: Array, links: Iterable[str]) -> dict[str, Array]:
-        """`T_TL` (4, 4) of each of `links`, seen from the torso.
+        """Returns `T_TL` (4, 4) of each of `links`, in the torso frame.
 
-        `position` (n_servos,) [rad] is in the order of `Robot.servos`; servos that have no joint in
-        the model do not count. Raises CommandError for another shape, UnknownNameError for a link
-        that the model lacks.
+        `position` (n_servos,) [rad] is in the order of `Robot.servos`; servos without a joint in the model
+        have no effect. Raises CommandError for another shape, UnknownNameError for a link that the model
+        lacks.
         """
         names = tuple(links)
         return dict(zip(names, self.pose_array(position, names), strict=True))
 
     def pose_array(self, position: Array, links: tuple[str, ...]) -> Array:
-        """`T_TL` (l, 4, 4) of some links; see `poses`."""
+        """Returns `T_TL` (l, 4, 4) of some links; see `poses`."""
         found = self._asked.get(links)
         if found is None:
             ends = self.ends([self.body(link) for link in links])
@@ -79,22 +82,22 @@ class KinematicChain:
         return self._poses(position, *found)
 
     def body_poses(self, position: Array, bodies: Iterable[int]) -> Array:
-        """`T_TL` (l, 4, 4) of bodies by their number in the model; see `poses`."""
+        """Returns `T_TL` (l, 4, 4) of bodies, given by their numbers in the model; see `poses`."""
         ends = self.ends(bodies)
         return self._poses(position, ends, self.path(ends.tolist()))
 
     def jacobian(self, position: Array, link: str, *, point: Array = _ORIGIN) -> Array:
-        """Jacobian (6, n_servos) of a point of `link`, seen from the torso.
+        """Returns the Jacobian (6, n_servos) of a point of `link`, in the torso frame.
 
-        Rows 0-2 are the velocity of the point [m/rad], rows 3-5 the angular velocity of the link, per
-        rad/s of each servo, both relative to the torso and along its axes. `point` (3,) [m] is given
-        in `link`: a taxel's position is one. Raises what `poses` raises, and CommandError for a point
-        of another shape.
+        Rows 0-2 are the velocity of the point [m/rad], rows 3-5 the angular velocity of the link [rad/rad],
+        both relative to the torso. `point` (3,) [m] is given in `link`: a taxel's position, for example.
+        Raises the errors of `poses`, and CommandError for a point of another shape.
         """
         return self.pose_and_jacobian(position, link, point=point)[1]
 
     def pose_and_jacobian(self, position: Array, link: str, *, point: Array = _ORIGIN) -> tuple[Array, Array]:
-        """`T_TP` (4, 4), the link's orientation at `point`, and what `jacobian` returns, in one go."""
+        """Returns `T_TP` (4, 4), the link's orientation at `point`, and the result of `jacobian`, in one
+        pass."""
         if np.shape(point) != (3,):
             raise CommandError(f"point of shape {np.shape(point)}; valid: (3,)")
         found = self._jacobians.get(link)
@@ -110,20 +113,26 @@ class KinematicChain:
         return T_TP, jacobian
 
     def chain(self, link: str) -> tuple[int, ...]:
-        """Servos that move `link` relative to the torso, in order from the torso. UnknownNameError."""
+        """Returns the servos that move `link` relative to the torso, in order from the torso.
+
+        Raises UnknownNameError for a link that the model lacks.
+        """
         up, down = self._above(self.torso), self._above(int(self._after[self.body(link)]))
         way = [step for step in up if step not in down] + [step for step in down[::-1] if step not in up]
         servos = self.steps[way, SERVO].tolist() if way else []
         return tuple(servo for servo in servos if servo >= 0)
 
     def ends(self, bodies: Iterable[int]) -> Indices:
-        """Step (l,) after which each of some bodies is, by their number in the model."""
+        """Returns the step (l,) that ends at each of some bodies, given by their numbers in the model."""
         return np.array([self._after[body] for body in bodies], np.int64)
 
     def path(self, ends: Iterable[int]) -> Indices:
-        """Steps (k, 2) to the torso and to the links after the steps `ends`, those before others first; and 1
-        for a servo that moves the first of these links relative to the torso, -1 for one that moves the torso
-        instead, 0 for others."""
+        """Returns the steps (k, 2) to the torso and to the links at the ends of the steps `ends`, parents
+        first.
+
+        The second column is 1 for a servo that moves the first of these links relative to the torso, -1 for
+        one that moves the torso instead, 0 for others.
+        """
         above = [self._above(end) for end in ends]
         torso = self._above(self.torso)
         first = above[0] if above else []
@@ -134,7 +143,8 @@ class KinematicChain:
         return read_only(np.column_stack([steps, signs]), np.int64)
 
     def body(self, link: str) -> int:
-        """Number of a link in the model. Raises UnknownNameError."""
+        """Returns the number of a link in the model. Raises UnknownNameError for a link that the model
+        lacks."""
         try:
             return self._bodies[link]
         except KeyError:
@@ -147,7 +157,7 @@ class KinematicChain:
         return poses
 
     def _above(self, step: int) -> list[int]:
-        """A step and those before it, up to the root's."""
+        """Returns a step and all steps before it, up to the root."""
         result = []
         while step >= 0:
             result.append(step)
@@ -163,7 +173,7 @@ class KinematicChain:
 
 
 class _Steps:
-    """The steps to all bodies of a model."""
+    """Steps to all bodies of a model."""
 
     def __init__(self, robot: Robot, model: mujoco.MjModel) -> None:
         servos, _, columns = joints_of(robot, model)
@@ -172,7 +182,7 @@ class _Steps:
         self.sums: list[Array] = []
         self.axes: list[Array] = []
         self.after = {0: -1}
-        for body in range(1, model.nbody):  # a body's number is above that of the one that carries it
+        for body in range(1, model.nbody):  # a body's number is above its parent's
             step = self.add(self.after[int(model.body_parentid[body])], _fixed(_pose(model, body)))
             first = int(model.body_jntadr[body])
             for joint in range(first, first + int(model.body_jntnum[body])):
@@ -186,7 +196,7 @@ class _Steps:
     def add(
         self, before: int, sums: Array, servo: int = -1, slides: bool = False, axis: Array | None = None
     ) -> int:
-        """Appends a step; its number."""
+        """Appends a step and returns its index."""
         self.steps.append((before, servo, slides))
         self.sums.append(sums)
         self.axes.append(np.zeros((2, 3)) if axis is None else axis)
@@ -194,9 +204,10 @@ class _Steps:
 
 
 def joints_of(robot: Robot, model: mujoco.MjModel) -> tuple[list[int], list[int], list[int]]:
-    """Servos with a joint in the model, the place of each in MuJoCo's coordinates, and in its Jacobians.
+    """Returns the servos with a joint in the model, and the index of each in `qpos` and in MuJoCo's
+    Jacobians.
 
-    Raises DescriptionError for every joint that the model lacks, or that neither turns nor slides.
+    Raises DescriptionError for every joint that the model lacks, or that is neither revolute nor prismatic.
     """
     joints = {joint.name: joint for joint in map(model.joint, range(model.njnt))}
     moving = [servo for servo in robot.servos if servo.joint is not None]
@@ -220,19 +231,19 @@ def joints_of(robot: Robot, model: mujoco.MjModel) -> tuple[list[int], list[int]
 
 
 def bare_model(model: Model) -> mujoco.MjModel:
-    """Bodies and joints only: it compiles without reading a mesh. It is the caller's."""
+    """Returns a new model with bodies and joints only, which compiles without reading a mesh."""
     return copy(_shared_model(model))
 
 
 def _shared_model(model: Model) -> mujoco.MjModel:
-    """Returns the shared model, to which nobody writes."""
+    """Returns the shared model, which must not be modified."""
     file = Path(model.path)
     return _bare_model(model, file.stat().st_mtime_ns if file.is_file() else 0)
 
 
 @lru_cache(maxsize=16)
 def _bare_model(model: Model, written: int) -> mujoco.MjModel:
-    """That of a file `written` at a time [ns]; each trial asks for it, and an iCub's takes 60 ms."""
+    """Returns the model of a file `written` at a time [ns]. Cached, because an iCub's takes 60 ms."""
     spec = load_spec(model)
     useless = (spec.sensors, spec.actuators, spec.equalities, spec.tendons, spec.pairs, spec.excludes)
     for element in [element for group in (*useless, spec.geoms, spec.meshes) for element in group]:
@@ -244,8 +255,10 @@ def _bare_model(model: Model, written: int) -> mujoco.MjModel:
 
 
 def at_zero(model: mujoco.MjModel, joint: int) -> Array:
-    """The move (4, 4) of a body by a hinge or slide, in the body's frame, when its angle is 0: none unless
-    the model gives it a reference."""
+    """Returns the motion (4, 4) of a body, in its own frame, by a hinge or slide at 0.
+
+    It is the identity unless the model gives the joint a reference angle.
+    """
     still, cos, _ = _moving(model, joint)
     pose = np.eye(4)
     pose[:3] = still if model.jnt_type[joint] == _SLIDE else still + cos
@@ -253,7 +266,7 @@ def at_zero(model: mujoco.MjModel, joint: int) -> Array:
 
 
 def _pose(model: mujoco.MjModel, body: int) -> Array:
-    """Returns the pose of a body in the one that carries it, all joints at zero."""
+    """Returns the pose of a body in its parent, all joints at zero."""
     rotation = np.zeros(9)
     mujoco.mju_quat2Mat(rotation, model.body_quat[body])
     return transform(rotation.reshape(3, 3), model.body_pos[body])

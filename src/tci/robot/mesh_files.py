@@ -40,7 +40,7 @@ def _converted(path: Path, _: int) -> bytes:
         import trimesh
 
         if path.suffix.lower() == ".dae":
-            import collada  # noqa: F401 # what trimesh reads it with
+            import collada  # noqa: F401 # trimesh needs it to read the format
     try:
         mesh: Any = trimesh.load(path, force="mesh")
         if mesh.units not in (None, "meter", "meters", "m"):

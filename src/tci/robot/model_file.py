@@ -14,7 +14,8 @@ from tci.robot.mesh_files import binary_stl, is_readable
 
 _PACKAGE = "package://"
 SMALLEST = 1e-12
-"""Smallest principal moment of inertia [kg m2] that is taken as real; a smaller one is a placeholder."""
+"""Smallest principal moment of inertia [kg m2] that counts as real. Assumed: that of a gram at a millimetre
+is 1e-9, so smaller values are placeholders."""
 LEAST_MASS, LEAST_INERTIA = 1e-3, 1e-6
 """Mass [kg] and moment of inertia [kg m2] of a moving link whose file gives no possible value. Assumed:
 MuJoCo needs values above 0, and these are small beside a robot's real links."""

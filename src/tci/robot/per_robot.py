@@ -16,9 +16,10 @@ Result = TypeVar("Result")
 def per_robot(
     make: Callable[Concatenate[Robot, Rest], Result],
 ) -> Callable[Concatenate[Robot, Rest], Result]:
-    """Lets a function compute its result once for each robot and other arguments, until the robot is gone.
+    """Caches a function's result per robot and other arguments, for the lifetime of the robot.
 
-    Robots are told apart by identity: an `lru_cache` would compare equal ones field by field in each period.
+    Robots are distinguished by identity: an `lru_cache` would compare equal ones field by field in each
+    period.
     """
     found: dict[Hashable, Result] = {}
 

@@ -44,15 +44,15 @@ class MessageType:
     fields: tuple[tuple[str, str], ...]
     """Type and name of each field after the header, which is flat; a type with [] is a sequence."""
     says: str = ""
-    """Comment at the head of the definition."""
+    """Comment at the top of the definition."""
     needs: tuple[tuple[str, tuple[tuple[str, str], ...]], ...] = ()
     """Nested messages by `package/Name`, with their fields; a field's type is the last part of that name."""
     headed: bool = True
-    """True if it begins with a header."""
+    """True if the message begins with a header."""
 
     @property
     def definition(self) -> str:
-        """ROS definition with those of nested messages, as other programs read it from the file."""
+        """Returns the ROS definition including nested messages, as other programs read it from the file."""
         lines = [f"# {line}" for line in self.says.splitlines()]
         lines += ["std_msgs/Header header"] if self.headed else []
         lines += [f"{kind} {name}" for kind, name in self.fields]
@@ -62,7 +62,7 @@ class MessageType:
 
     @property
     def flat(self) -> tuple[tuple[str, str], ...]:
-        """All fields, those of the header first."""
+        """Returns all fields, those of the header first."""
         return HEADER + self.fields if self.headed else self.fields
 
     def inside(self, name: str) -> tuple[tuple[str, str], ...]:
@@ -99,8 +99,10 @@ def _fields(
 
 
 def item_of(type_: str) -> tuple[str, int | None]:
-    """Splits a field type into the type of its items and their number: None for a single value, 0 for a
-    sequence, else the length of an array."""
+    """Splits a field type into the type of its items and their number.
+
+    The number is None for a single value, 0 for a sequence, else the length of an array.
+    """
     item, bracket, rest = type_.partition("[")
     return item, int(rest.rstrip("]") or 0) if bracket else None
 
@@ -108,9 +110,9 @@ def item_of(type_: str) -> tuple[str, int | None]:
 def decode(kind: MessageType, data: bytes) -> dict[str, Any]:
     """Returns the fields of a message by name: numeric sequences as arrays, nested messages as dictionaries.
 
-    Raises RecordingError.
+    Raises RecordingError if the bytes do not fit the type.
     """
-    if data[:2] != ENCAPSULATION[:2]:  # the other two count bytes of padding, for some vendors
+    if data[:2] != ENCAPSULATION[:2]:  # some vendors count bytes of padding in the other two
         raise RecordingError(f"{kind.name}: encapsulation {data[:4].hex()}; valid: {ENCAPSULATION.hex()}")
     return _read(_Reader(memoryview(data)[4:], kind.name), kind, kind.flat)
 

@@ -60,7 +60,7 @@ def _add_floor(spec: mujoco.MjSpec, robot: Robot, surfaces: Mapping[str, Surface
     ]
     if not soles:
         raise CommandError(
-            f"{robot.name} can't stand: no skin on a segment {SOLE!r}, so nothing feels its weight"
+            f"{robot.name} can't stand: no skin on a segment {SOLE!r}, so nothing senses its weight"
         )
     base = spec.worldbody.first_body()
     poses = KinematicChain(robot).poses(posture, [base.name, *(sole.link for sole in soles)])

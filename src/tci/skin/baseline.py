@@ -1,7 +1,8 @@
-"""What taxels read at rest: learnt while nothing touches them, and moved along with the patch's drift.
+"""Estimates of each taxel's rest value and noise, window by window.
 
-Warmth moves all taxels of a patch alike, a touch moves few of them: so the median of the quiet taxels is
-drift, and counts for the touched ones too. A touched taxel's own rest value stays, however long it lasts.
+Warmth moves all taxels of a patch alike, a touch moves only a few: the median deviation of the quiet taxels
+is therefore drift, and is added to the rest values of touched taxels too. Otherwise the rest value of a
+touched taxel stays constant, however long the touch lasts.
 """
 
 from __future__ import annotations
@@ -20,34 +21,40 @@ NOISE_GAIN = np.sqrt(6.0) * np.sqrt(2.0 / np.pi)
 
 @dataclass(frozen=True, slots=True)
 class BaselineSettings:
-    """Time constants in seconds, so that the frame rate plays no part. All figures are ours."""
+    """Settings of the baseline. Times are in seconds, so the frame rate plays no part.
+
+    All figures are assumed, since drift and noise differ from sensor to sensor. Shorter times follow drift
+    sooner and let slow touches become rest sooner.
+    """
 
     window: float = 1.0
-    """Time [s] over which frames are averaged before something is learnt from them."""
+    """Least length [s] of an estimation window: longer follows drift later, shorter estimates noise worse."""
     frames: int = 50
-    """And at least so many frames, or single readings of a touch would look like noise."""
+    """Least number of frames in an estimation window: with fewer, single readings of a touch look like
+    noise."""
     drift_rate: float = 5e-4
-    """Fastest common drift [share of the sensor's range per second]."""
+    """Upper bound on common drift [fraction of the sensor's range per second]; faster change is a touch."""
     own: float = 30.0
-    """Time constant [s] with which a quiet taxel's own rest value is followed."""
+    """Time constant [s] with which the rest value of a single quiet taxel is tracked."""
     release: float = 1.0
-    """Time constant [s] for a taxel that reads below rest: pressure is never negative."""
+    """Time constant [s] with which the rest value of a taxel that reads below it is tracked. It is short
+    because pressure is never negative."""
     noise: float = 20.0
     """Time constant [s] of the noise estimate."""
     quiet: float = 2.0
     """Deviation [counts] below which a taxel counts as quiet, however small its noise."""
     threshold: float = 7.0
-    """Deviations below this many standard deviations of the noise are no pressure."""
+    """A taxel is active if its deviation exceeds this many standard deviations of its noise."""
     fluctuating: float = 0.2
-    """Share of the frames of a window that must differ from the one before to be called noise."""
+    """A taxel counts as noisy if at least this fraction of its frames differs from the previous one."""
     share: float = 0.25
-    """Share of the healthy taxels that must be quiet before their median counts as drift."""
+    """Least fraction of the healthy taxels that must be quiet before their median counts as drift."""
 
     step: float = 30.0
-    """How long [s] nearly all taxels must read pressure to be called a step of the sensor, and rest; but of a
-    sole, which may carry weight for ever."""
+    """Time [s] after which pressure on nearly all taxels counts as a step of the baseline, and becomes rest.
+    Soles are excepted: they may carry weight for any time."""
     step_share: float = 0.9
-    """How many of the healthy taxels are nearly all."""
+    """Least fraction of the healthy taxels that counts as nearly all."""
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -58,18 +65,19 @@ class BaselineSettings:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Window:
-    """What a patch read for some time, per taxel."""
+    """Statistics of one estimation window, per taxel."""
 
     elapsed: float
-    """Its length [s]."""
+    """Length [s] of the window."""
     mean: Array
     """Mean signal (n,) [counts]."""
     peak: Array
     """Largest deviation (n,) [counts] from the rest value."""
     second_difference: Array
-    """Mean size (n,) [counts] of second differences: slow changes, a touch among them, leave it alone."""
+    """Mean absolute second difference (n,) [counts] of the signal. Slow changes, touches among them, hardly
+    affect it."""
     changes: Array
-    """Share (n,) of the frames that differ from the one before."""
+    """Fraction (n,) of the frames that differ from the previous one."""
 
 
 class Baseline:
@@ -85,15 +93,18 @@ class Baseline:
         neighbours: NDArray[np.intp],
         settings: BaselineSettings,
     ) -> None:
-        """`span` [counts] of the sensor's range, `floor` the lowest signal that it can show; `noise` [counts]
-        standard deviation to start with; `neighbours` (m, 2) pairs of taxels that touch."""
+        """Starts at the description's rest values.
+
+        `span` [counts] is the sensor's range, `floor` [counts] the lowest signal that it can send, `noise`
+        [counts] the initial standard deviation, `neighbours` (m, 2) are pairs of neighbouring taxels.
+        """
         self.settings = settings
         self.offset = np.zeros(count)
         """Rest value (n,) [counts] beyond the description's, positive with pressure."""
         self.noise = np.full(count, noise)
         """Standard deviation (n,) [counts] of the noise."""
         self.threshold = settings.threshold * self.noise
-        """Deviation (n,) [counts] from which a taxel feels something."""
+        """Deviation (n,) [counts] above which a taxel is active."""
         self._floor = floor
         self._slew = settings.drift_rate * span
         self._neighbours = neighbours
@@ -101,19 +112,19 @@ class Baseline:
         self._afresh = False
 
     def start(self, offset: Array, noise: ArrayLike) -> None:
-        """Begin with what is known: rest values (n,) and standard deviations (n,) [counts]."""
+        """Sets rest values (n,) and standard deviations (n,) [counts] that were measured before."""
         self.offset[:] = offset
         self.noise[:] = noise
         self.threshold[:] = self.settings.threshold * self.noise
         self._initialised[:] = True
 
     def rezero(self, signal: Array) -> None:
-        """`signal` (n,) [counts] is rest; the next window makes it exact."""
+        """Takes `signal` (n,) [counts] as the new rest values; the next window makes them exact."""
         self.offset[:] = signal
         self._afresh = True
 
     def update(self, window: Window, healthy: NDArray[np.bool_]) -> None:
-        """Only `healthy` taxels (n,) teach anything."""
+        """Updates rest values and noise from a window, by its `healthy` taxels (n,) only."""
         s = self.settings
         fluctuating = window.changes >= s.fluctuating
         noise = np.where(fluctuating, window.second_difference / NOISE_GAIN, 0.0)
@@ -130,19 +141,22 @@ class Baseline:
             self.offset += drift
             deviation -= drift
         self._follow(window.elapsed, deviation, quiet, healthy)
-        # At the end of the range noise is cut off: there it may be found larger, never smaller.
+        # Noise is cut off at the end of the range: an estimate from there may only raise it.
         cut = window.mean - np.maximum(4.0 * self.noise, 1.0) < self._floor
         contributes = quiet & fluctuating & ~(cut & self._initialised & (noise < self.noise))
         share = np.where(self._initialised, 1.0 - np.exp(-window.elapsed / s.noise), 1.0)
         self.noise += np.where(contributes, share * (noise - self.noise), 0.0)
         self._initialised |= contributes
-        # Few frames are no proof that a taxel is quieter than its patch.
+        # A window has too few frames to show that a taxel is quieter than its patch.
         self.threshold[:] = s.threshold * np.maximum(self.noise, median(self.noise))
 
     def _follow(
         self, elapsed: float, deviation: Array, quiet: NDArray[np.bool_], healthy: NDArray[np.bool_]
     ) -> None:
-        """Each taxel's own rest value. A touch's weak edge looks quiet, so its neighbours wait."""
+        """Tracks each taxel's own rest value.
+
+        The weak edge of a touch looks quiet, so neighbours of touched taxels are excluded.
+        """
         s = self.settings
         touched = healthy & ~quiet & (deviation > 0.0)
         own = quiet & ~near(touched, self._neighbours)
@@ -153,14 +167,14 @@ class Baseline:
 
 
 def median(values: Array) -> float:
-    """Median of finite numbers (n,), n > 0: NumPy's own takes six times as long for a patch."""
+    """Returns the median of finite numbers (n,), n > 0. NumPy's own takes six times as long for a patch."""
     upper, odd = divmod(values.size, 2)
     parted = np.partition(values, upper if odd else (upper - 1, upper))
     return float(parted[upper] if odd else 0.5 * (parted[upper - 1] + parted[upper]))
 
 
 def near(touched: NDArray[np.bool_], neighbours: NDArray[np.intp]) -> NDArray[np.bool_]:
-    """Which taxels (n,) have a touched neighbour; `neighbours` (m, 2) are pairs."""
+    """Finds the taxels (n,) that have a touched neighbour; `neighbours` (m, 2) are pairs."""
     result = np.zeros(touched.size, dtype=bool)
     if touched.any():
         one, other = neighbours.T

@@ -1,9 +1,8 @@
-"""From raw frames of all patches to the pressure on their taxels.
+"""Conditioning: turns raw frames of all patches into pressure on their taxels.
 
-Each robot's sensor has its own numbers: polarity, range and response come from the description, rest values
-and noise are estimated, and taxels that can't be trusted are masked, so that above this module all skins
-speak pascal (§3.2: readings are normalised in layer L3). The same frames give the same pressures, bit for
-bit.
+Polarity, range and response of each sensor come from the description, rest values and noise are estimated,
+and taxels that can't be trusted are masked. All that follows works in pascal, whatever the sensor (§3.2:
+readings are normalised in layer L3). The result is deterministic, bit for bit.
 """
 
 from __future__ import annotations
@@ -49,23 +48,25 @@ from tci.skin.layout import AXES, SkinLayout
 from tci.skin.shear import Shear
 
 RESTART = 1.0
-"""A frame with a lower sequence that is this much newer [s] means that its sender restarted. Assumed."""
+"""A frame with a lower sequence that is this much newer [s] means that its sender restarted. Assumed; shorter
+could take a frame out of order for a restart, longer ignores a restarted sender for that time."""
 
 
 _CONDITION = {np.dtype(kind): entry(condition, k) for k, kind in enumerate((np.uint8, np.float32))}
-"""The kernel for each type of raw values."""
+"""The kernel for each dtype of raw values."""
 
 
 @dataclass(frozen=True, slots=True)
 class ConditioningSettings:
-    """Settings by which frames become pressures."""
+    """Settings of conditioning."""
 
     baseline: BaselineSettings = field(default_factory=BaselineSettings)
-    """Rest values, drift, noise."""
+    """Estimation of rest values, drift and noise."""
     health: HealthSettings = field(default_factory=HealthSettings)
     """Conditions under which taxels are masked."""
     latency: float = 0.0
-    """Time constant [s] of smoothing: pressures come at most this much later. 0: none."""
+    """Time constant [s] of the low-pass filter on pressures, which delays them by at most as much; 0 for
+    none."""
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.latency < np.inf:
@@ -74,25 +75,25 @@ class ConditioningSettings:
 
 @dataclass(frozen=True, slots=True)
 class PatchHealth:
-    """Trust in the taxels of a patch."""
+    """Health of the taxels of one patch."""
 
     coverage: float
-    """Share 0..1 of its taxels that are used."""
+    """Fraction (0..1) of its taxels that are in use."""
     masked: Mapping[int, str]
-    """Reason for each of the others, by index: `dead`, `stuck`, `noisy`."""
+    """Reason for each taxel that is not in use, by index: `dead`, `stuck` or `noisy`."""
     saturated: int
-    """Taxels at the end of their range now: a valid touch, its amplitude capped."""
+    """Number of taxels at the end of their range now. Their touch is valid, its force a lower bound."""
     dropped: int
-    """Values until now that were not finite, or that the sensor can't send."""
+    """Number of values so far that were not finite or outside the sensor's range."""
 
 
 class Conditioner:
-    """Turns the raw frames of a skin into pressures; remembers the statistics and estimates of its taxels."""
+    """Turns raw frames into pressures. Holds the statistics and estimates of all taxels of one skin."""
 
     def __init__(self, layout: SkinLayout, settings: ConditioningSettings = ConditioningSettings()) -> None:
         self.layout, self.settings = layout, settings
         self.late = 0
-        """Frames until now that came after a newer one."""
+        """Number of frames so far that arrived after a newer one of their patch."""
         self.estimators = tuple(
             PatchEstimator(patch, settings.baseline, settings.health) for patch in layout.patches
         )
@@ -121,7 +122,7 @@ class Conditioner:
         status = self._memory.patches
         status[:, STAMP], status[:, CONSTANT] = np.nan, -1.0
         status[:, DUE], status[:, LEAST] = settings.baseline.window, settings.baseline.frames
-        # The second windows differ in length, so that they do not all end in one frame.
+        # The second windows of the patches differ in length, so that they end in different frames.
         self._stagger = 0.5 * np.arange(patches) / max(patches, 1)
         self._out = ActiveTaxels(
             np.zeros(patches), np.zeros(patches + 1, np.int64), np.zeros(taxels, np.int32), np.zeros(taxels)
@@ -145,12 +146,12 @@ class Conditioner:
 
     @property
     def dropped(self) -> int:
-        """Values until now that were not finite, or that a sensor can't send."""
+        """Number of values so far that were not finite or outside their sensor's range."""
         return int(self._memory.patches[:, DROPPED].sum())
 
     @property
     def health(self) -> dict[str, PatchHealth]:
-        """Trust in the taxels of each patch, by its name."""
+        """Returns the health of each patch by its name."""
         self.catch_up()
         found, firsts = {}, self.layout.arrays.begin[:, BLOCK]
         for p, (site, estimator) in enumerate(zip(self.layout.sites, self.estimators, strict=True)):
@@ -162,14 +163,14 @@ class Conditioner:
         return found
 
     def copy(self) -> Conditioner:
-        """Another one that goes on from here."""
+        """Returns an independent copy, in the present state."""
         return copy.deepcopy(self)
 
     def step(self, frames: Sequence[SkinFrame]) -> bool:
-        """Takes what is newer than what is known of its patch; false, and nothing has changed, if none is.
+        """Takes the frames that are newer than the last of their patch. Returns False if there are none.
 
-        Of frames out of order the newest stays. Raises FrameError, and nothing has changed, for a frame that
-        does not fit its patch.
+        Of frames out of order the newest counts. Raises FrameError, and changes nothing, if a frame does not
+        fit its patch.
         """
         names = [frame.patch for frame in frames]
         if names != self._names:
@@ -197,9 +198,10 @@ class Conditioner:
         return True
 
     def update(self) -> bool:
-        """Takes half of an estimation window that has ended into the estimates; false if none has.
+        """Updates the estimates by half of an ended estimation window. Returns False if none has ended.
 
-        It takes longer than a frame, and would be done at the next frame anyway, with the same result.
+        The next frame would do it otherwise, with an equal result; here it costs time when there is some to
+        spare.
         """
         if not self._ended:
             return False
@@ -213,12 +215,12 @@ class Conditioner:
         return True
 
     def catch_up(self) -> None:
-        """Takes all windows that have ended into the estimates."""
+        """Updates the estimates by all estimation windows that have ended."""
         while self.update():
             pass
 
     def rezero(self, patch: str) -> None:
-        """Takes what a patch reads now as rest. Raises UnknownNameError for an unknown patch."""
+        """Takes the present readings of a patch as rest. Raises UnknownNameError for an unknown patch."""
         if (p := self.layout.places.get(patch)) is None:
             raise UnknownNameError("skin patch", patch, self.layout.places)
         if self._memory.patches[p, FRAMES]:
@@ -237,7 +239,7 @@ class Conditioner:
         self._names = names
 
     def _step_each(self, frames: Sequence[SkinFrame]) -> bool:
-        """Takes several frames of a patch in turn."""
+        """Takes several frames of one patch, one after the other."""
         for frame in frames:
             self._arrange([frame.patch])
             self._check([np.asarray(frame.values)])
@@ -249,7 +251,8 @@ class Conditioner:
         return frame.sequence > known or not frame.stamp <= stamp + RESTART
 
     def _check(self, values: list[NDArray[np.generic]]) -> None:
-        """Raises FrameError unless all can be frames of the patches; makes room for their type."""
+        """Raises FrameError unless all fit their patches; switches the buffer to float32 if their dtype needs
+        it."""
         if [one.shape for one in values] != self._sizes:
             for name, one, size in zip(self._names, values, self._sizes, strict=True):
                 if one.shape != size:
@@ -269,7 +272,7 @@ class Conditioner:
     def _fill(self, values: list[NDArray[np.generic]]) -> None:
         if self._raw.dtype != np.float32:
             self._copy(values)
-        else:  # numbers that are none, or too large, become values that no sensor sends
+        else:  # NaN and numbers that are too large become values outside every sensor's range
             with np.errstate(invalid="ignore", over="ignore"):
                 self._copy(values)
 
@@ -309,7 +312,7 @@ class Conditioner:
         )  # fmt: skip
 
     def _shear(self, p: int, frame: SkinFrame) -> None:
-        """Finds the force on the active taxels of a three-axis patch."""
+        """Computes the force on the active taxels of a three-axis patch."""
         own = slice(*self._out.begin[p : p + 2])
         pressure = np.zeros(len(self.layout.patches[p].surface.areas))
         active = self._out.active[own]
@@ -317,7 +320,8 @@ class Conditioner:
         self._vectors[p] = self._shears[p].force(frame.values, pressure, frame.stamp)[active]
 
     def _vector(self) -> NDArray[np.float64] | None:
-        """Forces (k, 3) [N] on all active taxels: along the inward normal, unless they feel its direction."""
+        """Returns the force (k, 3) [N] on each active taxel, along the inward normal where no sensor measures
+        its direction."""
         if not self._shears:
             return None
         out, parts = self._out, []
@@ -332,7 +336,7 @@ class Conditioner:
         return np.concatenate(parts)
 
     def _revive(self, patches: list[int]) -> None:
-        """Trusts dead and stuck taxels that have changed again, from the next frame on."""
+        """Trusts dead and stuck taxels whose values have changed again, from the next frame on."""
         for p in patches:
             estimator, own = self.estimators[p], self.layout.taxels[p]
             if estimator.health.constant:
@@ -344,7 +348,7 @@ class Conditioner:
                     self._note_anew(p)
 
     def _count_repeats(self, p: int) -> None:
-        """Adds the frames to the statistics that were only counted."""
+        """Adds repeated frames, which were only counted, to the statistics."""
         memory, first = self._memory, self.layout.arrays.begin[p, BLOCK]
         blocks = memory.blocks[first : self.layout.arrays.begin[p + 1, BLOCK]]
         whole, own = max(int(memory.patches[p, CONSTANT]), 0), self.layout.taxels[p]
@@ -354,7 +358,7 @@ class Conditioner:
         memory.patches[p, CONSTANT] = min(memory.patches[p, CONSTANT], 0.0)
 
     def _note_anew(self, p: int) -> None:
-        """Looks at every taxel in the next frame, also where nothing changes."""
+        """Makes the next frame be read in full, also the blocks that do not change."""
         self._count_repeats(p)
         begin = self.layout.arrays.begin
         self._memory.blocks[begin[p, BLOCK] : begin[p + 1, BLOCK], REPEATED] = 0

@@ -1,7 +1,7 @@
-"""Contacts: taxels that are pressed together, with their centre of pressure on the skin (eq. 7).
+"""Contacts: clusters of active taxels with their centre of pressure on the skin (eq. 7).
 
-Clusters come first: taken over the whole skin, the mean of eq. 7 would put two touches of a limb
-onto the bare skin between them, or inside the limb.
+Taxels are clustered first: over the whole skin, the mean of eq. 7 would put two touches of a limb onto the
+untouched skin between them, or inside the limb.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ from tci.skin.tracking import Tracker
 _NONE = Contacts.of(())
 _cluster, _describe, _reject_isolated = entry(cluster), entry(describe), entry(reject_isolated)
 Measure = Literal["weighted", "sum", "peak"]
-"""One force for a contact: F-bar of eq. 7, the force of all its taxels, or that of the strongest."""
+"""Scalar force of a contact: F-bar of eq. 7, the sum over its taxels, or that of the strongest taxel."""
 
 
 @dataclass(frozen=True, slots=True)
 class ContactSettings:
-    """Conditions under which active taxels are a touch."""
+    """Thresholds at which active taxels form a contact."""
 
     touch: float = 0.1
-    """Force [N] on at least one taxel of each contact. Assumed: 4 of an iCub's 240 counts."""
+    """Least force [N] on the strongest taxel of a contact. Assumed: 4 of an iCub's 240 counts."""
     floor: float = 0.01
-    """Force [N] on neighbours over which it grows, so that the weak edge of a touch is not lost.
-    Assumed: below one of an iCub's counts; a sensor that flickers at rest needs more."""
+    """Least force [N] on a taxel that joins a contact, so that the weak edge of a touch is kept. Assumed:
+    below one of an iCub's counts; a sensor that flickers at rest needs more."""
     isolated: IsolatedSettings | None = field(default_factory=IsolatedSettings)
-    """Conditions under which a taxel that is pressed all alone is a touch; None: always."""
+    """Conditions under which a single active taxel is a contact; None accepts all."""
 
     def __post_init__(self) -> None:
         if not 0.0 < self.floor <= self.touch < np.inf:
@@ -51,7 +51,7 @@ class ContactSettings:
 
 
 class ContactFinder:
-    """Finds the contacts in each state of one skin, and which of them is which."""
+    """Finds the contacts in each state of one skin and gives them their identities."""
 
     def __init__(self, layout: SkinLayout, settings: ContactSettings = ContactSettings()) -> None:
         self.layout, self.settings = layout, settings
@@ -73,9 +73,9 @@ class ContactFinder:
     def find(
         self, state: SkinState, estimates: Estimates, poses: Callable[[], Array], posture: Mapping[str, Array]
     ) -> Contacts:
-        """All contacts of the skin, patch by patch in the robot's order, the strongest first.
+        """Returns all contacts of the skin, patch by patch in the robot's order, the strongest first.
 
-        `estimates` are those that the state was made with, `poses` those of `SkinLayout.links`; `posture`
+        `estimates` are those by which the state was made, `poses` those of `SkinLayout.links`; `posture`
         holds the generic angles (n,) [rad] of each part that carries skin. Raises UnknownNameError when the
         posture lacks a part that is touched.
         """
@@ -103,8 +103,11 @@ class ContactFinder:
     def _reject(
         self, active: ActiveTaxels, estimates: Estimates, settings: IsolatedSettings, single: int
     ) -> tuple[int, int, Array]:
-        """Removes clusters of a single taxel that are no touch; the number of clusters left, of their
-        taxels, and the taxels that wait."""
+        """Removes single-taxel clusters that are no touch.
+
+        Returns the number of clusters left, the number of their taxels, and the taxels that wait (w,
+        WAITING).
+        """
         arrays, before = self.layout.arrays, self.contacts
         limits = np.array([settings.cover, settings.tip, settings.reach, settings.sure, self.settings.floor])
         starts = arrays.begin[before.site, 0]
@@ -117,7 +120,7 @@ class ContactFinder:
         return count, taxels, fresh[:waits]
 
     def _angles(self, posture: Mapping[str, Array]) -> Array:
-        """Generic angles (parts, 4) [rad] of the limbs; zeros where they are not known."""
+        """Returns the generic angles (parts, 4) [rad] of the limbs, zeros where they are unknown."""
         parts = self.layout.parts
         for p in self._clusters.counts.nonzero()[0].tolist():
             if (part := self.layout.sites[p].part) not in posture:
@@ -129,7 +132,7 @@ class ContactFinder:
         return result
 
     def _turn(self, made: ContactArrays, state: SkinState, vectors: Array, poses: Array) -> None:
-        """Writes the force of contacts whose taxels feel its direction."""
+        """Writes the force vectors of contacts on three-axis taxels."""
         for row, p in enumerate(made.site.tolist()):
             if self.layout.patches[p].words.sensor.axes == AXES:
                 own = slice(*state.begin[p : p + 2])
@@ -139,7 +142,7 @@ class ContactFinder:
 
 
 def empty_contacts(count: int, taxels: int) -> ContactArrays:
-    """Room for so many contacts with so many taxels."""
+    """Returns arrays with room for `count` contacts with `taxels` taxels in all."""
 
     def numbers() -> Array:
         return np.empty(count)
@@ -158,7 +161,7 @@ def single_contact(
     site: Site, taxels: ArrayLike, forces: ArrayLike, *, u: float, theta: float, taxel_u: ArrayLike,
     taxel_theta: ArrayLike, stamp: float = 0.0, sequence: int = 0, area: float = 0.0, **vectors: ArrayLike,
 ) -> Contact:  # fmt: skip
-    """A contact by itself, of given `taxels` (k,) with `forces` (k,) [N].
+    """Returns a contact that belongs to no skin, of `taxels` (k,) with `forces` (k,) [N].
 
     `vectors` are its p_L, n_L, p_T, n_T and f_T (3,), see `Contacts`.
     """
@@ -184,7 +187,7 @@ def single_contact(
 
 
 def centre_of_pressure(positions: Array, forces: Array) -> Array:
-    """P-bar (3,) [m] of eq. 7: mean of `positions` (k, 3) [m] weighted by `forces` (k,) [N].
+    """Returns P-bar (3,) [m] of eq. 7, the mean of `positions` (k, 3) [m] weighted by `forces` (k,) [N].
 
     On a curved limb it lies below the skin; an even grip all around puts it on the axis.
     """
@@ -193,12 +196,12 @@ def centre_of_pressure(positions: Array, forces: Array) -> Array:
 
 
 def weighted_force(contact: Contact, radius: float, *, measure: Measure = "weighted") -> float:
-    """F-bar [N] of eq. 7: mean taxel force, weighted by 2 r minus the distance of P_t and P.
+    """Returns F-bar [N] of eq. 7, the mean taxel force weighted by 2 r minus the distance of P_t and P.
 
-    `radius` r [limb lengths] is that of the receptive field. Weights below zero, which eq. 7 gives to
-    taxels farther than 2 r from the centre, are left out; without any weight the result is 0. The
-    weighted mean falls when weak taxels join a strong one; `measure` "sum" and "peak" do not.
-    Raises UnknownNameError for another measure.
+    `radius` r [limb lengths] is that of the receptive field. Taxels farther than 2 r from the centre, to
+    which eq. 7 gives negative weights, are left out; without any weight the result is 0. The weighted mean
+    falls when weak taxels join a strong one; `measure` "sum" and "peak" do not. Raises UnknownNameError for
+    another measure.
     """
     if measure == "sum":
         return contact.force

@@ -25,18 +25,19 @@ from tci.skin.kernels.condition import (
 from tci.skin.layout import SkinPatch
 
 SATURATED = 0.9
-"""Share of the range from which a taxel is at its end, not stepped. Assumed."""
+"""Fraction of the range above which a taxel counts as saturated, so that its reading is a press and no step
+of the baseline. Assumed; 1 would miss taxels whose noise takes them below the end now and then."""
 
 
 class PatchEstimator:
-    """Estimates the rest, noise and health of the taxels of one patch from estimation windows."""
+    """Estimates rest values, noise and health of the taxels of one patch from estimation windows."""
 
     def __init__(self, patch: SkinPatch, baseline: BaselineSettings, health: HealthSettings) -> None:
         sensor, pairs = patch.words.sensor, patch.surface.neighbours
         count, sign = len(patch.surface.areas), float(np.sign(sensor.pascal_per_count))
         self.sole = patch.words.segment == SOLE
         self.full = (sensor.highest - sensor.rest) if sign > 0 else (sensor.rest - sensor.lowest)
-        """Largest deviation [counts] that the sensor can show."""
+        """Largest deviation [counts] that the sensor can send."""
         self.gain, self.nodes = abs(sensor.pascal_per_count), patch.nodes
         self.baseline = Baseline(
             count,
@@ -54,10 +55,11 @@ class PatchEstimator:
         self._half: tuple[Window, Array, NDArray[np.bool_]] | None = None
 
     def update(self, statistics: Single, status: Array) -> bool:
-        """Takes half of a window that has ended: rest values and noise, then health; true when it has both.
+        """Processes half of an ended window: first rest values and noise, then health. Returns True after the
+        second.
 
-        Both at once are the longest that a loop at 1 kHz does in one period. `statistics` (ROWS, n) and
-        `status` (PATCH_COLUMNS,) are the patch's, see `kernels.condition`.
+        It is halved because both together are the longest piece of work in one period of a loop at 1 kHz.
+        `statistics` (ROWS, n) and `status` (PATCH_COLUMNS,) are the patch's, see `kernels.condition`.
         """
         if self._half is None:
             self._half = self._estimate(statistics, status)
@@ -69,11 +71,11 @@ class PatchEstimator:
         return True
 
     def rezero(self, statistics: Single) -> None:
-        """Takes what the taxels read now as rest: after a step of the baseline, or on an operator's word."""
+        """Takes the present readings as rest: after a step of the baseline, or at an operator's request."""
         self.baseline.rezero(statistics[SIGNAL].astype(np.float64))
 
     def write(self, taxels: slice, estimates: Estimates) -> None:
-        """Writes what the kernel compares with, in single precision: exact for counts below 2^24."""
+        """Writes the estimates for the kernel, in single precision: exact for counts below 2^24."""
         baseline, health = self.baseline, self.health
         estimates.offset[taxels] = baseline.offset
         estimates.threshold[taxels] = baseline.threshold
@@ -81,7 +83,7 @@ class PatchEstimator:
         self.write_health(taxels, estimates)
 
     def write_health(self, taxels: slice, estimates: Estimates) -> None:
-        """Writes which taxels are muted, and the pressure from which the others are active, at least one
+        """Writes which taxels are muted, and the pressure above which the others are active: at least one
         count."""
         counts = np.maximum(self.baseline.threshold, 1.0)
         least = np.interp(counts, *self.nodes) if self.nodes.size else self.gain * counts
@@ -89,13 +91,15 @@ class PatchEstimator:
         estimates.muted[taxels] = self.health.muted
 
     def masked(self) -> MappingProxyType[int, str]:
-        """Reason for each taxel that is not trusted, by index: `dead`, `stuck`, `noisy`."""
+        """Returns the reason for each taxel that is not in use, by index: `dead`, `stuck` or `noisy`."""
         state = self.health.state
         return MappingProxyType({int(i): Health(state[i]).name.lower() for i in np.flatnonzero(state)})
 
     def _estimate(self, statistics: Single, status: Array) -> tuple[Window, Array, NDArray[np.bool_]]:
-        """A window from which rest values and noise were estimated; the rest values (n,) before it, and the
-        taxels (n,) that were active by these."""
+        """Updates rest values and noise.
+
+        Returns the window, the rest values (n,) before it, and the taxels (n,) that were active by these.
+        """
         total, peak, difference, changes = statistics[[TOTAL, PEAK, SECOND_DIFFERENCE, CHANGES]].astype(float)
         window = Window(
             elapsed=float(status[ELAPSED]),
@@ -110,9 +114,9 @@ class PatchEstimator:
         return window, before, raised
 
     def _is_step(self, raised: NDArray[np.bool_], elapsed: float) -> bool:
-        """Whether nearly all taxels have been `raised` (n,) for so long that it is no touch but rest.
+        """Returns True if nearly all taxels have been `raised` (n,) for so long that it is rest, not touch.
 
-        Never of a sole, which weight presses all over for as long as the robot stands.
+        A sole is excepted: the robot's weight presses all of it for as long as the robot stands.
         """
         settings, healthy = self.baseline.settings, self.health.healthy
         least = settings.step_share * max(int(np.count_nonzero(healthy)), 1)

@@ -1,4 +1,4 @@
-"""Which taxels can't be trusted: stuck, dead or noisy ones are masked until they behave again."""
+"""Detection of dead, stuck and noisy taxels. They are masked until they work again."""
 
 from __future__ import annotations
 
@@ -17,31 +17,36 @@ class Health(IntEnum):
     """State of a taxel."""
 
     HEALTHY = 0
-    """It is used."""
+    """In use."""
     DEAD = 1
-    """Its value has not changed for long, at rest, though its patch flickers: masked."""
+    """At rest and constant for long, although its patch fluctuates: masked."""
     STUCK = 2
-    """The same while it reads pressure, all alone for a window only; or pressed to the end of its range all
-    alone: masked."""
+    """Active without an active neighbour and constant: for long, or for one window if it fluctuated before;
+    or constant for long together with its whole patch. On a patch without noise, only at the end of its
+    range: masked."""
     NOISY = 3
     """Far noisier than its patch: masked."""
 
 
 @dataclass(frozen=True, slots=True)
 class HealthSettings:
-    """When a taxel is no longer believed. All figures are ours."""
+    """Thresholds at which taxels are masked. All figures are assumed; lower ones mask more healthy taxels,
+    higher ones trust broken taxels for longer."""
 
     constant: float = 60.0
-    """How long [s] a value may stay the same to the bit while others change."""
+    """Time [s] for which a value may stay constant to the bit while others change."""
     fluctuating: float = 0.4
-    """Noise [counts] from which a taxel that reads pressure all alone, the same to the bit for one window,
-    is stuck: a third of such a taxel's frames differ, so that chance gives 50 alike once in 1e5 windows."""
+    """Noise [counts] above which an active taxel without active neighbours is stuck if it stays constant for
+    one window: a third of such a taxel's frames differ, so 50 equal ones occur by chance once in 1e5
+    windows."""
     noisy: float = 8.0
-    """A taxel this many times as noisy as the median of its patch is masked, until half of that."""
+    """A taxel is masked if it is this many times as noisy as the median of its patch, until it is half as
+    noisy."""
     least_noise: float = 1.0
-    """Noise [counts] below which no taxel is noisy."""
+    """Noise [counts] below which no taxel counts as noisy."""
     flicker: float = 0.2
-    """Noise [counts] that a patch must have for the silence of a taxel, or of all, to mean something."""
+    """Median noise [counts] of a patch above which a constant taxel counts as broken: where no taxel
+    fluctuates, being constant means nothing."""
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -51,38 +56,45 @@ class HealthSettings:
 
 
 class TaxelHealth:
-    """Watches the taxels of one patch."""
+    """Health of the taxels of one patch, judged window by window."""
 
     def __init__(
         self, count: int, *, full: float, neighbours: NDArray[np.intp], settings: HealthSettings
     ) -> None:
-        """`full` [counts] is the largest deviation that the sensor can show; `neighbours` (m, 2) pairs of
-        taxels that touch."""
+        """Starts with all taxels healthy.
+
+        `full` [counts] is the largest deviation that the sensor can send; `neighbours` (m, 2) are pairs of
+        neighbouring taxels.
+        """
         self.settings = settings
         self.state = np.zeros(count, dtype=np.int8)
         """`Health` of each taxel (n,)."""
         self.muted = np.zeros(count, dtype=bool)
-        """Taxels (n,) whose pressure is not believed. A dead one has none, and should it change, it lives."""
+        """Taxels (n,) whose pressure is ignored. Dead ones are not among them: they read none, and if one
+        changes it is trusted at once."""
         self.constant = False
-        """Whether a taxel is dead or stuck."""
+        """True if any taxel is dead or stuck."""
         self._full = full
         self._neighbours = neighbours
         self._unchanged = np.zeros(count)
 
     @property
     def healthy(self) -> NDArray[np.bool_]:
-        """Which taxels (n,) are used."""
+        """Mask (n,) of the taxels in use."""
         healthy: NDArray[np.bool_] = self.state == Health.HEALTHY
         return healthy
 
     def revive(self, changed: NDArray[np.bool_]) -> None:
-        """Taxels that were dead or stuck and `changed` (n,) are believed again, from the next frame on."""
+        """Trusts dead and stuck taxels that `changed` (n,) again, from the next frame on."""
         self.state[changed & (self.state != Health.NOISY)] = Health.HEALTHY
         self.muted &= ~(changed & (self.state == Health.HEALTHY))
 
     def judge(self, window: Window, offset: Array, noise: Array, threshold: Array) -> None:
-        """Judge every taxel (n,) by a window: `offset` is its rest value, `noise` its standard deviation,
-        `threshold` the deviation from which it feels something, all in counts."""
+        """Updates the health of every taxel (n,) by a window.
+
+        `offset` is its rest value, `noise` its standard deviation, `threshold` the deviation above which it
+        is active, all in counts.
+        """
         s = self.settings
         deviation = window.mean - offset
         changed = window.changes > 0.0
@@ -98,7 +110,7 @@ class TaxelHealth:
         limit = max(s.noisy * middle, s.least_noise)
         present = window.second_difference / NOISE_GAIN
         self.state[(noise > limit) & (self.state == Health.HEALTHY)] = Health.NOISY
-        # What a masked taxel sends contributes nothing, so that its release goes by the window itself.
+        # The noise of a masked taxel is no longer estimated, so the window itself decides on its release.
         self.state[(present < limit / 2.0) & (self.state == Health.NOISY)] = Health.HEALTHY
         self.constant = bool(((self.state == Health.DEAD) | (self.state == Health.STUCK)).any())
         self.muted[:] = (self.state == Health.STUCK) | (self.state == Health.NOISY)
@@ -108,10 +120,10 @@ class TaxelHealth:
     ) -> None:
         touched = _touched(deviation, threshold)
         alone = touched & ~near(touched, self._neighbours)
-        # Where taxels flicker, one that does not is no sensor; where none ever did, it means nothing.
+        # Constant values show a defect only on a patch that fluctuates at rest.
         if middle > self.settings.flicker:
             self.state[constant & ~touched] = Health.DEAD
-            # A lasting press may saturate a taxel, but not one alone, nor all of a patch.
+            # A lasting press may saturate a taxel, but neither a single one nor a whole patch.
             self.state[constant & (alone | (touched & bool(constant.all())))] = Health.STUCK
         else:
             self.state[constant & alone & (deviation >= 0.9 * self._full)] = Health.STUCK

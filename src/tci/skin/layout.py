@@ -29,16 +29,15 @@ from tci.skin.skin import Skin
 from tci.skin.surfaces import Surface
 
 AXES = 3
-"""Values of a three-axis taxel: x and y along the skin, z outward."""
+"""Number of values of a three-axis taxel: x and y along the skin, z outward."""
 CELLS_PER_FACE = 8
-"""Upper bound on the cells of a grid, per face. Assumed: more cells than that cost memory and save no
-time."""
+"""Upper bound on the number of grid cells per face. Assumed; more cells cost memory and save no time."""
 
 
 def normal_channels(patch: Patch, surface: Surface) -> NDArray[np.intp]:
-    """Place (n,) in the raw frame of the value along each taxel's normal.
+    """Returns the place (n,) in the raw frame of the value along each taxel's normal.
 
-    A three-axis taxel sends x, y and z in turn: along the skin, along it, and outward.
+    A three-axis taxel sends x, y and z in turn: two along the skin, one outward.
     """
     if patch.sensor.axes == 1:
         return surface.channels
@@ -47,16 +46,16 @@ def normal_channels(patch: Patch, surface: Surface) -> NDArray[np.intp]:
 
 @dataclass(frozen=True, slots=True)
 class SkinPatch:
-    """All that is known of one patch before a frame of it was seen."""
+    """Static description of one patch: its sensor, geometry, limb and calibration."""
 
     words: Patch
-    """Its description."""
+    """Description of the patch."""
     surface: Surface
     part: GenericPart
     segment: Segment | None
-    """The segment of a limb that it lies on; None for none."""
+    """The limb segment it lies on; None if it lies on none."""
     calibration: PatchCalibration | None = None
-    """Measured rest values, noise and response; None: those of the description."""
+    """Measured rest values, noise and response; None to use the description's."""
 
     @property
     def channels(self) -> NDArray[np.intp]:
@@ -65,7 +64,8 @@ class SkinPatch:
 
     @property
     def nodes(self) -> Array:
-        """Deviation [counts] and pressure [Pa] (2, m) of its response; (2, 0) if it is linear."""
+        """Deviation [counts] and pressure [Pa] (2, m) at the nodes of its response curve; (2, 0) if it is
+        linear."""
         measured = () if self.calibration is None else self.calibration.response
         response = measured or self.words.sensor.response
         return np.array(response).T.copy() if response else np.zeros((2, 0))
@@ -78,29 +78,32 @@ class SkinLayout:
     patches: tuple[SkinPatch, ...]
     """The patches (p,), in the robot's order."""
     sites: tuple[Site, ...]
-    """Their names (p,)."""
+    """Names (p,) of the patches."""
     places: Mapping[str, int]
-    """Place of each patch by its name."""
+    """Index of each patch by its name."""
     links: tuple[str, ...]
-    """Links (l,) that carry patches or the segments they lie on."""
+    """Links (l,) that carry patches or the limb segments of patches."""
     parts: tuple[str, ...]
     """Generic parts whose limbs carry skin."""
     segments: Places
-    """Place (p,) of each patch's segment in SEGMENTS; -1 for none of these."""
+    """Index (p,) of each patch's segment in SEGMENTS; -1 for none of these."""
     taxels: tuple[slice, ...]
-    """Taxels of each patch (p,) among those of the whole skin."""
+    """Taxels of each patch (p,) within the whole skin."""
     channels: tuple[slice, ...]
-    """Values of each patch (p,) in the buffer of raw values."""
+    """Channels of each patch (p,) within the buffer of raw values."""
     starts: Places
-    """Start of each patch's taxels among those of the whole skin (p + 1,)."""
+    """First taxel (p + 1,) of each patch within the whole skin."""
     dtype: np.dtype[Any]
-    """uint8 if all values that the sensors can send fit in; else float32."""
+    """Dtype of raw values: uint8 if it holds every sensor's range, else float32."""
     arrays: LayoutArrays
 
     @staticmethod
     def of_skin(skin: Skin, calibration: SkinCalibration | None = None) -> SkinLayout:
-        """The layout of a robot's skin, by a `calibration`; None: what `tci skin calibrate` wrote beside the
-        description, if it did. Raises TciError for a calibration that does not fit the robot."""
+        """Builds the layout of a robot's skin with a `calibration`.
+
+        None stands for the file that `tci skin calibrate` wrote beside the description, if there is one.
+        Raises TciError for a calibration that does not fit the robot.
+        """
         robot = skin.robot
         beside = calibration_path(Path(robot.source))
         if calibration is None and beside.is_file():
@@ -123,7 +126,7 @@ class SkinLayout:
 
     @staticmethod
     def of(patches: Iterable[SkinPatch]) -> SkinLayout:
-        """Raises TciError for a calibration of another number of taxels."""
+        """Builds the layout of `patches`. Raises TciError for a calibration with another number of taxels."""
         patches = tuple(patches)
         for one in patches:
             if one.calibration is not None:
@@ -158,11 +161,11 @@ class SkinLayout:
         return self
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return SkinLayout.of, (self.patches,)  # numba tells read-only arrays from others: pickles do not
+        return SkinLayout.of, (self.patches,)  # unpickled arrays would be writable, another type to numba
 
 
 def adjacency(count: int, pairs: NDArray[np.intp]) -> Indices:
-    """`LayoutArrays.graph` of `count` taxels and their neighbours `pairs` (m, 2), each pair once."""
+    """Returns `LayoutArrays.graph` for `count` taxels with the neighbour `pairs` (m, 2), each pair once."""
     one, other = np.concatenate([pairs, pairs[:, ::-1]]).T
     starts = np.concatenate([[0], np.cumsum(np.bincount(one, minlength=count))]) + count + 1
     return np.concatenate([starts, other[np.lexsort((other, one))]]).astype(np.int32)
@@ -215,7 +218,7 @@ def _arrays(patches: Sequence[SkinPatch], on: Places) -> LayoutArrays:
 
 
 def _joined(arrays: Sequence[NDArray[Any]], shape: int | tuple[int, ...]) -> NDArray[Any]:
-    """One array after the other; of this shape for none."""
+    """Concatenates arrays; returns an empty one of `shape` for none."""
     return np.concatenate(arrays) if len(arrays) else np.zeros(shape)
 
 
@@ -237,14 +240,14 @@ def _dtype(sensors: Sequence[Sensor]) -> np.dtype[Any]:
 
 
 def _sensor(one: Sensor) -> tuple[float, float, float, float, float]:
-    """A row of `LayoutArrays.sensor`."""
+    """Returns a row of `LayoutArrays.sensor`."""
     sign = float(np.sign(one.pascal_per_count))
     full = one.highest - one.rest if sign > 0.0 else one.rest - one.lowest
     return one.lowest, one.highest, one.rest, sign, full
 
 
 def _spans(channels: NDArray[np.intp]) -> list[tuple[int, int, bool]]:
-    """Rows of `LayoutArrays.span` of one patch."""
+    """Returns the rows of `LayoutArrays.span` of one patch."""
     blocks = [channels[first : first + BLOCK_SIZE] for first in range(0, len(channels), BLOCK_SIZE)]
     return [
         (int(own.min()), int(own.max()) + 1, np.array_equal(own, own[0] + np.arange(len(own))))
@@ -253,7 +256,8 @@ def _spans(channels: NDArray[np.intp]) -> list[tuple[int, int, bool]]:
 
 
 def _grid(surface: Surface) -> tuple[Array, Places, Places]:
-    """The box (7,) of a surface's cells, where the faces of each cell begin (cells + 1,), and the faces."""
+    """Returns a surface's grid of cells: its box (7,), the start of each cell's faces (cells + 1,), and the
+    faces."""
     if not len(surface.faces):
         return np.zeros(7), np.zeros(1, np.int64), np.zeros(0, np.int64)
     corners = surface.positions[surface.faces]

@@ -8,21 +8,21 @@ from numpy.typing import NDArray
 from tci.frames import Array
 
 FLAT = 1e-12
-"""Squared sine of a face's angle at its first corner below which it has no area."""
+"""Squared sine of a face's angle at its first corner below which the face has no area."""
 
 
 def nearest_on_faces(
     vertices: Array, faces: NDArray[np.intp], points: Array
 ) -> tuple[NDArray[np.intp], Array, Array]:
-    """For each of `points` (k, 3) the nearest face's corners (k, 3), weights (k, 3) and point (k, 3).
+    """Finds the nearest face's corners (k, 3), weights (k, 3) and point (k, 3) for each of `points` (k, 3).
 
-    The point is the corners' mean with these weights, which are barycentric: 0..1, sum 1. `vertices`
-    (n, 3) and `points` are in one frame, `faces` (f, 3) are indices of vertices.
+    The point is the corners' mean with these weights, which are barycentric: 0..1, sum 1. `vertices` (n, 3)
+    and `points` are in one frame, `faces` (f, 3) are indices of vertices.
     """
     points = np.asarray(points, dtype=np.float64)
     a, b, c = vertices[faces].transpose(1, 0, 2)
     weights = _inside(a, b, c, points)
-    # Where the foot of the perpendicular is outside a face, the nearest point is on one of its edges.
+    # If the projection lies outside a face, the nearest point is on one of its edges.
     outside = weights.min(axis=2) < 0.0
     distances = np.where(outside, np.inf, _distance2(weights, a, b, c, points))
     for first, second, third in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
@@ -43,7 +43,8 @@ def nearest_on_faces(
 
 
 def _inside(a: Array, b: Array, c: Array, points: Array) -> Array:
-    """Barycentric weights (k, f, 3) of each point's foot in the plane of each face (Ericson 2004)."""
+    """Returns barycentric weights (k, f, 3) of each point's projection onto the plane of each face (Ericson
+    2004)."""
     u, v = b - a, c - a
     w = points[:, None] - a
     uu, uv, vv = (np.einsum("fi,fi->f", *pair) for pair in ((u, u), (u, v), (v, v)))
@@ -53,13 +54,13 @@ def _inside(a: Array, b: Array, c: Array, points: Array) -> Array:
     safe = np.where(flat, 1.0, determinant)
     second = (vv * wu - uv * wv) / safe
     third = (uu * wv - uv * wu) / safe
-    # A face without area has only edges.
+    # A face without area is treated as its edges.
     second, third = np.where(flat, -1.0, second), np.where(flat, -1.0, third)
     return np.stack([1.0 - second - third, second, third], axis=2)
 
 
 def _distance2(weights: Array, a: Array, b: Array, c: Array, points: Array) -> Array:
-    """Squared distance (k, f) of each point from the point of each face with these weights."""
+    """Returns the squared distance (k, f) of each point from the point of each face with these weights."""
     there = weights[..., :1] * a + weights[..., 1:2] * b + weights[..., 2:] * c
     apart = points[:, None] - there
     result: Array = np.einsum("kfi,kfi->kf", apart, apart)

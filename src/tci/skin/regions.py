@@ -1,4 +1,4 @@
-"""Regions: named groups of taxels, with their own figures, as Skinware has them."""
+"""Regions: named groups of taxels with statistics of their own, as in Skinware (Youssefi et al. 2015)."""
 
 from __future__ import annotations
 
@@ -26,27 +26,27 @@ class Region:
 
 @dataclass(frozen=True, slots=True)
 class RegionState:
-    """What a region feels."""
+    """Statistics of a region in one state of the skin."""
 
     force: float
     """Sum of its taxels' forces [N]."""
     peak_pressure: float
-    """Of the taxel with the most [Pa]."""
+    """Pressure [Pa] on the taxel with the highest."""
     mean_pressure: float
-    """Of the taxels that feel any [Pa]; 0 where none does."""
+    """Mean pressure [Pa] over active taxels; 0 if there are none."""
     area: float
-    """Of the taxels that feel any [m2]."""
+    """Total area [m2] of active taxels."""
     active: int
-    """How many those are."""
+    """Number of active taxels."""
     coverage: float
-    """Share 0..1 of its taxels that are used: not masked, and of patches that have sent."""
+    """Fraction (0..1) of its taxels in use: not masked, and on patches that have sent a frame."""
 
 
 def region(skin: Skin, name: str, taxels: Mapping[str, ArrayLike]) -> Region:
-    """A region of taxels by their indices on each patch.
+    """Returns a region of taxels, given by their indices on each patch.
 
-    Raises TciError for no taxels, an index that there is not, or one that is named twice; UnknownNameError
-    for an unknown patch.
+    Raises TciError for no taxels, an index out of range or one that occurs twice; UnknownNameError for an
+    unknown patch.
     """
     found = {}
     for patch, indices in taxels.items():
@@ -66,7 +66,7 @@ def region(skin: Skin, name: str, taxels: Mapping[str, ArrayLike]) -> Region:
 
 
 def patch_region(skin: Skin, patch: str) -> Region:
-    """A whole patch, under its own name. Raises UnknownNameError."""
+    """Returns a whole patch as a region of its own name. Raises UnknownNameError for an unknown patch."""
     skin.robot.patch(patch)
     return region(skin, patch, {patch: np.arange(len(skin.surfaces[patch].positions))})
 
@@ -75,10 +75,10 @@ def limb_region(
     skin: Skin, name: str, part: str, segment: str, *, u: float, theta: float, radius: float,
     joints: JointReading,
 ) -> Region:  # fmt: skip
-    """Taxels within `radius` [limb lengths] of a place (u, theta [rad]) on the generic limb, as a field is.
+    """Returns the taxels within `radius` [limb lengths] of a place (u, theta [rad]) on the generic limb.
 
-    They are those of the posture in `joints`: skin that turns with its limb's own rotation moves on.
-    Raises TciError where no taxel is so near.
+    This is the shape of a receptive field. The taxels are those at the posture `joints` and stay the same
+    when a limb's own rotation turns its skin. Raises TciError if no taxel is that near.
     """
     near = {}
     for patch in skin.robot.patches:
@@ -89,7 +89,7 @@ def limb_region(
 
 
 def region_state(skin: Skin, what: Region, state: SkinState) -> RegionState:
-    """The figures of a region in a state of the skin."""
+    """Returns the statistics of a region in a state of the skin."""
     force = peak = total = area = 0.0
     active = used = count = 0
     places = {patch.name: p for p, patch in enumerate(skin.robot.patches)}

@@ -1,10 +1,11 @@
-"""Event-driven skin: senders send what changed, and the interface sees what a clocked sender would have sent.
+"""Event-driven skin (send-on-delta): only frames that changed are sent, and the receiver repeats the last
+one.
 
-A patch's sensor still counts its frames at its own rate; the sender leaves out those that equal the one
-before, but for one every `keep_alive` seconds, which tells an unchanged patch from a dead one. A frame that
-was left out costs nothing but counting: `Conditioner` knows it by its values being the same object. What is
-perceived is the same to the bit where times of frames are exact numbers; elsewhere a rounded sum of times can
-make the baseline's next lesson one frame sooner or later.
+A patch's sensor counts its frames at a constant rate. The sender omits frames that equal the one before,
+except for one every `keep_alive` seconds, which distinguishes an unchanged patch from a dead one. The
+receiver fills in omitted frames with the same array object, which `Conditioner` only counts. Perception is
+equal to the bit where stamps are exact numbers; elsewhere rounding of summed times can end an estimation
+window one frame earlier or later.
 """
 
 from __future__ import annotations
@@ -18,11 +19,11 @@ from tci.messages import SkinFrame
 from tci.robot.description import Robot
 
 _EARLY = 1e-6
-"""Share of a period that a frame may be early by rounding."""
+"""Fraction of a period that a frame may be early, for rounding of its stamp."""
 
 
 class SendOnDelta:
-    """The sender's side: which frames to send."""
+    """Sender's side: selects the frames that must be sent."""
 
     def __init__(self, keep_alive: float) -> None:
         """Raises TciError unless `keep_alive` [s] is above 0 and finite."""
@@ -30,7 +31,8 @@ class SendOnDelta:
         self._sent: dict[str, SkinFrame] = {}
 
     def select(self, frames: Iterable[SkinFrame]) -> tuple[SkinFrame, ...]:
-        """Those of the `frames` that differ from what was sent of their patch last, or are due anyway."""
+        """Returns the `frames` that differ from the last one sent of their patch, or are due for
+        keep-alive."""
         return tuple(frame for frame in frames if self._is_due(frame))
 
     def _is_due(self, frame: SkinFrame) -> bool:
@@ -46,24 +48,25 @@ class SendOnDelta:
 
 
 class HoldLast:
-    """The receiver's side: the latest frame of every patch, with those that were left out."""
+    """Receiver's side: holds the latest frame of each patch and fills in those that were not sent."""
 
     def __init__(self, robot: Robot, keep_alive: float) -> None:
         """Raises TciError unless `keep_alive` [s] is above 0 and finite."""
         self._keep_alive = check_keep_alive(keep_alive)
         self._periods = {patch.name: 1.0 / patch.rate for patch in robot.patches}
-        self._known: dict[str, tuple[SkinFrame, SkinFrame, float]] = {}  # what came, the latest, its period
+        self._known: dict[str, tuple[SkinFrame, SkinFrame, float]] = {}  # frame received, filled in, period
 
     def fill(self, arrived: Iterable[SkinFrame], now: float) -> tuple[SkinFrame, ...]:
-        """What a clocked sender's latest frames were at `now` [s], from those that `arrived` until now.
+        """Returns the latest frames at `now` [s] of a sender at constant rate, given those that `arrived` so
+        far.
 
-        A patch that sent nothing for `keep_alive` and one period more is dead: its last frame stays.
+        A patch that sent nothing for `keep_alive` plus one period is dead: its last frame stays.
         """
         known, keep_alive, frames = self._known, self._keep_alive, []
         for frame in arrived:
             patch = frame.patch
             held, filled, period = known.get(patch) or (frame, frame, self._periods.get(patch))
-            if period is None:  # the skin says what is wrong with it
+            if period is None:  # conditioning reports the unknown patch
                 frames.append(frame)
                 continue
             if held is not frame and (held.sequence != frame.sequence or held.stamp != frame.stamp):
@@ -79,7 +82,7 @@ class HoldLast:
 
 
 def check_keep_alive(seconds: float) -> float:
-    """The same. Raises TciError unless it is above 0 and finite."""
+    """Returns `seconds`. Raises TciError unless it is above 0 and finite."""
     if not 0.0 < seconds < np.inf:
         raise TciError(f"keep-alive of {seconds} s; valid: above 0 and finite")
     return seconds

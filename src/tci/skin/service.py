@@ -1,7 +1,7 @@
-"""One acquisition, many readers: each takes skin frames at its own rate, and none slows the acquisition.
+"""One acquisition, many readers, each at its own rate; none slows the acquisition.
 
-In Skinware's sense (Youssefi et al. 2015): the writer publishes every state of the skin into a ring and waits
-for nobody; a reader has a place of its own in that ring. What a slow reader misses is counted.
+The writer publishes every state of the skin into a ring buffer and waits for nobody; each reader has an index
+of its own (as in Skinware, Youssefi et al. 2015). States that a slow reader misses are counted.
 """
 
 from __future__ import annotations
@@ -19,18 +19,19 @@ from tci.skin.skin import Skin
 Mode = Literal["every", "latest", "change"]
 MODES: tuple[Mode, ...] = ("every", "latest", "change")
 DEPTH = 256
-"""States that the ring holds. Ours: 5 s of an iCub's skin."""
+"""Number of states in the ring. Assumed: 5 s of an iCub's skin at 50 Hz."""
 
 
 class SkinService:
-    """Publishes the states of one skin. `publish` belongs to one thread, readers to any."""
+    """Publishes the states of one skin. One thread may call `publish`, any thread may read."""
 
     def __init__(self, skin: Skin, *, depth: int = DEPTH) -> None:
-        """`depth` is how many states a reader may be late before it misses any. Raises TciError below 1."""
+        """Starts with an empty ring of `depth` states, the largest lag of a reader that misses none. Raises
+        TciError below 1."""
         if depth < 1:
             raise TciError(f"a ring of {depth} states; valid: 1 or more")
         self.skin = skin
-        # One place more than promised: the writer may be filling it while a reader looks.
+        # One slot more than `depth`: the writer may be filling it while a reader reads.
         self._ring: list[SkinState | None] = [None] * (depth + 1)
         self._published = 0
         self._waiting = 0
@@ -38,11 +39,12 @@ class SkinService:
 
     @property
     def published(self) -> int:
-        """States until now."""
+        """Number of states published so far."""
         return self._published
 
     def publish(self, state: SkinState) -> None:
-        """Give all readers a new state. It costs the same for any number of them, and never waits for one."""
+        """Publishes a new state. The cost does not depend on the number of readers, and it never waits for
+        one."""
         if self._published and state is self._ring[(self._published - 1) % len(self._ring)]:
             return
         self._ring[self._published % len(self._ring)] = state
@@ -52,31 +54,31 @@ class SkinService:
                 self._fresh.notify_all()
 
     def reader(self, mode: Mode = "every", *, region: Region | None = None, step: float = 0.0) -> SkinReader:
-        """A new reader, who sees what is published from now on.
+        """Returns a new reader, which starts with the next state to be published.
 
-        `every`: each state in turn. `latest`: the newest one, those between are passed over. `change`: the
-        newest one in which the force on any patch (or the region's) differs by more than `step` [N] from what
-        it saw last. Raises UnknownNameError for another mode, TciError for a bad step.
+        `every`: each state in turn. `latest`: the newest one, skipping those between. `change`: the newest
+        one in which the force on any patch (or the region's) differs by more than `step` [N] from the last
+        one it read. Raises UnknownNameError for another mode, TciError for a negative or infinite step.
         """
         return SkinReader(self, mode, region, step)
 
     def _get(self, index: int) -> SkinState | None:
-        """State `index`; None when the ring has moved on."""
+        """Returns state `index`; None when the ring has moved on."""
         state = self._ring[index % len(self._ring)]
-        # Read first, look then: a writer that came between has moved `_published` on.
+        # The index is checked after reading: a writer that overwrote the slot meanwhile has moved it on.
         return state if self._published - index < len(self._ring) else None
 
     def _oldest(self) -> int:
         return max(self._published - len(self._ring) + 1, 0)
 
     def _wait(self, index: int, timeout: float | None) -> bool:
-        """Wait until state `index` is published, at most `timeout` [s]; whether it is."""
+        """Waits until state `index` is published, at most `timeout` [s]. Returns True if it is."""
         if self._published > index:
             return True
         self._waiting += 1
         try:
             with self._fresh:
-                # A state may come between the look at `_waiting` and this wait; it is seen within 50 ms.
+                # A state may come between the check of `_waiting` and this wait; it is seen within 50 ms.
                 end = None if timeout is None else time.monotonic() + timeout
                 while self._published <= index:
                     left = 0.05 if end is None else min(0.05, end - time.monotonic())
@@ -89,7 +91,7 @@ class SkinService:
 
 
 class SkinReader:
-    """One reader's place in the ring. An object serves one thread."""
+    """A reader's position in the ring. An object serves one thread."""
 
     def __init__(self, service: SkinService, mode: Mode, region: Region | None, step: float) -> None:
         if mode not in MODES:
@@ -98,7 +100,7 @@ class SkinReader:
             raise TciError(f"a step of {step} N; valid: 0 or more, finite")
         self.mode = mode
         self.missed = 0
-        """States that an `every` reader was too slow for."""
+        """Number of states that were overwritten before an `every` reader read them."""
         self._service = service
         self._region = region
         self._step = step
@@ -106,7 +108,8 @@ class SkinReader:
         self._forces: dict[str, float] | None = None
 
     def read(self, timeout: float | None = None) -> SkinState | None:
-        """The next state for this reader; None when none came within `timeout` [s] (None: wait for ever)."""
+        """Returns the next state for this reader; None if none came within `timeout` [s] (None: wait
+        indefinitely)."""
         end = None if timeout is None else time.monotonic() + timeout
         while True:
             left = None if end is None else max(end - time.monotonic(), 0.0)
@@ -125,7 +128,8 @@ class SkinReader:
                 return state
 
     def figures(self, state: SkinState) -> RegionState:
-        """The figures of this reader's region. Raises TciError for a reader without one."""
+        """Returns the statistics of this reader's region in `state`. Raises TciError for a reader without
+        one."""
         if self._region is None:
             raise TciError("this reader has no region; valid: reader(region=...)")
         return region_state(self._service.skin, self._region, state)

@@ -1,4 +1,4 @@
-"""Three-axis taxels: the force along the skin, beside the pressure on it."""
+"""Three-axis taxels: tangential force in addition to pressure."""
 
 from __future__ import annotations
 
@@ -13,13 +13,15 @@ from tci.skin.layout import AXES
 from tci.skin.surfaces import Surface, tangents
 
 SETTLE = 10.0
-"""Time constant [s] with which the rest values of an untouched taxel are followed. Ours."""
+"""Time constant [s] with which the rest values of an untouched taxel are tracked. Assumed: slower than a
+touch, faster than warmth."""
 GAP = 1.0
-"""Longest time [s] between two frames that anything is learnt for at once. Ours."""
+"""Upper bound [s] on the frame interval that counts towards rest values. Assumed; without it, the first frame
+after a gap would replace the mean of those before."""
 
 
 class Shear:
-    """Turns the x and y values of one patch into forces. One lives as long as the patch's link is open."""
+    """Turns the x and y values of one patch into forces; holds their rest values."""
 
     def __init__(self, patch: Patch, surface: Surface) -> None:
         self._sensor = patch.sensor
@@ -33,11 +35,11 @@ class Shear:
         self._stamp: float | None = None
 
     def force(self, values: NDArray[np.generic], pressure: Array, stamp: float) -> Array:
-        """Force (taxels, 3) [N] on each taxel, in the patch's link, from a raw frame (channels,).
+        """Returns the force (taxels, 3) [N] on each taxel, in the patch's link, from a raw frame (channels,).
 
-        `pressure` (taxels,) [Pa] is what conditioning made of the same frame: a taxel without any feels
-        nothing along the skin either, and its rest values are learnt. A value that is not finite, or that
-        the sensor can't send, counts as rest.
+        `pressure` (taxels,) [Pa] comes from conditioning the same frame: a taxel without pressure has no
+        tangential force, and its rest values are updated. A value that is not finite or outside the sensor's
+        range counts as rest.
         """
         sensor = self._sensor
         raw = doubles(values[self._channels])
@@ -46,7 +48,7 @@ class Shear:
         elapsed = GAP if self._stamp is None else min(max(stamp - self._stamp, 0.0), GAP)
         self._stamp = stamp
         touched = (pressure > 0.0)[:, None]
-        # A mean at first, then a slow follower.
+        # A running mean at first, then a low-pass filter.
         self._frames += ~touched
         share = np.maximum(1.0 - math.exp(-elapsed / SETTLE), 1.0 / np.maximum(self._frames, 1.0))
         self._rest += np.where(touched, 0.0, share * (raw - self._rest))

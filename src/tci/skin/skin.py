@@ -1,4 +1,4 @@
-"""The generic skin: taxels as places in space and on the limb, whatever robot they sit on (eq. 3)."""
+"""The generic skin: taxels as points in space and on the generic limb, for any robot (eq. 3)."""
 
 from __future__ import annotations
 
@@ -17,31 +17,33 @@ from tci.robot.kinematics import KinematicChain
 from tci.skin.surfaces import Surface, build_surface
 
 FrameName = Literal["link", "limb", "torso"]
-"""Where positions are seen from: the patch's link, its segment's frame S, or the torso."""
+"""Reference frame of positions: the patch's link, its segment's frame S, or the torso."""
 
 
 class Skin:
-    """The whole skin of one robot, as it is built: nothing here changes but the posture that is asked for."""
+    """The whole skin of one robot. Immutable; methods take the posture that they answer for."""
 
     def __init__(self, robot: Robot, *, surfaces: Mapping[str, Surface] | None = None) -> None:
-        """Builds the surface of every patch, unless they are given. Raises what KinematicChain and
-        build_surface raise."""
+        """Builds the surface of every patch unless `surfaces` are given.
+
+        Raises what KinematicChain and build_surface raise.
+        """
         self.robot = robot
         self.kinematics = KinematicChain(robot)
         if surfaces is None:
             surfaces = {patch.name: build_surface(robot, patch, self.kinematics) for patch in robot.patches}
         self.surfaces: Mapping[str, Surface] = surfaces
-        """Taxels of every patch, in its link, by patch name."""
+        """Surface of each patch, in its link, by patch name."""
 
     def positions(self, patch: str, joints: JointReading, *, frame: FrameName = "link") -> Array:
-        """Taxel positions (taxels, 3) [m] at the present posture (eq. 3).
+        """Returns taxel positions (taxels, 3) [m] at the posture `joints` (eq. 3).
 
         Raises UnknownNameError for an unknown patch or frame.
         """
         return apply(self._pose(patch, joints, frame), self.surfaces[patch].positions)
 
     def normals(self, patch: str, joints: JointReading, *, frame: FrameName = "link") -> Array:
-        """Outward unit normals (taxels, 3) of the taxels at the present posture.
+        """Returns outward unit normals (taxels, 3) at the posture `joints`.
 
         Raises UnknownNameError for an unknown patch or frame.
         """
@@ -50,9 +52,9 @@ class Skin:
         return normals
 
     def limb(self, patch: str, joints: JointReading) -> tuple[Array, Array, Array]:
-        """u, theta [rad] and r [m] (taxels,) of the taxels on their segment (eq. 3, x = u L).
+        """Returns u, theta [rad] and r [m] (taxels,) of the taxels on their segment (eq. 3, x = u L).
 
-        Raises UnknownNameError for an unknown patch, TciError for one that is on no limb.
+        Raises UnknownNameError for an unknown patch, TciError for one that lies on no limb.
         """
         points_S = self.positions(patch, joints, frame="limb")
         words = self.robot.patch(patch)
@@ -62,20 +64,20 @@ class Skin:
         return u, theta, np.hypot(points_S[:, 0], points_S[:, 1])
 
     def link_pose(self, link: str, joints: JointReading) -> Array:
-        """`T_TL` (4, 4) of any link of the model. Raises UnknownNameError."""
+        """Returns `T_TL` (4, 4) of any link of the model. Raises UnknownNameError for an unknown link."""
         return self.kinematics.poses(joints.position, (link,))[link]
 
     def segment_pose(self, part: str, segment: str, joints: JointReading, posture: Array) -> Array:
-        """`T_TS` (4, 4) of a part's segment at the generic angles `posture` (n,) [rad].
+        """Returns `T_TS` (4, 4) of a part's segment at the generic angles `posture` (n,) [rad].
 
-        Raises UnknownNameError for an unknown part or segment, TciError for one that is on no limb.
+        Raises UnknownNameError for an unknown part or segment, TciError for one that is on no generic limb.
         """
         words = self.robot.part(part)
         place = words.segment(segment)
         return segment_pose(words, place, self.link_pose(place.link, joints), posture)
 
     def _pose(self, patch: str, joints: JointReading, frame: FrameName) -> Array:
-        """Pose (4, 4) of the patch's link, seen from `frame`."""
+        """Returns the pose (4, 4) of the patch's link in `frame`."""
         words = self.robot.patch(patch)
         if frame == "link":
             return np.eye(4)
@@ -93,11 +95,11 @@ class Skin:
 
 
 def segment_pose(part: GenericPart, segment: Segment, T_TL: Array, posture: Array) -> Array:
-    """`T_TS` (4, 4) of a segment, from the pose of the link that its origin is given in.
+    """Returns `T_TS` (4, 4) of a segment, given the pose of the link that its origin refers to.
 
-    S does not turn with the segment's own axial rotation: iCub's forearm skin turns with pronation,
-    NAO's sleeve does not, and (u, theta) must mean the same place of the body on both. Raises TciError for
-    a part that is no arm.
+    S does not turn with the segment's own axial rotation: iCub's forearm skin turns with pronation, NAO's
+    sleeve does not, and (u, theta) must mean the same place of the body on both. Raises TciError for a part
+    that is no arm.
     """
     if part.kind != "arm" or part.side is None:
         raise TciError(f"the {segment.name} of {part.name} is on no generic limb; valid: segments of an arm")

@@ -1,7 +1,7 @@
-"""The skin of a robot as a surface in space: taxels, outward normals, neighbours and the faces between.
+"""The skin of a robot as surfaces: taxels, outward normals, neighbours and the faces between taxels.
 
-Three kinds of patch: a truncated cone (eqs 3-4), triangular modules at frames of the kinematic model,
-or a table of positions. All end as the same `Surface`.
+A patch is described as a truncated cone (eqs 3-4), as triangular modules at frames of the kinematic model, or
+as a table of positions. All three become a `Surface`.
 """
 
 from __future__ import annotations
@@ -22,13 +22,14 @@ from tci.robot.skin_files.table import read_table
 from tci.skin.nearest import nearest_on_faces
 
 NEIGHBOUR_DISTANCE = 0.015
-"""Taxels this close [m] are neighbours: the largest distance that an iCub's skinManager is set to."""
+"""Distance [m] up to which taxels are neighbours: the largest that an iCub's skinManager is set to."""
 
 GAP = 0.025
-"""Widest gap [m] in a skin over which taxels are neighbours. Ours: the widest of an iCub's is 19 mm."""
+"""Widest gap [m] in a skin across which taxels are neighbours. Assumed: the widest of an iCub's is 19 mm."""
 
 SHEET = 0.3
-"""A skin whose normals are all within 72 degrees (this cosine) of their mean is a sheet. Ours."""
+"""Least cosine between each normal of a skin and their mean for it to be a sheet: 72 degrees. Assumed; a
+limb's normals point all around, a palm's or a sole's stay well within."""
 
 CHANNELS_PER_MODULE = 12
 
@@ -38,7 +39,8 @@ _LATTICE = {
 }  # fmt: skip
 """Place of each taxel on a module, in steps along two lattice axes 60 degrees apart; 3 is the centre.
 
-Channels 6 and 10 are thermal pads. Found from pyCub's positions: every module there fits to 0.03 mm."""
+Channels 6 and 10 are thermal pads. Derived from pyCub's positions: every module there fits to 0.03 mm.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,23 +56,28 @@ class Surface:
     normals: Array
     """Outward unit normals (n, 3) in the link."""
     areas: Array
-    """Area (n,) [m2] that each taxel stands for."""
+    """Area (n,) [m2] that each taxel represents."""
     channels: NDArray[np.intp]
     """Place (n,) of each taxel in the raw frame."""
     neighbours: NDArray[np.intp]
-    """Pairs (m, 2) of taxels that touch: near, and on the same side of a thin limb; all pairs of those that
-    carry one rigid plate. Each pair once."""
+    """Pairs (m, 2) of neighbouring taxels, each once: near, and on the same side of a thin limb; all pairs of
+    those that carry one rigid plate."""
     faces: NDArray[np.intp]
-    """Triangles (f, 3) of taxels, anticlockwise seen from outside. Those of a limb lie on its hull, those of
-    a sheet (palm, sole, cap) are what one sees of it from outside; taxels on one line have none."""
+    """Triangles (f, 3) of taxels, anticlockwise seen from outside.
+
+    Those of a limb lie on its hull, those of a sheet (palm, sole, cap) form its outer side; taxels on one
+    line have none.
+    """
     tangents: Array | None = None
-    """Unit x axes (n, 3) of three-axis taxels in the link; y is normal x tangent. None: see `tangents`."""
+    """Unit x axes (n, 3) of three-axis taxels in the link; y is normal x tangent. None stands for
+    `tangents`."""
 
     def project(self, points: Array) -> tuple[Array, Array]:
-        """Nearest points (k, 3) [m] of the surface to `points` (k, 3) [m], and its normals (k, 3) there.
+        """Returns the nearest points (k, 3) [m] of the surface to `points` (k, 3) [m] and its normals (k, 3)
+        there.
 
-        All in the link. It serves points inside the limb as well: a centre of pressure sinks in there.
-        Without faces it is the nearest taxel.
+        All are in the link. Points inside the limb are valid: that is where a centre of pressure lies.
+        Without faces it returns the nearest taxel.
         """
         if not len(self.faces):
             near = cKDTree(self.positions).query(points)[1]
@@ -81,11 +88,11 @@ class Surface:
 
 
 def build_surface(robot: Robot, patch: Patch, kinematics: KinematicChain) -> Surface:
-    """The surface of one patch.
+    """Builds the surface of one patch.
 
-    Raises DescriptionError when a table can't be read, a module's frame is not fixed to the patch's
-    link, or the patch has fewer channels than its taxels need; UnknownNameError for a link or frame
-    that the model lacks.
+    Raises DescriptionError when a table can't be read, a module's frame is not fixed to the patch's link, or
+    the patch has fewer channels than its taxels need; UnknownNameError for a link or frame that the model
+    lacks.
     """
     words = patch.surface
     across: Array | None = None
@@ -126,9 +133,10 @@ def build_surface(robot: Robot, patch: Patch, kinematics: KinematicChain) -> Sur
 
 
 def tangents(normals: Array) -> Array:
-    """Unit vectors (n, 3) across `normals` (n, 3): x axes of taxels of which nobody said any. Ours.
+    """Returns default x axes (n, 3) of taxels, unit vectors perpendicular to `normals` (n, 3).
 
-    The link's x axis as the skin sees it; its y axis where that is within 18 degrees of the normal.
+    They are projections of the link's x axis, or of its y axis where x is within 18 degrees of the normal.
+    Assumed: descriptions without axes do not define them.
     """
     steep = np.abs(normals[:, :1]) > 0.95
     guide = np.where(steep, [0.0, 1.0, 0.0], [1.0, 0.0, 0.0])
@@ -138,7 +146,8 @@ def tangents(normals: Array) -> Array:
 
 
 def _cone(cone: TruncatedCone) -> tuple[Array, Array, Array, NDArray[np.intp]]:
-    """Positions, normals, areas and faces of a cone's taxels: first and last ring are its two ends.
+    """Returns positions, normals, areas and faces of a cone's taxels; its first and last ring are its two
+    ends.
 
     In the cone's frame a taxel at x and theta is at (r(x) cos theta, r(x) sin theta, -x) (eqs 3-4).
     """
@@ -158,7 +167,7 @@ def _cone(cone: TruncatedCone) -> tuple[Array, Array, Array, NDArray[np.intp]]:
 
 
 def _ring_strips(rings: int, per_ring: int) -> NDArray[np.intp]:
-    """Triangles (f, 3) between each ring of a cone and the next, which is half a step further or back."""
+    """Returns triangles (f, 3) between each ring of a cone and the next, which is shifted by half a step."""
     if rings < 2 or per_ring < 2:
         return np.zeros((0, 3), np.intp)  # taxels on one line, or in one plane across
     here = np.arange(per_ring)
@@ -176,7 +185,7 @@ def _ring_strips(rings: int, per_ring: int) -> NDArray[np.intp]:
 def _modules(
     robot: Robot, patch: Patch, modules: TriangularModules, kinematics: KinematicChain
 ) -> tuple[Array, Array, Array, NDArray[np.intp]]:
-    """Positions, normals, areas and channels of flat modules whose frames' z axes point outward."""
+    """Returns positions, normals, areas and channels of flat modules whose frames' z axes point outward."""
     poses = _frames(robot, patch, modules, kinematics)
     turns = modules.turns or (0.0,) * len(poses)
     steps = np.array(list(_LATTICE.values()), dtype=np.float64)
@@ -195,7 +204,7 @@ def _modules(
 def _frames(
     robot: Robot, patch: Patch, modules: TriangularModules, kinematics: KinematicChain
 ) -> list[Array]:
-    """`T_LF` (4, 4) of each module's frame F in the patch's link."""
+    """Returns `T_LF` (4, 4) of each module's frame F in the patch's link."""
     found = []
     for bend in (0.0, 0.3):
         poses = kinematics.poses(np.full(len(robot.servos), bend), [patch.link, *modules.frames])
@@ -215,7 +224,7 @@ def _frames(
 
 
 def _faces(positions: Array, normals: Array) -> NDArray[np.intp]:
-    """Triangles (f, 3) between taxels: of a sheet, or of a limb."""
+    """Returns triangles (f, 3) between taxels: of a sheet, or of a limb."""
     places, index = np.unique(positions, axis=0, return_index=True)
     if is_sheet(normals):
         across = np.linalg.svd(normals.mean(axis=0, keepdims=True))[2][1:]
@@ -227,7 +236,7 @@ def _faces(positions: Array, normals: Array) -> NDArray[np.intp]:
         faces = index[np.asarray(ConvexHull(places).simplices, dtype=np.intp)]
     except QhullError:
         return np.zeros((0, 3), np.intp)
-    # Without the lids that close a limb's two open ends.
+    # The hull's caps over a limb's two open ends carry no skin.
     towards = normals[faces].mean(axis=1)
     along = np.abs(np.einsum("fi,fi->f", _unit_normals(faces, positions), towards))
     result: NDArray[np.intp] = faces[along > 0.5 * np.linalg.norm(towards, axis=1)]
@@ -235,14 +244,14 @@ def _faces(positions: Array, normals: Array) -> NDArray[np.intp]:
 
 
 def is_sheet(normals: Array) -> bool:
-    """Whether a skin with these normals (n, 3) is a sheet: a palm, a sole, a cap, a single taxel."""
+    """Returns True if a skin with these normals (n, 3) is a sheet: a palm, a sole, a cap, a single taxel."""
     mean = normals.mean(axis=0)
     length = float(np.linalg.norm(mean))
     return length > 0.0 and float((normals @ (mean / length)).min()) > SHEET
 
 
 def _outward(faces: NDArray[np.intp], positions: Array, normals: Array) -> NDArray[np.intp]:
-    """The same triangles, all anticlockwise seen from the side that the taxels' normals point to."""
+    """Orients triangles anticlockwise, seen from the side that the taxels' normals point to."""
     inward = np.einsum("fi,fi->f", _unit_normals(faces, positions), normals[faces].mean(axis=1)) < 0.0
     return np.where(inward[:, None], faces[:, ::-1], faces)
 
@@ -255,10 +264,10 @@ def _unit_normals(faces: NDArray[np.intp], positions: Array) -> Array:
 
 
 def find_neighbours(positions: Array, normals: Array) -> NDArray[np.intp]:
-    """Pairs (m, 2), lower index first, of taxels that are near and face the same way.
+    """Returns pairs (m, 2), lower index first, of taxels that are near and face the same way.
 
-    Across a gap between modules they are near when no taxel lies in the ball between them (Gabriel
-    and Sokal 1969): one finger on the gap presses both.
+    Across a gap between modules they are near if no other taxel lies in the ball between them (Gabriel and
+    Sokal 1969): one finger on the gap presses both.
     """
     tree = cKDTree(positions)
     pairs = tree.query_pairs(GAP, output_type="ndarray").astype(np.intp)

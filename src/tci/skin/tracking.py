@@ -17,12 +17,13 @@ _track = entry(track)
 
 @dataclass(frozen=True, slots=True)
 class TrackSettings:
-    """Conditions under which two contacts in successive frames of a patch are the same. Assumed."""
+    """Conditions under which contacts in successive frames of a patch are one contact. Assumed."""
 
     reach: float = 0.03
-    """Distance [m] that the centre of a contact may go from one frame to the next."""
+    """Largest distance [m] that a contact's centre may move between frames. Larger joins separate touches,
+    smaller splits a fast slide."""
     linger: float = 0.1
-    """Time [s] for which a contact may be away and still be the same when it returns."""
+    """Longest time [s] for which a contact may vanish and keep its identity."""
 
     def __post_init__(self) -> None:
         for name in ("reach", "linger"):
@@ -31,7 +32,7 @@ class TrackSettings:
 
 
 class Tracker:
-    """Gives contacts their identity. One lives as long as the skin that it follows."""
+    """Gives contacts their identities; holds the tracks of one skin."""
 
     def __init__(self, settings: TrackSettings = TrackSettings()) -> None:
         self.settings = settings
@@ -41,8 +42,8 @@ class Tracker:
     def follow(self, contacts: ContactArrays, stamps: Array) -> None:
         """Writes identity, onset and displacement of the contacts of a frame.
 
-        `stamps` (p,) [s] are the times of the patches' frames. The nearest pairs of before and now are the
-        same contact, as far as `reach`; what is left over is new.
+        `stamps` (p,) [s] are the times of the patches' frames. The nearest pairs of a track and a contact, up
+        to `reach`, are matched; contacts left over are new.
         """
         tracks = np.empty((len(self._tracks) + len(contacts.site), TRACK))
         best = np.empty((len(contacts.site), 3))

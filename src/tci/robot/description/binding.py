@@ -6,12 +6,12 @@ from tci.robot.description.base import Description
 
 
 class Address(Description):
-    """Address of one thing of the robot in a middleware."""
+    """Address of a patch, part or servo in a middleware."""
 
     of: str
     """Name of a patch, of a robot part or of a servo."""
     to: str
-    """Port, topic, key or name of that thing in the middleware."""
+    """Port, topic, key or name in the middleware."""
 
 
 class Binding(Description):
@@ -24,7 +24,7 @@ class Binding(Description):
     stale_after: float
     """Age [s] above which joint data no longer counts and the gate holds."""
     addresses: tuple[Address, ...] = ()
-    """Addresses of the things that do not have the middleware's usual name."""
+    """Addresses that differ from the middleware's usual names."""
 
     def address(self, of: str, usual: str) -> str:
         """Returns the address of the patch, robot part or servo named `of`, or `usual` if the file gives

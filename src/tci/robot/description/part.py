@@ -14,7 +14,7 @@ Kind = Literal["arm", "head", "torso", "leg", "hand", "other"]
 
 
 class Term(Description):
-    """One servo's share in a coupled generic joint."""
+    """Contribution of one servo to a coupled generic joint."""
 
     servo: int
     """Index into `Robot.servos`."""
@@ -32,9 +32,9 @@ class GenericServo(Description):
     servo: int | None
     """Index into `Robot.servos`; None when the robot lacks this joint."""
     scale: float = 1.0
-    """gamma, the transform factor."""
+    """Transform factor gamma."""
     offset: float = 0.0
-    """sigma [rad], the transform displacement."""
+    """Transform displacement sigma [rad]."""
     transform: Literal["linear", "table", "coupled", "retarget"] = "linear"
     """Rule that relates generic angles and the robot's angles: see `tci.robot.joint_map`."""
     table: tuple[tuple[float, float], ...] = ()

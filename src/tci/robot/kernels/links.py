@@ -1,4 +1,4 @@
-"""Forward kinematics and Jacobians of some links in one loop."""
+"""Forward kinematics and Jacobians of several links in one compiled loop."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from tci.frames import Array
 BEFORE, SERVO, SLIDES = range(3)
 """Columns of `steps`, see `tci.robot.kinematics`."""
 STEP, SIGN = range(2)
-"""Columns of a path: a step, and how the servo of it counts in a Jacobian: 1, -1 or 0."""
+"""Columns of a path: a step, and the sign of its servo in a Jacobian: 1, -1 or 0."""
 
 
 @inlined
 def take_steps(
     position: Array, path: NDArray[np.int64], steps: NDArray[np.int64], sums: Array, work: Array
 ) -> None:
-    """Write the pose after each step of a path into `work` (s, 3, 4), seen from the world."""
+    """Writes the pose after each step of a path into `work` (s, 3, 4), in the world frame."""
     for k in range(len(path)):
         s = path[k, STEP]
         before, servo = steps[s, BEFORE], steps[s, SERVO]
@@ -54,10 +54,10 @@ def link_poses(
     work: Array,
     poses: Array,
 ) -> None:
-    """Write `T_TL` (l, 4, 4) of the links after the steps `ends` (l,), seen from that after step `torso`.
+    """Writes `T_TL` (l, 4, 4) of the links after the steps `ends` (l,), in the frame after step `torso`.
 
-    `position` (n_servos,) [rad]; `path` (k, 2) holds all steps there, those before others first; `steps`
-    (s, 3) and `sums` (s, 3, 3, 4) see `tci.robot.kinematics`; `work` (s, 3, 4) is room for a pose after each.
+    `position` is (n_servos,) [rad]; `path` (k, 2) holds all steps involved, parents first; for `steps` (s, 3)
+    and `sums` (s, 3, 3, 4) see `tci.robot.kinematics`; `work` (s, 3, 4) is work space.
     """
     take_steps(position, path, steps, sums, work)
     T_WT = work[torso]
@@ -90,8 +90,8 @@ def pose_and_jacobian(
     pose: Array,
     jacobian: Array,
 ) -> None:
-    """Write `T_TP` (4, 4) of a `point` (3,) [m] of the link after step `ends[0]`, seen from the torso, which
-    is after `ends[1]`; and add its Jacobian (6, n_servos) relative to the torso.
+    """Writes `T_TP` (4, 4) of a `point` (3,) [m] of the link after step `ends[0]`, in the torso frame, which
+    is after `ends[1]`; adds its Jacobian (6, n_servos) relative to the torso.
 
     `axes` (s, 2, 3) holds the axis of each step's joint and a point of it [m], in the frame before the step;
     the other arguments are as in `link_poses`.
@@ -160,12 +160,12 @@ def retreats(
     first: Array,
     out: Array,
 ) -> None:
-    """Write how far [m] points of links are from where they were at first, (0, k, c) along the inward normals
-    that they had there and (1, k, c) across, seen from the world.
+    """Writes displacements [m] of points of links: (0, k, c) along their initial inward normals, (1, k, c)
+    across, in the world frame.
 
-    `way` (k + 1, n_servos) [rad] begins there; `path`, `steps`, `sums` and `work` are as in `link_poses`. Of
-    each point (c, 3) [m] with its outward normal (c, 3) the link is the one `after` (c,) a step; `first`
-    (c, 3, 2) is room for both.
+    `way` (k + 1, n_servos) [rad] starts at the initial posture; `path`, `steps`, `sums` and `work` are as in
+    `link_poses`. Each point (c, 3) [m] with its outward normal (c, 3) belongs to the link `after` (c,) a
+    step; `first` (c, 3, 2) is work space for both.
     """
     for k in range(len(way)):
         take_steps(way[k], path, steps, sums, work)

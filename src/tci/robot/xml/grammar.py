@@ -1,6 +1,6 @@
-"""The dialect: which elements there are, what they hold, and what is valid there.
+"""The XML dialect: its elements, their contents, and the valid values.
 
-`robot.xsd` says the same for editors, and docs/robot-description.md for people.
+`robot.xsd` describes it for editors, docs/robot-description.md for people.
 """
 
 from __future__ import annotations
@@ -26,43 +26,44 @@ from tci.robot.xml.values import (
 
 @dataclass(frozen=True)
 class Element:
-    """What one element may hold."""
+    """Valid content of one element."""
 
     needs: Mapping[str, Value] = field(default_factory=dict)
-    """Attributes that must be there."""
+    """Required attributes."""
     may: Mapping[str, Value] = field(default_factory=dict)
-    """Attributes that may be there."""
+    """Optional attributes."""
     text: Value | None = None
-    """Its text, for an element that holds a value."""
+    """Value of its text; None if it has no text."""
     must: Mapping[str, Element] = field(default_factory=dict)
-    """Children that must be there once."""
+    """Children that occur exactly once."""
     once: Mapping[str, Element] = field(default_factory=dict)
-    """Children that may be there once."""
+    """Children that occur at most once."""
     some: Mapping[str, Element] = field(default_factory=dict)
-    """Children that must be there at least once."""
+    """Children that occur at least once."""
     many: Mapping[str, Element] = field(default_factory=dict)
-    """Children that may be there any number of times."""
+    """Children that occur any number of times."""
 
     @property
     def children(self) -> dict[str, Element]:
-        """All elements that may stand in it."""
+        """Returns all possible children."""
         return {**self.must, **self.once, **self.some, **self.many}
 
     @property
     def values(self) -> dict[str, Value]:
-        """All attributes but `type`."""
+        """Returns all attributes except `type`."""
         return {**self.needs, **self.may}
 
     @property
     def angular(self) -> bool:
-        """Whether it holds an angle, so that `type` may say another unit than the root's."""
+        """Returns True if the element holds an angle, so that `type` may give a unit other than the
+        root's."""
         return any(value.angular for value in [*self.values.values(), self.text] if value is not None)
 
 
 UNIT = Choice(("deg", "rad"))
 NAME = Name()
 ADDRESS = Name(1000)
-"""A name of another world, or several with spaces between them."""
+"""A name in another system, or several names with spaces between them."""
 ID = Integer(0, 9999)
 SHARE = Number(0.0, 1.0)
 LENGTH = Number(most=3.0, positive=True, unit="m")
@@ -70,8 +71,8 @@ POINT = Three(Number(-10.0, 10.0, unit="m"))
 ORIENTATION = Three(Angle())
 ORIGIN = Choice(("published", "ours"))
 
-# The largest plausible figures of a servo are ours. They are far above any servo's, and below the
-# placeholders (50000) that CAD exports put where a figure is missing.
+# The largest plausible limits are assumed: far above any servo's, and below the placeholders (50000) that
+# CAD exports put where a figure is missing.
 SPEED = Angle(positive=True, most=100.0, per="/s")
 ACCELERATION = Angle(positive=True, most=1e5, per="/s2")
 JERK = Angle(positive=True, most=1e8, per="/s3")
@@ -203,4 +204,4 @@ GENERIC_ROBOT = Element(
 )
 
 MAX_MOUNT = math.radians(20.0)
-"""Largest turn [rad] of a mount: it is a small correction, not another kind of shoulder."""
+"""Largest rotation [rad] of a mount. Assumed: a mount is a small correction, not another kind of shoulder."""

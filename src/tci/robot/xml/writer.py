@@ -12,14 +12,15 @@ from tci.errors import TciError
 from tci.robot.description import GenericPart, GenericServo, Patch, Robot, Servo, TruncatedCone
 
 PLACES = 6
-"""Digits after the point of an angle [degrees], and of a length [m]."""
+"""Number of decimals of an angle [degrees], and of a length [m]."""
 
 
 def write_robot(robot: Robot, *, file: str, extra: str | None = None, comment: str = "") -> str:
-    """The text of a description; `file` is the model's place beside it, or the end of its path in the
-    model's package, which `extra` installs.
+    """Returns a robot's description as XML text.
 
-    Raises TciError for what only a person writes: couplings, tables, skin that is no cone.
+    `file` is the model's path relative to the description, or the end of its path in the model's package,
+    which `extra` installs. Raises TciError for content that is only written by hand: couplings, tables, skin
+    that is no cone.
     """
     if robot.couplings:
         raise TciError("couplings are not written; add them by hand")

@@ -1,1 +1,1 @@
-"""Compiled inner loops (numba). Each has a plain NumPy twin in the tests that it must equal."""
+"""Compiled stages of perception (numba). Each is tested against a plain NumPy twin."""

@@ -1,4 +1,4 @@
-"""Arrays that the stages of perception share, grouped by who owns them."""
+"""Arrays that the stages of perception share: layout, estimates, memory and results."""
 
 from __future__ import annotations
 
@@ -27,76 +27,77 @@ AREA = 6
 LINK, LIMB_LINK, POSTURE = range(3)
 """Columns of `LayoutArrays.on`."""
 BLOCK_SIZE = 64
-"""Taxels whose raw values are compared with those of the frame before, all at once."""
+"""Taxels per block. A block whose raw values equal those of the frame before is only counted."""
 
 
 class LayoutArrays(NamedTuple):
-    """All taxels (n,) of a robot, patch (p,) by patch. Nothing here ever changes."""
+    """All taxels (n,) of a robot, patch (p,) by patch. Constant."""
 
     begin: Places
-    """Where each patch's taxels, channels, blocks, cells and nodes begin (p + 1, 5)."""
+    """First taxel, channel, block, cell and node (p + 1, 5) of each patch."""
     sensor: Single
-    """Range, rest, polarity and largest deviation (p, 5)."""
+    """Range, rest value, polarity and largest deviation (p, 5) [counts]."""
     rate: Array
     """Frames per second (p,) [Hz]."""
     channel: Places
     """Place (n,) of each taxel in the buffer of raw values."""
     span: Places
-    """First channel, last + 1, and 1 if the channels are those between in order (b, 3), of each block."""
+    """First channel, last + 1, and 1 if the channels are consecutive (b, 3), of each block."""
     gain: Array
-    """Response (n,) [Pa per count]; 1 where `nodes` give it."""
+    """Response (n,) [Pa per count]; 1 where `nodes` define it."""
     nodes: Array
-    """Deviation [counts] and pressure [Pa] (2, m) between which the response is straight."""
+    """Deviation [counts] and pressure [Pa] (2, m) at the nodes of piecewise linear responses."""
     taxel: Array
     """Position [m], normal and area [m2] (n, 7), in the patch's link."""
     graph: Indices
-    """Where the neighbours of each taxel begin, n + 1 places, and then the neighbours."""
+    """Start of each taxel's neighbours (n + 1 entries), followed by the neighbours."""
     faces: Indices
     """Corners (f, 3) of each face."""
     box: Array
-    """Least corner (3,) [m] of each patch's grid of cells, cells per metre, cells along x, y, z (p, 7)."""
+    """Least corner (3,) [m] of each patch's grid of cells, cells per metre, number of cells along x, y, z (p,
+    7)."""
     cells: Indices
-    """Where the faces of each cell begin, cells + 1 places, and then the faces that reach into each."""
+    """Start of each cell's faces (cells + 1 entries), followed by the faces that overlap each cell."""
     limb: Array
-    """The segment of each patch (p, 15), see `limb_numbers`; zeros for none."""
+    """Segment of each patch (p, 15), see `limb_numbers`; zeros for none."""
     on: Places
-    """Places (p, 3) of the patch's link, of its segment's link and of its part's posture."""
+    """Index (p, 3) of the patch's link, of its segment's link and of its part's posture."""
 
 
 class Estimates(NamedTuple):
-    """Properties of each taxel (n,) that are estimated while the skin is used."""
+    """Properties of each taxel (n,) that are estimated at run time."""
 
     offset: Single
-    """Rest value [counts] beyond the description's."""
+    """Rest value [counts], relative to the description's."""
     threshold: Single
-    """Deviation [counts] from which a taxel is active."""
+    """Deviation [counts] above which a taxel is active."""
     muted: NDArray[np.bool_]
     """Taxels whose values are ignored."""
     least: Array
-    """Pressure [Pa] from which it is active, infinite where it is masked."""
+    """Pressure [Pa] above which a taxel is active; infinite if it is masked."""
     fluctuating: NDArray[np.bool_]
-    """Taxels with so much noise that their values never stay constant for long."""
+    """Taxels so noisy that their values never stay constant for long."""
 
 
 class SkinMemory(NamedTuple):
-    """Statistics of the running estimation windows, and what they are made from."""
+    """Statistics of the running estimation windows and the data that they are computed from."""
 
     statistics: Single
-    """(6, n), see `kernels.condition`."""
+    """Per taxel (6, n), see `kernels.condition`."""
     blocks: Indices
-    """(b, 4), see `kernels.condition`."""
+    """Per block (b, 4), see `kernels.condition`."""
     patches: Array
-    """(p, 9), see `kernels.condition`."""
+    """Per patch (p, 9), see `kernels.condition`."""
     smoothed: Array
-    """Pressure (n,) [Pa] of the frame before; no taxels without smoothing."""
+    """Filtered pressure (n,) [Pa] of the previous frame; (0,) without smoothing."""
     room: Single
-    """Raw values of one block."""
+    """Work space for the raw values of one block."""
     counts: Places
-    """Active taxels (p,) of each patch."""
+    """Number of active taxels (p,) of each patch."""
     active: Indices
-    """Their indices (n,) in the patch, from where the patch's taxels begin on."""
+    """Indices (n,) of active taxels within their patch, each patch's from its first taxel on."""
     pressure: Array
-    """Their pressures (n,) [Pa], likewise."""
+    """Pressures (n,) [Pa] of the active taxels, in the same order."""
 
 
 class ActiveTaxels(NamedTuple):
@@ -112,23 +113,23 @@ class Clusters(NamedTuple):
     """Clusters of neighbouring taxels, patch by patch, in the order of their first taxels."""
 
     force: Array
-    """Room (n,), zero between two frames."""
+    """Work space (n,), zero between two frames."""
     label: Indices
-    """Room (n,), zero between two frames."""
+    """Work space (n,), zero between two frames."""
     queue: Indices
-    """Room (n,)."""
+    """Work space (n,)."""
     counts: Places
-    """Clusters (p,) of each patch."""
+    """Number of clusters (p,) on each patch."""
     bound: Indices
-    """Where the members of each cluster begin (n + 1,)."""
+    """Start of each cluster's members (n + 1,)."""
     member: Indices
-    """Taxels (n,) of all clusters, among those of the whole skin, rising within each cluster."""
+    """Members (n,) of all clusters, as taxels of the whole skin, rising within each cluster."""
     member_force: Array
-    """Force (n,) [N] on each of them."""
+    """Force (n,) [N] on each member."""
 
 
 class ContactArrays(NamedTuple):
-    """The arrays of `Contacts`, which tells their shapes and units."""
+    """The arrays of `Contacts`; shapes and units are given there."""
 
     site: Places
     identity: Places

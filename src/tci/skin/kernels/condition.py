@@ -1,4 +1,4 @@
-"""Raw values of all patches to active taxels and their pressure, and the statistics of estimation windows."""
+"""Conditioning kernel: raw values to active taxels with pressure, and statistics of estimation windows."""
 
 from __future__ import annotations
 
@@ -40,21 +40,23 @@ SIGNAL, BEFORE, TOTAL, PEAK, SECOND_DIFFERENCE, CHANGES = range(6)
 """Rows of `SkinMemory.statistics`: this signal [counts], the one before; and since the window began the sum
 of signals, the largest deviation, the sum of absolute second differences, the number of changes."""
 REPEATS, REPEATED, LIVE, SATURATED = range(4)
-"""Columns of `SkinMemory.blocks`: frames that were only counted, whether the next equal one may be, whether
-any taxel is active, taxels at the end of their range."""
+"""Columns of `SkinMemory.blocks`: repeated frames not added yet, 1 if the next equal one may be counted only,
+1 if any taxel is active, number of saturated taxels."""
 STAMP, ELAPSED, FRAMES, IN_WINDOW, DIFFERENCES, DROPPED, CONSTANT, DUE, LEAST = range(9)
-"""Columns of `SkinMemory.patches`: time [s] of the latest frame, time [s] since the window began, frames
-seen (2 for many), frames and second differences in the window, values dropped until now, whole frames that
-were only counted (-1 if the next may not be), length [s] of the window and its least number of frames."""
+"""Columns of `SkinMemory.patches`: time [s] of the latest frame, time [s] since the window began, frames seen
+(counted up to 2), frames and second differences in the window, values dropped so far, repeated whole frames
+not added yet (-1 if the next may not be counted only), length [s] of the window and its least number of
+frames."""
 ROWS, BLOCK_COLUMNS, PATCH_COLUMNS = 6, 4, 9
 GAP = 1.0
-"""Upper bound [s] on the frame interval that counts towards an estimation window. Assumed."""
+"""Upper bound [s] on the frame interval that counts towards an estimation window. Assumed: a longer pause is
+not time in which the patch was observed."""
 _STEP = 256
 
 
 @inlined
 def _same(raw: NDArray[Any], last: NDArray[Any], begin: int, end: int) -> bool:
-    """Compares two frames; a slice at a time, so that the processor takes many values at once."""
+    """Compares two frames slice by slice, so that the processor compares many values at once."""
     for first in range(begin, end, _STEP):
         a, b = raw[first : min(first + _STEP, end)], last[first : min(first + _STEP, end)]
         differs = False
@@ -67,7 +69,7 @@ def _same(raw: NDArray[Any], last: NDArray[Any], begin: int, end: int) -> bool:
 
 @inlined
 def _gather(raw: NDArray[Any], layout: LayoutArrays, block: int, begin: int, values: Single) -> None:
-    """Copies the raw values of a block whose taxels begin at `begin`."""
+    """Copies the raw values of the block whose taxels begin at `begin`."""
     if layout.span[block, STRAIGHT]:
         own = raw[layout.span[block, FIRST] : layout.span[block, END]]
         for i in range(len(values)):
@@ -82,10 +84,10 @@ def _gather(raw: NDArray[Any], layout: LayoutArrays, block: int, begin: int, val
 def _note(
     values: Single, sensor: Single, estimates: Estimates, statistics: Single, begin: int, frames: int
 ) -> tuple[int, int, int]:
-    """Updates the statistics of one block; returns the values dropped, taxels saturated, and if any is
-    active.
+    """Updates the statistics of one block without branches, so that the processor handles eight taxels at
+    once.
 
-    Without branches, so that the processor takes eight taxels at once.
+    Returns the number of values dropped, of saturated taxels, and 1 if any taxel is active.
     """
     end = begin + len(values)
     signals, befores, totals = (
@@ -125,7 +127,7 @@ def _note(
 
 @inlined
 def _response(counts: float, nodes: Array, first: int, end: int) -> float:
-    """Pressure [Pa] on straight lines between the nodes from `first` to `end`, and beyond the last."""
+    """Returns the pressure [Pa], linear between the nodes from `first` to `end` and beyond the last."""
     k = first + 1
     while k < end - 1 and counts > nodes[0, k]:
         k += 1
@@ -136,7 +138,7 @@ def _response(counts: float, nodes: Array, first: int, end: int) -> float:
 
 @inlined
 def _pressure(i: int, p: int, layout: LayoutArrays, estimates: Estimates, statistics: Single) -> float:
-    """Pressure [Pa] on taxel `i` of patch `p`; 0 while it is not active."""
+    """Returns the pressure [Pa] on taxel `i` of patch `p`; 0 if it is not active."""
     deviation = statistics[SIGNAL, i] - estimates.offset[i]
     if not deviation > np.float32(0.0) or deviation < estimates.threshold[i] or estimates.muted[i]:
         return 0.0
@@ -151,8 +153,7 @@ def _pressure(i: int, p: int, layout: LayoutArrays, estimates: Estimates, statis
 def _list_active(
     p: int, share: float, layout: LayoutArrays, estimates: Estimates, memory: SkinMemory
 ) -> None:
-    """Lists the active taxels of a patch; with `share` < 1 of the new pressure and the rest of the old
-    one."""
+    """Lists the active taxels of a patch. With `share` < 1 pressure is low-pass filtered with that weight."""
     begin, stop = layout.begin[p, TAXEL], layout.begin[p + 1, TAXEL]
     smoothing, place = len(memory.smoothed) > 0, begin
     for block in range(layout.begin[p, BLOCK], layout.begin[p + 1, BLOCK]):
@@ -179,7 +180,7 @@ def _take(
     estimates: Estimates,
     memory: SkinMemory,
 ) -> None:
-    """Takes one new frame of a patch into the statistics."""
+    """Adds one new frame of a patch to the statistics."""
     status, statistics, blocks = memory.patches[p], memory.statistics, memory.blocks
     first, end = layout.begin[p, CHANNEL], layout.begin[p + 1, CHANNEL]
     begin, stop = layout.begin[p, TAXEL], layout.begin[p + 1, TAXEL]
@@ -204,7 +205,7 @@ def _take(
         dropped, saturated, active = _note(values, layout.sensor[p], estimates, statistics, i, frames)
         status[DROPPED] += dropped
         state[SATURATED], state[LIVE] = saturated, active
-        # Then all second differences of the next equal frame are 0. Dropped values are counted anew.
+        # All second differences of the next equal frame are then 0. Dropped values need a count per frame.
         state[REPEATED] = equal and frames > 0 and dropped == 0
         repeated &= state[REPEATED] != 0
     status[CONSTANT] = 0.0 if repeated and frames > 0 else -1.0
@@ -235,9 +236,9 @@ def condition(
     """Turns new raw frames of the patches `which` (k,) into active taxels and their pressure [Pa].
 
     A block of 64 taxels whose raw values equal the previous frame is only counted; its sums are caught up
-    when it changes or the estimation window ends, with the result that counts of whole numbers have anyway.
-    `raw` (c,) holds all channels, `last` (c,) those of the frames before, `stamps` (k,) [s]. `latency` [s]
-    is the time constant of smoothing. Returns how many of the patches have come to the end of their windows.
+    when it changes or the estimation window ends, with an equal result. `raw` (c,) holds all channels, `last`
+    (c,) those of the previous frame, `stamps` (k,) [s]. `latency` [s] is the time constant of smoothing.
+    Returns the number of patches whose window has ended.
     """
     ended = 0
     for k in range(len(which)):

@@ -1,4 +1,4 @@
-"""Active taxels to clusters, and clusters to contacts: position, normal and force (eqs 3-4, 6-7)."""
+"""Contact kernels: active taxels to clusters, clusters to position, normal and force (eqs 3-4, 6-7)."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _NONE, _ONE = np.uint64(0), np.uint64(1)
 
 @inlined
 def _deal(found: int, clusters: Clusters, count: int) -> None:
-    """Sorts the `found` taxels of the queue into their clusters; labels are zero then."""
+    """Sorts the `found` taxels of the queue into their clusters and sets their labels to zero."""
     label, bound, member = clusters.label, clusters.bound, clusters.member
     for place in range(np.uint64(found)):
         taxel = np.uint64(clusters.queue[place])
@@ -45,7 +45,7 @@ def _deal(found: int, clusters: Clusters, count: int) -> None:
             to = np.uint64(bound[cluster])
             member[to], clusters.member_force[to] = clusters.queue[place], clusters.force[taxel]
             bound[cluster] += 1
-    # Each bound has moved to the next one's place.
+    # Filling has advanced each bound to the start of the next cluster.
     for i in range(count, 0, -1):
         bound[i] = bound[i - 1]
     bound[0] = 0
@@ -55,7 +55,7 @@ def _deal(found: int, clusters: Clusters, count: int) -> None:
 def _grow(
     seed: int, floor: float, number: int, layout: LayoutArrays, clusters: Clusters
 ) -> tuple[int, float]:
-    """Labels all taxels that are connected with a seed; how many, and the force [N] on the strongest."""
+    """Labels all taxels connected with a seed. Returns their number and the force [N] on the strongest."""
     force, label, queue, graph = clusters.force, clusters.label, clusters.queue, layout.graph
     done, size = _NONE, _ONE
     label[np.uint64(seed)], queue[_NONE], peak = number, seed, force[np.uint64(seed)]
@@ -120,8 +120,10 @@ def cluster(
 def _on_limb(
     T_SL: tuple[Row, Row, Row], x: float, y: float, z: float, length: float, side: float
 ) -> tuple[float, float, float]:
-    """u, y and z on the generic limb of a point of the link (eqs 4, 6), see `limb_coordinates` and
-    `generic_limb_point`; NaN without a limb."""
+    """Returns u, y and z on the generic limb of a point of the link (eqs 4, 6); NaN without a limb.
+
+    See `limb_coordinates` and `generic_limb_point`.
+    """
     if length == 0.0:
         return np.nan, np.nan, np.nan
     a, b, c = T_SL
@@ -160,7 +162,8 @@ def _summarise(
 
 @inlined
 def _precedes(one: Array, other: Array) -> bool:
-    """Whether a contact is stronger than another; if equally strong, nearer to the limb's beginning."""
+    """Returns True if a contact is stronger than another; if equally strong, nearer to the limb's
+    beginning."""
     for column, sign in ((FORCE, -1.0), (U, 1.0), (THETA, 1.0)):
         a, b = sign * one[column], sign * other[column]
         if a != b:
@@ -178,7 +181,7 @@ def _write(
     layout: LayoutArrays,
     out: ContactArrays,
 ) -> None:
-    """Writes the contact `c` of patch `p`, but for its taxels."""
+    """Writes contact `c` of patch `p`, except for its taxels."""
     out.site[c], out.force[c], out.peak[c], out.area[c] = p, row[FORCE], row[PEAK], row[AREA_SUM]
     out.u[c], out.theta[c] = row[U], row[THETA]
     out.limb_point[c, 0], out.limb_point[c, 1], out.limb_point[c, 2] = row[U], row[Y], row[Z]
@@ -198,7 +201,7 @@ def _write_taxels(
     c: int, p: int, found: int, T_SL: tuple[Row, Row, Row], layout: LayoutArrays, clusters: Clusters,
     out: ContactArrays,
 ) -> None:  # fmt: skip
-    """Writes the taxels of contact `c`, which was `found` as that cluster."""
+    """Writes the taxels of contact `c`, whose cluster is number `found`."""
     to, begin, taxels = out.begin[c], layout.begin[p, TAXEL], layout.taxel
     length, side = layout.limb[p, 12], layout.limb[p, 13]
     for place in range(clusters.bound[found], clusters.bound[found + 1]):
@@ -214,12 +217,11 @@ def _write_taxels(
 def describe(
     layout: LayoutArrays, clusters: Clusters, poses: Array, posture: Array, summary: Array, out: ContactArrays
 ) -> None:
-    """Writes the contact of each cluster: force, centre of pressure on the surface, its normal, and its
-    place on the generic limb (eqs 3-4, 6-7), the strongest of each patch first.
+    """Writes the contact of each cluster, the strongest of each patch first (eqs 3-4, 6-7).
 
-    Links are at `poses` (l, 4, 4), seen from the torso; limbs at the generic angles `posture` (parts, 4)
-    [rad].
-    `summary` (c, SUMMARY) is room to work in.
+    A contact has its force, its centre of pressure on the surface, the normal there, and its place on the
+    generic limb. `poses` (l, 4, 4) are those of the links in the torso frame, `posture` (parts, 4) [rad] the
+    generic angles of the limbs, `summary` (c, SUMMARY) is work space.
     """
     c, order = 0, out.identity
     out.begin[0] = 0

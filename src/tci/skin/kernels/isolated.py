@@ -1,4 +1,4 @@
-"""Clusters of a single taxel: light touches, or sensor defects."""
+"""Classifies clusters of a single taxel as light touches or sensor defects."""
 
 from __future__ import annotations
 
@@ -22,22 +22,26 @@ from tci.skin.kernels.arrays import (
 )
 
 COVER, TIP, REACH, SURE, FLOOR = range(5)
-"""Places in `limits`, see `IsolatedSettings`, and the least force [N] on a taxel of a contact."""
+"""Indices in `limits`, see `IsolatedSettings`; FLOOR is the least force [N] on a taxel of a contact."""
 PLACE, SINCE, FORCE, CHANGED, LEFT, WAITING = range(6)
-"""Columns of `waiting`, and their number: a taxel among all of the skin, when it began to be pressed alone
-[s], its force [N], how often that has changed since, and 1 where it is what is left of a contact."""
+"""Columns of `waiting`, and their number: a taxel of the whole skin, the time [s] at which it became active
+alone, its force [N], how often that has changed since, and 1 if it is what is left of a contact."""
 ALIVE = 2
-"""Changes of an isolated taxel's force that show it is alive: one may come from its rest value, estimated
-anew."""
+"""Number of changes of an isolated taxel's force that show it is healthy: one change may come from a new
+estimate of its rest value."""
 ONE_SIDED = 0.5
-"""Length of the mean of the unit vectors towards a taxel's neighbours from which they do not surround it:
-0.43 at the straight edge of a triangular lattice, 0.67 and more at corners."""
+"""Length of the mean unit vector towards a taxel's neighbours above which they do not surround it: 0.43 at
+the straight edge of a triangular lattice, 0.67 and more at corners."""
 
 
 @inlined
 def _must_be_felt(taxel: int, force: float, layout: LayoutArrays, least: Array, limits: Array) -> int:
-    """1 where a touch on one taxel alone would be felt by neighbours too, 0 where it need not be, being too
-    light or beside all of them, -1 where neighbours say nothing: fewer than two are near and trusted."""
+    """Returns 1 if neighbours would respond to a touch of one taxel, 0 if they need not, -1 if they can't
+    tell.
+
+    They need not respond to a light touch or to one beside all of them; fewer than two near and trusted
+    neighbours can't tell.
+    """
     taxels, graph = layout.taxel, layout.graph
     x, y, z = taxels[taxel, 0], taxels[taxel, 1], taxels[taxel, 2]
     nx, ny, nz = taxels[taxel, 3], taxels[taxel, 4], taxels[taxel, 5]
@@ -67,8 +71,8 @@ def _must_be_felt(taxel: int, force: float, layout: LayoutArrays, least: Array, 
 
 @inlined
 def _is_beside(taxel: int, p: int, state: ActiveTaxels, layout: LayoutArrays, limits: Array) -> bool:
-    """Whether another active taxel of the patch is within twice the reach: one touch, over a gap in the
-    skin."""
+    """Returns True if another active taxel of the patch is within twice the reach: one touch over a gap in
+    the skin."""
     taxels, reach = layout.taxel, 2.0 * limits[REACH]
     x, y, z = taxels[taxel, 0], taxels[taxel, 1], taxels[taxel, 2]
     for k in range(state.begin[p], state.begin[p + 1]):
@@ -82,7 +86,7 @@ def _is_beside(taxel: int, p: int, state: ActiveTaxels, layout: LayoutArrays, li
 
 @inlined
 def _was_touched(taxel: int, before: Places) -> bool:
-    """Whether a taxel of the whole skin was part of a contact before."""
+    """Returns True if a taxel of the whole skin was part of a contact in the frame before."""
     touched = False
     for k in range(len(before)):
         touched |= before[k] == taxel
@@ -91,7 +95,7 @@ def _was_touched(taxel: int, before: Places) -> bool:
 
 @inlined
 def _wait_on(place: int, stamp: float, force: float, waiting: Array, now: Array) -> bool:
-    """Writes how long an isolated taxel waits `now` (WAITING,); false if it has just begun to."""
+    """Writes the waiting state `now` (WAITING,) of an isolated taxel; returns False if it has just begun."""
     now[PLACE], now[SINCE], now[FORCE], now[CHANGED], now[LEFT] = place, stamp, force, 0.0, 0.0
     for w in range(len(waiting)):
         if int(waiting[w, PLACE]) == place:
@@ -122,8 +126,8 @@ def reject_isolated(
 
     An isolated taxel must be pressed for `wait` (p,) [s], 0 for none; `before` (k,) are the taxels, among
     those of the whole skin, of all contacts in the frame before, and `waiting` (w, WAITING) the isolated
-    taxels then. Returns the number of clusters left and of their taxels, and how many rows of `fresh` (m,
-    WAITING) are in use, which is what is `waiting` next.
+    taxels then. Returns the number of clusters left, the number of their taxels, and the number of rows of
+    `fresh` (m, WAITING) that were written: the next `waiting`.
     """
     waits, kept, filled, c, begin = 0, 0, 0, 0, 0
     bound, member, forces = clusters.bound, clusters.member, clusters.member_force

@@ -1,4 +1,4 @@
-"""The nearest point of a patch's surface, found cell by cell."""
+"""Nearest point of a patch's surface, by a search over grid cells."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from tci.skin.kernels.arrays import CELL, TAXEL, LayoutArrays
 
 @inlined
 def nearest(point: Vector, p: int, layout: LayoutArrays, p_L: Array, n_L: Array) -> None:
-    """Writes the point `p_L` (3,) [m] of the surface of patch `p` next to a `point` [m], and its normal `n_L`
-    (3,).
+    """Writes the point `p_L` (3,) [m] of the surface of patch `p` nearest to `point` [m], and its normal
+    `n_L` (3,).
 
-    It equals `Surface.project`; of a surface without faces it is the nearest taxel. Cells around the
+    Its result equals `Surface.project`; for a surface without faces it is the nearest taxel. Cells around the
     point are searched shell by shell, until the best face is nearer than the next shell.
     """
     best = np.inf
@@ -35,7 +35,7 @@ def nearest(point: Vector, p: int, layout: LayoutArrays, p_L: Array, n_L: Array)
     last = max(max(cx, nx - cx), max(cy, ny - cy), max(cz, nz - cz)) + 1
     first = max(0, -cx, cx - nx + 1, -cy, cy - ny + 1, -cz, cz - nz + 1)
     for shell in range(first, last + 1):
-        # All of this shell is at least so far away from a point in the middle cell.
+        # Lower bound on the distance of this shell from any point in the middle cell.
         margin = min(x - cx, cx + 1 - x, y - cy, cy + 1 - y, z - cz, cz + 1 - z)
         least = (shell - 1 + margin) / scale
         if shell > 0 and best <= least * least:
@@ -64,9 +64,10 @@ def nearest(point: Vector, p: int, layout: LayoutArrays, p_L: Array, n_L: Array)
 def _closer(
     point: Vector, taxels: Array, a: int, b: int, c: int, best: float, p_L: Array, n_L: Array
 ) -> float:
-    """Write point and normal (not of length 1) of face a b c if nearer than `best` [m2]; the least distance.
+    """Writes point and normal (not normalised) of face a b c if it is nearer than `best` [m2].
 
-    Coordinates one by one: a slice of an array costs more than what is done with it here.
+    Returns the least squared distance [m2]. Coordinates are written out: array slices would cost more than
+    the arithmetic.
     """
     ax, ay, az = taxels[a, 0], taxels[a, 1], taxels[a, 2]
     ux, uy, uz = taxels[b, 0] - ax, taxels[b, 1] - ay, taxels[b, 2] - az
@@ -88,9 +89,11 @@ def _closer(
 
 @inlined
 def _corner_weights(uu: float, uv: float, vv: float, wu: float, wv: float) -> tuple[float, float]:
-    """Weights of the second and third corner of the nearest point of a triangle (Ericson 2004, 5.1.5).
+    """Returns weights of the second and third corner of a triangle's point nearest to another (Ericson 2004,
+    5.1.5).
 
-    u and v are its edges from the first corner, w the way from there to the point; products of these.
+    u and v are its edges from the first corner, w points from there to the other point; arguments are their
+    dot products.
     """
     if wu <= 0.0 and wv <= 0.0:
         return 0.0, 0.0

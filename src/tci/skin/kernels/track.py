@@ -1,4 +1,4 @@
-"""Tracks of contacts: an identity that lasts from the frame in which a contact began to its end."""
+"""Tracking kernel: identities of contacts, constant from onset to end."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from tci.frames import Array
 from tci.skin.kernels.arrays import CONTACTS, ContactArrays
 
 PATCH, IDENTITY, BEGAN, SEEN, ORIGIN, PLACE, TRACK = 0, 1, 2, 3, 4, 7, 10
-"""Columns of a track, and their number: the patch, the contact's identity, when it began and was seen last
-[s], where it began and is (3,) [m]."""
+"""Columns of a track, and their number: patch, identity of the contact, onset [s], time [s] at which it was
+last seen, place at onset (3,) [m], present place (3,) [m]."""
 _FREE = -1
 
 
@@ -34,7 +34,8 @@ def _is_taken(track: int, best: Array, begin: int, end: int) -> bool:
 def _find_nearest(
     c: int, tracks: Array, known: int, reach: float, out: ContactArrays, best: Array, begin: int, end: int
 ) -> None:
-    """Writes `best` of contact `c`: the nearest free track of its patch within `reach` [m], and how far."""
+    """Writes `best` of contact `c`: the nearest free track of its patch within `reach` [m], and its
+    distance."""
     best[c, 1], best[c, 2] = _FREE, np.inf
     for i in range(known):
         if int(tracks[i, PATCH]) == out.site[c]:
@@ -47,7 +48,7 @@ def _find_nearest(
 def _assign(
     tracks: Array, known: int, reach: float, out: ContactArrays, best: Array, begin: int, end: int
 ) -> None:
-    """Gives the contacts of one patch, from `begin` to `end`, to its tracks: the nearest pairs first."""
+    """Matches the contacts of one patch, from `begin` to `end`, to its tracks, nearest pairs first."""
     for c in range(begin, end):
         best[c, 0] = 0.0
     for c in range(begin, end):
@@ -67,7 +68,7 @@ def _assign(
 
 @inlined
 def _first_new(out: ContactArrays, best: Array, begin: int, end: int) -> int:
-    """The contact without a track whose first taxel is the first; -1 for none."""
+    """Returns the contact without a track whose first taxel is the lowest; -1 for none."""
     first = -1
     for c in range(begin, end):
         if best[c, 0] == 0.0 and (first < 0 or out.taxel[out.begin[c]] < out.taxel[out.begin[first]]):
@@ -86,16 +87,15 @@ def track(
     best: Array,
     out: ContactArrays,
 ) -> tuple[int, int]:
-    """Gives each contact its identity, onset and displacement; returns the next free identity and how many of
-    the `tracks` are in use.
+    """Writes identity, onset and displacement of each contact.
 
-    Contacts of a patch and its tracks seen within `linger` [s] are the same where they are the nearest pairs,
-    within `reach` [m]; the rest are new, numbered from `fresh` on. `old` (t, TRACK) are the tracks of before,
+    Contacts of a patch and its tracks seen within `linger` [s] are matched as nearest pairs within `reach`
+    [m]; contacts left over are new, numbered from `fresh` on. `old` (t, TRACK) are the previous tracks,
     `stamps` (p,) [s] the times of the patches' frames. `tracks` (t + c, TRACK) are written; `best` (c, 3) is
-    room to work in.
+    work space. Returns the next free identity and the number of `tracks` in use.
     """
     used, contacts, begin = 0, len(out.site), 0
-    for i in range(len(old)):  # of patches without contacts, tracks wait for their next one
+    for i in range(len(old)):  # tracks of patches without contacts wait for the next one
         p = int(old[i, PATCH])
         touched = False
         for c in range(contacts):

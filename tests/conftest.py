@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import hypothesis
@@ -60,6 +61,20 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     items.sort(key=lambda item: "viewer" not in item.path.parts)
     if config.getoption("--data") is None:
         items[:] = [item for item in items if "genuine_data" not in getattr(item, "fixturenames", ())]
+
+
+LEFT_OPEN = 100
+"""Files and sockets that a module of tests may leave open: a browser and a library keep theirs for longer."""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def nothing_stays_open() -> Iterator[None]:
+    """Fails where a module leaves files or sockets open: `select` of others fails beyond a thousand."""
+    opened = Path("/proc/self/fd")
+    before = len([*opened.iterdir()]) if opened.exists() else 0
+    yield
+    after = len([*opened.iterdir()]) if opened.exists() else 0
+    assert after - before < LEFT_OPEN, f"{after - before} files and sockets stay open"
 
 
 @pytest.fixture(scope="session")

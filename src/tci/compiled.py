@@ -41,6 +41,8 @@ def compiled(*signatures: Any, allocates: bool = False) -> Callable[[Callable[..
             pass
         else:
             function._cache._cache_file._source_stamp = _stamp(Path(loop.__code__.co_filename))
+            # Numba's own would first load all that it can compile, SciPy among it: half a second.
+            function._cache.load_overload = function._cache._load_overload
             if is_worker():
                 waiting.append((function, signatures))
                 return function

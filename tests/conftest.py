@@ -1,4 +1,5 @@
-"""Settings of all tests; at the end of a run, those that did not run and how to get them stand together."""
+"""Settings of all tests. At the end of a run, tests that did not run are listed with advice on how to run
+them."""
 
 from __future__ import annotations
 
@@ -27,9 +28,10 @@ LIVE = [
     "viewer",
     "yarpwire",
 ]
-"""Tests with other processes, in real time. On a busy machine a robot holds, rightly: few run at once."""
+"""Tests with other processes, in real time. A busy machine makes a robot hold, rightly: few of them run at
+once."""
 
-# No test times anything: on a shared machine hypothesis' own deadline would fail sound code.
+# No test measures time: on a shared machine hypothesis' own deadline would fail correct code.
 hypothesis.settings.register_profile("untimed", deadline=None)
 hypothesis.settings.load_profile("untimed")
 
@@ -47,9 +49,9 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Mark what is live, which `make test` runs apart from the rest, and what reads skin files or recordings.
+    """Marks live tests, which `make test` runs separately, and tests that read skin files or recordings.
 
-    Tests of genuine files alone exist only where there is a folder of these.
+    Tests of genuine files only are collected if there is a folder with these.
     """
     live = [TESTS / place for place in LIVE]
     for item in items:
@@ -57,7 +59,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             item.add_marker(pytest.mark.live)
         if {"skin_data", "genuine_data"} & {*getattr(item, "fixturenames", ())}:
             item.add_marker(pytest.mark.data)
-    # The browser's tests are the longest group: one process would be at them when the other has ended.
+    # The browser's tests are the longest group, so they start first.
     items.sort(key=lambda item: "viewer" not in item.path.parts)
     if config.getoption("--data") is None:
         items[:] = [item for item in items if "genuine_data" not in getattr(item, "fixturenames", ())]
@@ -79,7 +81,7 @@ def nothing_stays_open() -> Iterator[None]:
 
 @pytest.fixture(scope="session")
 def made_data(tmp_path_factory: pytest.TempPathFactory) -> SkinData:
-    """Skin files and recordings of our own making."""
+    """Skin files and recordings made for the tests."""
     folder = tmp_path_factory.mktemp("made")
     write_skins(folder)
     write_recordings(folder / "recordings")
@@ -94,14 +96,14 @@ def genuine_data(pytestconfig: pytest.Config) -> SkinData:
 
 @pytest.fixture(scope="session")
 def skin_data(request: pytest.FixtureRequest, pytestconfig: pytest.Config) -> SkinData:
-    """The folder of --data, or files of our own making under the same names."""
+    """The folder of --data, or made files under the same names."""
     made = pytestconfig.getoption("--data") is None
     data: SkinData = request.getfixturevalue("made_data" if made else "genuine_data")
     return data
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Name what was left out; a run in which everything ran says nothing."""
+    """Lists the tests that were left out; prints nothing if all ran."""
     left_out = terminalreporter.stats.get("skipped", [])
     if not left_out:
         return

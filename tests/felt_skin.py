@@ -1,4 +1,4 @@
-"""A robot's skin by itself: raw frames in, the pressure on each patch out."""
+"""The skin of a robot without the rest: raw frames to pressure on each patch."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from tci.skin.layout import SkinLayout
 from tci.skin.skin import Skin
 
 AT_ONCE = ContactSettings(isolated=IsolatedSettings(wait=1e-9, frames=1e-9))
-"""No isolated taxel waits for the next frame."""
+"""Accepts isolated taxels in their first frame."""
 
 
 @dataclass(frozen=True, eq=False)
 class PatchFelt:
-    """One patch that has sent a frame, all its taxels."""
+    """All taxels of one patch that has sent a frame."""
 
     stamp: float
     sequence: int
@@ -53,7 +53,7 @@ class FeltSkin(Skin):
 
 
 def patches(skin: Skin, state: SkinState) -> dict[str, PatchFelt]:
-    """The patches that have sent a frame, by name."""
+    """Returns the patches that have sent a frame, by name."""
     found = {}
     for p, patch in enumerate(skin.robot.patches):
         if np.isnan(state.stamp[p]):
@@ -78,7 +78,7 @@ def patches(skin: Skin, state: SkinState) -> dict[str, PatchFelt]:
 def skin_state(
     layout: SkinLayout, pressures: Mapping[str, Array], *, stamp: float = 0.0, sequence: int = 0
 ) -> SkinState:
-    """A state with these pressures (taxels,) [Pa]; patches that are not named have not sent."""
+    """Returns a state with these pressures (taxels,) [Pa]; patches that are not named have sent nothing."""
     dense = [pressures.get(site.patch, np.zeros(0)) for site in layout.sites]
     active = [np.flatnonzero(one > 0.0) for one in dense]
     sent = np.array([site.patch in pressures for site in layout.sites])
@@ -101,7 +101,7 @@ def contacts_of(
     finder: ContactFinder | None = None,
     posture: Mapping[str, Array] | None = None,
 ) -> Contacts:
-    """Contacts in one state, of which nothing came before; or those that a `finder` finds next."""
+    """Returns the contacts in a single state, or the next ones that a `finder` with a history finds."""
 
     def poses() -> Array:
         return skin.kinematics.pose_array(joints.position, skin.layout.links)

@@ -1,4 +1,4 @@
-"""Recordings of our own making, as yarpdatadumper writes them: a foot's raw values, and contact lists."""
+"""Recordings made for the tests, in the form of yarpdatadumper: a foot's raw values, and contact lists."""
 
 from __future__ import annotations
 
@@ -10,16 +10,17 @@ from numpy.typing import NDArray
 from made_skins import PADS, SKINS, Array, Made, places
 
 REST = 240
-"""Raw value of an untouched taxel, and for ever of an absent module."""
+"""Raw value of an untouched taxel, and constant value of an absent module."""
 FOOT_FRAMES = {"01": 400, "08": 350}
 SILENT_MODULES = range(8, 12)
-"""Their board fails in recording 08: it sends REST for ever."""
+"""Modules whose board fails in recording 08: they always send REST."""
 
 TOUCHES, HELD = 12, 5
-"""Touches of each part in the contact lists, every second one of two fingers, and frames that each lasts."""
+"""Number of touches of each part in the contact lists, every second one by two fingers, and frames per
+touch."""
 EVENT_FRAMES = 400
 FINGER = 0.008
-"""Radius [m] of a finger's end."""
+"""Radius [m] of a fingertip."""
 TOUCHED = {
     # Part: position file, numbers of the body part, of the link and of the skin part.
     "left_hand": ("left_hand_V2_1", 3, 6, 1),
@@ -39,7 +40,8 @@ def write_recordings(folder: Path) -> None:
 
 
 def foot_log(number: str) -> str:
-    """Someone rolls over the sole, which drifts meanwhile; pads feel the warmth only."""
+    """Returns the log of a sole that a person rolls over while its values drift; pads respond to warmth
+    only."""
     random, frames = np.random.default_rng(int(number)), FOOT_FRAMES[number]
     made = SKINS["icub/positions/left_foot"]
     positions, _ = places(made)
@@ -60,7 +62,7 @@ def foot_log(number: str) -> str:
 
 
 def contact_log() -> str:
-    """One finger or two on each part in turn, as skinManager tells of them."""
+    """Returns a log in skinManager's form: one finger or two on each part in turn."""
     random = np.random.default_rng(1)
     lines: list[str] = [f"{14716 + i} {1412842922.0 + 0.02 * i:.6f}" for i in range(EVENT_FRAMES)]
     for touch in range(TOUCHES):
@@ -88,7 +90,7 @@ def _under_fingers(
 
 
 def _contact(head: str, taxels: NDArray[np.intp], positions: Array, normals: Array, pressure: float) -> str:
-    """Force: -0.05 N for each taxel and unit of pressure, along the mean normal."""
+    """Returns a contact with a force of -0.05 N per taxel and unit of pressure, along the mean normal."""
     centre, normal = positions[taxels].mean(axis=0).round(6), normals[taxels].mean(axis=0).round(6)
     force = -0.05 * len(taxels) * round(pressure, 6) * normal
     vectors = (centre, force, np.zeros(3), centre, normal)

@@ -1,8 +1,8 @@
-"""Skin files of our own making, under the names and with the quirks of genuine ones.
+"""Skin files made for the tests, with the names and peculiarities of genuine ones.
 
-Genuine files may not be handed on, and no two origins write alike. Each file here has as many channels,
-modules, taxels and pads as the one that it stands for, in the same form of text. Positions are made up: flat
-soles, and cones on which triangles of ten taxels lie side by side.
+Licences do not allow copies of genuine files, and each origin has a format of its own. Each file here has as
+many channels, modules, taxels and pads as the genuine one, in the same format. Positions are invented: flat
+soles, and cones covered with triangles of ten taxels.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ Array = NDArray[np.float64]
 PITCH = 6.534e-3
 """Distance [m] of neighbouring taxels."""
 RIPPLE = 1e-3
-"""Every other module lies this much [m] farther in, so that no cone fits a made skin exactly."""
+"""Distance [m] by which every other module lies farther in, so that no cone fits a made skin exactly."""
 PADS = (6, 10)
 ROW = np.sqrt(0.75)
 
 
 @dataclass(frozen=True)
 class Form:
-    """Text and conventions of one origin."""
+    """Text format and conventions of one origin."""
 
     decimals: int = 6
     between: str = " "
     end: str = "\n"
     pads: tuple[int, ...] = PADS
     placed: bool = False
-    """Pads have positions; else their rows are zero, as those of absent modules."""
+    """True if pads have positions; otherwise their rows are zero, like those of absent modules."""
     mark: int | None = -2
-    """Word of a pad in taxel2Repr; None: that of its module."""
+    """Value of a pad in taxel2Repr; None for that of its module."""
     normals: str = "placeholder"
     """`placeholder`: 1 0 0 everywhere, `none`: zero, `module`: one for each triangle, `taxel`: measured ones,
     which are shorter than 1."""
@@ -52,20 +52,20 @@ SLEEVE = Form(12, normals="module")
 
 @dataclass(frozen=True)
 class Made:
-    """Skin of one file: `modules` triangles about z, `around` of them in a ring."""
+    """Skin in one file: `modules` triangles about z, `around` of them per ring."""
 
     form: Form
     channels: int
     modules: int
     r1: float
-    """Radius [m] at z = 0; infinite: a sole."""
+    """Radius [m] at z = 0; infinite for a sole."""
     r2: float
     """Radius [m] at z = LENGTH."""
     around: int = 6
     lost: tuple[int, int] = (0, 0)
-    """Taxels and pads without a position that their modules should have."""
+    """Number of taxels and of pads that lack a position in otherwise complete modules."""
     gap: int = 7
-    """One module in eight is absent, this one."""
+    """Index modulo 8 of the modules that are absent."""
 
     def present(self) -> list[int]:
         every = [module for module in range(self.channels // 12) if module % 8 != self.gap]
@@ -102,7 +102,7 @@ SKINS = {name.replace("left", side): made for name, made in ONE_SIDE.items() for
 
 
 def write_skins(folder: Path) -> None:
-    """Write every file of SKINS."""
+    """Writes every file of SKINS."""
     for name, made in SKINS.items():
         path = folder / f"{name}.txt"
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -120,7 +120,7 @@ def text_of(made: Made, name: str, *, mirrored: bool) -> str:
 
 
 def places(made: Made, *, mirrored: bool = False) -> tuple[Array, Array]:
-    """Positions (channels, 3) [m] and normals (channels, 3) as they are written; absent rows are zero."""
+    """Returns positions (channels, 3) [m] and normals (channels, 3) as written; absent rows are zero."""
     form, positions, normals = made.form, np.zeros((made.channels, 3)), np.zeros((made.channels, 3))
     for number, module in enumerate(made.present()):
         strip, place = divmod(number, made.around)
@@ -146,7 +146,7 @@ def places(made: Made, *, mirrored: bool = False) -> tuple[Array, Array]:
 
 
 def _triangle(*, down: bool) -> Array:
-    """Ten taxels and two pads (12, 2) of a module, in steps of an oblique lattice."""
+    """Returns the ten taxels and two pads (12, 2) of a module, in steps of an oblique lattice."""
     taxels = [(i, j) for j in range(4) for i in range(4 - j)]
     if down:
         taxels = [(4 - i, 3 - j) for i, j in taxels]
@@ -156,7 +156,7 @@ def _triangle(*, down: bool) -> Array:
 
 
 def _on_surface(made: Made, flat: Array, *, farther_in: float) -> tuple[Array, Array]:
-    """Positions and outward normals (n, 3) of places on the lattice (n, 2)."""
+    """Returns positions and outward normals (n, 3) of lattice points (n, 2)."""
     along = (flat[:, 0] + 0.5 * (flat[:, 1] % 4)) * PITCH
     z = flat[:, 1] * ROW * PITCH + PITCH
     if np.isinf(made.r1):

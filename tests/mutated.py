@@ -1,4 +1,4 @@
-"""Damaged messages for everything that reads foreign bytes."""
+"""Damaged messages for all readers of untrusted bytes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import struct
 
 
 def mutated(data: bytes, chance: random.Random) -> bytes:
-    """Bytes flipped, cut, doubled, or a hostile word in their middle."""
+    """Returns `data` with bytes flipped, cut, doubled, or a hostile word in its middle."""
     spoiled = bytearray(data)
     for _ in range(chance.randint(1, 4)):
         at = chance.randrange(len(spoiled) + 1)

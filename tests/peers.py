@@ -1,4 +1,4 @@
-"""Other programs that the tests start. A peer that is not there is named, with how to get it."""
+"""Programs that tests start as peers. A missing one is reported with advice on how to get it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from yarpwire.errors import BindingsError
 
 ROOT = Path(__file__).parent.parent
 DEBIAN_PYTHON = "/usr/bin/python3"
-"""Debian's own Python, which has Debian's modules; the virtual environment has none of them."""
+"""Debian's own Python with Debian's modules, which the virtual environment lacks."""
 
 
 @cache
@@ -29,13 +29,13 @@ def _imports(module: str) -> bool:
 
 
 def needs_debian_module(module: str, package: str) -> None:
-    """Go on only where Debian's Python can import `module`; elsewhere the test is named as not run."""
+    """Skips the test, with advice, unless Debian's Python can import `module`."""
     if not _imports(module):
         pytest.skip(f"did not run: needs {module}; to get it, as root: apt-get install {package}")
 
 
 def needs_program(name: str, package: str) -> str:
-    """Path of a Debian program; where there is none the test is named as not run."""
+    """Returns the path of a Debian program; skips the test, with advice, if it is missing."""
     path = shutil.which(name)
     if path is None:
         pytest.skip(f"did not run: needs {name}; to get it, as root: apt-get install {package}")
@@ -43,12 +43,13 @@ def needs_program(name: str, package: str) -> str:
 
 
 def peer_python(name: str) -> str:
-    """The Python of a peer with its own environment; where there is none, the test is named as not run."""
+    """Returns the Python of a peer with its own environment; skips the test, with advice, if it is
+    missing."""
     return peer_program(name, "python")
 
 
 def peer_program(name: str, program: str) -> str:
-    """A program in a peer's environment; where there is none, the test is named as not run."""
+    """Returns a program in a peer's environment; skips the test, with advice, if it is missing."""
     path = ROOT / ".peers" / name / "bin" / program
     if not path.exists():
         pytest.skip(f"did not run: needs .peers/{name}; to get it: python3 tools/peers.py")
@@ -56,7 +57,7 @@ def peer_program(name: str, program: str) -> str:
 
 
 def node_packages(name: str) -> str:
-    """The folder with a peer's packages of Node; where there is none, the test is named as not run."""
+    """Returns the folder with a peer's Node packages; skips the test, with advice, if it is missing."""
     folder = ROOT / ".peers" / name
     if not (folder / "installed").exists():
         pytest.skip(f"did not run: needs .peers/{name}; to get it: python3 tools/peers.py")
@@ -64,7 +65,7 @@ def node_packages(name: str) -> str:
 
 
 def needs_pinocchio() -> ModuleType:
-    """Pinocchio; without the system's OpenMP the whole file, or test, is named as not run."""
+    """Imports Pinocchio; without the system's OpenMP it skips the test or the whole file, with advice."""
     try:
         return importlib.import_module("pinocchio")
     except ImportError as error:
@@ -75,7 +76,7 @@ def needs_pinocchio() -> ModuleType:
 
 @cache
 def bindings_dialect() -> str | None:
-    """What YARP's own bindings speak, `3` or `4`; None where this Python can't import them."""
+    """Returns the dialect of YARP's own bindings, `3` or `4`; None if this Python can't import them."""
     try:
         return version(load())[1].name
     except BindingsError:
@@ -83,7 +84,7 @@ def bindings_dialect() -> str | None:
 
 
 def needs_yarp_bindings() -> str:
-    """Their dialect; where they are not, the whole file is named as not run."""
+    """Returns the dialect of YARP's bindings; skips the whole file, with advice, if they are missing."""
     dialect = bindings_dialect()
     if dialect is None:
         pytest.skip(
@@ -95,7 +96,8 @@ def needs_yarp_bindings() -> str:
 
 
 def debian_python(script: str, stdin: str) -> str:
-    """What a script prints that Debian's Python runs; its errors are ours."""
+    """Returns the output of a script that Debian's Python runs; fails the test, with its errors, if it
+    fails."""
     command = [DEBIAN_PYTHON, "-c", script]
     answer = subprocess.run(command, input=stdin, capture_output=True, text=True, check=False)
     assert answer.returncode == 0, answer.stderr

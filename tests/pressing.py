@@ -1,6 +1,6 @@
-"""A finger rests on the skin of a robot in any posture; a capability answers; the physics tells the force.
+"""A finger rests on a robot's skin in any posture, a capability responds, and the physics measures the force.
 
-The judge is MuJoCo's contact with the finger: it knows no normal of TCI's, no Jacobian and no limit.
+The judge is MuJoCo's contact with the finger, which is independent of TCI's normals, Jacobians and limits.
 """
 
 from __future__ import annotations
@@ -29,32 +29,34 @@ from tci.robot.kinematics import KinematicChain
 from tci.simulation.world import World
 
 RESTS = 0.2
-"""Time [s] after which a finger that came at 0.25 m/s rests on the skin."""
+"""Time [s] after which a finger that approached at 0.25 m/s rests on the skin."""
 NEXT = 0.02
 """Time [s] after the first command in which the force must not rise."""
 RISE = 1e-3
-"""Rise of the force [N] that is none: the arm's servos still settle."""
+"""Increase of the force [N] that is tolerated, since the arm's servos still settle."""
 AT_LIMIT = 0.1
-"""Share of the servos that stand at each of their two limits."""
+"""Fraction of the servos at each of their two limits."""
 SHEET, SPACING = 5, 0.01
-"""Taxels along each edge of a pad, and the distance [m] between them."""
+"""Number of taxels along each edge of a pad, and the distance [m] between them."""
 
 
 @dataclass(frozen=True)
 class Touched:
-    """What came of one touch."""
+    """Result of one touch."""
 
     answered: bool
     notes: tuple[str, ...]
     rise: float = 0.0
-    """How much [N] the force rose within NEXT of the first command."""
+    """Increase [N] of the force within NEXT of the first command."""
 
 
 def press(
     world: World, patch: str, taxel: int, capability: Capability[Any], *, depth: float, watch: float = NEXT
 ) -> Touched:
-    """Let a finger come to rest `depth` [m] in the skin over a taxel, then a capability see it; for as long
-    as `watch` [s] after its first command. Raises TciError where the finger has no room."""
+    """Lets a finger come to rest `depth` [m] in the skin over a taxel and then runs a capability.
+
+    It runs for `watch` [s] after its first command. Raises TciError if the finger has no room.
+    """
     world.reset()
     surface = world.surfaces[patch]
     place = surface.positions[taxel], surface.normals[taxel]
@@ -89,12 +91,12 @@ def _moves(order: Any) -> bool:
 
 
 def capability_for(part: str) -> Capability[Any]:
-    """The reflex that answers touches of a part."""
+    """Returns the reflex that responds to touches of a part."""
     return WithdrawalReflex() if part.endswith("_arm") else BodyWithdrawal(stance="supported")
 
 
 def any_posture(robot: Robot, chance: np.random.Generator) -> dict[str, Array]:
-    """Generic angles of all parts, with some servos at their limits."""
+    """Returns random generic angles of all parts, with some servos at their limits."""
     position = np.array(initial_position(robot))
     for servo in robot.servos:
         lower, upper = servo.limits.lower, servo.limits.upper
@@ -107,8 +109,10 @@ def any_posture(robot: Robot, chance: np.random.Generator) -> dict[str, Array]:
 def with_pad(
     robot: Robot, part: str, link: str, folder: Path, *, centre: Array, normal: Array, segment: str = ""
 ) -> Robot:
-    """The same robot with one more patch: a sheet of taxels on a link of a part, `centre` (3,) [m] off its
-    origin and facing any direction (3,)."""
+    """Returns the robot with one more patch: a sheet of taxels on a link of a part.
+
+    Its `centre` (3,) [m] is relative to the link's origin; it faces any direction (3,).
+    """
     across = np.linalg.svd(normal[None])[2][1:]
     grid = SPACING * (np.arange(SHEET) - SHEET // 2)
     lines = ["x [m], y [m], z [m], nx, ny, nz, area [m2]"]
@@ -126,7 +130,7 @@ def with_pad(
 
 
 def any_pad(robot: Robot, chance: np.random.Generator, folder: Path) -> Robot:
-    """The same robot with a pad on any of its parts but the arms, on a link that the part moves."""
+    """Returns the robot with a pad on a random part other than the arms, on a link that the part moves."""
     kinematics = KinematicChain(robot)
     places: list[tuple[GenericPart, str, str]] = []
     for part in robot.parts:
@@ -148,19 +152,19 @@ def any_pad(robot: Robot, chance: np.random.Generator, folder: Path) -> Robot:
 
 @dataclass(frozen=True)
 class Tally:
-    """What came of many touches."""
+    """Result of many touches."""
 
     touches: int
     answered: int
     refused: int
     rises: tuple[str, ...]
-    """Those whose force rose, in words."""
+    """Touches whose force rose, as text."""
     worst: float
     """Largest rise [N]."""
 
 
 def tally(name: str, seed: int, count: int, folder: Path) -> Tally:
-    """Touches of any taxels of a robot, in any postures; every second robot has a pad anywhere."""
+    """Touches random taxels of a robot in random postures; every second robot has a pad at a random place."""
     chance = np.random.default_rng([seed, *name.encode()])
     answered = refused = touches = 0
     worst, rises = 0.0, []

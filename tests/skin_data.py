@@ -1,4 +1,4 @@
-"""Folders of skin files and recordings, made ones or genuine ones, and small skins written here."""
+"""Folders of skin files and recordings, made or genuine, and small skins."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ class SkinData:
 
     folder: Path
     genuine: bool
-    """From real robots; else of our own making, under the same names."""
+    """True for files from real robots; False for made ones under the same names."""
 
     def file(self, name: str) -> Path:
         return self.folder / name
 
     def expect(self, *, made: T, genuine: T) -> T:
-        """The figure that holds for these files."""
+        """Returns the figure that holds for these files."""
         return genuine if self.genuine else made
 
 
 def cone_file(path: Path, *, normals: str = "1 0 0", modules: int = 16) -> Path:
-    """Write a skin of `modules` on a cone about z: radius 40 mm at z = 0, 30 mm at z = 100 mm."""
+    """Writes a skin of `modules` on a cone about z: radius 40 mm at z = 0, 30 mm at z = 100 mm."""
     rows = []
     for channel in range(12 * modules):
         if channel % 12 in (6, 10):

@@ -1,7 +1,7 @@
-"""A robot for tests of the skin: two thin arms whose servos are the generic joints themselves.
+"""A small robot for tests of the skin: two thin arms whose servos are the generic joints themselves.
 
-The skin of the left forearm turns with pronation, as an iCub's does, the others do not. The right arm
-has a mount of 0.2 rad. Limbs have a radius of 25 mm.
+The skin of the left forearm turns with pronation, as an iCub's does, the others do not. The right arm has a
+mount of 0.2 rad. Limbs have a radius of 25 mm.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ PASCAL = 700.0
 
 
 def build(folder: Path) -> Robot:
-    """Write the model into `folder` and describe it."""
+    """Writes the model into `folder` and returns the robot."""
     path = folder / "small.xml"
     path.write_text(
         f"<mujoco><worldbody><body name='torso'>{_arm('l', 1)}{_arm('r', -1)}</body></worldbody></mujoco>"
@@ -75,7 +75,7 @@ def build(folder: Path) -> Robot:
 
 
 def _arm(letter: str, s: int) -> str:
-    """Five hinges: Ry(-g0) Rx(s g1) Rz(-s g2), the upper arm, Ry(-g3) Rz(-s g4)."""
+    """Returns five hinges as XML: Ry(-g0) Rx(s g1) Rz(-s g2), the upper arm, Ry(-g3) Rz(-s g4)."""
     axes = ("0 -1 0", f"{s} 0 0", f"0 0 {-s}", "0 -1 0", f"0 0 {-s}")
     half = 0.0 if s > 0 else MOUNT / 2
     text = ""
@@ -110,12 +110,12 @@ def _patch(part: str, segment: str, link: str, z: float) -> Patch:
 
 
 def joints(position: np.ndarray, *, sequence: int = 0) -> JointReading:
-    """A joint reading at rest."""
+    """Returns a joint reading at rest."""
     return JointReading(0.01 * sequence, sequence, position, np.zeros(10))
 
 
 def frame(patch: str, pressed: dict[int, int], *, sequence: int = 0, stamp: float | None = None) -> SkinFrame:
-    """A frame in which the channels of `pressed` are that many counts below rest."""
+    """Returns a frame in which the channels of `pressed` are that many counts below rest."""
     values = np.full(TAXELS, REST, np.uint8)
     for channel, counts in pressed.items():
         values[channel] = REST - counts
@@ -123,5 +123,5 @@ def frame(patch: str, pressed: dict[int, int], *, sequence: int = 0, stamp: floa
 
 
 def reading(*frames: SkinFrame, position: np.ndarray | None = None) -> Reading:
-    """A reading of the whole robot, at zero unless told otherwise."""
+    """Returns a reading of the whole robot, at zero unless `position` is given."""
     return Reading(joints(np.zeros(10) if position is None else position), frames)

@@ -1,4 +1,4 @@
-"""CI's command makes a clean copy of whatever CI has checked out, and lets `make` test it there."""
+"""CI's command makes a clean copy of any commit that CI has checked out, and runs its tests there."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ MAKE = """#!/bin/sh
 test "$3" = clean && exec /bin/rm -rf "$2/.venv"
 cd "$2" && echo "make $3 $4: $(ls -A | tr '\\n' ' ')"
 """
-"""Instead of make: it tells the goal and what lies in the folder; `clean` removes what was built."""
+"""Replacement for make that prints its goal and the content of the folder; `clean` removes what was built."""
 
 
 @pytest.fixture
 def checkout(tmp_path: Path) -> Path:
-    """A checkout of one commit, with something that was built and something that nobody committed."""
+    """A checkout of one commit, with a built file and a file that is not committed."""
     git = needs_program("git", "git")
     there = tmp_path / "there"
     (there / ".ci").mkdir(parents=True)
@@ -42,7 +42,7 @@ def checkout(tmp_path: Path) -> Path:
 
 
 def said(checkout: Path, **settings: str) -> list[str]:
-    """What `make` was told, and where."""
+    """Returns each goal of `make` with the content of the folder in which it ran."""
     path = f"{checkout.parent / 'bin'}:{os.environ['PATH']}"
     environment = {**os.environ, "PATH": path, "HOME": str(checkout.parent), **settings}
     ran = subprocess.run(

@@ -1,4 +1,4 @@
-"""What is kept on disk of a compiled loop is valid as long as all of its sources are as they were."""
+"""Cached machine code of a compiled loop is valid until one of its sources changes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from tci.skin.kernels import condition, contacts, nearest
 
 
 def test_the_stamp_follows_every_source(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its own file, what that imports, and what that imports in turn; no other."""
+    """It covers the loop's own file and all files that it imports, directly or indirectly; no others."""
     monkeypatch.setattr(compiled, "HERE", tmp_path)
     (tmp_path / "kernels").mkdir()
     files = {
@@ -44,7 +44,7 @@ def test_the_stamp_follows_every_source(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def test_numba_compares_our_stamp() -> None:
-    """It does so through a name of its own: a version without it must not go unnoticed."""
+    """Numba does so through a name that is not public: a version without it must not go unnoticed."""
     for loop, module, made_of in (
         (condition.condition, condition, condition),
         (contacts.describe, contacts, nearest),
@@ -131,5 +131,5 @@ def test_no_loop_takes_more_than_ten_arguments(name: str) -> None:
 
 
 def is_inlined(loop: Any) -> bool:
-    """True for a loop that only compiled loops call."""
+    """Returns True for a loop that only compiled loops call."""
     return bool(loop.targetoptions.get("forceinline"))

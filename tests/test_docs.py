@@ -1,4 +1,4 @@
-"""The documentation's own promises: every command has its place, and pictures that are there."""
+"""The documentation is complete: every command is listed, and every picture exists."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PAGES = sorted(DOCS.glob("*.md"))
 
 
 def names(command: object, before: str) -> list[str]:
-    """Every command below one, as a user types it."""
+    """Returns every command below one, as a user types it."""
     found = []
     for name, inner in getattr(command, "commands", {}).items():
         found += [f"{before} {name}", *names(inner, f"{before} {name}")]
@@ -57,7 +57,7 @@ def test_every_page_can_be_found() -> None:
 NAME = re.compile(r"`(tci(?:\.[A-Za-z_][A-Za-z_0-9]*)+)(?:\([^`]*\))?`")
 
 GROUPS = {"tci.robots", "tci.drivers", "tci.servers", "tci.capabilities"}
-"""Of entry points: names of another kind."""
+"""Entry-point groups, which are no dotted names of modules."""
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
@@ -67,7 +67,7 @@ def test_names_of_the_code_exist(page: Path) -> None:
 
 
 def exists(name: str) -> bool:
-    """Whether a dotted name is a module, or something in one."""
+    """Returns True if a dotted name is a module or something in one."""
     parts = name.split(".")
     for length in range(len(parts), 0, -1):
         try:
@@ -85,11 +85,11 @@ def exists(name: str) -> bool:
 
 
 USED = re.compile(r"(?:^|`|\$ )(tci [a-z][^`#\n]*)", re.MULTILINE)
-"""A command as it stands in a page: at the beginning of a line, after a prompt or in back quotes."""
+"""A command as it appears in a page: at the start of a line, after a prompt or in back quotes."""
 
 
 LAST = "X"
-"""One more word: the value of an option that a page only names."""
+"""An additional argument: the value of an option that a page only names."""
 
 
 @pytest.mark.parametrize("page", [DOCS.parent / "README.md", *PAGES], ids=lambda page: page.stem)
@@ -97,7 +97,7 @@ def test_commands_of_a_page_have_the_options_that_it_gives_them(page: Path) -> N
     text = re.sub(r"\\\n *", "", page.read_text())
     for used in USED.findall(text):
         command: Any = typer.main.get_command(app)
-        words = used.split("  ")[0].split()[1:]  # beside it a page says what it is for
+        words = used.split("  ")[0].split()[1:]  # two spaces separate the command from its description
         while words and (inner := getattr(command, "commands", {}).get(words[0])):
             command, words = inner, words[1:]
         assert not hasattr(command, "commands") or not words, f"{page.name}: {used}"

@@ -19,12 +19,12 @@ SAID = {
     "02_every_step": "left_arm withdraws",
     "10_test_a_capability": "0.04 s: [('right_forearm', 4.1, 1)], ended: ()\n0.06 s: [], ended: (1,)",
 }
-"""Words that an example prints, by its name."""
+"""Words that the output of an example contains, by its name."""
 
 
 @cache
 def ran(path: Path) -> subprocess.CompletedProcess[str]:
-    """An example that has run, once for all tests."""
+    """Runs an example once for all tests."""
     return subprocess.run([sys.executable, str(path)], capture_output=True, text=True, check=False)
 
 
@@ -53,5 +53,5 @@ def test_the_five_lines_of_the_readme_are_the_first_example() -> None:
 
 
 def words_of(text: str) -> str:
-    """A text with each number as 0: the last digit is not the same on every processor."""
+    """Replaces each number of a text by 0: last digits differ between processors."""
     return re.sub(r"\d+(\.\d+)?", "0", text)

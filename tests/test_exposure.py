@@ -1,4 +1,4 @@
-"""The page says which sockets each server opens, and it is what the system shows."""
+"""The page on exposure lists the sockets that each server opens, as the system reports them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TOOLS = Path(__file__).parents[1] / "tools" / "reliability"
 
 @pytest.fixture
 def exposure(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
-    """The tool that looks."""
+    """The tool that lists sockets."""
     monkeypatch.syspath_prepend(str(TOOLS))
     yield importlib.import_module("exposure")
     for name, module in [*sys.modules.items()]:
@@ -26,7 +26,7 @@ def exposure(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
 
 
 def of_page(exposure: Any) -> list[str]:
-    """The lines of the table in the page, without its head."""
+    """The rows of the table in the page, without its header."""
     page = importlib.import_module("page").PAGE.read_text()
     table: str = page.split(exposure.BEGIN)[1].split(exposure.END)[0]
     assert table.startswith(exposure.HEAD)

@@ -1,4 +1,4 @@
-"""What a user pays for `import tci` and `tci --help`: nothing heavier than NumPy."""
+"""Import times of `import tci` and `tci --help`: they load nothing heavier than NumPy."""
 
 from __future__ import annotations
 

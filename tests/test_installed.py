@@ -1,4 +1,5 @@
-"""What to install: from the metadata of what is installed, and never the name of another's package."""
+"""Installation advice comes from the metadata of installed packages and never names another project's
+package."""
 
 from __future__ import annotations
 
@@ -32,7 +33,7 @@ Requires-Dist: acme-card ; sys_platform == 'none' and extra == 'elsewhere'
 
 @pytest.fixture
 def acme(tmp_path: Path) -> PathDistribution:
-    """Another's distribution, with an extra for every machine and one for none."""
+    """A distribution of another project, with an extra for every machine and one for none."""
     folder = tmp_path / "acme_robot-1.0.dist-info"
     folder.mkdir()
     (folder / "METADATA").write_text(METADATA)
@@ -51,7 +52,7 @@ def test_the_distribution_is_the_one_that_brings_the_command() -> None:
     ("files", "wrong"), [(PAGES, {"tci"}), (SOURCES, {"tci", PROJECT["name"]})], ids=["pages", "src"]
 )
 def test_nobody_is_told_to_install_anothers_package(files: list[Path], wrong: set[str]) -> None:
-    """Pages name the distribution; programs do not, and ask for advice."""
+    """Pages name the distribution; programs ask `advice` for it."""
     for path in files:
         text = path.read_text()
         assert not set(re.findall(r"pip install\s+(?:-\S+\s+)*[\"']?([\w-]+)", text)) & wrong, path
@@ -100,7 +101,7 @@ def test_a_module_of_tci_that_is_missing_is_a_bug(monkeypatch: pytest.MonkeyPatc
 def test_a_library_that_another_release_broke_is_told_with_the_cure(
     program: str, first: str, tmp_path: Path
 ) -> None:
-    """mujoco-core 4 over MuJoCo 3: `import mujoco` loads a plugin of 3, whose library it does not have."""
+    """mujoco-core 4 over MuJoCo 3: `import mujoco` loads a plugin of 3, whose library is missing."""
     for name, version in (("mujoco", "3.17.0"), ("mujoco-core", "4.0.1")):
         folder = tmp_path / f"{name.replace('-', '_')}-{version}.dist-info"
         folder.mkdir()

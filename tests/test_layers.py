@@ -1,4 +1,4 @@
-"""The architecture is a test: modules import from layers to their left, and no files form a circle."""
+"""The architecture as a test: modules import only from layers to their left, and no files form a circle."""
 
 from __future__ import annotations
 
@@ -42,11 +42,11 @@ RANK = {name: rank for rank, layer in enumerate(LAYERS) for name in layer.split(
 GENERATED = "tci_lcm"
 """Folder of code that lcm-gen made."""
 WIRE = ROOT.parent / "yarpwire"
-"""The package that knows nothing of TCI."""
+"""The package that does not depend on TCI."""
 
 
 def module_of(path: Path) -> str:
-    """Dotted name of a file of either package."""
+    """Returns the dotted name of a file of either package."""
     return ".".join(path.relative_to(ROOT.parent).with_suffix("").parts).removesuffix(".__init__")
 
 
@@ -59,7 +59,7 @@ WIRE_MODULES = {module_of(path): path for path in sorted(WIRE.rglob("*.py")) if 
 
 
 def imported(path: Path) -> set[str]:
-    """Modules that a file imports, also inside functions and for types only."""
+    """Returns the modules that a file imports, including imports inside functions and for types only."""
     names = set()
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):

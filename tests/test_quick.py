@@ -1,4 +1,4 @@
-"""`make quick` finds the tests of what changed, and is not green where it can't know what did."""
+"""`make quick` finds the tests of changed files, and fails if it can't tell which files changed."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TOOL = Path(__file__).parent.parent / "tools" / "quick.py"
 
 @pytest.fixture
 def quick(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> ModuleType:
-    """The tool, at work in a folder with one module that one test uses by way of another module."""
+    """The tool in a folder with one module that one test uses through another module."""
     spec = importlib.util.spec_from_file_location("quick", TOOL)
     assert spec is not None
     assert spec.loader is not None

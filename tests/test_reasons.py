@@ -1,4 +1,4 @@
-"""Reasons: codes are stable, and no decision hangs on a text."""
+"""Reasons: codes are stable, and no decision depends on a text."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SOURCE = Path(tci.__file__).parent
 NAMES = {"reason", "refusal", "fault", "halt", "why"}
 """Names that hold a reason in modules that import `Reason`."""
 MATCHES = {"startswith", "endswith", "find", "index", "count", "search", "match", "fullmatch", "partition"}
-"""Methods and functions that look for words in a text."""
+"""Methods and functions that search for words in a text."""
 
 NUMBERS = {
     "OTHER": 0,
@@ -35,7 +35,7 @@ NUMBERS = {
     "MOVED_BY_ITSELF": 609, "ROBOT_REFUSES": 610,
     "MOVED_WRONG_WAY": 700, "MOVED_TOO_FAR": 701, "MOVED_ANOTHER": 702, "NOT_ARRIVED": 703,
 }  # fmt: skip
-"""Numbers that recordings and other versions know. A line may be added, and none changed."""
+"""Numbers that recordings and other versions contain. Lines may be added, but none changed."""
 
 
 def test_a_code_keeps_its_number() -> None:
@@ -61,7 +61,7 @@ def test_an_error_is_a_reason_with_its_code() -> None:
 
 
 def is_reason(node: ast.expr) -> bool:
-    """Whether an expression is a reason or its text, as far as its name tells."""
+    """Returns True if an expression is a reason or its text, judged by its name."""
     if isinstance(node, ast.Call):
         return ast.unparse(node.func) in ("str", "text_of") and any(map(is_reason, node.args))
     if isinstance(node, ast.Subscript):
@@ -72,7 +72,7 @@ def is_reason(node: ast.expr) -> bool:
 
 
 def decisions(source: str) -> list[str]:
-    """Expressions of a module that look for words in a reason, or compare it as a whole."""
+    """Returns the expressions of a module that search for words in a reason, or compare a whole reason."""
     found = []
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Compare):

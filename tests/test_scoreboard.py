@@ -1,4 +1,4 @@
-"""The scoreboard calls nothing met that was not tried at the whole size, and goes on where it ended."""
+"""The scoreboard calls a row met only after a run of full size, and continues an interrupted run."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ TOOLS = Path(__file__).parents[1] / "tools" / "reliability"
 
 @pytest.fixture
 def tool(monkeypatch: pytest.MonkeyPatch) -> Any:
-    """A module of tools/reliability by its name."""
+    """A module of tools/reliability, by its name."""
     monkeypatch.syspath_prepend(str(TOOLS))
     yield lambda name: importlib.import_module(name)
     for name, module in [*sys.modules.items()]:

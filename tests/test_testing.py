@@ -1,4 +1,4 @@
-"""The public helper for tests of capabilities: a touch that is asked for is the one that is perceived."""
+"""The public helper for tests of capabilities: the perceived touch is the requested one."""
 
 from __future__ import annotations
 

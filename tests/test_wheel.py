@@ -1,4 +1,5 @@
-"""The wheel installs elsewhere and runs the demo with NAO, without the icub extra; the sdist makes it too."""
+"""The wheel runs the demo with NAO in a new environment without the icub extra; the sdist builds the same
+wheel."""
 
 from __future__ import annotations
 
@@ -18,11 +19,11 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 OURS = ("tci", "tactile", "icub")
-"""In the names of what is not lent to the new environment."""
+"""Words in the names of packages that are not lent to the new environment."""
 
 
 def run(*command: object) -> subprocess.CompletedProcess[str]:
-    """A command that ends well, and finds only what is installed."""
+    """Runs a command that must succeed, with access to installed packages only."""
     words = [str(word) for word in command]
     clean = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     done = subprocess.run(words, capture_output=True, text=True, check=False, env=clean)
@@ -31,14 +32,14 @@ def run(*command: object) -> subprocess.CompletedProcess[str]:
 
 
 def build(kind: str, source: Path, folder: Path) -> Path:
-    """The wheel or sdist of a source folder."""
+    """Builds the wheel or sdist of a source folder."""
     run(sys.executable, "-m", "build", f"--{kind}", "--no-isolation", "--outdir", folder, source)
     (built,) = folder.iterdir()
     return built
 
 
 def lend_machine_code(there: Path) -> None:
-    """Numba's caches of the loops here: they hold for the same sources, and compiling takes a minute."""
+    """Copies numba's caches of the loops: they are valid for equal sources, and compiling takes a minute."""
     here = ROOT / "src" / "tci"
     for cache in [path for path in here.rglob("__pycache__/*") if path.suffix in (".nbi", ".nbc")]:
         copy = there / cache.relative_to(here)
@@ -47,7 +48,8 @@ def lend_machine_code(there: Path) -> None:
 
 
 def bare(folder: Path, lent: Callable[[str], bool]) -> tuple[Path, Path]:
-    """Python of a new environment with the packages from here that may be `lent`, and their folder."""
+    """Makes a new environment with the packages from here that may be `lent`; returns its Python and their
+    folder."""
     venv.create(folder, with_pip=False)
     python = folder / "bin" / "python"
     there = Path(run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))").stdout.strip())
@@ -80,7 +82,7 @@ def test_the_sdist_makes_the_same_wheel(wheel: Path, tmp_path: Path) -> None:
 
 @pytest.mark.xdist_group("wheel")
 def test_it_installs_elsewhere_and_runs(wheel: Path, tmp_path: Path) -> None:
-    # Dependencies are lent from here, so that the test needs no network; TCI and icub-models are not.
+    # Dependencies are copied from here, so that the test needs no network; TCI and icub-models are not.
     python, _ = bare(tmp_path / "venv", lambda name: not any(ours in name for ours in OURS))
     install(python, wheel)
     place = Path(run(python, "-c", "import tci; print(tci.__file__)").stdout.strip())

@@ -1,4 +1,4 @@
-"""What real YARP 3.12.3 and 4.0 said to each other: connections, each a list of (direction, bytes)."""
+"""Captured connections between real YARP 3.12.3 and 4.0 programs: lists of (direction, bytes)."""
 
 from __future__ import annotations
 

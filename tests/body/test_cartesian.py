@@ -1,4 +1,4 @@
-"""Cartesian actuators: hands and elbows are where they were told to be, on both robots."""
+"""Cartesian actuators: hands and elbows reach their commanded positions on both robots."""
 
 from __future__ import annotations
 
@@ -32,7 +32,8 @@ KINEMATICS = {name: KinematicChain(robot) for name, robot in ROBOTS.items()}
 
 
 def centre(robot: Robot, part: str) -> Array:
-    """Where the axes of the first two shoulder joints meet (3,) [m], from MuJoCo's anchors and axes."""
+    """Returns the intersection (3,) [m] of the axes of the first two shoulder joints, from MuJoCo's anchors
+    and axes."""
     assert robot.model is not None
     model = bare_model(robot.model)
     data = mujoco.MjData(model)
@@ -52,14 +53,15 @@ CENTRES = {(name, f"{side}_arm"): centre(ROBOTS[name], f"{side}_arm") for name, 
 
 
 def ideal_place(generic: Array, side: str, point: str) -> Array:
-    """Elbow and hand (3,) of a generic arm with segments of equal length, in arm lengths."""
+    """Returns elbow or hand (3,) [arm lengths] of a generic arm with segments of equal length."""
     down = np.array([0.0, 0.0, -0.5])
     elbow = upper_arm_rotation(generic, side, axial=False) @ down
     return elbow if point == "elbow" else elbow + forearm_rotation(generic, side, axial=False) @ down
 
 
 def judged(robot: Robot, part: str, point: str, position: Array) -> Array:
-    """The same place by the model's own frames: forearm's ends against the upper arm's origin."""
+    """Returns the place from the model's own frames: the forearm's ends relative to the upper arm's
+    origin."""
     words = robot.part(part)
     forearm = words.segment("forearm")
     kinematics = KINEMATICS[robot.name]
@@ -74,7 +76,7 @@ def judged(robot: Robot, part: str, point: str, position: Array) -> Array:
 @pytest.mark.parametrize("point", ["hand", "elbow"])
 @pytest.mark.parametrize(("name", "side"), ARMS)
 def test_places_that_an_arm_can_reach_are_met_to_a_millimetre(name: str, side: str, point: str) -> None:
-    """200 places of random postures, and from each the robot's own five joints."""
+    """Targets are 200 places of random postures, solved with the arm's own five joints."""
     robot, part = ROBOTS[name], f"{side}_arm"
     body, joints = BODIES[name], initial_joints(robot)
     reach = reach_of(robot, part, point)
@@ -98,7 +100,8 @@ def test_places_that_an_arm_can_reach_are_met_to_a_millimetre(name: str, side: s
 
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_the_same_place_is_reached_on_both_robots(side: str) -> None:
-    """Places of an ideal arm, a bit short of its reach, in arm lengths: one command for both."""
+    """Targets are places of an ideal arm, a bit short of its reach, in arm lengths: one command for both
+    robots."""
     random = np.random.default_rng(4)
     part, worst = f"{side}_arm", 0.0
     for generic in random.uniform(*COMMON_RANGE.T, size=(100, 5)):
@@ -168,7 +171,7 @@ def test_what_makes_no_sense_is_refused(command: CartesianCommand, words: str) -
 
 
 def test_an_arm_without_all_its_joints_is_refused() -> None:
-    """As a command that can't be, so that the robot goes on."""
+    """It is refused as an invalid command, so that the robot goes on."""
     nao = ROBOTS["nao"]
     arm = nao.part("left_arm")
     servos = [one if one.id < 3 else one.model_copy(update={"servo": None}) for one in arm.servos]

@@ -1,4 +1,4 @@
-"""How much of a field its skin feels is told for where the arm is now: iCub's forearm skin turns with it."""
+"""Coverage of a receptive field in the present posture: iCub's forearm skin turns with pronation."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ FIELD = next(field for field in default_fields() if field.name == "forearm_exten
 
 
 def turned(pronation: float) -> Array:
-    """Angles (n_servos,) [rad] of the servos with the left forearm turned by `pronation` [deg]."""
+    """Returns angles (n_servos,) [rad] with the left forearm turned by `pronation` [deg]."""
     rest = np.zeros(len(ROBOT.servos))
     arm, position = joint_map(ROBOT, "left_arm"), rest.copy()
     position[arm.servos] = arm.to_robot(np.deg2rad([25.0, 25.0, 0.0, 60.0, pronation]), rest)
@@ -33,14 +33,14 @@ def turned(pronation: float) -> Array:
 
 
 class Feeling:
-    """A body whose forearm flickers, and some taxels far more than the others."""
+    """A body whose forearm fluctuates, some of its taxels far more than the others."""
 
     def __init__(self, spoilt: np.ndarray) -> None:
         self.perceiver, self.tick, self.random = Perceiver(BODY), 0, np.random.default_rng(3)
         self.spoilt = spoilt
 
     def perceive(self, pronation: float) -> Perception:
-        """One frame, 0.1 s after the one before."""
+        """Returns the perception of one frame, 0.1 s after the previous one."""
         self.tick += 1
         values = np.rint(PATCH.sensor.rest + self.random.standard_normal(PATCH.channels))
         values[BODY.skin.surfaces[PATCH.name].channels[self.spoilt]] += 60.0 * self.random.standard_normal(
@@ -54,7 +54,7 @@ class Feeling:
 
 
 def inside(pronation: float) -> np.ndarray:
-    """Which taxels (n,) of the forearm lie in the field."""
+    """Returns a mask (n,) of the forearm's taxels in the field."""
     position = turned(pronation)
     u, theta, _ = BODY.skin.limb(PATCH.name, JointReading(0.0, 0, position, np.zeros_like(position)))
     here: np.ndarray = generic_limb_distance(u, theta, FIELD.u, FIELD.theta) < FIELD.radius

@@ -1,4 +1,4 @@
-"""The faults of the paper's Listing 1, as regressions: each is refused or clamped, with a message."""
+"""Regression tests for the faults of the paper's Listing 1: each is refused or clamped, with a message."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def test_limits_of_the_other_arm(nao: Robot, side: str, clamps: int) -> None:
 
 
 def test_array_of_the_wrong_length() -> None:
-    """iCub: DOF is 16, stiffness, damping, speed and MIN have 15 entries."""
+    """On iCub, DOF is 16; stiffness, damping, speed and MIN have 15 entries."""
     with pytest.raises(CommandError, match=r"shape \(4,\); valid: \(5,\)"):
         to_platform(make_robot(), GenericCommand("left_arm", Mode.STIFFNESS, np.zeros(4)))
 
@@ -50,7 +50,7 @@ def test_the_clamped_value_is_the_one_that_is_sent() -> None:
 
 
 def test_no_limit_is_read_past_the_end() -> None:
-    """`MIN[DOF]`: a servo beyond the last is refused."""
+    """As `MIN[DOF]` did: a servo beyond the last is refused."""
     safe = Driven(make_robot(), [0.0] * 6).step(position_command([6], [0.1]))
     assert "valid: 0 to 5" in safe.refusals[0].text
 

@@ -35,7 +35,7 @@ COPIED = pytest.mark.parametrize("copied", COPIES.values(), ids=list(COPIES))
 
 
 def course() -> tuple[tci.GenericBody, list[Perception]]:
-    """A robot that is touched here and there."""
+    """A recorded course of a robot that is touched at several places."""
     robot = TouchedRobot(NAO)
     return robot.body, [robot.perceive(touch, force=4.0) for touch in TOUCHES for _ in range(3)]
 
@@ -54,7 +54,7 @@ def capabilities() -> dict[str, tci.Capability[Any]]:
 
 
 def numbers(value: object) -> Iterator[bytes]:
-    """All that a message holds, in bytes."""
+    """Returns all content of a message in bytes."""
     if is_dataclass(value):
         for one in fields(value):
             yield from numbers(getattr(value, one.name))
@@ -71,7 +71,7 @@ def numbers(value: object) -> Iterator[bytes]:
 
 
 def callables(value: object, path: str) -> Iterator[str]:
-    """Places in a message that hold something callable."""
+    """Returns the places in a message that hold something callable."""
     if is_dataclass(value):
         for one in fields(value):
             yield from callables(getattr(value, one.name), f"{path}.{one.name}")
@@ -121,7 +121,8 @@ def test_a_copy_of_the_arguments_changes_no_result(name: str, copied: Callable[[
 
 @COPIED
 def test_a_refusal_stands_in_a_copied_memory(copied: Callable[[Any], Any]) -> None:
-    """A touched part that stays is not judged anew in each period, also when its memory was stored."""
+    """A part that stays touched is not judged again in each period, even if its memory was stored
+    meanwhile."""
     body, perceptions = course()
     reflex, looks = tci.WithdrawalReflex(), []
 
@@ -171,7 +172,7 @@ def test_a_body_answers_the_same_of_a_copied_perception(copied: Callable[[Any], 
 @COPIED
 @pytest.mark.parametrize("dtype", [np.uint8, np.float64])
 def test_a_copied_perceiver_goes_on_alike(copied: Callable[[Any], Any], dtype: type) -> None:
-    """Its copy perceives the same from there on bit for bit, and has no part in what the other perceives."""
+    """The copy continues with equal perceptions, bit for bit, and shares no state with the original."""
     body, random = tci.GenericBody(NAO), np.random.default_rng(6)
     still = np.zeros(len(NAO.servos))
     position = np.array(tci.initial_position(NAO))
@@ -215,7 +216,7 @@ def test_a_body_does_not_change() -> None:
 
 
 def test_the_kind_of_a_part_is_what_its_description_says() -> None:
-    """Neither its name nor its number of joints."""
+    """The kind does not depend on the part's name or number of joints."""
     names = {"left_arm": "port", "head": "left_arm_2", "left_leg": "some_arm"}
     parts = tuple(part.model_copy(update={"name": names.get(part.name, part.name)}) for part in NAO.parts)
     patches = tuple(p.model_copy(update={"part": names.get(p.part, p.part)}) for p in NAO.patches)
@@ -236,7 +237,7 @@ def test_the_kind_of_a_part_is_what_its_description_says() -> None:
 
 
 def test_what_has_five_joints_is_no_arm() -> None:
-    """The reflex asks for no mode of a part that only has as many joints as an arm."""
+    """The reflex requests no mode of a part that merely has as many joints as an arm."""
     tail = NAO.part("left_leg").model_copy(update={"kind": "other"})
     five = tail.model_copy(update={"servos": tail.servos[:5]})
     parts = tuple(five if part.name == "left_leg" else part for part in NAO.parts)

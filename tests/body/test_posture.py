@@ -1,4 +1,4 @@
-"""Eqs 1-2 in both directions."""
+"""Posture transforms (eqs 1-2) in both directions."""
 
 from __future__ import annotations
 

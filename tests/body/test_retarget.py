@@ -1,4 +1,4 @@
-"""Exact retargeting: limbs point the same way in the torso frame, judged by the model's own frames."""
+"""Exact retargeting: limbs point the same way in the torso frame, according to the model's own frames."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ HANDS = {
 
 
 def limb_axes(name: str, part: str, position: Array) -> tuple[Array, Array]:
-    """Unit vectors (3,) along upper arm and forearm, seen from the torso, from MuJoCo's joint axes.
+    """Returns unit vectors (3,) along upper arm and forearm in the torso frame, from MuJoCo's joint axes.
 
     The last shoulder joint turns about the upper arm, the wrist's first joint about the forearm.
     """
@@ -54,7 +54,7 @@ def limb_axes(name: str, part: str, position: Array) -> tuple[Array, Array]:
 
 
 def ideal_axes(generic: Array, side: str) -> tuple[Array, Array]:
-    """The same of the generic arm itself."""
+    """Returns the unit vectors of `limb_axes` for the generic arm itself."""
     down = np.array([0.0, 0.0, -1.0])
     return (
         upper_arm_rotation(generic, side, axial=False) @ down,
@@ -99,7 +99,7 @@ def assert_within_limits(robot: Robot, position: Array) -> None:
 
 
 def test_the_nearest_posture_is_the_nearest() -> None:
-    """No posture of a fine grid within the limits comes nearer than what is returned."""
+    """No posture of a fine grid within the limits is closer than the returned one."""
     robot = ROBOTS["icub"]
     random = np.random.default_rng(5)
     tries = random.uniform(*NAO_RANGE.T, size=(200, 5))
@@ -166,7 +166,7 @@ def test_an_arm_on_its_mount_and_retargeted_in_the_torso_frame_are_the_same_shou
 
 
 def test_slanted_axes_are_solved_too() -> None:
-    """Shoulders with axes that are not square to each other, as on a Unitree G1."""
+    """The shoulders' axes are not at right angles, as on a Unitree G1."""
     shoulder = Shoulder(ROBOTS["nao"], ROBOTS["nao"].part("left_arm"))
     random = np.random.default_rng(9)
     for _ in range(200):

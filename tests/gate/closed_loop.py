@@ -1,4 +1,4 @@
-"""Hostile commands and false readings around a simulated plant, and a judge of how it truly moves."""
+"""Hostile commands and false readings around a simulated plant, and a judge of its true motion."""
 
 from __future__ import annotations
 
@@ -16,53 +16,53 @@ from tci.messages import JointReading, Mode, PlatformOrder, PlatformSwitch
 from tci.robot.description import Robot
 
 BLIND = 0.05
-"""Time [s] after the last fresh reading from which no torque may be sent."""
+"""Time [s] after the last new reading after which no torque may be sent."""
 OVER = 0.5
-"""Share of its speed limit by which a joint may be too fast while its readings are sound or missing."""
+"""Fraction of its speed limit by which a joint may exceed it while its readings are correct or missing."""
 PRESSED = 0.02
-"""How far [rad] a joint may run into its mechanical stops, which give way a little."""
+"""Depth [rad] to which a joint may run into its mechanical stops, which are slightly elastic."""
 LIES = 2.5
-"""Multiple of its speed limit that a joint may reach where its readings are wrong under fresh stamps."""
+"""Multiple of its speed limit that a joint may reach while its readings are wrong under new stamps."""
 UNSEEN, UNSEEN_FOR = 0.15, 0.2
-"""How far [rad] a joint in torque mode may be from where a wrong angle says, until no torque is sent; and the
-time [s] at its speed limit that comes on top."""
+"""Distance [rad] of a joint in torque mode from a wrong angle until no torque is sent, and the additional
+time [s] at its speed limit."""
 CHANGE = 0.32
-"""Share of its torque limit by which a torque may change while angle and velocity repeat: one that is held or
-pressed looks the same, so a torque that does not change goes on."""
+"""Fraction of its torque limit by which a torque may change while angle and velocity repeat. A blocked joint
+looks the same, so a constant torque continues."""
 MOVED, TOLD = 0.3, 0.8
-"""Where a velocity [rad/s] repeats with an angle, no torque is sent after so long [s]."""
+"""Speed [rad/s] that, if it repeats together with an angle, ends torques, and the time [s] until then."""
 AFTER = 0.5
-"""Time [s] after a wrong reading in which its consequences still count as such."""
+"""Time [s] after a wrong reading in which its effects are still tolerated."""
 REST_IN = 1.0
-"""Time [s] from when nothing may move any more until nothing does."""
+"""Time [s] within which all joints must come to rest once nothing may move any more."""
 SLOW = 0.02
-"""Speed [rad/s] of a joint at rest."""
+"""Speed [rad/s] below which a joint is at rest."""
 HONEST = ("none", "repeated", "frozen", "late", "reordered", "errors", "spoilt", "calm")
-"""Readings that are sound, or can be told from sound ones; `calm`: they are sound and the robot holds."""
+"""Readings that are correct or visibly faulty; `calm`: correct, while the robot holds."""
 LYING = ("stale angle", "stuck", "mirrored")
-"""Faults that look sound, under fresh stamps and numbers."""
+"""Faults that look correct, under new stamps and sequence numbers."""
 SPEEDS = ("no velocity", "mirrored velocity")
-"""Wrong velocities with sound angles, which tell enough for a joint to keep its limit of speed."""
+"""Wrong velocities with correct angles, which suffice for a joint to keep its speed limit."""
 
 
 @dataclass(frozen=True)
 class Shown:
-    """What the gate was shown in a period."""
+    """Reading that the gate receives in a period, and how it differs from the truth."""
 
     fault: str
-    """Why it is not the truth."""
+    """Name of the fault."""
     lasts: float
-    """For how long [s] already."""
+    """Time [s] since its beginning."""
     lies: bool
-    """Whether a wrong reading looked sound, now or lately."""
+    """True if a wrong reading looks correct, now or shortly before."""
     joints: JointReading
-    """The reading; of a missing or useless one, the last that was none."""
+    """The reading; if it is missing or unusable, the last usable one."""
     age: float
-    """Age [s] of the newest true reading until now."""
+    """Age [s] of the newest true reading."""
 
 
 class TrueJudge:
-    """Sees the plant itself, and what the gate was shown of it; knows nothing else."""
+    """Judges the plant's true motion, independent of the gate, given what the gate received."""
 
     def __init__(self, robot: Robot, plant: Plant) -> None:
         self.robot, self.plant = robot, plant
@@ -74,10 +74,10 @@ class TrueJudge:
         self._coasts = np.full(len(robot.servos), np.nan)
         self.faults: list[str] = []
         self.largest: dict[str, float] = {}
-        """How near the largest values came to their bounds, as shares."""
+        """Largest ratio of each value to its bound."""
 
     def see(self, safe: SafeCommand, shown: Shown, period: float) -> None:
-        """What truly happened in a period in which a command was carried out."""
+        """Checks the true motion in a period in which a command was executed."""
         plant, index = self.plant, safe.servos
         loose = np.array([mode is Mode.TORQUE for mode in safe.modes], dtype=bool)
         sent = plant.sent / self._torque
@@ -95,8 +95,11 @@ class TrueJudge:
             self._bound("speed at rest", index, np.abs(plant.velocity), SLOW)
 
     def _coasting(self, index: NDArray[np.intp], shown: Shown) -> NDArray[np.intp]:
-        """Those of servos (k,) that are too fast since a wrong reading. Nobody can brake them while no
-        reading is believed, and later braking takes its time: they only lose energy."""
+        """Returns those of servos (k,) that have been too fast since a wrong reading.
+
+        They can't be braked while no reading is trusted, and later braking takes time: they may only lose
+        energy.
+        """
         plant, speed = self.plant, np.abs(self.plant.velocity) / self._speed
         energy = plant.energy + 0.1 * plant.inertia * self._speed**2
         if shown.lies:
@@ -137,7 +140,7 @@ class TrueJudge:
                 self._bound("change of torque while stuck", index, change, CHANGE)
 
     def _bound(self, what: str, servos: NDArray[np.intp], values: Array, most: float) -> None:
-        """None of `values` (n_servos,) may be above `most`, for `servos` (k,)."""
+        """Checks that none of `values` (n_servos,) exceeds `most`, for `servos` (k,)."""
         if not servos.size:
             return
         worst = int(servos[np.argmax(values[servos])])
@@ -148,7 +151,7 @@ class TrueJudge:
 
 
 class ClosedLoop(Attack):
-    """Hostile commands in one mode, readings that go wrong, and joints with masses that nobody knows."""
+    """Hostile commands in one mode, faulty readings, and joints with unknown masses."""
 
     def __init__(self, robot: Robot, seed: int, mode: Mode, *, period: float = 0.002) -> None:
         super().__init__(robot, seed, period=period, body=False, modes=(mode,))
@@ -165,7 +168,7 @@ class ClosedLoop(Attack):
         self.tried: dict[str, int] = {}
 
     def step(self) -> SafeCommand:
-        """One period."""
+        """Runs one period."""
         random = self.random
         orders: list[PlatformOrder] = []
         malformed = 0
@@ -203,12 +206,12 @@ class ClosedLoop(Attack):
         return safe
 
     def _reset(self) -> None:
-        """An operator looks at the robot first."""
+        """Resets the gate as an operator does, who looks at the robot first."""
         if self._fault not in LYING + SPEEDS:
             super()._reset()
 
     def _choose(self) -> None:
-        """A fault of readings after a sound time, and the other way round."""
+        """Alternates between faulty and correct readings."""
         random, fault, lasts = self.random, "none", self.random.uniform(0.1, 1.0)
         if self._fault == "none":
             fault = str(random.choice(HONEST[1:] + LYING + SPEEDS))
@@ -218,13 +221,13 @@ class ClosedLoop(Attack):
         self.begin(fault, lasts=lasts, delay=random.uniform(0.005, 0.1))
 
     def begin(self, fault: str, *, lasts: float, delay: float = 0.0) -> None:
-        """Let readings go wrong for so long [s]; late ones come with a `delay` [s]."""
+        """Makes readings faulty for the time `lasts` [s]; late ones arrive with a `delay` [s]."""
         self._fault, self._delay = fault, delay
         self._since, self._until = self.now, self.now + lasts
         self.tried[fault] = self.tried.get(fault, 0) + 1
 
     def _sense(self) -> JointReading:
-        """What sound encoders say."""
+        """Returns the reading of correct encoders."""
         self.sequence += 1
         plant = self.plant
         return JointReading(
@@ -232,7 +235,7 @@ class ClosedLoop(Attack):
         )
 
     def _read(self) -> JointReading:
-        """What the gate is shown."""
+        """Returns the reading that the gate receives."""
         true = self._sense()
         self._past.append(true)
         fault, last = self._fault, self._last
@@ -266,7 +269,7 @@ class ClosedLoop(Attack):
         return shown
 
     def _spoilt(self, true: JointReading) -> JointReading:
-        """A reading that can't be used."""
+        """Returns a reading that can't be used."""
         position = np.array(true.position)
         position[self.random.integers(len(position))] = np.nan
         kinds = (

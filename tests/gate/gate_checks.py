@@ -1,4 +1,4 @@
-"""A robot to test the gate with, and an independent check of what it hands out."""
+"""A robot for tests of the gate, and an independent check of the gate's output."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ def make_robot(
     coupled: bool = True,
     modes: tuple[Mode, ...] = (Mode.POSITION,),
 ) -> Robot:
-    """A robot part of `count` servos, the first two coupled; the last one belongs to no generic part."""
+    """Returns a robot part of `count` servos, the first two coupled; the last one belongs to no generic
+    part."""
     servos = tuple(
         Servo(index=i, robot_part="arm", id=i, name=f"joint{i}", limits=limits, modes=modes)
         for i in range(count)
@@ -59,7 +60,7 @@ def position_command(
 
 
 class Driven:
-    """A gate whose robot follows exactly, with a record of all that was handed out."""
+    """A gate whose robot follows exactly, with a record of all outputs."""
 
     def __init__(self, robot: Robot, start: Sequence[float]) -> None:
         self.robot = robot
@@ -84,7 +85,7 @@ class Driven:
         raise AssertionError("it never came to rest")
 
     def assert_within_limits(self) -> None:
-        """Position, velocity, acceleration, jerk and couplings, from the path alone."""
+        """Checks position, velocity, acceleration, jerk and couplings, from the path alone."""
         path = np.array(self.path)
         for servo in self.robot.servos:
             limits, angles = servo.limits, path[:, servo.index]

@@ -1,4 +1,4 @@
-"""Hostile commands in every mode, on any robot, and a judge that shares nothing with the gate."""
+"""Hostile commands in every mode, on any robot, and a judge that shares no code with the gate."""
 
 from __future__ import annotations
 
@@ -17,19 +17,20 @@ from tci.robot.description import Robot
 from tci.robot.joint_map import initial_position
 
 AHEAD = 0.02
-"""Time [s] that robots are told ahead."""
+"""Time [s] by which robots receive references in advance."""
 REST_IN = 3.0
-"""Time [s] after which a robot that holds or has stopped must stand still."""
+"""Time [s] within which a robot that holds or has stopped must come to rest."""
 BUSY, CYCLE = 700, 1500
-"""Steps with commands, and steps from one time at rest to the next: only there modes can be switched."""
+"""Number of steps with commands, and of steps from one rest to the next: modes can only be switched at
+rest."""
 WIGGLE = 2e-3
-"""On its way in from outside its bounds, what comes to a stop may turn back this far [rad]."""
+"""Distance [rad] that a stop may turn back on its way in from outside its bounds."""
 SAG = float(np.deg2rad(0.4))
-"""Distance [rad] of a simulated servo from what it was told."""
+"""Distance [rad] of a simulated servo from its reference."""
 
 
 class Judge:
-    """Knows the limits and sees what was sent: position, velocity, acceleration, jerk, couplings, torque."""
+    """Checks each output against the limits: position, velocity, acceleration, jerk, couplings, torque."""
 
     def __init__(self, robot: Robot, period: float) -> None:
         self.robot, self.period = robot, period
@@ -41,21 +42,22 @@ class Judge:
         self.rates = np.array([[np.nan if r is None else r for r in rate] for rate in rates]).T
         self.torque = np.array([0.0 if x.torque is None else x.torque for x in limits])
         self.steps = np.zeros((4, count))
-        # How far each servo, and each coupling, was outside its bounds at least, since it counts.
+        # Least distance of each servo, and each coupling, outside its bounds since it came under command.
         self.outside = np.full(count, np.nan)
         self.modes: list[Mode | None] = [None] * count
         self.values = np.full(len(robot.couplings), np.nan)
         self.still = 0
         self.peak = -np.inf
-        """Largest excess over a limit, as a share of it for rates and torque, in rad for positions."""
+        """Largest excess over a limit, as a fraction of it for rates and torque, in rad for positions."""
         self.faults: list[str] = []
 
     def forget(self) -> None:
-        """An operator reset the gate: every servo starts again where it is measured."""
+        """Follows an operator's reset of the gate: every servo starts again where it is measured."""
         self.modes = [None] * len(self.modes)
 
     def see(self, safe: SafeCommand, measured: Array, *, moved: bool = True) -> None:
-        """What one step handed out, the robot being `measured` (n,) before; `moved`: a step was due."""
+        """Checks the output of one step, with the robot `measured` (n,) before; `moved` is True if a step was
+        due."""
         for name in ("position", "velocity", "torque"):
             if not np.isfinite(getattr(safe, name)).all():
                 self._fault(f"{name} is not finite", np.inf)
@@ -95,11 +97,12 @@ class Judge:
         self._rest(safe)
 
     def see_ahead(self, safe: SafeCommand, ahead: Array, time: float) -> None:
-        """Where the servos will be in `time` [s], as links tell robots that must know their way before."""
+        """Checks the predicted positions in `time` [s], which drivers send to robots that need their path in
+        advance."""
         asked = np.array([mode in (Mode.POSITION, Mode.IMPEDANCE) for mode in safe.modes], dtype=bool)
         index, now, ahead = safe.servos[asked], safe.position[asked], ahead[asked]
         outside = self._outside(index, ahead)
-        # One that came under command in a period that is not due has not counted yet.
+        # A servo that came under command in a period that was not due is not checked yet.
         least = np.fmin(self._outside(index, now), self.outside[index])
         self._note("position ahead", index, outside - np.where(least > 0.0, least + WIGGLE, 0.0))
         self._note("way ahead", index, np.abs(ahead - now) - self.rates[0, index] * time)
@@ -110,7 +113,7 @@ class Judge:
         self._note("position", index, outside - np.where(least > 0.0, least + WIGGLE, 0.0))
 
     def _outside(self, index: NDArray[np.intp], position: Array) -> Array:
-        """How far (k,) [rad] servos at `position` (k,) [rad] are outside their limits."""
+        """Returns the distance (k,) [rad] of servos at `position` (k,) [rad] outside their limits."""
         beyond = np.maximum(position - self.upper[index], self.lower[index] - position)
         return np.maximum(beyond, 0.0)
 
@@ -162,21 +165,21 @@ class Judge:
 
 @dataclass
 class Counts:
-    """What was tried."""
+    """Numbers of attempted commands."""
 
     steps: int = 0
     commands: int = 0
     malformed: int = 0
-    """Commands that must be refused."""
+    """Number of commands that must be refused."""
     passed: int = 0
-    """How many of them were not."""
+    """Number of these that were not refused."""
     states: dict[str, int] = field(default_factory=dict)
     modes: set[Mode] = field(default_factory=set)
     """Control modes in which something was sent."""
 
 
 class Attack:
-    """A gate, a robot that does what it is told, and somebody who wants it to go wrong."""
+    """A gate, a robot that follows it, and an attacker."""
 
     def __init__(
         self,
@@ -187,7 +190,7 @@ class Attack:
         body: bool = True,
         modes: Sequence[Mode] = CONTROL_MODES,
     ) -> None:
-        """`body`: whether the gate keeps links apart; `modes`: those that are switched to."""
+        """Starts an attack; `body` turns on the check for self-collision, `modes` are those switched to."""
         settings = GateSettings() if body else GateSettings(self_collision=None)
         self.robot, self.period, self.modes = robot, period, modes
         self.gate = Gate(robot, period=period, stale_after=0.05, settings=settings)
@@ -204,7 +207,7 @@ class Attack:
         self._inertia = np.array([(x.torque or 1.0) / (x.acceleration or 1.0) for x in limits])
 
     def step(self) -> SafeCommand:
-        """One period with whatever comes to the attacker's mind."""
+        """Runs one period with a random attack."""
         random, gate = self.random, self.gate
         orders: list[PlatformOrder] = []
         malformed = 0
@@ -233,7 +236,7 @@ class Attack:
     def _pass(
         self, orders: Sequence[PlatformOrder], malformed: int, when: float, *, moved: bool = True
     ) -> SafeCommand:
-        """Orders, some of them malformed, through the gate, before the judge and to the robot."""
+        """Sends orders, some of them malformed, through the gate, past the judge and to the robot."""
         before = self.angles.copy()
         safe = self.gate.step(orders, self._reading(), when)
         self.gate.check_out(safe)
@@ -295,7 +298,7 @@ class Attack:
         self.judge.forget()
 
     def _order(self) -> tuple[PlatformOrder, bool]:
-        """An order, and whether it must be refused."""
+        """Returns an order, and True if it must be refused."""
         random, robot = self.random, self.robot
         count = int(random.integers(1, min(8, len(self.movable)) + 1))
         servos = random.choice(self.movable, count, replace=False)
@@ -316,7 +319,8 @@ class Attack:
         return PlatformCommand(mode, servos, values, speed), bad
 
     def _switches(self) -> list[PlatformOrder]:
-        """At rest: each servo to one of its modes, and then some of them to another one in the same step."""
+        """Returns switches at rest: each servo to one of its modes, then some of them to another one in the
+        same step."""
         random, servos = self.random, self.robot.servos
         able = {s: [mode for mode in servos[s].modes if mode in self.modes] for s in self.movable}
         wanted = {s: modes[random.integers(len(modes))] for s, modes in able.items()}

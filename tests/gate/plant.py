@@ -1,4 +1,4 @@
-"""Simulated joints that close the loop around a gate, with masses, friction and stops of their own."""
+"""Simulated joints that close the loop around a gate, with masses, friction and mechanical stops."""
 
 from __future__ import annotations
 
@@ -13,48 +13,48 @@ from tci.messages import Mode
 from tci.robot.description import Robot
 
 STEP = 2.5e-4
-"""Step of integration [s]."""
+"""Integration step [s]."""
 STOP = 250.0
-"""Natural frequency [rad/s] of a joint on its mechanical stop: as stiff as the step allows."""
+"""Natural frequency [rad/s] of a joint on its mechanical stop: as high as the step allows."""
 SERVO = 200.0
-"""Natural frequency [rad/s] of a servo that holds a joint of the expected mass."""
+"""Natural frequency [rad/s] of a holding servo with a joint of the expected mass."""
 SPARE = 3.0
-"""Torque of a servo that holds, as a multiple of what the expected mass takes: firmware has its own limit."""
+"""Torque of a holding servo, as a multiple of the expected mass's: firmware has a limit of its own."""
 SOFT = 0.3
-"""Share of that stiffness in impedance mode."""
+"""Fraction of that stiffness in impedance mode."""
 FREE, HELD, YIELDING = range(3)
 
 
 class Plant:
-    """Joints without coupling: inertia, friction, what the compensation of their weight leaves, and stops.
+    """Joints without coupling: inertia, friction, incompletely compensated weight, and mechanical stops.
 
     A joint of the expected mass reaches the servo's acceleration limit with its torque limit.
     """
 
     def __init__(self, robot: Robot, position: Array, random: np.random.Generator, *, wrong: float = 0.3):
-        """`wrong`: largest error of the expected masses, as a share."""
+        """Makes joints at `position`; `wrong` is the largest relative error of the expected masses."""
         limits, count = [servo.limits for servo in robot.servos], len(robot.servos)
         self.lower = np.array([-np.inf if x.lower is None else x.lower for x in limits])
         self.upper = np.array([np.inf if x.upper is None else x.upper for x in limits])
         self.torque = np.array([x.torque or 1.0 for x in limits])
         expected = self.torque / np.array([x.acceleration or 1.0 for x in limits])
         self.inertia = expected * random.uniform(1.0 - wrong, 1.0 + wrong, count)
-        """Of each joint (n,) [kg m2]."""
+        """Inertia (n,) [kg m2] of each joint."""
         self._expected = expected
         self.dry = self.torque * random.uniform(0.0, 0.02, count)
         """Dry friction (n,) [N m]."""
         self.weight = self.torque * random.uniform(0.0, 0.02, count)
-        """Largest torque (n,) [N m] of a weight that nobody carries: what a wrong mass leaves over."""
+        """Largest torque (n,) [N m] of uncompensated weight, left by a wrong mass."""
         self.hangs = random.uniform(-np.pi, np.pi, count)
         """Angle (n,) [rad] at which that weight hangs."""
         self.position, self.velocity = np.array(position, dtype=float), np.zeros(count)
         self._modes = np.full(count, HELD)
         self._target, self._speed = self.position.copy(), np.zeros(count)
         self.sent = np.zeros(count)
-        """Torques (n,) [N m] that were sent last; they stay until others are."""
+        """Torques (n,) [N m] that were sent last; they stay until the next are sent."""
 
     def obey(self, safe: SafeCommand) -> None:
-        """Take a command over, as the firmware of a robot does."""
+        """Takes over a command, as the firmware of a robot does."""
         kinds = {Mode.TORQUE: FREE, Mode.IMPEDANCE: YIELDING}
         modes = np.array([kinds.get(mode, HELD) for mode in safe.modes], dtype=int)
         self._modes[safe.servos] = modes
@@ -62,7 +62,7 @@ class Plant:
         self.sent[safe.servos] = np.where(modes == FREE, safe.torque, 0.0)
 
     def advance(self, time: float) -> None:
-        """Move on by `time` [s]."""
+        """Simulates `time` [s]."""
         _advance(
             self.position, self.velocity, self._modes, self._target, self._speed, self.sent, self.inertia,
             self._expected, self.dry, self.weight, self.hangs, self.torque, self.lower, self.upper,
@@ -71,12 +71,12 @@ class Plant:
 
     @property
     def beyond(self) -> Array:
-        """How far (n,) [rad] each joint is pressed into a stop."""
+        """Returns the depth (n,) [rad] to which each joint is pressed into a stop."""
         return np.maximum(np.maximum(self.position - self.upper, self.lower - self.position), 0.0)
 
     @property
     def energy(self) -> Array:
-        """Of each joint (n,) [J]: of its motion, its weight and its stop."""
+        """Returns the energy (n,) [J] of each joint: kinetic, of its weight and of its stop."""
         energy: Array = (
             0.5 * self.inertia * self.velocity**2
             + self.weight * (1.0 - np.cos(self.position - self.hangs))

@@ -1,4 +1,4 @@
-"""What SelfCollision must say, found slowly: every link is measured wherever it is not certainly far away."""
+"""A slow reference for SelfCollision: it measures every pair of links that is not certainly far apart."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from tci.robot.description import Robot
 
 SIGHT = 0.1
 NOISE = 1e-9
-"""Links that stay where they are, seen from each other, do so up to this [m]."""
+"""Distance [m] up to which links count as not moving relative to each other."""
 
 
 class Oracle:
-    """Looks along a path."""
+    """Checks paths for self-collision."""
 
     def __init__(self, robot: Robot, *, margin: float = MARGIN) -> None:
         self.margin = margin
@@ -25,14 +25,14 @@ class Oracle:
         self._distance = -np.inf
 
     def look(self, position: Array) -> None:
-        """Measure at `position` (n_servos,) [rad], so that what lies around it may be covered."""
+        """Measures at `position` (n_servos,) [rad]; postures near it may then be covered."""
         self._posture = position
         self._distance = self._clearance.gap(position, within=SIGHT).distance
 
     def fault(self, path: Array) -> Reason | None:
-        """Returns why a motion along `path` (k, n_servos) [rad] must not be made; None when it may.
+        """Returns the reason why a motion along `path` (k, n_servos) [rad] must not be made; None if it may.
 
-        Links that are nearer than the margin where the path begins may go apart, and no nearer.
+        Links closer than the margin at the start may move apart, but not closer.
         """
         here = path[0]
         for point in self._refined(path):
@@ -43,7 +43,7 @@ class Oracle:
                 continue
             now, before = self._clearance.gaps(here, within=self.margin), self._seen()
             then, after = self._clearance.gaps(point, within=self.margin), self._seen()
-            # MuJoCo finds what rests up to 1e-7 m nearer than it was.
+            # MuJoCo's distances of links at rest vary by up to 1e-7 m.
             nearer = (then < now) & (np.abs(after - before).max(axis=1) > NOISE)
             if nearer.any():
                 worst = int(np.argmin(np.where(nearer, then, np.inf)))
@@ -56,7 +56,7 @@ class Oracle:
         return None
 
     def _seen(self) -> Array:
-        """Where the second geom of each pair is, seen from the first (pairs, 12) [m]."""
+        """Returns the pose (pairs, 12) [m] of the second geom of each pair in the first."""
         data, (first, second) = self._clearance._data, self._clearance.pairs.T
         R = data.geom_xmat.reshape(-1, 3, 3)
         p_12 = np.einsum("pji,pj->pi", R[first], data.geom_xpos[second] - data.geom_xpos[first])
@@ -64,7 +64,7 @@ class Oracle:
         return np.concatenate([p_12, R_12.reshape(-1, 9)], axis=1)
 
     def _refined(self, path: Array) -> Array:
-        """The path with points between, so that no link moves more than STRIDE from one to the next."""
+        """Returns the path with additional points, so that no link moves more than STRIDE between two."""
         steps = np.abs(np.diff(path, axis=0)) @ self._clearance.levers
         counts = np.maximum(1, np.ceil(steps / STRIDE)).astype(int)
         if (counts == 1).all():

@@ -1,4 +1,4 @@
-"""A robot does not hit itself, also when its joints sag, and when one part rests before another."""
+"""A robot does not hit itself, even if its joints sag or one part comes to rest before another."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_an_arm_that_is_not_where_it_was_told_keeps_away_from_the_chest(sag: flo
 
 
 class Watched(SelfCollision):
-    """Never sure that nothing is near; keeps the ways that it was asked for."""
+    """Reports every box as unsafe, and records the paths that it is asked to check."""
 
     def __init__(self) -> None:
         super().__init__(NAO)
@@ -60,7 +60,7 @@ class Watched(SelfCollision):
 
 
 def both_arms(*, away: float = 0.0) -> tuple[Driven, Watched]:
-    """A long motion of one arm, and a short one of the other that has just begun."""
+    """Returns a long motion of one arm, and a short one of the other that has just begun."""
     driven, watched = Driven(NAO, initial_position(NAO)), Watched()
     driven.gate._motion._body = BodyGuard(watched, period=PERIOD)
     driven.step(position_command([INDEX["LShoulderPitch"]], [0.0]))
@@ -79,10 +79,10 @@ def test_a_way_ends_when_the_last_part_is_at_rest() -> None:
     for _ in range(2000):
         driven.step()
     left, right = INDEX["LShoulderPitch"], INDEX["RElbowRoll"]
-    # The right arm looked last, when the left one had taken its step; both then stop as they said.
+    # The right arm was checked last, after the left one's step; both then stop as planned.
     assert watched.ways[-1][-1, [left, right]] == pytest.approx(driven.angles[[left, right]], abs=1e-9)
     assert abs(watched.ways[-1][-1, left] - watched.ways[-1][1, left]) > 0.01
-    # While the left arm goes on, it is looked at as often again, and nowhere twice.
+    # While the left arm continues, as many further points are checked, and none twice.
     assert len(watched.ways[-1]) == 2 * LOOKS
     assert np.all(np.diff(watched.ways[-1][1:, left]) < 0.0)
 
@@ -97,11 +97,11 @@ def test_a_part_that_moves_alone_is_looked_at_until_it_rests() -> None:
 def test_all_parts_are_seen_at_the_same_time() -> None:
     driven, watched = both_arms()
     first, last = watched.ways[0], watched.ways[-1]
-    assert first == pytest.approx(watched.ways[1])  # all are where they were told to be
+    assert first == pytest.approx(watched.ways[1])  # all joints are at their references
     told = driven.gate._motion.reference
     for servo, angle in zip(told.servos.tolist(), told.position.tolist(), strict=True):
         assert last[1, servo] == pytest.approx(angle, abs=1e-12)
-    # The left arm goes first, and the right one had its step still before it.
+    # The left arm goes first, when the right one has not taken its step yet.
     right = INDEX["RElbowRoll"]
     assert (told.position[told.servos.tolist().index(right)] - first[0, right]) * (
         first[1, right] - first[0, right]

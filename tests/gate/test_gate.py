@@ -1,4 +1,4 @@
-"""The gate: no command passes that a limit forbids, and nothing else makes what a link writes."""
+"""The gate: no command passes that violates a limit, and nothing else makes what a driver writes."""
 
 from __future__ import annotations
 
@@ -79,7 +79,8 @@ def test_a_coupled_servo_that_nobody_commands_counts_where_it_is() -> None:
 
 
 def test_a_servo_joins_beside_a_coupled_one_that_nobody_commands() -> None:
-    """That one counts where it is from the start: it counted as 0, and who could join was refused."""
+    """The other servo counts at its measured position from the start; it counted as 0, and the command was
+    refused."""
     driven = Driven(make_robot(), [0.5, 1.0, 0, 0, 0, 0])
     driven.step(position_command([0], [1.7]))
     for _ in range(60):
@@ -226,7 +227,7 @@ def test_old_joint_data_means_hold_and_clears_by_itself_without_replay() -> None
 
 
 def test_after_a_short_hold_a_command_to_one_joint_does_not_send_others_on() -> None:
-    """The old targets are forgotten when the hold begins, not when it has come to rest."""
+    """The old targets are forgotten when the hold begins, not when the robot has come to rest."""
     for partner in (2, 3):  # a joint that is under command already, and one that joins
         driven = Driven(make_robot(), ZERO)
         driven.step(position_command([2, 4], [1.5, 1.5]))
@@ -240,7 +241,7 @@ def test_after_a_short_hold_a_command_to_one_joint_does_not_send_others_on() -> 
 
 
 def test_a_slower_speed_in_full_motion_never_stops_the_loop() -> None:
-    """ruckig finds no synchronised way from some states; then the checked stop is taken."""
+    """ruckig finds no synchronised trajectory from some states; the checked stop is taken then."""
     random = np.random.default_rng(1)
     driven = Driven(make_robot(), random.uniform(-0.5, 0.5, 6).tolist())
     for _ in range(300):
@@ -434,7 +435,7 @@ def test_what_lies_ahead_is_where_the_robot_then_is() -> None:
 
 
 def called_at(times: list[float], caplog: pytest.LogCaptureFixture) -> list[str]:
-    """What is logged when the gate is called at these times [s], with fresh joints and nothing to do."""
+    """Returns the log of a gate that is called at these times [s], with new joints and no command."""
     gate = Gate(make_robot(), period=PERIOD, stale_after=10.0)
     for now in times:
         gate.step((), reading(ZERO, now), now)

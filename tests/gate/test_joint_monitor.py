@@ -1,4 +1,4 @@
-"""The joint monitor: every fault is told within its time, and nothing is told of a robot that obeys."""
+"""The joint monitor reports every fault within its time, and none of a robot that follows its reference."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def still(_: float) -> Array:
 
 
 def turning(time: float) -> Array:
-    """All servos turn to and fro, at up to 1 rad/s."""
+    """Returns reference angles (6,) [rad] at `time` [s]: all servos turn to and fro, at up to 1 rad/s."""
     return np.full(6, 0.5 * np.sin(2.0 * time))
 
 
@@ -56,7 +56,8 @@ def first_fault(
 
 
 def one_servo(change: Callable[[float, float], float], *, servo: int = 2) -> Positions:
-    """All servos obey `turning`, 30 ms late, and one of them is changed."""
+    """Returns measured angles by time: all servos follow `turning` 30 ms late, and `change` alters one of
+    them."""
 
     def measured(time: float) -> Array:
         position = turning(time - 0.03).copy()

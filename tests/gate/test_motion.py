@@ -1,4 +1,4 @@
-"""Control modes through the gate: velocity, torque and impedance within the limits, and how modes change."""
+"""Control modes through the gate: velocity, torque and impedance within the limits, and switches of mode."""
 
 from __future__ import annotations
 
@@ -233,7 +233,7 @@ def test_hostile_commands_in_mixed_modes(
 
 
 class Loose:
-    """One joint with an inertia, driven by the torques that the gate hands out, and an outer torque."""
+    """One joint with an inertia, driven by the gate's torques and an external torque."""
 
     def __init__(self, *, inertia: float, step: float = PERIOD / 4) -> None:
         self.gate = Gate(ROBOT, period=PERIOD, stale_after=0.05)
@@ -265,8 +265,8 @@ class Loose:
 def test_torque_stays_within_limits_of_torque_speed_and_position(
     inertia: float, orders: list[tuple[float, int]]
 ) -> None:
-    """For inertias that the torque brakes as fast as the acceleration limit says, and that no single
-    period takes through the room between the commanded and the largest speed."""
+    """Inertias are such that the torque brakes as fast as the acceleration limit, and that no single period
+    passes the whole range between the commanded and the largest speed."""
     loose = Loose(inertia=inertia)
     loose.step(switch([2], Mode.TORQUE))
     for torque, steps in orders:
@@ -380,9 +380,9 @@ def test_settings_of_the_timeout_are_checked() -> None:
 
 
 def yielded(equilibrium: float, measured: float) -> tuple[Gate, JointReading]:
-    """Servo 2 in impedance mode, held away from its equilibrium; servo 3 in position mode beside it."""
+    """Returns servo 2 in impedance mode, held away from its equilibrium; servo 3 is in position mode."""
     driven = Driven(ROBOT, ZERO)
-    watch = MonitorSettings(encoder_step=1.0)  # it yields from one reading to the next
+    watch = MonitorSettings(encoder_step=1.0)  # the joint yields from one reading to the next
     driven.gate = Gate(ROBOT, period=PERIOD, stale_after=0.05, settings=GateSettings(monitor=watch))
     driven.step(switch([2], Mode.IMPEDANCE), position_command([3], [0.2]))
     driven.step(command(Mode.IMPEDANCE, [2], [equilibrium]))
@@ -395,7 +395,7 @@ def yielded(equilibrium: float, measured: float) -> tuple[Gate, JointReading]:
 def stiffen(
     gate: Gate, joints: JointReading, servos: Sequence[int], shares: Sequence[float]
 ) -> tuple[str, ...]:
-    """Texts of the reasons why that is refused."""
+    """Returns the texts of the reasons why that is refused."""
     gate.check_out(safe := gate.step([command(Mode.STIFFNESS, servos, shares)], joints, joints.stamp))
     return tuple(map(str, safe.refusals))
 

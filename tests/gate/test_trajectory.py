@@ -1,4 +1,5 @@
-"""The limiter arrives: beside couplings too, where many a direct way has no stop that keeps them."""
+"""The online trajectory arrives, even near couplings, where many direct paths have no stop that keeps
+them."""
 
 from __future__ import annotations
 
@@ -21,7 +22,7 @@ FREE = np.ones(len(ARM), dtype=bool)
 
 
 def aim_anywhere(limiter: OnlineTrajectory, random: np.random.Generator) -> Array:
-    """Aim at a random point of the bounds, often of their surface."""
+    """Aims at a random point within the bounds, often on their surface."""
     target = BOUNDS.nearest(random.uniform(BOUNDS.lower - 0.2, BOUNDS.upper + 0.2), FREE)
     limiter.aim(target, BOUNDS.velocity)
     return target
@@ -37,8 +38,8 @@ def assert_within_bounds(path: Array) -> None:
 
 @pytest.mark.parametrize("seed", [*range(12), 31, 36, 45, 48])
 def test_any_target_is_reached_beside_the_couplings_of_icub(seed: int) -> None:
-    """After retargets in full motion; the last four stayed short, one by 52 degrees, before motions
-    that came to rest on the way went on in a straight line."""
+    """Targets follow retargets in full motion. The last four ended short, one by 52 degrees, before motions
+    that came to rest on the way continued in a straight line."""
     random = np.random.default_rng(seed)
     limiter = OnlineTrajectory(
         BOUNDS, BOUNDS.nearest(random.uniform(BOUNDS.lower, BOUNDS.upper), FREE), PERIOD
@@ -70,7 +71,7 @@ def test_halts_and_new_targets_on_straight_ways_keep_the_bounds() -> None:
 
 @pytest.mark.parametrize("since", [None, 0, 1])
 def test_what_lies_ahead_is_where_the_servos_then_are(since: int | None) -> None:
-    """In motion, and told to halt some steps ago."""
+    """The limiter is in motion, and was told to halt some steps before."""
     random = np.random.default_rng(3)
     limiter = OnlineTrajectory(
         BOUNDS, BOUNDS.nearest(random.uniform(BOUNDS.lower, BOUNDS.upper), FREE), PERIOD
@@ -89,7 +90,7 @@ def test_what_lies_ahead_is_where_the_servos_then_are(since: int | None) -> None
 
 
 def moving(count: int = 3) -> tuple[OnlineTrajectory, Array]:
-    """A limiter of some servos in full motion, and their target."""
+    """Returns a limiter of some servos in full motion, and their target."""
     start = BOUNDS.nearest(np.zeros(len(ARM)), FREE)
     limiter = OnlineTrajectory(BOUNDS, start, PERIOD)
     target = BOUNDS.nearest(start + np.where(np.arange(len(ARM)) < count, 0.3, 0.0), FREE)
@@ -110,7 +111,7 @@ def test_a_motion_that_is_taken_over_goes_on_with_its_stop() -> None:
     assert other.target == pytest.approx(target)
     assert other.remaining == pytest.approx(limiter.remaining, abs=1e-9)
     before = other.state[0]
-    other.step()  # nobody aims again
+    other.step()  # without a new target
     assert np.abs(other.state[0] - before).max() > 1e-4
     for _ in range(300):
         other.step()
@@ -134,7 +135,8 @@ def test_servos_that_are_driven_go_on_so_where_they_are_taken_over() -> None:
 
 @pytest.mark.parametrize("seed", [2, 3, 11, 25])
 def test_motions_that_are_taken_over_keep_the_couplings(seed: int) -> None:
-    """On a straight way servos stop together; one by one they may leave a coupling: that is asked first."""
+    """On a straight path servos stop together; one by one they may violate a coupling: that is checked
+    first."""
     random = np.random.default_rng(seed)
     limiter = OnlineTrajectory(
         BOUNDS, BOUNDS.nearest(random.uniform(BOUNDS.lower, BOUNDS.upper), FREE), PERIOD
@@ -159,7 +161,7 @@ def test_motions_that_are_taken_over_keep_the_couplings(seed: int) -> None:
 
 
 def test_before_the_first_step_what_lies_ahead_is_the_stop() -> None:
-    """At rest where it starts; taken over in motion, where it would stop. It was 0 for every servo."""
+    """A limiter at rest stays; one that takes over a motion stops. The prediction was 0 for every servo."""
     start = BOUNDS.nearest(np.full(len(ARM), 0.3), FREE)
     fresh = OnlineTrajectory(BOUNDS, start, PERIOD)
     fresh.aim(BOUNDS.nearest(start + 0.2, FREE), BOUNDS.velocity)
@@ -213,7 +215,7 @@ def test_a_stop_that_is_too_long_to_look_at_is_not_risked_beside_a_coupling() ->
 
 @pytest.mark.parametrize("seed", [23, 39, 78, 117])
 def test_a_coupling_outside_its_bounds_turns_back_only_a_little_on_its_way_in(seed: int) -> None:
-    """In 1e7 hostile cycles two stops took it out again, by 2.7 mrad; these did by 2.2 to 4.4."""
+    """In 1e7 hostile cycles two stops went outwards again by 2.7 mrad; the ones tested here by 2.2 to 4.4."""
     bounds, _ = bounds_of(make_robot(), range(6), speed_share=0.9)
     random = np.random.default_rng(seed)
     start = random.uniform(-0.5, 0.5, 6)

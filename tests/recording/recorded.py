@@ -1,4 +1,4 @@
-"""Recordings for the tests: a real run, and made-up skins of any size."""
+"""Recordings for tests: of a real run, and of invented skins of any size."""
 
 from __future__ import annotations
 
@@ -24,7 +24,10 @@ def record_poke(
     keep_alive: float | None = None,
     rate: float | None = None,
 ) -> list[Tick]:
-    """The reflex of a poked robot; what the loop saw. With a `keep_alive` [s] its skin sends changes only."""
+    """Records the reflex of a poked robot; returns what the loop read.
+
+    With a `keep_alive` [s] its skin sends only changes.
+    """
     ticks: list[Tick] = []
     with (
         SimulatedDriver(load_robot(robot), keep_alive=keep_alive, rate=rate) as driver,
@@ -53,14 +56,14 @@ LIKE_LISTING_2 = """<generic_robot angle_unit="deg">
 
 
 def two_parts(folder: Path) -> Robot:
-    """A robot as in Listing 2, without a model: its parts' servos are called servo0, servo0 and servo1."""
+    """Returns a robot as in Listing 2, without a model; its servos are named servo0, servo0 and servo1."""
     path = folder / "two.xml"
     path.write_text(LIKE_LISTING_2)
     return load_robot(str(path))
 
 
 def made_up(count: int, *, taxels: int = 768, servos: int = 12) -> list[tuple[float, Reading]]:
-    """Readings at 100 Hz: 8-bit skin with a wandering touch and some noise, joints that swing."""
+    """Yields readings at 100 Hz: 8-bit skin with a moving touch and some noise, joints that swing."""
     random = np.random.default_rng(1)
     readings = []
     for number in range(count):
@@ -78,7 +81,7 @@ def made_up(count: int, *, taxels: int = 768, servos: int = 12) -> list[tuple[fl
 
 
 def equal_readings(a: Reading, b: Reading) -> bool:
-    """Equal in every bit."""
+    """Returns True if readings are equal in every bit."""
     arrays = [(a.joints.position, b.joints.position), (a.joints.velocity, b.joints.velocity)]
     arrays += [(a.joints.torque, b.joints.torque), (a.joints.powered, b.joints.powered)]
     arrays += [(x.values, y.values) for x, y in zip(a.skin, b.skin, strict=True)]

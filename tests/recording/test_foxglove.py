@@ -1,4 +1,4 @@
-"""A recording through the packages that Foxglove itself reads MCAP with: every message of every topic."""
+"""A recording can be read by the packages with which Foxglove reads MCAP: every message of every topic."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def test_foxglove_s_own_packages_read_every_message(tmp_path: Path) -> None:
     assert all(topic["encodings"] == ["ros2msg", "cdr"] for topic in topics.values())
     counts = {name: topic["count"] for name, topic in topics.items() if name != "/skin/points"}
     assert counts == Recording(path).counts()
-    # What its 3D panel needs of a cloud: see docs.foxglove.dev, ROS 2 messages.
+    # Required by its 3D panel for a point cloud: see docs.foxglove.dev, ROS 2 messages.
     cloud = topics["/skin/points"]
     assert cloud["schema"] == "sensor_msgs/msg/PointCloud2"
     assert [(field["name"], field["datatype"]) for field in cloud["cloud"]["fields"]] == [

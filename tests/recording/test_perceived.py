@@ -1,4 +1,4 @@
-"""What was felt, worked out again from a recording: equal to what the loop saw; touches and their answers."""
+"""Perceptions computed from a recording equal those of the loop; touches and latencies are found in them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tci.skin.skin import Skin
 
 
 class Poked:
-    """A recording of a poke, and what the loop saw then."""
+    """A recording of a poke, and what the loop read."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

@@ -120,7 +120,7 @@ def test_58_a_bomb_is_refused_before_it_unpacks(tmp_path: Path) -> None:
 @pytest.mark.timeout(120)
 @pytest.mark.parametrize("chunks", [0, 47])
 def test_58_gigabytes_of_nothing_end_soon(chunks: int, tmp_path: Path) -> None:
-    """A recording that goes on as a hole of 3 GB, with and without chunks that lie in it."""
+    """A recording continues as a hole of 3 GB, with and without chunks that lie in it."""
     path = tmp_path / "a.mcap"
     write(path, 30, closed=False)
     raw, end = path.read_bytes(), 8
@@ -130,7 +130,7 @@ def test_58_gigabytes_of_nothing_end_soon(chunks: int, tmp_path: Path) -> None:
         file.truncate(end)
         file.seek(end)
         for _ in range(chunks):
-            size = (LARGEST - 100) // 9 * 9  # whole records of nothing
+            size = (LARGEST - 100) // 9 * 9  # whole records of zeros
             file.write(struct.pack("<BQQQQIIQ", 6, size + 40, 0, 0, size, 0, 0, size))
             file.seek(size, os.SEEK_CUR)
         file.truncate(3 << 30)

@@ -1,4 +1,4 @@
-"""A recording in rerun, a viewer that nobody here wrote: it reads joints and skin by itself."""
+"""A recording in rerun, an independent viewer, which reads joints and skin by itself."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from peers import peer_python
 from recording.recorded import record_poke
 
 SHOWN = 4
-"""Values of a row that are sure to be printed whole: rerun cuts what is long."""
+"""Number of values of a row that are printed in full: rerun abbreviates long rows."""
 ROW = re.compile(r"row_\w+ [^\[]*\[((?:[-0-9.e]+, ){4})")
 
 
 def rerun(home: Path, *words: str) -> str:
-    """What rerun's own program prints."""
+    """Returns the output of rerun's own program."""
     program = Path(peer_python("rerun")).with_name("rerun")
     environment = {**os.environ, "HOME": str(home), "NO_COLOR": "1"}
     command = [str(program), *words]

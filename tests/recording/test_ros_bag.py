@@ -1,4 +1,4 @@
-"""Bags written by somebody else's library, as ROS 1 and ROS 2 make them."""
+"""Bags written by an independent library, in the formats of ROS 1 and ROS 2."""
 
 from __future__ import annotations
 
@@ -41,8 +41,11 @@ def write_bag(
     epoch: float = 0.0,
     stamped: bool = True,
 ) -> Path:
-    """The readings of a run as a bag; joints in reversed order, as ROS promises none. Its times and, where
-    `stamped`, its headers count from `epoch` [s]; frames of skin have the sender's own time too."""
+    """Writes the readings of a run as a bag, with joints in reversed order, since ROS guarantees none.
+
+    Its times and, if `stamped`, its headers count from `epoch` [s]; skin frames also have the sender's own
+    time.
+    """
     robot = load_robot("nao")
     types = get_typestore(Stores.ROS1_NOETIC if kind == "ros1" else Stores.ROS2_HUMBLE)
     types.register({SKIN.name: get_types_from_msg(SKIN.definition, SKIN.name)[SKIN.name]})

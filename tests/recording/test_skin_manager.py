@@ -1,4 +1,4 @@
-"""iCub's conventions for contacts, against a contact list of the iCub's skinManager."""
+"""iCub's conventions for contacts, checked with a contact list of an iCub's skinManager."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ FILES = {
     "right_forearm": "right_forearm_mesh",
     "right_arm": "right_arm_mesh",
 }
-"""The position file that each part of the recorded robot used."""
+"""Position file of each part of the recorded robot."""
 LINE = (
     "14739 1412842922.723273 ((1848 4 2 6) (0.06 -0.029 0.009) (-0.4 0.0 0.0) (0 0 0) (0 0 0) (1 0 0) "
     "(47) 9.3)"
@@ -131,7 +131,7 @@ def test_damaged_lines_are_one_error_with_the_line(tmp_path: Path, damaged: str)
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 60))
 def test_a_partition_is_single_link(seed: int, count: int) -> None:
-    """Against the definition: taxels are together when a chain of short steps leads from one to the other."""
+    """By definition, taxels are in one contact if a chain of short steps connects them."""
     random = np.random.default_rng(seed)
     positions = random.uniform(0.0, 0.06, (count, 3))
     together = np.linalg.norm(positions[:, None] - positions[None], axis=2) <= NEIGHBOUR

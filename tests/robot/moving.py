@@ -1,4 +1,4 @@
-"""What the tests of kinematics share: both robots, ends of their limbs, random postures."""
+"""Shared by tests of kinematics: both robots, links at the ends of limbs, random postures."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ENDS = [
     ("icub", "head"),
     ("icub", "l_foot"),
 ]
-"""Robots, and links at the ends of limbs; iCub's torso hangs on servos that a foot does not."""
+"""Robots, and links at the ends of limbs; iCub's torso depends on servos that do not move a foot."""
 HANDS = [end for end in ENDS if "and" in end[1]]
 
 
@@ -30,7 +30,8 @@ def robot_and_kinematics(name: str) -> tuple[Robot, KinematicChain]:
 
 
 def random_postures(robot: Robot, count: int, *, seed: int = 0) -> np.ndarray:
-    """Postures (count, n_servos) [rad] within limits and couplings; +-1 rad where a servo has no limits."""
+    """Returns postures (count, n_servos) [rad] within limits and couplings; +-1 rad for servos without
+    limits."""
     lower = [-1.0 if s.limits.lower is None else s.limits.lower for s in robot.servos]
     upper = [1.0 if s.limits.upper is None else s.limits.upper for s in robot.servos]
     generator = np.random.default_rng(seed)
@@ -42,6 +43,6 @@ def random_postures(robot: Robot, count: int, *, seed: int = 0) -> np.ndarray:
 
 
 def coupled(robot: Robot, posture: np.ndarray) -> bool:
-    """Whether a posture (n_servos,) [rad] keeps every coupling, to 1e-9."""
+    """Returns True if a posture (n_servos,) [rad] satisfies every coupling, to 1e-9."""
     sums = [posture[list(c.servos)] @ np.array(c.coefficients) for c in robot.couplings]
     return all(c.lower - 1e-9 <= s <= c.upper + 1e-9 for c, s in zip(robot.couplings, sums, strict=True))

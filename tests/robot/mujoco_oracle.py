@@ -1,4 +1,4 @@
-"""Kinematics by MuJoCo: what the compiled loops must equal."""
+"""Kinematics by MuJoCo, which the compiled loops must equal."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tci.robot.kinematics import bare_model, joints_of
 
 
 class Oracle:
-    """Poses, Jacobians and the centre of mass of one robot. It works in its own memory."""
+    """Poses, Jacobians and the centre of mass of one robot, in work space of its own."""
 
     def __init__(self, robot: Robot) -> None:
         assert robot.model is not None
@@ -24,14 +24,14 @@ class Oracle:
         self.torso = self.model.body(robot.model.torso_link).id
 
     def move(self, position: Array) -> Array:
-        """Go to `position` (n_servos,) [rad]; `T_WT` (4, 4)."""
+        """Moves to `position` (n_servos,) [rad]; returns `T_WT` (4, 4)."""
         self.data.qpos[self.addresses] = position[self.servos]
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_comPos(self.model, self.data)
         return self.pose_of(self.torso) @ self.T_LT
 
     def pose_of(self, body: int) -> Array:
-        """`T_WL` (4, 4)."""
+        """Returns `T_WL` (4, 4)."""
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = self.data.xmat[body].reshape(3, 3), self.data.xpos[body]
         return pose
@@ -41,7 +41,7 @@ class Oracle:
         return {link: T_TW @ self.pose_of(self.model.body(link).id) for link in links}
 
     def jacobian(self, position: Array, link: str, point: Array) -> Array:
-        """(6, n_servos) of a point of a link, relative to the torso and along its axes."""
+        """Returns the Jacobian (6, n_servos) of a point of a link, relative to the torso and in its frame."""
         T_WT, body = self.move(position), self.model.body(link).id
         p_W = (self.pose_of(body) @ np.append(point, 1.0))[:3]
         moved, carried = np.zeros((2, 6, self.model.nv))

@@ -1,4 +1,4 @@
-"""Distances between links: against the simulation's own contacts, and the levers that bound them."""
+"""Distances between links equal the simulation's contacts, and levers bound their change."""
 
 from __future__ import annotations
 
@@ -23,14 +23,15 @@ WITHIN = 0.3
 
 
 def posture(robot: Robot, rng: np.random.Generator) -> Array:
-    """Angles (n_servos,) [rad] somewhere within the limits."""
+    """Returns random angles (n_servos,) [rad] within the limits."""
     lower = [0.0 if s.limits.lower is None else s.limits.lower for s in robot.servos]
     upper = [0.0 if s.limits.upper is None else s.limits.upper for s in robot.servos]
     return rng.uniform(lower, upper)
 
 
 def simulated_contact(world: World, position: Array) -> float:
-    """Deepest penetration [m] between arm and body at a posture, as the simulation finds it; inf: none."""
+    """Returns the deepest penetration [m] between arm and body at a posture in the simulation; inf for
+    none."""
     for servo in world.robot.servos:
         if servo.joint is not None:
             world.data.qpos[world.model.joint(servo.joint).qposadr] = position[servo.index]

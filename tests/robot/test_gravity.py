@@ -1,4 +1,4 @@
-"""Gravity torques: the derivative of the weight's work, and a case done by hand."""
+"""Gravity torques equal the derivative of potential energy, and a case computed by hand."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tci.robot.model_file import load_spec
 
 
 def weights(robot: Robot) -> list[tuple[str, float, np.ndarray]]:
-    """Driver, mass [kg] and centre of mass [m] of each body that the model gives a mass."""
+    """Returns name, mass [kg] and centre of mass [m] of each body that the model gives a mass."""
     assert robot.model is not None
     bodies = load_spec(robot.model).bodies
     return [(body.name, body.mass, body.ipos.copy()) for body in bodies if body.explicitinertial]
@@ -40,7 +40,7 @@ def test_torques_are_the_transposed_jacobians_times_the_weights(name: str) -> No
 
 
 def test_a_stretched_nao_arm_weighs_what_its_masses_say() -> None:
-    """Arms forward: mass times forward distance of everything beyond the shoulder."""
+    """With arms forward, the torque is weight times forward distance of all links beyond the shoulder."""
     robot, kinematics = robot_and_kinematics("nao")
     held = Gravity(robot).torques(np.zeros(len(robot.servos)))
     moment = 0.0

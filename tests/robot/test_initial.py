@@ -1,4 +1,4 @@
-"""Initial postures that the robot's own limits and couplings allow, whatever the transform."""
+"""Initial postures must satisfy the robot's limits and couplings, whatever the transform."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Inverse kinematics: what forward kinematics reach must be found, within limits."""
+"""Inverse kinematics finds, within limits, targets that forward kinematics reach."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def test_a_small_motion_of_the_target_is_a_small_motion_of_the_arm(name: str, li
 @pytest.mark.parametrize("kind", ["position", "pose"])
 @pytest.mark.parametrize(("name", "link"), HANDS)
 def test_answers_are_near_the_present_posture(name: str, link: str, kind: str) -> None:
-    """Hardly ever farther from it than the posture that made the target."""
+    """The solution is hardly ever farther from it than the posture that made the target."""
     robot, kinematics = robot_and_kinematics(name)
     inverse = InverseKinematics(robot, kinematics, link)
     chosen = list(inverse.servos)

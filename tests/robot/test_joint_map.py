@@ -1,4 +1,4 @@
-"""Transforms of a description: tables, couplings and mixtures, there and back, and their faults."""
+"""Transforms of a description in both directions: tables, couplings and mixtures, and faults in them."""
 
 from __future__ import annotations
 

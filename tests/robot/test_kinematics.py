@@ -1,4 +1,4 @@
-"""Jacobians against differences of the forward kinematics, and the chains of servos."""
+"""Jacobians equal differences of the forward kinematics; chains list the right servos."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Poses and Jacobians of compiled loops are MuJoCo's, and threads may share them."""
+"""Poses and Jacobians of compiled loops equal MuJoCo's, and threads may share a chain."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Forward kinematics, Jacobians and gravity against Pinocchio, which reads the URDF that we write."""
+"""Forward kinematics, Jacobians and gravity equal Pinocchio's, which reads the exported URDF."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ COUNT = 1000
 
 
 class Peer:
-    """The same robot in Pinocchio."""
+    """A robot in Pinocchio."""
 
     def __init__(self, name: str) -> None:
         self.robot, _ = robot_and_kinematics(name)
@@ -36,12 +36,12 @@ class Peer:
         pinocchio.updateFramePlacements(self.model, self.data)
 
     def pose(self, link: str) -> np.ndarray:
-        """`T_TL` (4, 4)."""
+        """Returns `T_TL` (4, 4)."""
         T_WT = self.data.oMf[self.torso]
         return (T_WT.inverse() * self.data.oMf[self.model.getFrameId(link)]).homogeneous
 
     def jacobian(self, link: str) -> np.ndarray:
-        """(6, n_servos) of the link's origin relative to the torso and along its axes."""
+        """Returns the Jacobian (6, n_servos) of the link's origin, relative to the torso and in its frame."""
         world = pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
         frame = self.model.getFrameId(link)
         moved = pinocchio.getFrameJacobian(self.model, self.data, frame, world)

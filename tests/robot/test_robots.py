@@ -1,4 +1,4 @@
-"""Every packaged robot, and what they share."""
+"""Properties that every packaged robot must have."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def robot(request: pytest.FixtureRequest) -> Robot:
 
 
 class ModelArm:
-    """One arm of a robot, read from the MuJoCo model itself."""
+    """One arm of a robot, read directly from the MuJoCo model."""
 
     def __init__(self, robot: Robot, side: Side) -> None:
         assert robot.model is not None
@@ -43,7 +43,7 @@ class ModelArm:
         self.torso = self.model.body(robot.model.torso_link).id
 
     def at(self, posture: Array) -> None:
-        """Go to generic angles (5,) [rad]."""
+        """Moves to generic angles (5,) [rad]."""
         command = to_platform(self.robot, GenericCommand(self.part.name, Mode.POSITION, posture))
         for index, angle in zip(command.servos, command.values, strict=True):
             self.data.qpos[self.model.joint(self.robot.servos[index].joint).qposadr] = angle
@@ -51,26 +51,26 @@ class ModelArm:
 
     @property
     def R_MW(self) -> Array:
-        """The world, seen from the arm's mount frame."""
+        """Rotation (3, 3) of the world in the arm's mount frame."""
         assert self.robot.model is not None
         R_WT = self.data.xmat[self.torso].reshape(3, 3) @ self.robot.model.T_LT[:3, :3]
         result: Array = self.part.R_TM.T @ R_WT.T
         return result
 
     def joint(self, generic: int) -> int:
-        """MuJoCo's number of the joint behind a generic one."""
+        """Returns MuJoCo's number of the joint behind a generic one."""
         servo = self.part.servos[generic].servo
         assert servo is not None
         return int(self.model.joint(self.robot.servos[servo].joint).id)
 
     def axis(self, generic: int) -> Array:
-        """Axis (3,) of a generic joint in the mount frame, as it turns positively."""
+        """Returns the axis (3,) of a generic joint in the mount frame, in its positive direction."""
         sign = np.sign(self.part.servos[generic].scale)
         result: Array = self.R_MW @ self.data.xaxis[self.joint(generic)] * sign
         return result
 
     def along(self) -> Array:
-        """Axis (3,) of internal rotation in the mount frame, towards the elbow."""
+        """Returns the axis (3,) of internal rotation in the mount frame, towards the elbow."""
         first, second = self.joint(2), self.joint(3)
         axis = self.data.xaxis[first]
         way = self.data.xanchor[second] - self.data.xanchor[first]
@@ -78,7 +78,7 @@ class ModelArm:
         return result
 
     def hand(self) -> Array:
-        """Orientation (3, 3) in the mount frame of the link behind the pronation joint."""
+        """Returns the orientation (3, 3) in the mount frame of the link behind the pronation joint."""
         body = self.model.jnt_bodyid[self.joint(4)]
         result: Array = self.R_MW @ self.data.xmat[body].reshape(3, 3)
         return result
@@ -86,7 +86,7 @@ class ModelArm:
 
 @pytest.mark.parametrize("side", SIDES)
 def test_axes_of_nao_and_icub_agree_in_their_mount_frames(side: Side) -> None:
-    """1000 postures: the axes of upper arm and forearm and the thumb side, to 0.01 degrees."""
+    """In 1000 postures, the axes of upper arm and forearm and the thumb side agree to 0.01 degrees."""
     sign = side_sign(side)
     arms = [ModelArm(load_robot(name), side) for name in ("nao", "icub")]
     thumbs_H = []
@@ -118,7 +118,7 @@ def test_axes_of_nao_and_icub_agree_in_their_mount_frames(side: Side) -> None:
 @pytest.mark.parametrize("side", ["left", "right"])
 @pytest.mark.parametrize("name", robot_names())
 def test_axes_agree_with_the_generic_arm_in_the_torso_frame(name: str, side: Side) -> None:
-    """1000 postures: upper arm and forearm within 0.5 degrees, wherever the limits allow."""
+    """In 1000 postures, upper arm and forearm agree within 0.5 degrees wherever the limits allow."""
     robot = load_robot(name)
     part = f"{side}_arm"
     if any(robot.part(part).mount):
@@ -228,8 +228,8 @@ def test_head_and_torso_turn_as_their_convention_says(robot: Robot) -> None:
 
 
 def test_legs_and_hands_turn_as_their_convention_says(robot: Robot) -> None:
-    """With straight legs and hanging arms: flexion, abduction, internal rotation, knee flexion, toes up, sole
-    inwards; the wrist flexes towards the body, and deviates towards the thumb."""
+    """Straight legs and hanging arms: flexion, abduction, internal rotation, knee flexion, toes up, sole
+    inwards; the wrist flexes towards the body and deviates towards the thumb."""
     assert robot.model is not None
     axes = {
         "leg": [(0, -1, 0), (1, 0, 0), (0, 0, -1), (0, 1, 0), (0, -1, 0), (-1, 0, 0)],

@@ -1,4 +1,4 @@
-"""A calibration lies beside the description, and a wrong one is refused."""
+"""A calibration lies next to the description; an invalid one is refused."""
 
 from __future__ import annotations
 

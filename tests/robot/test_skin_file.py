@@ -1,4 +1,4 @@
-"""Readers of skin calibration files: those of each origin with their quirks, and damaged ones."""
+"""Readers of skin calibration files: the peculiarities of each origin, and damaged files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables, plain rows and URDF sensors become the same skin; damaged ones get one error with the line."""
+"""Tables, plain rows and URDF sensors give equal skins; damaged files give one error with the line."""
 
 from __future__ import annotations
 

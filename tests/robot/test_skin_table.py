@@ -1,4 +1,4 @@
-"""A patch that names a skin calibration file works like any other."""
+"""A patch defined by a skin calibration file works like any other."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ NAO = Path(tci.robot.__file__).parent / "robots" / "nao"
 
 
 def nao_with(folder: Path, file: Path, *, channels: int, form: str = "icub") -> Robot:
-    """The NAO with the file as the skin of its left forearm, read from XML."""
+    """Returns the NAO, read from XML, with the file as the skin of its left forearm."""
     shutil.copytree(NAO, folder / "nao")
     shutil.copy(file, folder / "nao" / "skin.txt")
     robot = folder / "nao" / "robot.xml"

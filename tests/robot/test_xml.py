@@ -1,4 +1,4 @@
-"""Robot descriptions: what loads, and that every fault is one clear message with its line."""
+"""Robot descriptions: valid ones load, and every fault gives one clear message with its line."""
 
 from __future__ import annotations
 
@@ -237,7 +237,7 @@ MODELS = {
 
 @pytest.mark.parametrize("format", ["mjcf", "urdf"])
 def test_what_a_servo_or_a_link_of_the_model_can_be(tmp_path: Path, format: str) -> None:
-    """What the kinematics would refuse later is refused here, with its line."""
+    """Faults that the kinematics would find later are reported here, with their line."""
     (tmp_path / "model").write_text(MODELS[format])
     model = f'<model format="{format}" file="model" torso_link="chest"/>'
     text = changed('<robot_part name="LArm">', model + '<robot_part name="LArm">')
@@ -266,7 +266,7 @@ def test_a_model_of_a_package_that_is_not_installed_says_what_to_install(tmp_pat
 
 
 def damage(data: bytes, chance: random.Random) -> bytes:
-    """One to four random edits: a byte changed, a piece cut, doubled or moved."""
+    """Returns the data after one to four random edits: a byte changed, a piece cut, doubled or moved."""
     pieces = [b"nan", b"-1", b"1e999", b"<", b"&x;", b'"', b"\xff"]
     for _ in range(chance.randint(1, 4)):
         if not data:
@@ -285,7 +285,7 @@ def damage(data: bytes, chance: random.Random) -> bytes:
 
 
 def test_damaged_files_never_raise_anything_else(tmp_path: Path) -> None:
-    """Random damage (`make fuzz` runs more)."""
+    """Tests random damage (`make fuzz` runs more)."""
     chance = random.Random(3)
     for _ in range(int(os.environ.get("TCI_FUZZ", "400"))):
         path = write(tmp_path, damage(GOOD.encode(), chance))

@@ -1,4 +1,4 @@
-"""Worlds that tests share: building one takes longer than most tests. A test gets a reset one."""
+"""Worlds that tests share, since building one takes longer than most tests. A test gets a reset one."""
 
 from __future__ import annotations
 

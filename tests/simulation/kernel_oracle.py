@@ -1,4 +1,4 @@
-"""How a force spreads over taxels, in plain NumPy: what the compiled loop must equal."""
+"""Distribution of a force over taxels in plain NumPy, which the compiled loop must equal."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def spread(positions: Array, point: Array, normal: Array, sigma: float) -> Array
 
 
 def _tangents(normal: Array) -> Array:
-    """Two unit vectors, the columns of (3, 2), across `normal` (3,)."""
+    """Returns two unit vectors perpendicular to `normal` (3,), as the columns of (3, 2)."""
     least = np.eye(3)[np.argmin(np.abs(normal))]
     first = np.cross(normal, least)
     first /= np.linalg.norm(first)
@@ -28,10 +28,10 @@ def _tangents(normal: Array) -> Array:
 
 
 def _centred(logarithms: Array, offsets: Array) -> Array:
-    """Weights proportional to exp(logarithms + offsets . tilt), with the tilt that centres them at 0.
+    """Returns weights proportional to exp(logarithms + offsets . tilt), with the tilt that centres them at 0.
 
-    Newton's method on the convex function log(sum) + softness / 2 * tilt^2, whose gradient is the
-    weighted mean offset but for the softness.
+    Uses Newton's method on the convex function log(sum) + softness / 2 * tilt^2, whose gradient is the
+    weighted mean offset except for the softness.
     """
     tilt = np.zeros(2)
     value, weights = _potential(tilt, logarithms, offsets)

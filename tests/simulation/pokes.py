@@ -1,4 +1,4 @@
-"""Random pokes anywhere on a robot's skin, and what the frames say about them."""
+"""Random pokes all over a robot's skin, and the frames that they cause."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ GAP, SPEED, SETTLE = 0.002, 0.1, 0.12
 
 @dataclass(frozen=True)
 class Poked:
-    """One static poke."""
+    """Result of one static poke."""
 
     patch: str
     edge: bool
-    """The contact is nearer to the surface's border than a taxel's pitch."""
+    """True if the contact is closer to the surface's border than a taxel's pitch."""
     force: float
     """Contact force [N] of the physics."""
     felt: float
@@ -30,31 +30,31 @@ class Poked:
     error: float
     """Distance [m] along the skin from the taxels' centre of force to the physics' contact point."""
     saturated: bool
-    """A taxel sent the largest pressure that it can send."""
+    """True if a taxel sent the largest pressure that it can send."""
 
 
 def straight_arms(robot: Robot) -> dict[str, Array]:
-    """The initial posture with elbows at 20 degrees, in which a finger reaches all of the skin."""
+    """Returns the initial posture with elbows at 20 degrees, in which a finger reaches all of the skin."""
     arms = [part for part in robot.parts if part.kind == "arm"]
     return {part.name: np.array([*part.initial_posture[:3], np.deg2rad(20.0), 0.0]) for part in arms}
 
 
 def pressures(patch: Patch, surface: Surface, frame: SkinFrame) -> Array:
-    """Pressure (taxels,) [Pa] by the description's own formula."""
+    """Returns the pressure (taxels,) [Pa] by the description's own formula."""
     raw = frame.values[surface.channels].astype(float)
     return np.maximum(0.0, (raw - patch.sensor.rest) * patch.sensor.pascal_per_count)
 
 
 def frame_of(world: World, patch: str) -> SkinFrame:
-    """The latest frame of a patch."""
+    """Returns the latest frame of a patch."""
     return next(frame for frame in world.frames() if frame.patch == patch)
 
 
 def random_place(surface: Surface, pitch: float, generator: np.random.Generator) -> Array:
-    """A point (3,) [m] of the surface: a taxel's place, moved by up to half a pitch along the skin.
+    """Returns a point (3,) [m] of the surface: a taxel's place, moved by up to half a pitch along the skin.
 
-    All taxels are alike likely, those of the border included. A point that falls off the border is
-    brought back onto it.
+    All taxels are equally likely, including those of the border. A point beyond the border is moved back onto
+    it.
     """
     taxel = generator.integers(len(surface.positions))
     along = np.cross(surface.normals[taxel], generator.normal(size=3))
@@ -64,21 +64,22 @@ def random_place(surface: Surface, pitch: float, generator: np.random.Generator)
 
 
 def pitch_of(surface: Surface) -> float:
-    """Median distance [m] of a taxel to the nearest other one."""
+    """Returns the median distance [m] of a taxel to the nearest other one."""
     apart = np.linalg.norm(surface.positions[:, None] - surface.positions[None], axis=-1)
     np.fill_diagonal(apart, np.inf)
     return float(np.median(apart.min(axis=1)))
 
 
 def border(surface: Surface) -> Array:
-    """Places (k, 3) [m] of the taxels on the surface's border: on an edge of one face only."""
+    """Returns the places (k, 3) [m] of the taxels on the surface's border: on an edge of only one face."""
     edges = np.sort(surface.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     unique, count = np.unique(edges, axis=0, return_counts=True)
     return surface.positions[np.unique(unique[count == 1])]
 
 
 def poke_anywhere(world: World, count: int, *, seed: int) -> tuple[list[Poked], int]:
-    """`count` static pokes of 5 to 9 N, the patches in turn; and how often there was no room for one."""
+    """Makes `count` static pokes of 5 to 9 N, on the patches in turn; also counts pokes without room for the
+    finger."""
     generator = np.random.default_rng(seed)
     patches = [patch for patch in world.robot.patches if world.robot.limb_segment(patch)]
     pitches = {name: pitch_of(surface) for name, surface in world.surfaces.items()}

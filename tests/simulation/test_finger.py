@@ -1,4 +1,4 @@
-"""The finger: how it comes, what force it gives, and that it stays."""
+"""The finger: its approach, its force, and that it stays until it is retired."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from tci.simulation.world import World
 
 
 def middle(world: World, patch: str) -> int:
-    """A taxel halfway along the patch."""
+    """Returns a taxel halfway along the patch."""
     return len(world.surfaces[patch].positions) // 2
 
 
@@ -25,7 +25,7 @@ def test_depth_gives_the_spring_s_force_and_the_contact_stays(world: World) -> N
             truth = world.contact_truth(patch.name)
             assert world.finger.touching
             assert world.finger.contact_lost is None
-            # The skin gives way by some tenths of a millimetre: the servos are stiff, not rigid.
+            # The skin yields by some tenths of a millimetre: the servos are stiff, not rigid.
             assert 0.85 * STIFFNESS * depth < truth.force < 1.05 * STIFFNESS * depth
             assert truth.force == pytest.approx(world.finger.force, rel=1e-3)
             assert truth.vector @ truth.normal == pytest.approx(-truth.force, rel=1e-6)
@@ -76,7 +76,7 @@ def test_contact_is_lost_when_the_arm_goes_away_and_the_finger_does_not_follow(n
 
 
 def test_skin_that_comes_late_is_pressed_at_the_same_speed(nao: World) -> None:
-    """The finger waits in the air, at the end of its path, for an arm that comes back to it."""
+    """The finger waits in the air, at the end of its path, for an arm that returns to it."""
     servo = next(servo for servo in nao.robot.servos if servo.name == "LShoulderPitch").index
     here = nao.joints().position[servo]
     nao.finger.poke("left_forearm", 5, speed=0.02, depth=0.008, gap=0.006)

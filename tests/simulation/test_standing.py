@@ -1,4 +1,4 @@
-"""A robot that stands: its soles feel its weight, and its legs don't give way."""
+"""A standing robot: its soles measure its weight, and its legs do not collapse."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ ROBOTS = {name: load_robot(name) for name in ("nao-whole", "icub-whole")}
 NAMES = pytest.mark.parametrize("name", ROBOTS)
 SHIN = Landmark("shank", (1.0, 0.0, 0.0))
 LEAN = {"nao-whole": 20.0, "icub-whole": 10.0}
-"""Angle [degrees] of hips and ankles that brings the weight over the right foot."""
+"""Angle [degrees] of hips and ankles that shifts the weight over the right foot."""
 
 
 def standing(name: str, *, lean: float = 0.0) -> World:
-    """A world in which the robot stands, after it has come to rest; it leans to its right by `lean` [rad]."""
+    """Returns a world with the robot standing at rest, leaning to its right by `lean` [rad]."""
     robot = ROBOTS[name]
     legs = {side: np.array(robot.part(f"{side}_leg").initial_posture) for side in ("left", "right")}
     legs["left"] += lean * np.array([0, 1, 0, 0, 0, 1])
@@ -37,12 +37,12 @@ def standing(name: str, *, lean: float = 0.0) -> World:
 
 
 def tilt(world: World) -> float:
-    """Angle [rad] between the torso and upright."""
+    """Returns the angle [rad] between the torso and the vertical."""
     return float(np.arccos(np.clip(world.torso[2, 2], -1.0, 1.0)))
 
 
 def poke_the_shin(world: World, reflex: BodyWithdrawal, part: str) -> tuple[set[str], str]:
-    """Poke a leg's shin for a second; parts that were commanded, and why the leg stays."""
+    """Pokes a leg's shin for a second; returns the commanded parts, and the reason why the leg stays."""
     robot = world.robot
     body = GenericBody(robot)
     place = body.landmark(part, SHIN)
@@ -116,7 +116,7 @@ def test_a_poked_sole_knows_where(name: str) -> None:
 @NAMES
 @pytest.mark.parametrize("stance", ["standing", "supported"])
 def test_a_leg_that_the_robot_stands_on_stays(name: str, stance: str) -> None:
-    """Also when somebody says that the robot is supported: its soles are believed."""
+    """It stays even if the robot is declared to be supported: its soles are trusted."""
     world = standing(name)
     moved, why = poke_the_shin(world, BodyWithdrawal(stance=stance), "left_leg")
     assert not moved
@@ -149,7 +149,8 @@ def test_a_leg_without_weight_answers_while_the_other_one_carries(name: str) -> 
 
 
 def test_where_the_centre_of_mass_would_be_is_told() -> None:
-    """NAO with little weight on the left foot, but not over the right one: it would fall."""
+    """NAO has little weight on the left foot, but its centre of mass is not over the right one: it would
+    fall."""
     world = standing("nao-whole", lean=np.deg2rad(11.0))
     reading = SimulatedDriver(world.robot, world=world).read()
     body = GenericBody(world.robot)

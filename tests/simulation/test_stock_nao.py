@@ -26,12 +26,12 @@ def world() -> World:
 
 @pytest.fixture(scope="module")
 def whole() -> World:
-    """Legs too."""
+    """A NAO with legs."""
     return World(tci.load_robot("nao-whole"), skin=(*SWITCHES, *BUMPERS))
 
 
 def pressed(world: World, patch: str, taxel: int) -> Perception:
-    """Perception while a finger presses a switch."""
+    """Returns the perception while a finger presses a switch."""
     world.reset()
     world.finger.poke(patch, taxel, speed=0.1, depth=0.004)
     perceiver = Perceiver(GenericBody(world.robot))
@@ -47,7 +47,7 @@ def check_press(world: World, patch: str, taxel: int) -> None:
     truth = world.contact_truth(patch)
     np.testing.assert_allclose(contact.p_T, truth.center, atol=0.012)  # anywhere on the switch
     assert contact.n_T @ truth.normal > 0.9
-    assert contact.force == pytest.approx(1.0, rel=0.01)  # a switch knows no more than that it is pressed
+    assert contact.force == pytest.approx(1.0, rel=0.01)  # a switch reports only that it is pressed
     assert np.isnan([contact.u, contact.theta, *contact.taxel_u, *contact.taxel_theta]).all()
 
 
@@ -64,7 +64,7 @@ def test_a_foot_that_bumps_into_something_feels_with_which_side(whole: World, pa
 
 
 def test_bumpers_are_at_the_tips_of_the_feet_the_left_one_on_the_left() -> None:
-    """As published for the standing robot: 87.6 mm before the ankle, 35.3 mm below it."""
+    """Published for the standing robot: 87.6 mm before the ankle, 35.3 mm below it."""
     robot = tci.load_robot("nao-whole")
     skin = GenericBody(robot).skin
     ankle = {"left_bumper": "LFoot", "right_bumper": "RFoot"}

@@ -1,4 +1,4 @@
-"""Skin that feels the direction of a force: what is felt is what the physics pushed with."""
+"""Skin that measures the direction of a force reports the force of the physics."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_rest_values_are_learnt_and_bad_values_are_rest(robot: Robot) -> None:
     surface = World(robot, skin=(PATCH,)).surfaces[PATCH]
     shear = Shear(robot.patch(PATCH), surface)
     taxels = len(surface.positions)
-    offset = np.full(3 * taxels, 30250.0)  # every x and y stands 250 counts off
+    offset = np.full(3 * taxels, 30250.0)  # every x and y has an offset of 250 counts
     for frame in range(5):
         assert not shear.force(offset, np.zeros(taxels), 0.01 * frame).any()
     pressure = np.zeros(taxels)

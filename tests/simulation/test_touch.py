@@ -1,4 +1,4 @@
-"""Contacts become frames: the kernel, the raw values, and pokes anywhere on the skin."""
+"""Contacts to frames: the kernel, the raw values, and pokes all over the skin."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def test_pokes_anywhere_give_the_physics_force_and_place(name: str) -> None:
     assert np.percentile(errors, 95) <= 3.0
     assert sum(poke.edge for poke in pokes) >= 10
     assert np.percentile([poke.error * 1e3 for poke in pokes if poke.edge], 95) <= 3.0
-    # A taxel that is pressed beyond its sensor's range sends its largest value: nothing can tell the rest.
+    # A taxel that is pressed beyond its sensor's range sends its largest value: the excess is unknown.
     unclipped = [poke for poke in pokes if not poke.saturated]
     assert len(unclipped) >= 0.97 * len(pokes)
     assert all(abs(poke.felt / poke.force - 1.0) <= 0.02 for poke in unclipped)
@@ -161,8 +161,8 @@ def test_noise_comes_from_the_seed() -> None:
 
 @given(st.integers(0, 100_000))
 def test_the_compiled_loop_equals_numpy(seed: int) -> None:
-    """On a sheet, a cone and beside the edge. Farther away, where nothing can touch, Newton's method ends on
-    the rounding of its line search."""
+    """Places are on a sheet, on a cone and beside the edge. Farther away, where nothing can touch, Newton's
+    method ends at the rounding of its line search."""
     random = np.random.default_rng(seed)
     positions = random.uniform(-0.05, 0.05, (random.integers(1, 300), 3)) * [
         1.0,

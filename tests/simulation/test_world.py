@@ -22,7 +22,7 @@ from tci.simulation.world import World, start_angles
 
 
 def arm_servos(world: World, part: str = "left_arm") -> list[int]:
-    """Indices of the servos of an arm that have a joint."""
+    """Returns the indices of the servos of an arm that have a joint."""
     return [servo.servo for servo in world.robot.part(part).servos if servo.servo is not None]
 
 
@@ -46,7 +46,8 @@ def test_time_is_at_least_what_was_asked_for_in_whole_steps(nao: World) -> None:
 
 
 def test_frames_of_skin_change_nothing_that_moves_even_where_joints_are_moved_from_outside() -> None:
-    """A frame takes the next step but for its motion: again, if joints or forces are others then."""
+    """A frame computes the next step except for its motion, and again if joints or forces are changed
+    afterwards."""
     robot = load_robot("nao")
     ends = []
     for rate in (1000.0, 45.0):
@@ -103,7 +104,8 @@ def test_same_calls_give_the_same_bits_and_looking_changes_nothing() -> None:
 
 
 def stream(world: World, part: str, goal: Array, duration: float) -> tuple[Array, Array]:
-    """Follow a jerk-limited way to `goal` (k,) [rad]; velocities and errors (ticks, k), 500 per second."""
+    """Follows a jerk-limited path to `goal` (k,) [rad]; returns velocities and errors (ticks, k), 500 per
+    second."""
     servos = arm_servos(world, part)
     limits = [world.robot.servos[servo].limits for servo in servos]
     planner, wanted, planned = (
@@ -131,7 +133,7 @@ def stream(world: World, part: str, goal: Array, duration: float) -> tuple[Array
 
 def test_a_set_point_stream_is_followed_within_the_speed_limit(world: World) -> None:
     generator = np.random.default_rng(5)
-    # Raised and spread arms: the way is free.
+    # Raised and spread arms: the path is free.
     low, high = np.deg2rad([[20, 30, -20, 15, -40], [90, 70, 40, 60, 40]])
     for _ in range(6):
         part = world.robot.part("left_arm")
@@ -241,7 +243,7 @@ def test_the_present_pose_is_told_not_that_of_the_step_before(nao: World) -> Non
 
 
 def test_the_library_is_that_of_the_module_beside_another_release(tmp_path: Path) -> None:
-    """MuJoCo 3 and mujoco-core 4 install into one folder, and their libraries lie side by side."""
+    """MuJoCo 3 and mujoco-core 4 install into one folder, so both libraries are in it."""
     for version in ("3.17.0", "4.0.1"):
         (tmp_path / f"libmujoco.so.{version}").touch()
     for version in ("3.17.0", "4.0.1"):
@@ -265,7 +267,7 @@ def test_an_arm_that_is_driven_into_the_body_is_stopped_by_it(world: World) -> N
         speeds.append(np.abs(world.joints().velocity[servos]))
     assert touched
     assert np.abs(world.joints().position[servos] - goal).max() > np.deg2rad(2.0)
-    # Set free again, it does not rush.
+    # Released, it does not jump.
     world.set_position_targets(servos, start_angles(world.robot, {})[servos])
     for tick in range(1500, 2200):
         world.advance(tick * 0.002)
@@ -276,7 +278,7 @@ def test_an_arm_that_is_driven_into_the_body_is_stopped_by_it(world: World) -> N
 
 
 def test_an_arm_that_was_pushed_away_does_not_rush_back(nao: World) -> None:
-    """Nobody sends it targets meanwhile: pushed away and let go it is no faster than with them."""
+    """It gets no targets meanwhile: pushed away and released it is no faster than with them."""
     top = np.array([servo.limits.velocity or np.inf for servo in nao.robot.servos])
     nao.advance(0.05)
     home = nao.joints().position

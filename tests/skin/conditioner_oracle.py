@@ -1,4 +1,4 @@
-"""Conditioning of one patch in plain NumPy: what the compiled loop for all patches must equal, bit for
+"""Conditioning of one patch in plain NumPy, which the compiled loop for all patches must equal bit for
 bit."""
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ SINGLE = np.float32
 
 
 class OneConditioner:
-    """Looks at every taxel in every frame, one patch by itself."""
+    """Processes every taxel in every frame, for one patch."""
 
     def __init__(self, patch: SkinPatch, settings: ConditioningSettings, phase: float) -> None:
         sensor, count = patch.words.sensor, len(patch.surface.areas)
@@ -46,7 +46,7 @@ class OneConditioner:
         self.total, self.peak, self.bend, self.changes = np.zeros((4, len(self.signal)), SINGLE)
 
     def see(self, values: np.ndarray, stamp: float) -> np.ndarray:
-        """Pressure (n,) [Pa]."""
+        """Returns the pressure (n,) [Pa] in the next frame."""
         self.learn()
         gap = 0.0 if math.isnan(self.stamp) else min(max(stamp - self.stamp, 0.0), GAP)
         self.stamp, sensor = stamp, self.patch.words.sensor
@@ -89,7 +89,7 @@ class OneConditioner:
         return nodes[1, k - 1] + slope * (counts - nodes[0, k - 1])
 
     def learn(self) -> None:
-        """Takes a window that has ended into the estimates."""
+        """Updates the estimates from a window that has ended."""
         settings = self.settings.baseline
         if self.elapsed < self.due or self.in_window < settings.frames:
             return

@@ -1,4 +1,4 @@
-"""Patches of skin in a plane, without a robot."""
+"""Flat patches of skin, without a robot."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def skin_patch(
     segment: str = "forearm",
     calibration: PatchCalibration | None = None,
 ) -> SkinPatch:
-    """Taxels in a row, in a frame of `width` values."""
+    """Returns a patch with taxels in a row, in a frame of `width` values."""
     count = len(channels)
     words = PATCH.model_copy(
         update={
@@ -47,7 +47,7 @@ def skin_patch(
 
 
 def dense(state: SkinState, layout: SkinLayout, p: int) -> np.ndarray:
-    """Pressure (n,) [Pa] on all taxels of a patch."""
+    """Returns the pressure (n,) [Pa] on all taxels of a patch."""
     own = slice(*state.begin[p : p + 2])
     pressure = np.zeros(len(layout.patches[p].surface.areas))
     pressure[state.active[own]] = state.pressure[own]
@@ -55,7 +55,7 @@ def dense(state: SkinState, layout: SkinLayout, p: int) -> np.ndarray:
 
 
 class OnePatch:
-    """A conditioner of a single patch, to which raw values are shown."""
+    """A conditioner of a single patch that takes raw values."""
 
     def __init__(self, patch: SkinPatch, settings: ConditioningSettings | None = None) -> None:
         self.whole = Conditioner(SkinLayout.of([patch]), settings or ConditioningSettings())

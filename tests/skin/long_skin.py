@@ -1,4 +1,4 @@
-"""A patch of skin for long runs: noise, drift that is nearly common, and touches, in blocks of frames."""
+"""A patch of skin for long runs: noise, nearly common drift, and touches, in blocks of frames."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ RATE = 50.0
 
 
 def grid() -> np.ndarray:
-    """Pairs of taxels that touch: 12 x 20, four neighbours each."""
+    """Returns pairs of neighbouring taxels: 12 x 20, four neighbours each."""
     index = np.arange(TAXELS).reshape(ROWS, COLUMNS)
     across = np.stack([index[:, :-1].ravel(), index[:, 1:].ravel()], axis=1)
     down = np.stack([index[:-1].ravel(), index[1:].ravel()], axis=1)
@@ -25,7 +25,7 @@ def grid() -> np.ndarray:
 
 
 def sensor(bits: int = 8) -> Sensor:
-    """An inverted skin with the rest at 15/16 of its range."""
+    """Returns an inverted sensor with its rest value at 15/16 of its range."""
     highest = 2.0**bits - 1
     return Sensor(
         rest=round(0.94 * highest),
@@ -36,7 +36,7 @@ def sensor(bits: int = 8) -> Sensor:
 
 
 def conditioner(of: Sensor | None = None, *, calibration: PatchCalibration | None = None) -> OnePatch:
-    """A patch of 240 taxels."""
+    """Returns the conditioner of a patch of 240 taxels."""
     patch = skin_patch(
         of or sensor(), np.arange(TAXELS), neighbours=grid(), rate=RATE, calibration=calibration
     )
@@ -44,7 +44,7 @@ def conditioner(of: Sensor | None = None, *, calibration: PatchCalibration | Non
 
 
 def bump(row: float, column: float, peak: float, *, width: float = 1.3) -> np.ndarray:
-    """A touch (taxels,) [counts] around a place of the grid."""
+    """Returns a touch (taxels,) [counts] around a place of the grid."""
     rows, columns = np.divmod(np.arange(TAXELS), COLUMNS)
     return peak * np.exp(-((rows - row) ** 2 + (columns - column) ** 2) / (2.0 * width**2))
 
@@ -52,7 +52,8 @@ def bump(row: float, column: float, peak: float, *, width: float = 1.3) -> np.nd
 def block(
     subject: OnePatch, signal: np.ndarray, times: np.ndarray, noise: float, generator: np.random.Generator
 ) -> Iterator[np.ndarray]:
-    """Pressures (taxels,) of frames at `times`; `signal` (frames, taxels) [counts] away from rest."""
+    """Returns the pressures (taxels,) of frames at `times`; `signal` (frames, taxels) [counts] is relative to
+    rest."""
     own = subject.patch.sensor
     raw = own.rest - signal + noise * generator.standard_normal((len(times), TAXELS))
     counts = np.clip(np.rint(raw), own.lowest, own.highest)

@@ -1,4 +1,4 @@
-"""Drift, noise and masks over hours of simulated frames: no touch is lost, none is invented."""
+"""Drift, noise and masks over hours of simulated frames: every touch is found, and no false one."""
 
 from __future__ import annotations
 
@@ -28,17 +28,18 @@ def conditioner(sensor: Sensor = FALLING, **settings: float) -> OnePatch:
 
 
 def raw(counts: Array) -> Array:
-    """What a falling sensor of 8 bits sends for deviations (n,) from rest."""
+    """Returns raw values of a falling 8-bit sensor for deviations (n,) from rest."""
     return np.clip(np.rint(240.0 - counts), 0, 255).astype(np.uint8)
 
 
 def play(subject: OnePatch, counts: Array, start: float = 0.0) -> Array:
-    """Pressures (frames, n) [Pa] of deviations (frames, n) [counts], one frame each period."""
+    """Returns the pressures (frames, n) [Pa] of deviations (frames, n) [counts], one frame per period."""
     return np.array([subject.pressure(raw(row), start + i * PERIOD) for i, row in enumerate(counts)])
 
 
 def test_an_hour_of_drift_with_a_touch_of_half_an_hour() -> None:
-    """20 % of the range, common to the patch with 2 % scatter; the held touch keeps its force to 10 %."""
+    """The drift is 20 % of the range, common to the patch with 2 % scatter; the force of the touch stays
+    within 10 %."""
     random = np.random.default_rng(1)
     seconds = np.arange(0.0, 3600.0, 1.0)
     slope = 0.2 * 255.0 * (1.0 + 0.02 * random.standard_normal(COUNT)) / 3600.0
@@ -61,7 +62,7 @@ def test_an_hour_of_drift_with_a_touch_of_half_an_hour() -> None:
 
 
 def test_hours_of_noise_and_drift_invent_no_touch() -> None:
-    """Three hours of every frame here; TCI_SOAK_HOURS for more."""
+    """Simulates every frame of three hours, or of TCI_SOAK_HOURS."""
     import os
 
     hours = float(os.environ.get("TCI_SOAK_HOURS", "0.5"))

@@ -1,5 +1,4 @@
-"""All patches at once give what each gives alone in plain NumPy: bit for bit, also after estimation
-windows."""
+"""Conditioning all patches at once equals plain NumPy patch by patch, bit for bit, over several windows."""
 
 from __future__ import annotations
 
@@ -40,7 +39,7 @@ def patches(seed: int) -> list[SkinPatch]:
 
 
 def frame(one: SkinPatch, random: np.random.Generator, before: np.ndarray, kind: int) -> np.ndarray:
-    """Unchanged, flickering, touched, wild, or in part not a number."""
+    """Returns a frame that is unchanged, fluctuating, touched, random, or partly NaN."""
     size, sensor = one.words.channels, one.words.sensor
     values = np.full(size, sensor.rest)
     if kind == 0:
@@ -109,7 +108,7 @@ def test_all_at_once_is_each_alone(
 
 
 def readings(count: int) -> list[list[SkinFrame]]:
-    """Frames of all patches: noise, with a touch now and then."""
+    """Returns frames of all patches: noise, with a touch now and then."""
     random, made = np.random.default_rng(3), patches(3)
     return [
         [

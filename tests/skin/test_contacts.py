@@ -1,4 +1,4 @@
-"""Contacts: which taxels belong together, where their centre is, and one force for a field (eq. 7)."""
+"""Contacts: their taxels, their centre, and one force for a receptive field (eq. 7)."""
 
 from __future__ import annotations
 
@@ -50,13 +50,13 @@ def skin(tmp_path_factory: pytest.TempPathFactory) -> FeltSkin:
 
 
 def contacts_at(skin: FeltSkin, pressure: np.ndarray, *, position: np.ndarray | None = None) -> Contacts:
-    """Contacts of the left forearm at these pressures (taxels,) [Pa]."""
+    """Returns the contacts of the left forearm at these pressures (taxels,) [Pa]."""
     at = joints(np.zeros(10) if position is None else position)
     return contacts_of(skin, skin_state(skin.layout, {PATCH: pressure}, stamp=0.25, sequence=7), at)
 
 
 def find_clusters(forces: np.ndarray, pairs: np.ndarray) -> list[np.ndarray]:
-    """Taxels (k,) of each cluster on a patch with these neighbours."""
+    """Returns the taxels (k,) of each cluster on a patch with these neighbours."""
     layout = SkinLayout.of([skin_patch(NAO_SENSOR, np.arange(len(forces)), neighbours=pairs)])
     clusters = ContactFinder(layout)._clusters
     state = skin_state(layout, {"skin": forces / layout.arrays.taxel[:, 6]})
@@ -66,7 +66,8 @@ def find_clusters(forces: np.ndarray, pairs: np.ndarray) -> list[np.ndarray]:
 
 
 def press(skin: FeltSkin, *pokes: tuple[float, float, float]) -> np.ndarray:
-    """Pressures (taxels,) [Pa] of pokes (u, theta [rad], force [N]), spread as in the simulated skin."""
+    """Returns pressures (taxels,) [Pa] of pokes (u, theta [rad], force [N]), distributed as in the simulated
+    skin."""
     surface = skin.surfaces[PATCH]
     pressure = np.zeros(TAXELS)
     for u, theta, force in pokes:
@@ -77,12 +78,12 @@ def press(skin: FeltSkin, *pokes: tuple[float, float, float]) -> np.ndarray:
 
 
 def in_counts(skin: FeltSkin, pressure: np.ndarray) -> np.ndarray:
-    """The same pressures [Pa] from a sensor of 8 bits that resolves 0.026 N."""
+    """Rounds pressures [Pa] as an 8-bit sensor that resolves 0.026 N does."""
     areas = skin.surfaces[PATCH].areas
     return np.clip(np.round(pressure * areas / NEWTON_PER_COUNT), 0, 240) * NEWTON_PER_COUNT / areas
 
 
-# Which taxels
+# Taxels of a contact
 
 
 @given(st.integers(1, 40), st.data())
@@ -128,7 +129,7 @@ def test_clusters_are_disjoint_seeded_and_complete(skin: FeltSkin, pressure: np.
 
 @given(theta=st.floats(-np.pi, np.pi), u=st.floats(0.2, 0.7))
 def test_touches_on_both_sides_of_a_thin_limb_stay_two(skin: FeltSkin, u: float, theta: float) -> None:
-    """25 mm of radius: their common centre would be on the axis, inside the limb."""
+    """The radius is 25 mm: their common centre would be on the axis, inside the limb."""
     found = contacts_at(skin, press(skin, (u, theta, 6.0), (u, theta + np.pi, 6.0)))
     assert len(found) == 2
     for contact in found:
@@ -136,7 +137,7 @@ def test_touches_on_both_sides_of_a_thin_limb_stay_two(skin: FeltSkin, u: float,
     assert np.dot(found[0].n_L, found[1].n_L) < -0.95
 
 
-# Nothing
+# Frames without contacts
 
 
 @pytest.mark.parametrize("newton", [0.0, 0.005, 0.099])
@@ -160,12 +161,12 @@ def test_impossible_settings_are_refused(touch: float, floor: float) -> None:
         ContactSettings(touch=touch, floor=floor)
 
 
-# Where and how much
+# Centre and force
 
 
 @given(pokes)
 def test_nothing_of_a_touch_is_lost(skin: FeltSkin, poke: tuple[float, float, float]) -> None:
-    """Each count that a coarse sensor shows is in the contact, also at its weak edge."""
+    """Each count of a coarse sensor is in the contact, including its weak edge."""
     pressure = in_counts(skin, press(skin, poke))
     (contact,) = contacts_at(skin, pressure)
     assert contact.force == pytest.approx((pressure * skin.surfaces[PATCH].areas).sum())
@@ -186,7 +187,7 @@ def test_force_of_random_pokes_is_within_two_percent(skin: FeltSkin) -> None:
 def test_centre_is_where_the_finger_is(
     skin: FeltSkin, poke: tuple[float, float, float], position: np.ndarray
 ) -> None:
-    """In the link the place of the poke, on the limb turned by pronation, which this skin follows."""
+    """The centre in the link is the place of the poke; the skin follows the limb, turned by pronation."""
     (contact,) = contacts_at(skin, press(skin, poke), position=position)
     place = np.array([RADIUS * np.cos(poke[1]), RADIUS * np.sin(poke[1]), -poke[0] * LOWER])
     assert np.linalg.norm(contact.p_L - place) < 0.002
@@ -207,7 +208,7 @@ def test_centre_lies_on_the_surface(skin: FeltSkin, pressure: np.ndarray) -> Non
 
 
 def test_wide_touch_does_not_sink_into_the_limb(skin: FeltSkin) -> None:
-    """Half of the limb is held: the mean of eq. 7 is 9 mm below the skin."""
+    """A grip covers half of the limb: the mean of eq. 7 is 9 mm below the skin."""
     surface = skin.surfaces[PATCH]
     pressure = np.where(surface.positions[:, 0] > 0.0, 5000.0, 0.0)
     (contact,) = contacts_at(skin, pressure)
@@ -217,7 +218,7 @@ def test_wide_touch_does_not_sink_into_the_limb(skin: FeltSkin) -> None:
 
 
 def shuffle(skin: FeltSkin, order: np.ndarray) -> FeltSkin:
-    """The same skin with taxel `order[i]` at place i."""
+    """Returns a skin whose taxel i is taxel `order[i]` of the given one."""
     surface, place = skin.surfaces[PATCH], np.argsort(order)
     shuffled = FeltSkin(skin.robot)
     turned = replace(
@@ -274,13 +275,13 @@ def test_nobody_can_change_a_contact(skin: FeltSkin) -> None:
         assert not getattr(contact, name).flags.writeable, name
 
 
-# One force for a field
+# Force for a receptive field
 
 
 def contact_of(
     u: list[float], theta: list[float], forces: list[float], *, at: tuple[float, float]
 ) -> Contact:
-    """A contact with these taxels on the generic limb, and its centre at (u, theta)."""
+    """Returns a contact with these taxels on the generic limb, and its centre at (u, theta)."""
     nowhere = np.zeros(3)
     return single_contact(
         Site(PATCH, "left_arm", "forearm"), np.arange(len(forces)), forces, u=at[0], theta=at[1], taxel_u=u,
@@ -295,7 +296,7 @@ def test_weighted_force_is_equation_7() -> None:
 
 
 def test_peak_among_weak_taxels_is_diluted_but_not_in_peak_and_sum() -> None:
-    """The case of the facts: a peak of 100 with ten taxels at 10 gives about 19."""
+    """A peak of 100 with ten taxels at 10 gives about 19."""
     ring = 2.0 * np.pi * np.arange(10) / 10
     contact = contact_of(
         [0.5, *(0.5 + 0.01 * np.cos(ring))],
@@ -309,7 +310,7 @@ def test_peak_among_weak_taxels_is_diluted_but_not_in_peak_and_sum() -> None:
 
 
 def test_taxel_beyond_the_field_has_no_weight() -> None:
-    """Read literally, eq. 7 gives it a negative one, and a result of -1."""
+    """Read literally, eq. 7 gives it a negative weight, and a result of -1."""
     contact = contact_of([0.5, 0.8], [0.0, 0.0], [1.0, 2.0], at=(0.5, 0.0))
     assert weighted_force(contact, 0.1) == 1.0
 
@@ -354,7 +355,7 @@ def test_distance_on_the_generic_limb(u: float, a: float, v: float, b: float, tu
 
 @pytest.mark.parametrize("name", ["nao", "icub"])
 def test_skin_of_each_packaged_patch_hangs_together(name: str) -> None:
-    """A finger on a gap between modules makes one contact, also on an iCub's forearm."""
+    """A finger on a gap between modules makes one contact, on an iCub's forearm too."""
     skin = FeltSkin(load_robot(name))
     for patch, surface in skin.surfaces.items():
         if skin.robot.limb_segment(skin.robot.patch(patch)) is None:

@@ -1,4 +1,4 @@
-"""Taxels that can't be trusted are masked and reported, and come back when they behave."""
+"""Untrustworthy taxels are masked and reported, and are used again once they work."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ class Bench:
         self.feed(30.0)
 
     def feed(self, seconds: float, **raw: float | np.ndarray) -> np.ndarray:
-        """Frames in which the taxels `t12=...` send that; the pressures (frames, taxels)."""
+        """Feeds frames in which the taxels `t12=...` send that value; returns the pressures (frames,
+        taxels)."""
         felt = []
         for _ in range(int(seconds * RATE)):
             values = np.rint(self.subject.patch.sensor.rest + self.generator.standard_normal(TAXELS))
@@ -55,7 +56,7 @@ def test_taxel_stuck_high_is_masked_and_comes_back(bench: Bench) -> None:
 
 
 def test_taxel_stuck_anywhere_all_alone_is_masked_after_two_lessons(bench: Bench) -> None:
-    bench.feed(11.0, t100=200.0)  # a lesson is 50 frames, 5 s
+    bench.feed(11.0, t100=200.0)  # a window is 50 frames, 5 s
     assert dict(bench.subject.health.masked) == {100: "stuck"}
     bench.feed(5.0, t100=bench.subject.patch.sensor.rest)
     assert bench.subject.health.coverage == 1.0

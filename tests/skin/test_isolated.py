@@ -1,4 +1,4 @@
-"""A taxel that is pressed all alone: a light touch, or a broken taxel."""
+"""Contacts of a single taxel: light touches, or sensor defects."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ PERIOD = 0.02
 LONE = 100
 """A taxel with six neighbours around it."""
 LIGHT, FIRM = 0.3, 9.0
-"""Force [N] that neighbours need not feel, and one that they must."""
+"""Force [N] to which neighbours need not respond, and one to which they must."""
 
 
 class Felt:
-    """Frames of one patch of a robot, and the contacts that are found in them."""
+    """Frames of one patch of a robot, and the contacts found in them."""
 
     def __init__(self, robot: str = "nao", patch: str = ARM) -> None:
         self.skin, self.patch = FeltSkin(tci.load_robot(robot)), patch
@@ -43,7 +43,7 @@ class Felt:
         return sorted({int(i) for pair in pairs if taxel in pair for i in pair} - {taxel})
 
     def see(self, forces: dict[int, float]) -> Sequence[Contact]:
-        """The contacts of the next frame, with forces [N] on some taxels."""
+        """Returns the contacts of the next frame, with forces [N] on some taxels."""
         force = np.zeros(len(self.surface.positions))
         force[list(forces)] = list(forces.values())
         still = np.zeros(len(self.skin.robot.servos))
@@ -54,7 +54,7 @@ class Felt:
         return contacts_of(self.skin, state, joints, finder=self.finder)
 
     def set_noise(self, counts: float) -> None:
-        """All taxels fluctuate so much [counts] at rest."""
+        """Sets the noise [counts] of all taxels at rest."""
         place = self.skin.layout.places[self.patch]
         estimator, own = self.skin.conditioner.estimators[place], self.skin.layout.taxels[place]
         estimator.baseline.start(np.zeros(own.stop - own.start), counts)
@@ -62,7 +62,7 @@ class Felt:
 
 
 def beside_some(count: int) -> Felt:
-    """A skin where a taxel has so many neighbours, all on one side."""
+    """Returns a skin where a taxel has `count` neighbours, all on one side."""
     felt = Felt()
     beside, at = felt.beside(LONE), felt.surface.positions
     nearest = sorted(beside, key=lambda other: float(np.linalg.norm(at[other] - at[beside[0]])))[:count]
@@ -167,7 +167,8 @@ def test_switches_and_coarse_skins_have_touches_of_one_taxel(patch: str) -> None
 
 
 def test_forces_that_neighbours_must_feel_follow_from_noise_and_distance() -> None:
-    """About 1 N on a skin of 10 mm without noise, five times that with a count of it; never on 30 mm."""
+    """The force is about 1 N on a skin of 10 mm pitch without noise, five times that with a noise of one
+    count, and infinite on 30 mm."""
     felt = Felt()
     felt.finder = ContactFinder(felt.skin.layout, AT_ONCE)  # nothing waits for the next frame
 

@@ -1,4 +1,4 @@
-"""What a skin learns, it learns in periods without a frame; the result is that of learning at once."""
+"""Estimates that are updated in periods without a frame equal those that are updated at once."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ REST = np.zeros(len(NAO.servos))
 
 
 def readings(count: int) -> list[Reading]:
-    """Noise at 50 Hz with a touch in between; one arm sends bytes, all others numbers."""
+    """Returns noise at 50 Hz with a touch in between; one arm sends bytes, all other patches floats."""
     random = np.random.default_rng(4)
     joints = JointReading(0.0, 0, np.array(initial_position(NAO)), REST)
     found = []

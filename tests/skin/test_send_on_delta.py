@@ -1,4 +1,4 @@
-"""Senders that send changes only: the interface perceives the same, bit for bit."""
+"""Senders that send only changes: perceptions are equal, bit for bit."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ from tci.skin.skin import Skin
 
 KEEP_ALIVE = 0.5
 RATE = 64.0
-"""Frames per second: their times are exact numbers, so that a sender's sums and ours are the same bits."""
+"""Frames per second. Their times are exact binary numbers, so the sender's sums and the receiver's are
+equal."""
 PACKAGED = load_robot("nao")
 NAO = PACKAGED.model_copy(
     update={"patches": tuple(patch.model_copy(update={"rate": RATE}) for patch in PACKAGED.patches)}
@@ -34,8 +35,7 @@ SKIN = Skin(NAO)
 
 
 def sensor(robot: Robot, seed: int, seconds: float) -> list[tuple[SkinFrame, ...]]:
-    """What the sensors of all patches read, frame by frame: long rests, touches, flicker, values that are no
-    number."""
+    """Yields the readings of all patches: long rests, touches, flicker, and values that are NaN."""
     random = np.random.default_rng(seed)
     values = {patch.name: np.full(patch.channels, 240.0) for patch in robot.patches}
     frames = []
@@ -114,7 +114,7 @@ def test_what_is_perceived_is_the_same(seed: int) -> None:
 
 
 def test_the_reflex_does_the_same_on_an_event_driven_skin() -> None:
-    """A poke in simulation: the same commands at the same times."""
+    """A poke in simulation causes equal commands at equal times."""
 
     def commands(keep_alive: float | None) -> list[tuple[float, str, list[float]]]:
         seen: list[tuple[float, str, list[float]]] = []

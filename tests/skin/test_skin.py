@@ -1,4 +1,4 @@
-"""The skin in space: places in link, limb and torso coordinates; frames in, states out."""
+"""The skin in space: places in link, limb and torso coordinates; frames to states."""
 
 from __future__ import annotations
 
@@ -39,11 +39,11 @@ def fresh(skin: FeltSkin) -> FeltSkin:
 
 
 def turned(angle: np.ndarray) -> np.ndarray:
-    """The same angle in -pi..pi."""
+    """Returns the angle in -pi..pi."""
     return np.angle(np.exp(1j * angle))
 
 
-# Frames in, states out
+# Frames to states
 
 
 def test_pressure_and_force_of_a_pressed_taxel(fresh: FeltSkin) -> None:
@@ -134,8 +134,8 @@ def test_dropped_values_are_counted(fresh: FeltSkin) -> None:
 
 @pytest.mark.parametrize("name", ["nao", "icub"])
 def test_frames_of_bytes_are_felt_like_any_numbers(name: str) -> None:
-    """Patches of all kinds, some of them missing or late, a sender that restarts, a board that sends what it
-    can't: the fast way perceives what the other does."""
+    """Frames of bytes give the same pressures as floats: on patches of all kinds, missing or late, after a
+    restart of the sender, and with values out of range."""
     robot = load_robot(name)
     quick, slow = FeltSkin(robot), FeltSkin(robot)
     random = np.random.default_rng(1)
@@ -259,7 +259,7 @@ def test_theta_turns_with_pronation_only_where_the_skin_does(skin: FeltSkin, pos
 
 @given(hnp.arrays(np.float64, 5, elements=st.floats(-1.5, 1.5)))
 def test_one_place_is_mirrored_on_the_other_arm(skin: FeltSkin, posture: np.ndarray) -> None:
-    """(u, theta, r) fixes the place beside the body: left and right differ by a mirror and the mount."""
+    """Places with equal (u, theta, r) on the left and right arm differ by a mirror image and the mount."""
     at = joints(np.concatenate([posture, posture]))
     beside = {}
     sides: tuple[tuple[Side, float], ...] = (("left", 0.0), ("right", small_robot.MOUNT))
@@ -356,7 +356,8 @@ def test_packaged_skin_looks_outward(packaged: FeltSkin) -> None:
 @settings(max_examples=20)
 @given(share=st.floats(0.1, 0.9))
 def test_forearm_skin_rides_as_facts_say(packaged: FeltSkin, share: float) -> None:
-    """iCub's forearm skin turns with pronation and its upper-arm skin with the yaw, NAO's sleeves do not."""
+    """iCub's forearm skin turns with pronation and its upper-arm skin with the yaw; NAO's sleeves do not
+    turn."""
     robot = packaged.robot
     low, high = at_zero(packaged), at_zero(packaged)
     for patch in filter(robot.limb_segment, robot.patches):

@@ -1,4 +1,4 @@
-"""Readers of one skin: each at its own rate, none in the way of another or of the acquisition."""
+"""Readers of one skin, each at its own rate; none delays another or the acquisition."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def skin() -> FeltSkin:
 
 
 def state(skin: FeltSkin, sequence: int, forces: dict[str, dict[int, float]] | None = None) -> SkinState:
-    """A state in which some taxels feel some newtons."""
+    """Returns a state with forces [N] on some taxels."""
     pressures = {}
     for name, surface in skin.surfaces.items():
         force = np.zeros(len(surface.positions))

@@ -1,4 +1,4 @@
-"""A contact keeps its identity while it lasts, moves over the skin, or flickers; others never get it."""
+"""A contact keeps its identity while it lasts, moves over the skin, or flickers; no other ever gets it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def places(*x: float) -> np.ndarray:
 def follow(
     tracker: Tracker, patch: str, centres: np.ndarray, stamp: float
 ) -> list[tuple[float, float, float]]:
-    """Identity, onset and displacement of contacts of one taxel each."""
+    """Returns identity, onset and displacement of contacts of one taxel each."""
     made = empty_contacts(len(centres), len(centres))
     made.site[:], made.p_L[:] = ("arm", "hand").index(patch), centres
     made.begin[:], made.taxel[:] = np.arange(len(centres) + 1), np.arange(len(centres))

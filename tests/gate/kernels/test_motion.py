@@ -1,4 +1,4 @@
-"""The compiled look at servos' motion, against the same rules in NumPy."""
+"""The compiled checks of servos' motion equal plain rules in NumPy."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def oracle(
     judged: Array, now: Array, before: Array, position: Array, velocity: Array, stamp: float, elapsed: float,
     memory: Array,
 ) -> tuple[int, int]:  # fmt: skip
-    """What was found and where, for servos that are all under command."""
+    """Returns the fault and its servo, for servos that are all under command."""
     following, lag, patience, opposing, least, repeat, travel = SETTINGS
     error = np.abs(position - now)
     lasted = since(memory[0], judged & (error > following + lag * np.abs(velocity)), stamp)
@@ -82,7 +82,7 @@ def velocity_oracle(
     judged: Array, loose: Array, readings: Readings, torque: Array, stamp: float, elapsed: float,
     memory: Array,
 ) -> tuple[int, int]:  # fmt: skip
-    """What was found and where, for servos that are all under command."""
+    """Returns the fault and its servo, for servos that are all under command."""
     following, lag, _, _, least, _, travel, forgets, push = TOLD
     now, before, speed, speed_before = readings
     mean, change = 0.5 * (speed + speed_before), now - before

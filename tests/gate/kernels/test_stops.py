@@ -1,4 +1,4 @@
-"""What a stop passes through, against the stop itself."""
+"""The compiled checks of a stop agree with the sampled stop."""
 
 from __future__ import annotations
 
@@ -51,12 +51,12 @@ def test_who_begins_outside_may_stay_there_and_a_number_that_is_none_never_may()
 def test_what_came_inside_does_not_leave_again() -> None:
     span, jerk = np.empty((2, 1)), np.array([100.0])
     lower, upper = np.array([-1.0]), np.array([1.0])
-    # It begins outside, is taken inside by its speed, and its acceleration brings it back out.
+    # The motion begins outside, its speed takes it inside, and its acceleration back outside.
     here, start = np.array([1.01]), np.array([[1.005], [-0.3], [9.0]])
     assert not stop_stays_inside(start, np.array([1.004]), jerk, here, lower, upper, span)
     assert span[0, 0] < 1.0
     assert stop_stays_inside(start, np.array([0.999]), jerk, here, lower, upper, span)
-    # One that stays outside may turn back on its way, no farther than it was.
+    # A stop that stays outside may turn back, but not farther outside than its start.
     start = np.array([[1.005], [-0.01], [2.0]])
     assert stop_stays_inside(start, np.array([1.006]), jerk, here, lower, upper, span)
     assert span[0, 0] > 1.0

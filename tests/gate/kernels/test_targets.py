@@ -1,4 +1,4 @@
-"""The compiled look at what a command asks for, against the same in NumPy and Python."""
+"""The compiled checks of a command's targets equal those in NumPy and Python."""
 
 from __future__ import annotations
 

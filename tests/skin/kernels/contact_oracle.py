@@ -1,4 +1,4 @@
-"""Contacts in plain NumPy: what the compiled loops must equal."""
+"""Contacts in plain NumPy, which the compiled loops must equal."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from tci.skin.surfaces import Surface
 
 
 def connected(count: int, pairs: np.ndarray) -> np.ndarray:
-    """Label (count,) of each node: the smallest node that `pairs` (m, 2) connect it with (Shiloach and
-    Vishkin 1982)."""
+    """Returns the label (count,) of each node: the smallest node that `pairs` (m, 2) connect it with
+    (Shiloach and Vishkin 1982)."""
     labels = np.arange(count)
     one, other = pairs[:, 0], pairs[:, 1]
     while True:
@@ -44,7 +44,7 @@ def clusters(forces: np.ndarray, neighbours: np.ndarray, settings: ContactSettin
 
 
 def is_touch(skin: FeltSkin, patch: str, forces: np.ndarray, taxel: int, settings: ContactSettings) -> bool:
-    """Whether a taxel that is pressed all alone is a touch, in a frame of which nothing came before."""
+    """Returns True if an isolated taxel is a touch in its first frame."""
     lone, surface = settings.isolated, skin.surfaces[patch]
     if lone is None:
         return True
@@ -66,7 +66,7 @@ def is_touch(skin: FeltSkin, patch: str, forces: np.ndarray, taxel: int, setting
 
 
 def project(surface: Surface, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """As `Surface.project`, by faces with each corner within an edge of the nearest corner's distance."""
+    """Computes `Surface.project` from the faces near the nearest corner."""
     corners = surface.positions[surface.faces]
     edge = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max()
     distances = np.linalg.norm(surface.positions - point, axis=1)[surface.faces]
@@ -82,7 +82,7 @@ def contacts(
     posture: Mapping[str, np.ndarray],
     settings: ContactSettings,
 ) -> list[SimpleNamespace]:
-    """Contacts in a state of which nothing came before, on limbs."""
+    """Returns the contacts in a first state, on limbs."""
     found = []
     poses = skin.kinematics.poses(joints.position, skin.kinematics.links)
     for patch in skin.robot.patches:
@@ -116,14 +116,14 @@ def contacts(
 
 
 class Tracks:
-    """Identities by plain Python: the nearest pairs of a track and a contact first."""
+    """Tracks of contacts in plain Python: the nearest pairs of a track and a contact are matched first."""
 
     def __init__(self, reach: float, linger: float) -> None:
         self.reach, self.linger, self.next = reach, linger, 1
         self.known: list[dict[str, Any]] = []
 
     def follow(self, site: np.ndarray, p_L: np.ndarray, first: np.ndarray, stamps: np.ndarray) -> list[tuple]:
-        """Identity, onset and displacement of each contact; `first` is the first taxel of each."""
+        """Returns identity, onset and displacement of each contact; `first` is the first taxel of each."""
         self.known = [
             t for t in self.known
             if t["site"] not in site or stamps[t["site"]] - t["seen"] <= self.linger

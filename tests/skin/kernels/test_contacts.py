@@ -1,4 +1,4 @@
-"""The compiled contacts equal their NumPy twin, on the skins that come with TCI and on odd ones."""
+"""The compiled contacts equal their NumPy twin, on the packaged skins and on unusual ones."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def skin_of(name: str) -> FeltSkin:
 
 
 def touched(skin: FeltSkin, seed: int) -> tuple[SkinState, JointReading]:
-    """Blobs, single taxels and grips on all patches, in a random posture."""
+    """Returns random blobs, single taxels and grips on all patches, in a random posture."""
     random = np.random.default_rng(seed)
     position = random.uniform(-1.0, 1.0, len(skin.robot.servos))
     pressures = {}
@@ -49,7 +49,7 @@ def touched(skin: FeltSkin, seed: int) -> tuple[SkinState, JointReading]:
 
 
 def limbs(skin: FeltSkin) -> dict[str, Surface]:
-    """Patches that the oracle knows: those on limbs."""
+    """Returns the patches that the oracle supports: those on limbs."""
     robot = skin.robot
     return {patch.name: skin.surfaces[patch.name] for patch in robot.patches if robot.limb_segment(patch)}
 
@@ -84,7 +84,7 @@ def test_contacts_equal_numpy(robot: str, seed: int) -> None:
 @pytest.mark.parametrize("robot", ["nao", "icub"])
 @given(seed=st.integers(0, 100_000))
 def test_identities_equal_python(robot: str, seed: int) -> None:
-    """Touches that stay, come and go on all patches, some of which send no new frame."""
+    """Touches stay, come and go on all patches, some of which send no new frame."""
     skin, random = skin_of(robot), np.random.default_rng(seed)
     settings = TrackSettings()
     finder = ContactFinder(skin.layout, AT_ONCE)
@@ -127,7 +127,7 @@ def project(
 @pytest.mark.parametrize("robot", ["nao", "icub"])
 @given(seed=st.integers(0, 100_000))
 def test_nearest_point_is_that_of_the_whole_surface(robot: str, patch: str, seed: int) -> None:
-    """Inside, outside and far away."""
+    """Points are inside, outside and far away."""
     skin = skin_of(robot)
     surface, random = skin.surfaces[patch], np.random.default_rng(seed)
     point = surface.positions.mean(axis=0) + random.normal(size=3) * random.choice([1e-3, 0.03, 0.1, 2.0])

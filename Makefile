@@ -86,4 +86,4 @@ lowest:  ## tests with the lowest versions that pyproject.toml allows, in .lowes
 	@.lowest/bin/python -m pytest -n 2 --dist loadgroup $(TESTS)
 
 clean:  ## remove what was built
-	rm -rf .venv .lowest .peers out docs/_build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf .venv .lowest .peers out docs/_build docs/_generated dist .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -1,8 +1,11 @@
 """Sphinx configuration. Warnings are errors (`make docs`); nothing is fetched while building."""
 
 from pathlib import Path
+from typing import Any
 
 import typer
+from sphinx.application import Sphinx
+from sphinx.util import logging
 from typer.cli import get_docs_for_click
 
 import tci
@@ -11,19 +14,23 @@ from tci.cli.main import app
 project = "TCI"
 author = "The TCI developers"
 release = tci.__version__
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.mathjax"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "sphinx.ext.mathjax"]
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
 html_theme = "furo"
 html_title = f"TCI {release}"
-exclude_patterns = ["_build", "tables"]
+exclude_patterns = ["_build", "_templates", "tables"]
+templates_path = ["_templates"]
+toc_object_entries = False  # the tables at the head of a page are its way through; half the time of a build
 autodoc_member_order = "bysource"
 autodoc_typehints = "description"
 autodoc_default_options = {"members": True, "undoc-members": False}
+autosummary_context = {"public": tci._NAMES}
+PUBLIC = {id(getattr(tci, name)) for name in tci._HOME}
 
 
 def write_commands() -> None:
-    """The page of every command, from the program itself."""
+    """Writes the page of all commands, taken from the program itself."""
     command = typer.main.get_command(app)
     context = typer.Context(command, info_name="tci")
     page = get_docs_for_click(obj=command, ctx=context, name="tci", title="Commands").replace("\\[", "[")
@@ -31,6 +38,25 @@ def write_commands() -> None:
     path.parent.mkdir(exist_ok=True)
     if not path.exists() or path.read_text() != page:
         path.write_text(page)
+
+
+def skip(_: Sphinx, what: str, __: str, member: Any, ___: bool, ____: Any) -> bool | None:
+    """Leaves constants out of the modules' pages, and public names, which have one page of their own."""
+    return True if what == "module" and (not callable(member) or id(member) in PUBLIC) else None
+
+
+def check_index(sphinx: Sphinx, _: Exception | None) -> None:
+    """Warns about public names that the index and the search would not find."""
+    found = sphinx.env.domains.python_domain.objects
+    for name in sorted(tci._HOME):
+        if f"tci.{name}" not in found:
+            logging.getLogger(__name__).warning("tci.%s is missing from docs/reference.md", name)
+
+
+def setup(sphinx: Sphinx) -> None:
+    """Connects the functions above to the build."""
+    sphinx.connect("autodoc-skip-member", skip)
+    sphinx.connect("build-finished", check_index)
 
 
 write_commands()

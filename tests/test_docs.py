@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 import typer
 
+import tci
 from tci.cli.main import app
 
 DOCS = Path(__file__).parent.parent / "docs"
@@ -52,6 +53,15 @@ def test_drivers_of_the_first_pages_lead_somewhere(name: str) -> None:
 def test_every_page_can_be_found() -> None:
     index = (DOCS / "index.md").read_text().splitlines()
     assert {page.stem for page in PAGES} - {"index"} <= set(index)
+
+
+def test_the_reference_has_each_public_name_and_the_module_that_it_lives_in() -> None:
+    listed = re.findall(r"^\.\. auto\w+:: tci\.(\w+)$", (DOCS / "reference.md").read_text(), re.MULTILINE)
+    assert sorted(listed) == sorted(tci._HOME)
+    modules = re.findall(r"^   ([a-z][\w.]+)$", (DOCS / "modules.md").read_text(), re.MULTILINE)
+    assert set(tci._HOME.values()) <= set(modules)
+    for module in modules:
+        assert exists(module), module
 
 
 NAME = re.compile(r"`(tci(?:\.[A-Za-z_][A-Za-z_0-9]*)+)(?:\([^`]*\))?`")

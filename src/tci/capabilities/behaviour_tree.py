@@ -1,7 +1,7 @@
 """Capabilities composed in a behaviour tree, in the sense of the paper's task description language (TDL).
 
 The tree is py-trees' own: selectors, sequences, parallels and decorators as in its manual. What TCI adds are
-leaves that are capabilities, and the tree as a capability of its own, which `run` takes like any other.
+leaves that are capabilities, and the tree as a capability of its own, which `run` takes like any other::
 
     def tree():
         return Selector("arm", memory=False, children=[
@@ -9,7 +9,7 @@ leaves that are capabilities, and the tree as a capability of its own, which `ru
             Task("wave", Wave(), done=lambda memory, perception: memory.count == 3),
         ])
 
-    tci.run(link, BehaviourTree(tree))
+    tci.run(driver, BehaviourTree(tree))
 
 The reflex comes first in each tick. While it is busy, the task is interrupted; then it is handed back.
 """

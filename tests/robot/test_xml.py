@@ -16,6 +16,9 @@ from lxml import etree
 from tci.errors import DescriptionError, MissingExtraError, TciError
 from tci.installed import advice
 from tci.robot.xml import read_robot, schema_path
+from tci.robot.xml.element import Element
+from tci.robot.xml.grammar import GENERIC_ROBOT
+from tci.robot.xml.schema import schema_text, table_text
 
 GOOD = """<?xml version="1.0"?>
 <generic_robot version="1" name="tester" angle_unit="deg">
@@ -325,3 +328,23 @@ def test_the_schema_agrees(tmp_path: Path) -> None:
         ('<generic_servo id="0"', "<generic_servo"),
     ]:
         assert not schema.validate(etree.fromstring(changed(old, new).encode())), new
+
+
+def test_schema_and_reference_are_made_of_the_grammar() -> None:
+    table = Path(__file__).parents[2] / "docs" / "tables" / "robot-description.md"
+    anew = f"make them anew: python -m tci.robot.xml.schema {schema_path()} {table}"
+    assert schema_path().read_text(encoding="utf-8") == schema_text(), anew
+    assert table.read_text(encoding="utf-8") == table_text(), anew
+
+
+def test_each_element_of_the_grammar_fills_fields_that_there_are() -> None:
+    def look(element: Element) -> None:
+        assert element.describes is not None or not element.fields
+        fields = element.describes.model_fields if element.describes is not None else {}
+        names = element.values.keys() | {tag for tag, child in element.children.items() if child.text}
+        assert set(element.fields.values()) <= set(fields)
+        assert set(element.fields) <= names
+        for child in element.children.values():
+            look(child)
+
+    look(GENERIC_ROBOT)

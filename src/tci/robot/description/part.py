@@ -69,7 +69,7 @@ class Segment(Description):
     """`upper_arm` or `forearm`."""
     link: str
     """Link of the kinematic model in whose frame `origin` is given."""
-    origin: Vector
+    origin: Vector = (0.0, 0.0, 0.0)
     """Proximal end (3,) [m] of the segment's axis in `link`; u = 0 here."""
     length: float
     """Length [m] of the segment; u = 1 at its distal end."""

@@ -14,9 +14,9 @@ class TruncatedCone(Description):
     """Taxels on a truncated cone, ring by ring (eqs 3-4, Fig. 4)."""
 
     kind: Literal["truncated_cone"] = "truncated_cone"
-    origin: Vector
+    origin: Vector = (0.0, 0.0, 0.0)
     """Centre (3,) [m] of the cone's proximal end, in the patch's link."""
-    rpy: Vector
+    rpy: Vector = (0.0, 0.0, 0.0)
     """Roll, pitch, yaw [rad] of the cone's frame in the link: -z points along the axis to the distal end, x
     to theta = 0."""
     length: float

@@ -1,20 +1,41 @@
 """The XML dialect: its elements, their contents, and the valid values.
 
-`robot.xsd` describes it for editors, docs/robot-description.md for people.
+An element names the type of `tci.robot.description` that it becomes. Names, defaults and texts of its
+attributes are that type's, so that reader, writer, schema and reference have one source.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from typing import get_args
 
 from tci.messages import CONTROL_MODES
+from tci.robot.description import (
+    Address,
+    Binding,
+    Coupling,
+    Description,
+    GenericPart,
+    GenericServo,
+    Kind,
+    Limits,
+    Model,
+    Patch,
+    Robot,
+    Segment,
+    Sensor,
+    Servo,
+    Table,
+    TruncatedCone,
+)
+from tci.robot.xml.element import Element
 from tci.robot.xml.values import (
     Angle,
     Choice,
     Choices,
     Factor,
+    Flag,
     Integer,
     Name,
     Number,
@@ -24,51 +45,21 @@ from tci.robot.xml.values import (
 )
 
 
-@dataclass(frozen=True)
-class Element:
-    """Valid content of one element."""
-
-    needs: Mapping[str, Value] = field(default_factory=dict)
-    """Required attributes."""
-    may: Mapping[str, Value] = field(default_factory=dict)
-    """Optional attributes."""
-    text: Value | None = None
-    """Value of its text; None if it has no text."""
-    must: Mapping[str, Element] = field(default_factory=dict)
-    """Children that occur exactly once."""
-    once: Mapping[str, Element] = field(default_factory=dict)
-    """Children that occur at most once."""
-    some: Mapping[str, Element] = field(default_factory=dict)
-    """Children that occur at least once."""
-    many: Mapping[str, Element] = field(default_factory=dict)
-    """Children that occur any number of times."""
-
-    @property
-    def children(self) -> dict[str, Element]:
-        """Returns all possible children."""
-        return {**self.must, **self.once, **self.some, **self.many}
-
-    @property
-    def values(self) -> dict[str, Value]:
-        """Returns all attributes except `type`."""
-        return {**self.needs, **self.may}
-
-    @property
-    def angular(self) -> bool:
-        """Returns True if the element holds an angle, so that `type` may give a unit other than the
-        root's."""
-        return any(value.angular for value in [*self.values.values(), self.text] if value is not None)
+def _choice(described: type[Description], field: str) -> Choice:
+    """Returns the choice between the values of a field that is a Literal."""
+    return Choice(get_args(described.model_fields[field].annotation))
 
 
 UNIT = Choice(("deg", "rad"))
 NAME = Name()
 ADDRESS = Name(1000)
-"""A name in another system, or several names with spaces between them."""
+"""A name of another world, or several with spaces between them."""
 ID = Integer(0, 9999)
 SHARE = Number(0.0, 1.0)
 LENGTH = Number(most=3.0, positive=True, unit="m")
 POINT = Three(Number(-10.0, 10.0, unit="m"))
 ORIENTATION = Three(Angle())
+RATE = Number(most=1e4, positive=True, unit="Hz")
 ORIGIN = Choice(("published", "ours"))
 
 # The largest plausible limits are assumed: far above any servo's, and below the placeholders (50000) that
@@ -78,130 +69,226 @@ ACCELERATION = Angle(positive=True, most=1e5, per="/s2")
 JERK = Angle(positive=True, most=1e8, per="/s3")
 TORQUE = Number(most=1e4, positive=True, unit="N m")
 
+
+def _limit(about: str, fields: Mapping[str, str], value: Value) -> Element:
+    return Element(
+        about, dict.fromkeys(fields, value), may={"origin": ORIGIN}, describes=Limits, fields=fields
+    )
+
+
 LIMITS: dict[str, Element] = {
-    "position": Element(needs={"min": Angle(), "max": Angle()}, may={"origin": ORIGIN}),
-    "velocity": Element(needs={"max": SPEED}, may={"origin": ORIGIN}),
-    "acceleration": Element(needs={"max": ACCELERATION}, may={"origin": ORIGIN}),
-    "jerk": Element(needs={"max": JERK}, may={"origin": ORIGIN}),
-    "torque": Element(needs={"max": TORQUE}, may={"origin": ORIGIN}),
+    "position": _limit("Limits of the angle.", {"min": "lower", "max": "upper"}, Angle()),
+    "velocity": _limit("Limit of the speed, per second.", {"max": "velocity"}, SPEED),
+    "acceleration": _limit(
+        "Limit of the acceleration, per second squared.", {"max": "acceleration"}, ACCELERATION
+    ),
+    "jerk": _limit("Limit of the jerk, per second cubed.", {"max": "jerk"}, JERK),
+    "torque": _limit("Limit of the torque.", {"max": "torque"}, TORQUE),
 }
 
+SERVO = Element(
+    "One joint, and its limits. `joint` is its name in the model. A limit with `origin=\"ours\"` is a figure "
+    "that no maker published. A servo without limits is known, but the gate never moves it.",
+    needs={"id": ID, "name": NAME}, may={"joint": NAME}, once=LIMITS, describes=Servo,
+)  # fmt: skip
+
 ROBOT_PART = Element(
-    needs={"name": NAME},
-    may={"modes": Choices(tuple(mode.value for mode in CONTROL_MODES))},
-    some={"servo": Element(needs={"id": ID, "name": NAME}, may={"joint": NAME}, once=LIMITS)},
-)
+    "The robot's own part: a control board of YARP, a chain of NAOqi. `modes` are the control modes of its "
+    "servos; they start in the first. Without it: `position`.",
+    needs={"name": NAME}, may={"modes": Choices(tuple(mode.value for mode in CONTROL_MODES))},
+    some={"servo": SERVO},
+)  # fmt: skip
 
 COUPLING = Element(
+    "min <= sum of coefficient x angle <= max, such as iCub's shoulder cables.",
     needs={"name": NAME, "min": Angle(), "max": Angle()},
-    some={"term": Element(needs={"robot_part": NAME, "servo": ID, "coefficient": Factor()})},
-)
+    some={
+        "term": Element(
+            "One servo of the sum.", needs={"robot_part": NAME, "servo": ID, "coefficient": Factor()}
+        )
+    },
+    describes=Coupling, fields={"min": "lower", "max": "upper"},
+)  # fmt: skip
 
 GENERIC_SERVO = Element(
+    "A generic joint: GS = gamma x DS + sigma (eq. 1). Those of an arm have the names of "
+    "[the generic arm](conventions.md).",
     needs={"id": ID},
     may={"name": NAME},
-    must={"destination_servo_id": Element(may={"robot_part": NAME}, text=Integer(0, 9999, word="none"))},
+    must={
+        "destination_servo_id": Element(
+            "DS, in the part's `robot_part` or another. `none`: the robot lacks this joint; it reads as its "
+            "`fixed_position`, and commands for it are dropped.",
+            may={"robot_part": NAME}, text=Integer(0, 9999, word="none"),
+        )
+    },
     once={
-        "transform_type": Element(text=Choice(("linear", "table", "coupled", "retarget"))),
-        "transform_factor": Element(text=Factor()),
-        "transform_displacement": Element(text=Angle()),
-        "fixed_position": Element(text=Angle()),
-        "stiffness": Element(text=SHARE),
-        "damping": Element(text=SHARE),
-        "speed": Element(text=SPEED),
-        "transform_table": Element(some={"point": Element(needs={"robot": Angle(), "generic": Angle()})}),
+        "transform_type": Element(
+            "Relation of the generic angle to the robot's. `retarget` is for the shoulder (0, 1, 2) of an "
+            "arm: its generic angles count in the torso frame, whatever axes the robot's three joints have; "
+            "they are taken from the model.",
+            text=_choice(GenericServo, "transform"),
+        ),
+        "transform_factor": Element("gamma.", text=Factor()),
+        "transform_displacement": Element("sigma.", text=Angle()),
+        "fixed_position": Element("Generic angle of a joint that the robot lacks.", text=Angle()),
+        "stiffness": Element("Fraction of full stiffness that `GenericBody.home` sets.", text=SHARE),
+        "damping": Element("Fraction of full damping that `GenericBody.home` sets.", text=SHARE),
+        "speed": Element(
+            "Largest generic speed, per second; the servo's limit holds beside it. On its way to a target a "
+            "retargeted shoulder's servo itself turns no faster than this; driven at a velocity, the generic "
+            "angle.",
+            text=SPEED,
+        ),
+        "transform_table": Element(
+            "For `table`: straight lines between the points and beyond; the robot's angles rise, the generic "
+            "ones rise or fall.",
+            some={
+                "point": Element("A pair of angles.", needs={"robot": Angle(), "generic": Angle()}),
+            },
+        ),
     },
     many={
         "coupled_term": Element(
-            needs={"destination_servo_id": ID, "factor": Factor()}, may={"robot_part": NAME}
+            "For `coupled`: GS = sum of factor x DS + sigma. The servos are those of this part's coupled "
+            "joints, and the matrix must be invertible.",
+            needs={"destination_servo_id": ID, "factor": Factor()}, may={"robot_part": NAME},
         )
     },
-)
-
-INITIAL_POSITIONS = Element(
-    some={"servo": Element(needs={"destination_servo_id": ID, "pos": Angle()})},
-)
-
-RESPONSE_POINT = Element(
-    needs={"counts": Number(0.0, 1e9, unit="counts"), "pressure": Number(0.0, 1e9, unit="Pa")}
-)
-
-SEGMENT = Element(needs={"name": NAME, "link": NAME, "length": LENGTH}, may={"origin": POINT})
-
-KINDS = ("arm", "head", "torso", "leg", "hand", "other")
-SIDES = ("left", "right")
-
-GENERIC_ROBOT_PART = Element(
-    needs={"name": NAME},
-    may={"kind": Choice(KINDS), "side": Choice(SIDES), "robot_part": NAME},
-    once={
-        "mount": Element(may={"roll": Angle(), "pitch": Angle(), "yaw": Angle()}),
-        "generic_servo_number": Element(text=Integer(1, 999)),
-        "initial_positions": INITIAL_POSITIONS,
-    },
-    some={"generic_servo": GENERIC_SERVO},
-    many={"segment": SEGMENT},
-)
-
-PATCH = Element(
-    needs={
-        "name": NAME, "part": NAME, "link": NAME,
-        "rate": Number(most=1e4, positive=True, unit="Hz"), "channels": Integer(1, 100_000),
-    },
-    may={"segment": NAME, "rigid": Choice(("true", "false"))},
-    must={
-        "sensor": Element(
-            needs={"rest": Number(), "pascal_per_count": Number(), "min": Number(), "max": Number()},
-            may={
-                "noise": Number(0.0, 1e6, unit="counts"), "axes": Integer(1, 3),
-                "shear_pascal_per_count": Number(),
-            },
-            once={"response": Element(some={"point": RESPONSE_POINT})},
-        ),
-    },
-    once={
-        "truncated_cone": Element(
-            needs={
-                "length": LENGTH, "r1": LENGTH, "r2": LENGTH,
-                "rings": Integer(1, 10_000), "per_ring": Integer(1, 10_000),
-            },
-            may={"origin": POINT, "rpy": ORIENTATION},
-        ),
-        "triangular_modules": Element(
-            some={"module": Element(needs={"frame": NAME, "port": ID}, may={"turn": Angle()})}
-        ),
-        "table": Element(
-            needs={"file": RelativePath()},
-            may={
-                "format": Choice(("rows", "icub", "csv", "urdf")), "sensor": NAME,
-                "xyz": POINT, "rpy": ORIENTATION,
-            },
-        ),
+    describes=GenericServo,
+    fields={
+        "transform_type": "transform", "transform_factor": "scale", "transform_displacement": "offset",
+        "fixed_position": "fixed",
     },
 )  # fmt: skip
 
+GENERIC_ROBOT_PART = Element(
+    "A generic part. An arm has five generic servos. `robot_part` has its servos; one can say otherwise.",
+    needs={"name": NAME},
+    may={"kind": Choice(get_args(Kind)), "side": Choice(("left", "right")), "robot_part": NAME},
+    once={
+        "mount": Element(
+            "Small turn of the arm's base against the torso, at most 20 degrees in all.",
+            may={"roll": Angle(), "pitch": Angle(), "yaw": Angle()},
+        ),
+        "generic_servo_number": Element("Number of its `generic_servo` elements.", text=Integer(1, 999)),
+        "initial_positions": Element(
+            "The initial posture: of all joints of this part that the robot has, or of none (then it is 0).",
+            some={
+                "servo": Element(
+                    "As in the paper, the id here is that of a generic servo.",
+                    needs={"destination_servo_id": ID, "pos": Angle()},
+                )
+            },
+        ),
+    },
+    some={"generic_servo": GENERIC_SERVO},
+    many={
+        "segment": Element(
+            "A piece of a limb: u is 0 at `origin` and 1 at `length`. An arm has `upper_arm` and `forearm`; "
+            "other parts name theirs freely (`thigh`, `shank`, `foot`).",
+            needs={"name": NAME, "link": NAME, "length": LENGTH}, may={"origin": POINT}, describes=Segment,
+        )
+    },
+    describes=GenericPart,
+)  # fmt: skip
+
+SENSOR = Element(
+    "pressure = (raw - rest) x pascal_per_count; negative where raw falls with pressure. `noise` at rest is "
+    "where [conditioning](conditioning.md) starts. With `axes=\"3\"` a taxel sends x, y (along the skin) and "
+    "z (outward) in turn, and `channels` counts all of them.",
+    needs={"rest": Number(), "pascal_per_count": Number(), "min": Number(), "max": Number()},
+    may={
+        "noise": Number(0.0, 1e6, unit="counts"), "axes": Integer(1, 3), "shear_pascal_per_count": Number(),
+    },
+    once={
+        "response": Element(
+            "For a sensor that is not linear: from 0, 0 on; then only the sign of `pascal_per_count` counts.",
+            some={
+                "point": Element(
+                    "Counts away from rest, and their pressure.",
+                    needs={
+                        "counts": Number(0.0, 1e9, unit="counts"), "pressure": Number(0.0, 1e9, unit="Pa"),
+                    },
+                )
+            },
+        )
+    },
+    describes=Sensor, fields={"min": "lowest", "max": "highest", "shear_pascal_per_count": "shear"},
+)  # fmt: skip
+
+SURFACES = {
+    "truncated_cone": Element(
+        "Eqs 3-4: first and last ring are the ends; -z of its frame points distally, x to theta = 0.",
+        needs={
+            "length": LENGTH, "r1": LENGTH, "r2": LENGTH,
+            "rings": Integer(1, 10_000), "per_ring": Integer(1, 10_000),
+        },
+        may={"origin": POINT, "rpy": ORIENTATION}, describes=TruncatedCone,
+    ),
+    "triangular_modules": Element(
+        "Modules of ten taxels at frames of the model.",
+        some={
+            "module": Element(
+                "A module, whose channels are 12 x port to 12 x port + 11; `turn` is about its frame's z.",
+                needs={"frame": NAME, "port": ID}, may={"turn": Angle()},
+            )
+        },
+    ),
+    "table": Element(
+        "Rows `x y z nx ny nz` [m] beside the description; row i is channel i, all zeros: no taxel there. "
+        "With `format=\"icub\"` it is a [skin calibration file](skin-files.md) in the frame of the patch's "
+        "link. `xyz` and `rpy` are the file's frame in that link, where it is another one: `tci skin check` "
+        "finds them.",
+        needs={"file": RelativePath()},
+        may={"format": _choice(Table, "format"), "sensor": NAME, "xyz": POINT, "rpy": ORIENTATION},
+        describes=Table,
+    ),
+}  # fmt: skip
+"""Ways to give the positions of a patch's taxels; each patch has one."""
+
+PATCH = Element(
+    "A piece of skin on one link; without a segment it is on no limb (head, hand). `rigid=\"true\"`: its "
+    "taxels carry one rigid plate, as the load cells under a foot, so that all that are pressed are one "
+    "contact.",
+    needs={"name": NAME, "part": NAME, "link": NAME, "rate": RATE, "channels": Integer(1, 100_000)},
+    may={"segment": NAME, "rigid": Flag()},
+    must={"sensor": SENSOR}, once=SURFACES, describes=Patch,
+)  # fmt: skip
+
 MODEL = Element(
-    needs={"format": Choice(("urdf", "mjcf")), "file": RelativePath(), "torso_link": NAME},
+    "Kinematic model. `file` lies beside the description, or is the end of a path in an installed `package` "
+    "(the extra that installs it is named for the error). The torso frame has x forward, y left, z up.",
+    needs={"format": _choice(Model, "format"), "file": RelativePath(), "torso_link": NAME},
     may={"package": NAME, "extra": NAME, "torso_rpy": ORIENTATION, "torso_xyz": POINT},
-)
+    describes=Model, fields={"file": "path"},
+)  # fmt: skip
 
 BINDING = Element(
+    "Commands per second, and the age beyond which joint data means hold.",
     needs={
-        "middleware": NAME,
-        "rate": Number(most=1e4, positive=True, unit="Hz"),
-        "stale_after": Number(most=10.0, positive=True, unit="s"),
+        "middleware": NAME, "rate": RATE, "stale_after": Number(most=10.0, positive=True, unit="s"),
     },
-    many={"address": Element(needs={"of": NAME, "to": ADDRESS})},
-)
+    many={
+        "address": Element(
+            "Place of a patch, a robot part or a servo (`of`) in this middleware, unless under its usual "
+            "name: a port, a topic, a key.",
+            needs={"of": NAME, "to": ADDRESS}, describes=Address,
+        )
+    },
+    describes=Binding,
+)  # fmt: skip
 
 ROOT = "generic_robot"
 GENERIC_ROBOT = Element(
+    "The file. Without `robot_part`, as in the paper, it gets bare servos without limits.",
     needs={"angle_unit": UNIT},
-    may={"version": Choice(("1",)), "name": NAME, "title": Name()},
-    once={"model": MODEL, "skin": Element(some={"patch": PATCH})},
+    may={"version": Choice(("1",)), "name": NAME, "title": NAME},
+    once={"model": MODEL, "skin": Element("All skin.", some={"patch": PATCH})},
     some={"generic_robot_part": GENERIC_ROBOT_PART},
     many={"robot_part": ROBOT_PART, "coupling": COUPLING, "binding": BINDING},
-)
+    describes=Robot,
+)  # fmt: skip
 
 MAX_MOUNT = math.radians(20.0)
-"""Largest rotation [rad] of a mount. Assumed: a mount is a small correction, not another kind of shoulder."""
+"""Largest turn [rad] of a mount: it is a small correction, not another kind of shoulder."""

@@ -56,10 +56,7 @@ def read_model(root: Node, source: Path, faults: Faults) -> tuple[Model | None, 
             )
     if path is None:
         return None, None
-    model = Model(
-        format=node.get("format"), path=str(path), package=package, torso_link=node.get("torso_link"),
-        torso_rpy=node.get("torso_rpy", (0.0, 0.0, 0.0)), torso_xyz=node.get("torso_xyz", (0.0, 0.0, 0.0)),
-    )  # fmt: skip
+    model = Model(**node.fields | {"path": str(path)})
     names = _names(node, path, model.format, faults)
     if names is not None:
         _check_names(root, names, faults)

@@ -10,7 +10,8 @@ from lxml import etree
 
 from tci.errors import meant
 from tci.robot.xml.document import Faults, shown
-from tci.robot.xml.grammar import UNIT, Element
+from tci.robot.xml.element import Element
+from tci.robot.xml.grammar import UNIT
 from tci.robot.xml.values import InvalidValueError, Unit, Value
 
 _XSI = "{http://www.w3.org/2001/XMLSchema-instance}"
@@ -30,6 +31,8 @@ class Node:
     """Values of the attributes by name, in SI units and radians."""
     text: Any = None
     """Value of the element's text."""
+    fields: dict[str, Any] = field(default_factory=dict)
+    """Those values, and those of children that hold one, that are fields of the described type: by field."""
     children: dict[str, list[Node]] = field(default_factory=dict)
     ok: bool = True
     """True if this element and all below it satisfy the grammar."""
@@ -59,6 +62,12 @@ def read_node(element: etree._Element, grammar: Element, unit: Unit, faults: Fau
     reader.attributes(node, grammar)
     reader.text(node, grammar)
     reader.children(node, grammar, unit)
+    held = {tag: node.value(tag) for tag, child in grammar.children.items() if child.text is not None}
+    node.fields = {
+        found: value
+        for name, value in (node.values | held).items()
+        if value is not None and (found := grammar.field(name)) is not None
+    }
     node.ok = not reader.found and all(child.ok for group in node.children.values() for child in group)
     return node
 

@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from typing import get_args
 
 import numpy as np
 
 from tci.frames import rotation_rpy
-from tci.robot.description import GenericPart, GenericServo, Segment, Servo
+from tci.robot.description import GenericPart, GenericServo, Kind, Segment, Servo
 from tci.robot.generic_arm import JOINTS, SEGMENTS
 from tci.robot.xml.document import Faults
-from tci.robot.xml.grammar import KINDS, MAX_MOUNT
+from tci.robot.xml.grammar import MAX_MOUNT
 from tci.robot.xml.initial import check_initial
 from tci.robot.xml.node import Node, listed
 from tci.robot.xml.servos import Servos, once_only
@@ -32,7 +33,7 @@ def read_parts(root: Node, servos: Servos, faults: Faults) -> tuple[GenericPart,
 def kind_of(name: str) -> str:
     """Returns the kind of a part that gives none, from its name: `head` for `icub_head`, `other` if
     unclear."""
-    found = set(_words(name)) & (set(KINDS) - {"other"})
+    found = set(_words(name)) & (set(get_args(Kind)) - {"other"})
     return found.pop() if len(found) == 1 else "other"
 
 
@@ -169,25 +170,12 @@ def _generic_servo(
     if fixed is not None and target is not None and not lacking:
         faults.add(fixed.line, f"generic servo {id} has a servo: fixed_position is for one with none")
     kind = node.value("transform_type", "linear")
+    initial = node.value("fixed_position") if lacking else position and position.get("pos")
     return GenericServo(
-        id=id,
-        transform=kind,
-        table=read_table(node, kind, faults),
-        terms=read_terms(part, node, kind, servos, faults),
-        name=joint,
-        servo=None if servo is None else servo.index,
-        scale=node.value("transform_factor", 1.0),
-        offset=node.value("transform_displacement", 0.0),
-        fixed=node.value("fixed_position", 0.0),
-        stiffness=node.value("stiffness", 1.0),
-        damping=node.value("damping", 0.0),
-        speed=node.value("speed"),
-        initial=node.value("fixed_position", 0.0)
-        if lacking
-        else 0.0
-        if position is None
-        else position.get("pos", 0.0),
-    )
+        **node.fields | {"name": joint}, servo=None if servo is None else servo.index,
+        table=read_table(node, kind, faults), terms=read_terms(part, node, kind, servos, faults),
+        initial=initial or 0.0,
+    )  # fmt: skip
 
 
 def _check_targets(
@@ -226,10 +214,5 @@ def _segments(node: Node, kind: str, faults: Faults) -> tuple[Segment, ...]:
                 child.line, f"no segment of an arm is named {child.get('name')!r}; valid: {listed(SEGMENTS)}"
             )
         elif child.ok:
-            segments.append(
-                Segment(
-                    name=child.get("name"), link=child.get("link"),
-                    origin=child.get("origin", (0.0, 0.0, 0.0)), length=child.get("length"),
-                )
-            )  # fmt: skip
+            segments.append(Segment(**child.fields))
     return tuple(segments)

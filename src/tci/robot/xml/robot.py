@@ -100,11 +100,6 @@ def _bindings(root: Node, known: set[str], faults: Faults) -> tuple[Binding, ...
                     place.line, f"no patch, robot part or servo {name!r}{nearest(name, sorted(known))}"
                 )
                 continue
-            addresses.append(Address(of=place.get("of"), to=place.get("to")))
-        bindings.append(
-            Binding(
-                middleware=node.get("middleware"), rate=rate, stale_after=stale_after,
-                addresses=tuple(addresses),
-            )
-        )  # fmt: skip
+            addresses.append(Address(**place.fields))
+        bindings.append(Binding(**node.fields, addresses=tuple(addresses)))
     return tuple(bindings)

@@ -9,6 +9,7 @@ from typing import Any
 from tci.messages import Mode
 from tci.robot.description import Coupling, Limits, Servo
 from tci.robot.xml.document import Faults
+from tci.robot.xml.grammar import LIMITS
 from tci.robot.xml.node import Node, listed, nearest
 from tci.robot.xml.values import in_unit
 
@@ -87,11 +88,8 @@ def read_servos(root: Node, faults: Faults) -> Servos:
     once_only([node for _, node in nodes if "joint" in node.values], "joint", "servo with", faults)
     for name, node in nodes:
         if "id" in node.values:
-            servos.add(
-                node.line, name, node.get("id"),
-                name=node.get("name", "?"), joint=node.get("joint"), limits=_limits(node, faults),
-                modes=modes[name],
-            )  # fmt: skip
+            fields = {"name": "?"} | node.fields
+            servos.add(node.line, name, **fields, limits=_limits(node, faults), modes=modes[name])
     _check_unit(root, servos, faults)
     return servos
 
@@ -114,10 +112,7 @@ def read_couplings(
                 found[servo.index] = term.get("coefficient", 1.0)
         if not node.ok or len(found) != len(node.all("term")):
             continue
-        coupling = Coupling(
-            name=name, servos=tuple(found), coefficients=tuple(found.values()),
-            lower=node.get("min"), upper=node.get("max"),
-        )  # fmt: skip
+        coupling = Coupling(**node.fields, servos=tuple(found), coefficients=tuple(found.values()))
         _check_coupling(node, coupling, servos, initial, faults)
         couplings.append(coupling)
     return tuple(couplings)
@@ -140,17 +135,13 @@ def _mentioned(root: Node, servos: Servos) -> None:
 def _limits(node: Node, faults: Faults) -> Limits:
     figures: dict[str, float] = {}
     ours: list[str] = []
-    position = node.first("position")
-    if position is not None and position.ok:
-        lower, upper = position.get("min"), position.get("max")
-        if check_range(position, f"position of servo {node.get('name', '?')!r}", faults):
-            figures.update(lower=lower, upper=upper)
-            ours += ["lower", "upper"] if position.get("origin") == "ours" else []
-    for name in ("velocity", "acceleration", "jerk", "torque"):
-        limit = node.first(name)
-        if limit is not None and limit.ok:
-            figures[name] = limit.get("max")
-            ours += [name] if limit.get("origin") == "ours" else []
+    for tag in LIMITS:
+        limit = node.first(tag)
+        if limit is None or not limit.ok:
+            continue
+        if tag != "position" or check_range(limit, f"position of servo {node.get('name', '?')!r}", faults):
+            figures |= limit.fields
+            ours += limit.fields if limit.get("origin") == "ours" else []
     return Limits(**figures, ours=tuple(ours))
 
 

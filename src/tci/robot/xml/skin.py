@@ -9,11 +9,11 @@ import numpy as np
 
 from tci.robot.description import Patch, Sensor, Table, TriangularModules, TruncatedCone
 from tci.robot.xml.document import Faults
+from tci.robot.xml.grammar import SURFACES
 from tci.robot.xml.model import beside
 from tci.robot.xml.node import Node, listed, nearest
 from tci.robot.xml.servos import once_only
 
-SURFACES = ("truncated_cone", "triangular_modules", "table")
 PER_MODULE = 12
 """Channels of a triangular module: ten taxels and two thermal pads."""
 
@@ -33,13 +33,7 @@ def read_skin(root: Node, source: Path, faults: Faults) -> tuple[Patch, ...]:
         sensor = _sensor(node, faults)
         surface = _surface(node, source, _places(node), faults)
         if node.ok and sensor is not None and surface is not None:
-            patches.append(
-                Patch(
-                    name=node.get("name"), part=node.get("part"), segment=node.get("segment", ""),
-                    link=node.get("link"), rate=node.get("rate"), channels=node.get("channels"),
-                    sensor=sensor, surface=surface, rigid=node.get("rigid", "false") == "true",
-                )
-            )  # fmt: skip
+            patches.append(Patch(**node.fields, sensor=sensor, surface=surface))
     return tuple(patches)
 
 
@@ -66,11 +60,7 @@ def _sensor(patch: Node, faults: Faults) -> Sensor | None:
             f"sensor: with pascal_per_count {slope:g} and rest {rest:g} no raw value from {lowest:g} to "
             f"{highest:g} is a pressure above 0",
         )
-    return Sensor(
-        rest=rest, pascal_per_count=slope, lowest=lowest, highest=highest,
-        noise=node.get("noise", 0.0), response=_response(node, faults),
-        axes=_axes(node, faults), shear=node.get("shear_pascal_per_count"),
-    )  # fmt: skip
+    return Sensor(**node.fields | {"axes": _axes(node, faults)}, response=_response(node, faults))
 
 
 def _axes(sensor: Node, faults: Faults) -> Literal[1, 3]:
@@ -118,11 +108,7 @@ def _surface(
     path = beside(node, source, "table", faults)
     if path is None or not node.ok:
         return None
-    nowhere = (0.0, 0.0, 0.0)
-    return Table(
-        file=str(path), format=node.get("format", "rows"), sensor=node.get("sensor"),
-        xyz=node.get("xyz", nowhere), rpy=node.get("rpy", nowhere),
-    )  # fmt: skip
+    return Table(**node.fields | {"file": str(path)})
 
 
 def _cone(node: Node, channels: int | None, faults: Faults) -> TruncatedCone | None:
@@ -132,12 +118,7 @@ def _cone(node: Node, channels: int | None, faults: Faults) -> TruncatedCone | N
             node.line,
             f"{rings} rings of {per_ring} are {rings * per_ring} taxels, the patch has {channels} channels",
         )
-    if not node.ok:
-        return None
-    return TruncatedCone(
-        origin=node.get("origin", (0.0, 0.0, 0.0)), rpy=node.get("rpy", (0.0, 0.0, 0.0)),
-        length=node.get("length"), r1=node.get("r1"), r2=node.get("r2"), rings=rings, per_ring=per_ring,
-    )  # fmt: skip
+    return TruncatedCone(**node.fields) if node.ok else None
 
 
 def _modules(node: Node, channels: int | None, faults: Faults) -> TriangularModules | None:

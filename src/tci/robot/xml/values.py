@@ -9,8 +9,9 @@ from __future__ import annotations
 import math
 import re
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from tci.robot.description import Vector
 
@@ -20,6 +21,8 @@ MAX_ANGLE = 4.0 * math.pi
 """Largest angle [rad]. Assumed: no joint turns further than two turns, so a larger angle is in the wrong
 unit."""
 
+PLACES = 6
+"""Digits after the point of a written number: 1 um, a millionth of a degree."""
 NUMBER = r"[+-]?(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?"
 """Pattern of a plain ASCII decimal."""
 _NUMBER = re.compile(NUMBER)
@@ -50,6 +53,15 @@ class Value(ABC):
     def read(self, text: str, unit: Unit) -> object:
         """Returns the value in SI units and radians. Raises InvalidValueError."""
 
+    def write(self, value: Any) -> str:
+        """Returns the text of a value, with angles in degrees: the inverse of `read`."""
+        return str(value)
+
+    @property
+    def says(self) -> str:
+        """Valid values, in Markdown and in few words; empty where the name says enough."""
+        return ""
+
 
 @dataclass(frozen=True)
 class Name(Value):
@@ -74,6 +86,26 @@ class Choice(Value):
             raise InvalidValueError(f"valid: {', '.join(self.valid)}")
         return text
 
+    @property
+    def says(self) -> str:
+        return ", ".join(f"`{word}`" for word in self.valid)
+
+
+class Flag(Value):
+    """True or false."""
+
+    words = Choice(("true", "false"))
+
+    def read(self, text: str, unit: Unit) -> bool:
+        return self.words.read(text, unit) == "true"
+
+    def write(self, value: bool) -> str:
+        return "true" if value else "false"
+
+    @property
+    def says(self) -> str:
+        return self.words.says
+
 
 @dataclass(frozen=True)
 class Choices(Value):
@@ -86,6 +118,13 @@ class Choices(Value):
         if not words or len(set(words)) != len(words) or not set(words) <= set(self.valid):
             raise InvalidValueError(f"one or more of {', '.join(self.valid)}, each once, with spaces between")
         return words
+
+    def write(self, value: Iterable[str]) -> str:
+        return " ".join(value)
+
+    @property
+    def says(self) -> str:
+        return "some of " + ", ".join(f"`{word}`" for word in self.valid)
 
 
 @dataclass(frozen=True)
@@ -104,6 +143,10 @@ class Integer(Value):
             also = f", or the word {self.word}" if self.word else ""
             raise InvalidValueError(f"a whole number from {self.least} to {self.most}{also}")
         return int(text)
+
+    @property
+    def says(self) -> str:
+        return f"number or `{self.word}`" if self.word else ""
 
 
 @dataclass(frozen=True)
@@ -126,6 +169,15 @@ class Number(Value):
             raise InvalidValueError(f"a number {least} to {self.most:g}{self._unit}")
         return value
 
+    def write(self, value: float) -> str:
+        return f"{round(value, PLACES):.10g}"
+
+    @property
+    def says(self) -> str:
+        return (
+            f"{self.least:g} to {self.most:g}" if self.most == 1.0 else f"[{self.unit}]" if self.unit else ""
+        )
+
     @property
     def _unit(self) -> str:
         return f" [{self.unit}]" if self.unit else ""
@@ -143,6 +195,13 @@ class Factor(Value):
         if not self.least <= abs(value) <= self.most:
             raise InvalidValueError(f"a factor whose size is {self.least:g} to {self.most:g}, of either sign")
         return value
+
+    def write(self, value: float) -> str:
+        return f"{value:.9g}"
+
+    @property
+    def says(self) -> str:
+        return f"{self.least:g} to {self.most:g} in size, any sign"
 
 
 @dataclass(frozen=True)
@@ -166,6 +225,13 @@ class Angle(Value):
             raise InvalidValueError(f"implausible in {unit}{self.per}, at most {most}{self.per}; wrong unit?")
         return value
 
+    def write(self, value: float) -> str:
+        return f"{round(math.degrees(value), PLACES):.10g}"
+
+    @property
+    def says(self) -> str:
+        return f"angle{self.per}"
+
 
 @dataclass(frozen=True)
 class Three(Value):
@@ -185,6 +251,13 @@ class Three(Value):
         x, y, z = (self.of.read(word, unit) for word in words)
         assert isinstance(x, float) and isinstance(y, float) and isinstance(z, float)
         return x, y, z
+
+    def write(self, value: Vector) -> str:
+        return " ".join(map(self.of.write, value))
+
+    @property
+    def says(self) -> str:
+        return f"3 x {self.of.says}"
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import selectors
 import socket
 import struct
 import time
@@ -88,6 +89,17 @@ def is_over(sock: socket.socket) -> bool:
         return False
     except OSError:
         return True
+
+
+def is_readable(sock: socket.socket, patience: float) -> bool:
+    """Returns True if data or the end of a connection arrives within `patience` [s].
+
+    `select.select` would refuse file descriptors of 1024 and above. Raises OSError or ValueError for a closed
+    socket.
+    """
+    with selectors.DefaultSelector() as selector:
+        selector.register(sock, selectors.EVENT_READ)
+        return bool(selector.select(patience))
 
 
 class Outgoing:

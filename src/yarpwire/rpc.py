@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import select
 import socket
 import threading
 from collections.abc import Iterator, Sequence
@@ -15,7 +14,7 @@ from yarpwire.carrier import TCP, Carrier
 from yarpwire.dialect import Dialect
 from yarpwire.errors import PortError, WireError
 from yarpwire.names import PATIENCE, Contact
-from yarpwire.outgoing import dial, is_over
+from yarpwire.outgoing import dial, is_over, is_readable
 from yarpwire.source import SocketSource
 from yarpwire.text import from_text, to_text
 
@@ -67,7 +66,7 @@ class Rpc:
             return True  # `hear` raises the error
         sock, source = self._open
         try:
-            return source.waiting() or bool(select.select([sock], [], [], patience)[0])
+            return source.waiting() or is_readable(sock, patience)
         except (OSError, ValueError):  # closed in the meantime
             return True
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import queue
+import resource
 import socket
 import struct
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 
 import numpy as np
 import pytest
@@ -124,6 +127,25 @@ def test_a_call_goes_on_after_the_port_came_back(make: Callable[..., Port], name
         rpc.call(0)
     rpc.contact = make("/rpc", receive=lambda delivery: [2]).contact
     assert rpc.call(0) == [2]
+
+
+def test_a_reply_is_awaited_in_a_process_with_more_than_1024_open_files(make: Callable[..., Port]) -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    go = threading.Event()
+    port = make("/rpc", receive=lambda delivery: [int(go.wait(10))])
+    with ExitStack() as stack:
+        stack.callback(resource.setrlimit, resource.RLIMIT_NOFILE, (soft, hard))
+        resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, 2048), hard))
+        while (number := os.dup(0)) <= 1024:
+            stack.callback(os.close, number)
+        stack.callback(os.close, number)
+        rpc = Rpc(port.contact, "/client", V3)
+        stack.callback(rpc.close)
+        rpc.ask(0)
+        assert not rpc.answered(0.05)
+        go.set()
+        assert rpc.answered(10.0)
+        assert rpc.hear(10.0) == [1]
 
 
 def test_a_second_connection_of_a_sender_ends_the_first(make: Callable[..., Port]) -> None:

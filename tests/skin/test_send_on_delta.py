@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import tci
 from felt_skin import FeltSkin, PatchFelt, patches
-from tci.errors import TciError
+from tci.errors import FrameError, TciError
 from tci.frames import read_only
 from tci.messages import JointReading, Perception, Reading, SkinFrame
 from tci.robot.catalogue import load_robot
@@ -32,6 +32,7 @@ NAO = PACKAGED.model_copy(
 )
 
 SKIN = Skin(NAO)
+PATCHES = [patch.name for patch in NAO.patches]
 
 
 def sensor(robot: Robot, seed: int, seconds: float) -> list[tuple[SkinFrame, ...]]:
@@ -156,6 +157,26 @@ def test_a_dead_patch_goes_no_further_than_its_keep_alive() -> None:
         assert latest.stamp == pytest.approx(10.0 + (expected - 7) / RATE)
         assert latest.values is frame.values
     assert filled.fill((frame,), 10.1)[0].sequence == 39  # never back in time
+
+
+def test_a_frame_that_was_refused_is_not_repeated() -> None:
+    perceiver = tci.Perceiver(tci.GenericBody(NAO), keep_alive=KEEP_ALIVE)
+    joints = JointReading(0.0, 0, np.array(initial_position(NAO)), np.zeros(len(NAO.servos)))
+    rest = np.full(240, 240.0)
+
+    def step(stamp: float, sequence: int, values: np.ndarray, now: float) -> tuple[float, int]:
+        frame = SkinFrame("left_forearm", stamp, sequence, read_only(values))
+        state = perceiver.step(Reading(joints, (frame,)), now).skin
+        place = PATCHES.index("left_forearm")
+        return float(state.stamp[place]), int(state.sequence[place])
+
+    assert step(0.0, 0, rest, 0.0) == (0.0, 0)
+    with pytest.raises(FrameError, match="shape"):
+        step(0.25, 16, rest[1:], 0.25)
+    assert step(0.25, 16, rest, 0.25) == (0.25, 16)  # sent again, as it should be
+    with pytest.raises(FrameError, match="shape"):
+        step(9.0, 99, rest[1:], 0.3)
+    assert step(0.25, 16, rest, 0.375) == (0.375, 24)  # the last good frame goes on
 
 
 def test_a_buffer_that_is_written_again_is_a_new_frame() -> None:

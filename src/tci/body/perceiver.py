@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from copy import deepcopy
 
 from tci.body.generic_body import GenericBody
+from tci.errors import FrameError
 from tci.frames import Array
 from tci.messages import Perception, Reading, SkinFrame
 from tci.skin.conditioning import Conditioner, PatchHealth
@@ -42,7 +43,13 @@ class Perceiver:
         posture = self.body.posture(reading.joints)
         frames = reading.skin if self._held is None else self._held.fill(reading.skin, now)
         ended: tuple[int, ...] = ()
-        if frames != self._frames and self._conditioner.step(frames):
+        try:
+            perceived = frames != self._frames and self._conditioner.step(frames)
+        except FrameError:
+            if self._held is not None:
+                self._held.undo()
+            raise
+        if perceived:
             ended = self._find(posture, reading.joints.position)
         else:
             self._conditioner.update()

@@ -55,6 +55,7 @@ class HoldLast:
         self._keep_alive = check_keep_alive(keep_alive)
         self._periods = {patch.name: 1.0 / patch.rate for patch in robot.patches}
         self._known: dict[str, tuple[SkinFrame, SkinFrame, float]] = {}  # frame received, filled in, period
+        self._before = self._known
 
     def fill(self, arrived: Iterable[SkinFrame], now: float) -> tuple[SkinFrame, ...]:
         """Returns the latest frames at `now` [s] of a sender at constant rate, given those that `arrived` so
@@ -62,7 +63,9 @@ class HoldLast:
 
         A patch that sent nothing for `keep_alive` plus one period is dead: its last frame stays.
         """
-        known, keep_alive, frames = self._known, self._keep_alive, []
+        self._before = self._known
+        known = self._known = {**self._known}
+        keep_alive, frames = self._keep_alive, []
         for frame in arrived:
             patch = frame.patch
             held, filled, period = known.get(patch) or (frame, frame, self._periods.get(patch))
@@ -79,6 +82,10 @@ class HoldLast:
             known[patch] = held, filled, period
             frames.append(filled)
         return tuple(frames)
+
+    def undo(self) -> None:
+        """Takes back the last `fill`, whose frames were refused: none of them may be repeated."""
+        self._known = self._before
 
 
 def check_keep_alive(seconds: float) -> float:
